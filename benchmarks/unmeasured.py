@@ -160,7 +160,7 @@ def _found(system: System, seeds: int) -> tuple[int, float]:
     right, begun = 0, time.process_time()
     for seed in range(seeds):
         trials = system.draw(seed)[-1]
-        law = cl.discover(trials, order=system.order, library=system.library, unmeasured=1, cache=False)
+        law = cl.discover(trials, order=system.order, library=system.library, latent_states=1, cache=False)
         right += law.structure == tuple(system.found)
     return right, (time.process_time() - begun) / max(seeds, 1)
 

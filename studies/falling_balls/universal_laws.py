@@ -61,7 +61,7 @@ def universal_laws(inquiry: Inquiry) -> Section:
         return left_out(_NAME, _TITLE, inquiry.missing)
     names = [name for name, attribute in inquiry.drops.properties.items() if {*_PROPERTIES} <= attribute.keys()]
     drops = inquiry.drops.select(object=names)
-    law = fit(_LAW, drops, errors="force", progress=lambda _: None)
+    law = fit(_LAW, drops, errors="gp-forcing", progress=lambda _: None)
     explained = law.explain(_PROPERTIES)
     found = law.discrepancy(drops, of=_REYNOLDS, times=_AREA, zero_at=None)
     curve, unseen = _curve(found), {name: _unseen(law, drops, name) for name in names}

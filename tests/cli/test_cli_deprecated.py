@@ -26,9 +26,9 @@ def asked(monkeypatch, tmp_path):
     [
         (["--errors", "white"], ["--set", "errors=white"]),
         (["--huber-threshold=3"], ["--set", "huber_threshold=3"]),
-        (["--positive", "x", "--jobs", "2"], ["--set", "positive=x", "--set", "n_jobs=2"]),
+        (["--positive", "x", "--jobs", "2"], ["--set", "log_states=x", "--set", "n_jobs=2"]),
         (["--no-partial-pooling"], ["--set", "partial_pooling=false"]),
-        (["--unmeasured", "1"], ["--set", "unmeasured=1"]),
+        (["--unmeasured", "1"], ["--set", "latent_states=1"]),
         (["--solver", "group-stlsq:1.5", "--trim", "3"], ["--set", "solver=group-stlsq:1.5", "--set", "trim=3"]),
     ],
 )

@@ -30,12 +30,12 @@ def tank(tmp_path):
 
 def test_inputs_between_samples_are_as_the_user_says(run, tmp_path, tank):
     predict = "predict", "tank.csv", "law.json", "--initial-samples", "1", "--save", "out.csv"
-    assert run(*predict, "--input-between", "held")[0] == 0
+    assert run(*predict, "--input-interpolation", "held")[0] == 0
     np.testing.assert_allclose(pd.read_csv(tmp_path / "out.csv")["x forecast"], tank, atol=1e-6)
-    for other in ([], ["--input-between", "linear"], ["--input-between", "cubic"]):
+    for other in ([], ["--input-interpolation", "linear"], ["--input-interpolation", "cubic"]):
         assert run(*predict, *other)[0] == 0
         assert pd.read_csv(tmp_path / "out.csv")["x error"].abs().max() > 0.05
-    code, _, err = run(*predict, "--input-between", "zoh")
+    code, _, err = run(*predict, "--input-interpolation", "zoh")
     assert (code, "'zoh' is not one of 'held', 'linear', 'cubic'" in err) == (2, True)
 
 
@@ -75,7 +75,7 @@ def test_forecasts_begin_at_a_time(run, tmp_path, tank):
     frame = pd.read_csv(tmp_path / "tank.csv")
     table = pd.concat([frame.assign(trial="long"), frame[:8].assign(trial="short")])
     table.to_csv(tmp_path / "two.csv", index=False)
-    arguments = "predict", "two.csv", "law.json", "--input-between", "held", "--from", "12", "--save", "out.csv"
+    arguments = "predict", "two.csv", "law.json", "--input-interpolation", "held", "--from", "12", "--save", "out.csv"
     code, out, err = run(*arguments, "--save", "out.png")
     assert (code, "short" in out) == (0, False)
     assert err.startswith("Note: trials not forecast (no samples before or from --from 12.0 on: 1 (ta")

@@ -71,7 +71,7 @@ def test_other_trials_questions_and_versions_are_answered_anew(folder, searches,
     cl.discover(DROPS, **QUESTION)
     cl.discover(nearly, **QUESTION)
     cl.discover(DROPS, order=2, library="poly:2")
-    cl.discover(DROPS, universal=("1",), **QUESTION)
+    cl.discover(DROPS, shared=("1",), **QUESTION)
     cl.discover(DROPS, method=cl.TrajectoryLikelihood(seed=1), **QUESTION)
     monkeypatch.setenv("COMMONLAW_KERNEL", "numpy")
     cl.discover(DROPS, **QUESTION)

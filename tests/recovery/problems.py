@@ -286,12 +286,12 @@ PROBLEMS: dict[str, Callable[[], cl.Law]] = {
     "heated, held": lambda: discover(heated(white(0.01)), order=1, library="poly:2"),
     "swung, interpolation chosen": lambda: discover(swung(white(0.005)), order=1, library="poly:1"),
     "swung, cubic": lambda: discover(
-        swung(white(0.005)), order=1, library="poly:1", method=cl.TrajectoryLikelihood(input_between="cubic")
+        swung(white(0.005)), order=1, library="poly:1", method=cl.TrajectoryLikelihood(input_interpolation="cubic")
     ),
-    "driven, unmeasured": lambda: discover(driven(white(0.01)), order=2, library="poly:1", unmeasured=1),
+    "driven, unmeasured": lambda: discover(driven(white(0.01)), order=2, library="poly:1", latent_states=1),
     # Latent states
-    "absorbed": lambda: discover(absorbed(white(0.01)), order=1, library="poly:2", unmeasured=1),
-    "decay, without a latent state": lambda: discover(decay(white(0.02)), order=1, library="poly:1", unmeasured=1),
+    "absorbed": lambda: discover(absorbed(white(0.01)), order=1, library="poly:2", latent_states=1),
+    "decay, without a latent state": lambda: discover(decay(white(0.02)), order=1, library="poly:1", latent_states=1),
     # Error models
     "growth, proportional": lambda: discover(growth(proportional(0.05)), order=1, library="poly:2"),
     "relaxation, correlated": lambda: discover(fine_relaxation(correlated(0.05)), order=1, library="poly:2"),
@@ -302,7 +302,7 @@ PROBLEMS: dict[str, Callable[[], cl.Law]] = {
             ),
             kind,
         )
-        for kind in ("white", "proportional", "correlated", "walk", "force")
+        for kind in ("white", "proportional", "autocorrelated", "random-walk", "gp-forcing")
     },
     "outliers": lambda: discover(relaxation(outliers(0.01)), order=1, library="poly:2"),
     "no outliers": lambda: discover(
@@ -316,11 +316,11 @@ PROBLEMS: dict[str, Callable[[], cl.Law]] = {
     ),
     "missing values": lambda: discover(predators(white(0.01), change=_every_third_missing), order=1, library="poly:2"),
     "logarithmic scale": lambda: discover(
-        logistic(proportional(0.05)), order=1, library="poly:2", method=cl.TrajectoryLikelihood(positive=["x"])
+        logistic(proportional(0.05)), order=1, library="poly:2", method=cl.TrajectoryLikelihood(log_states=["x"])
     ),
     # What is known, and what objects share
     "known gravity": lambda: discover(falling(white(0.002)), order=2, library="poly:1", known={"1": -9.81}),
-    "universal gravity": lambda: discover(falling(white(0.002)), order=2, library="poly:1", universal=["1"]),
+    "universal gravity": lambda: discover(falling(white(0.002)), order=2, library="poly:1", shared=["1"]),
     "bootstrap": lambda: discover(
         decay(white(0.02)), order=1, library="poly:2", method=cl.TrajectoryLikelihood(covariance="bootstrap")
     ),
@@ -334,16 +334,18 @@ PROBLEMS: dict[str, Callable[[], cl.Law]] = {
     # Given equations
     "fit, decay": lambda: cl.fit("x' = -k x", decay(white(0.02))),
     "fit, partially pooled": lambda: cl.fit("x' = -k x", decay(white(0.02)), partial_pooling=True),
-    "fit, shared": lambda: cl.fit("x' = a - b x", relaxation(white(0.02)), universal="b"),
+    "fit, shared": lambda: cl.fit("x' = a - b x", relaxation(white(0.02)), shared="b"),
     "fit, Michaelis-Menten": lambda: cl.fit(RATES, enzymes(white(0.01))),
     "fit, guesses": lambda: cl.fit("x'' = -k sin(x) - c v", pendulum(white(0.01)), guesses={"k": 2.5}),
-    "fit, latent": lambda: cl.fit(["c' = a g - k c", "g' = -a g"], absorbed(white(0.01)), starts={"g": 5.0}),
+    "fit, latent": lambda: cl.fit(["c' = a g - k c", "g' = -a g"], absorbed(white(0.01)), initial_values={"g": 5.0}),
     "fit, doses": lambda: cl.fit("x' = -k x + u", dosed(), doses="u"),
-    "fit, free start": lambda: cl.fit(["c' = a g - k c", "g' = -a g"], absorbed(white(0.01)), starts={"g": None}),
+    "fit, free start": lambda: cl.fit(
+        ["c' = a g - k c", "g' = -a g"], absorbed(white(0.01)), initial_values={"g": None}
+    ),
     "fit, reaction": lambda: cl.fit(["a' = -k a", "b' = k a - m b"], reaction(white(0.01))),
     "fit, own noise": lambda: cl.fit("x' = -k x^2", vials()),
     "fit, proportional": lambda: cl.fit("x' = k x", growth(proportional(0.05))),
-    "fit, force": lambda: cl.fit("x'' = -k x - c v", duffing(white(0.01)), errors="force"),
+    "fit, force": lambda: cl.fit("x'' = -k x - c v", duffing(white(0.01)), errors="gp-forcing"),
     "measured drops, linear drag": lambda: discover(cl.datasets.ball_drops(), order=2, library="poly:1"),
     "measured drops, derivatives": lambda: discover(
         cl.datasets.ball_drops(), order=2, library="poly:2", method=cl.DerivativeRegression()

@@ -279,16 +279,14 @@ def test_a_stream_is_chosen_from_like_trials(drops, tmp_path):
 
 
 def test_a_universal_term_has_one_coefficient_for_all_objects(drops):
-    settings = {"order": 2, "universal": ["1"]}
+    settings = {"order": 2, "shared": ["1"]}
     named = cl.discover(drops, library="poly:2", method=regression(solver="group-stlsq:1.5"), **settings)
     chosen = cl.discover(drops, method=regression(), **settings)
     for law in (named, chosen):
         assert law.structure == ("x'' = a + b v",)
         assert np.ptp(to_frame(law)["1"]) < 1e-12
         assert to_frame(law)["1"].iloc[0] == pytest.approx(-9.8, rel=0.01)
-    own = cl.discover(
-        drops, library="poly:2", method=regression(solver="group-stlsq:1.5"), **settings | {"universal": ()}
-    )
+    own = cl.discover(drops, library="poly:2", method=regression(solver="group-stlsq:1.5"), **settings | {"shared": ()})
     assert np.ptp(to_frame(own)["1"]) > 1e-3
 
 
@@ -296,11 +294,11 @@ def test_universal_terms_of_several_equations_are_named_with_their_state():
     pairs = cl.datasets.lotka_volterra(decline=1.1, noise=0.0)
     method = cl.DerivativeRegression(differentiation="finite:6", solver="group-stlsq:0.2")
     settings = {"library": "poly:2", "method": method}
-    law = cl.discover(pairs, universal=[("y", "y")], **settings)
+    law = cl.discover(pairs, shared=[("y", "y")], **settings)
     assert np.ptp(to_frame(law)["y'", "y"]) < 1e-12
     assert np.ptp(to_frame(law)["x'", "x"]) > 0.1
     with refused("known-term-ambiguous", key="y", state="x"):
-        cl.discover(pairs, universal=["y"], **settings)
+        cl.discover(pairs, shared=["y"], **settings)
 
 
 def test_candidates_can_be_judged_by_forecasts_of_held_out_trials():

@@ -107,7 +107,7 @@ def test_errors_with_a_memory_leave_coefficients_less_certain():
 
 
 def test_a_law_with_other_errors_survives_its_file(tmp_path):
-    law = discover(correlated, errors="correlated")
+    law = discover(correlated, errors="autocorrelated")
     law.save(tmp_path / "law.json")
     again = cl.Law.load(tmp_path / "law.json")
     for name in ("correlated", "memory"):

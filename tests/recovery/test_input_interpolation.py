@@ -35,7 +35,7 @@ def driven(course, noise=0.01, seed=0):
 
 def on(course, law):
     """The same law with another course of inputs."""
-    return replace(law, schema=replace(law.schema, input_between=course))
+    return replace(law, schema=replace(law.schema, input_interpolation=course))
 
 
 @pytest.mark.parametrize("points", [1, 2])
@@ -44,7 +44,7 @@ def test_a_solution_with_its_inputs_has_no_defects(course, points):
     times = np.array([0.0, 0.3, 0.5, 0.9, 1.0, 1.4])
     values = np.random.default_rng(0).standard_normal((6, 1))
     field = VectorField(terms_of("terms:u", ("x",), ("u",)), np.array([[1.0]]), 1, Inputs.of(times, values, course))
-    (mesh,) = meshes([trial(times, times[:, np.newaxis], values)], points, input_between=course)
+    (mesh,) = meshes([trial(times, times[:, np.newaxis], values)], points, input_interpolation=course)
     states = simulate([InitialValueProblem(field, np.zeros(1), mesh.times)], tolerance=1e-12)[0].states
     np.testing.assert_allclose(defects(field, mesh, states), 0, atol=1e-9)
     again = mesh.with_inputs(Inputs.of(times, values, course))
@@ -69,9 +69,13 @@ def test_inputs_that_are_held_are_found_out_and_the_law_with_them():
 
     # The law keeps the course, for forecasts and refinements
     again = from_json(to_json(law))
-    assert again.predict(trials, start=10).score() == again.predict(trials, start=10, input_between="held").score()
-    assert cl.refine(again, trials, **KNOWN).schema.input_between == "held"
-    assert again.predict(trials, start=10).score() > again.predict(trials, start=10, input_between="linear").score()
+    assert (
+        again.predict(trials, start=10).score() == again.predict(trials, start=10, input_interpolation="held").score()
+    )
+    assert cl.refine(again, trials, **KNOWN).schema.input_interpolation == "held"
+    assert (
+        again.predict(trials, start=10).score() > again.predict(trials, start=10, input_interpolation="linear").score()
+    )
 
 
 def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
@@ -80,8 +84,8 @@ def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
     (step,) = (each for each in law.history if each.stage == "inputs")
     assert step.choice == "linear"
     assert "the evidence for no other interpolation is strong" in step.reason
-    with refused("unknown-name", kind="input_between", name="steps"):
-        cl.TrajectoryLikelihood(input_between="steps")
+    with refused("unknown-name", kind="input_interpolation", name="steps"):
+        cl.TrajectoryLikelihood(input_interpolation="steps")
 
 
 WAVE, NOISE = np.sin(1.3 * TIMES), np.random.default_rng(3).standard_normal(81)
@@ -133,6 +137,6 @@ def test_the_interval_of_a_gain_holds_it_where_noise_hides_that_the_input_is_cur
         x = exact + 0.2 * np.random.default_rng(seed).standard_normal(60)
         law = cl.fit("x' = -k*x + g*u", cl.Trials.from_arrays(times, x, inputs=u, names=["x", "u"]))
         (row,) = law.conf_int().query("parameter == 'g'").itertuples()
-        assert law.schema.input_between == "cubic"
+        assert law.schema.input_interpolation == "cubic"
         held.append(row.low < 25 < row.high)
     assert sum(held) >= 4

@@ -139,7 +139,7 @@ def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
             Diagnostic("not-file-by-file", {"what": "nonlinear parameters are"}),
         ),
         (lambda: cl.fit("x[k+1] = a x", stream), Diagnostic("not-file-by-file", {"what": "a discrete-time law is"})),
-        (lambda: cl.fit("x' = -k x + d; d' = -a d", stream, starts={"d": 1.0}), "not-for-streams"),
+        (lambda: cl.fit("x' = -k x + d; d' = -a d", stream, initial_values={"d": 1.0}), "not-for-streams"),
         (lambda: cl.fit("x'' = -g", whole, client=object()), "cluster-client-without-files"),
         (lambda: cl.refine(cl.fit("x'' = -g", whole), whole, client=object()), "cluster-client-without-files"),
         (

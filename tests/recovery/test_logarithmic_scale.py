@@ -32,7 +32,7 @@ def growing(starts=(2.0, 3.0, 1.0, 4.0, 6.0), share=0.08, seed=0, names=("w",)):
 
 @pytest.fixture(scope="module")
 def law():
-    return cl.discover(growing(), method=cl.TrajectoryLikelihood(positive=["w"]), order=1, library="poly:3")
+    return cl.discover(growing(), method=cl.TrajectoryLikelihood(log_states=["w"]), order=1, library="poly:3")
 
 
 @pytest.mark.parametrize("logarithmic", [("x",), ("y",), ("y", "x")])
@@ -74,7 +74,7 @@ def test_exponential_growth_is_a_straight_line_through_the_logarithms():
     generator = np.random.default_rng(3)
     states = [start * np.exp(0.2 * TIMES + 0.1 * generator.standard_normal(len(TIMES))) for start in (2.0, 5.0)]
     trials = cl.Trials.from_arrays([TIMES] * 2, states, object=["yeast"] * 2, names=["w"])
-    law = cl.fit("w' = a w", trials, positive=["w"], noise={"w": 0.1}, huber_threshold=np.inf)
+    law = cl.fit("w' = a w", trials, log_states=["w"], noise={"w": 0.1}, huber_threshold=np.inf)
     columns = np.column_stack([np.tile(TIMES, 2), np.repeat(np.eye(2), len(TIMES), axis=0)])
     slope = np.linalg.lstsq(columns, np.log(np.concatenate(states)), rcond=None)[0][0]
     assert law.coefficients[0, 0, 0] == pytest.approx(slope, rel=1e-6)
@@ -139,8 +139,8 @@ def test_errors_that_are_known_for_each_measurement_are_shares():
         names=["w"],
     )
     given, by_column = (
-        cl.fit("w' = a w + b w^2", trials, positive=["w"], noise={"w": 0.08}),
-        cl.fit("w' = a w + b w^2", noisy, positive=["w"]),
+        cl.fit("w' = a w + b w^2", trials, log_states=["w"], noise={"w": 0.08}),
+        cl.fit("w' = a w + b w^2", noisy, log_states=["w"]),
     )
     np.testing.assert_allclose(by_column.coefficients, given.coefficients, rtol=1e-9)
     np.testing.assert_allclose(by_column.uncertainty.noise, [0.08])
@@ -154,9 +154,9 @@ def test_laws_keep_their_scale(law, tmp_path):
     before, after = (each.predict(trials).trajectories[0].states for each in (law, again))
     np.testing.assert_array_equal(before, after)
     assert cl.refine(again, trials).uncertainty.noise == pytest.approx(law.uncertainty.noise)
-    assert cl.refine(again, trials, positive=[]).schema.logarithmic == ()
+    assert cl.refine(again, trials, log_states=[]).schema.logarithmic == ()
     np.testing.assert_allclose(law.simulate([0.0, 12.0], [2.0])["plant"].states[:, 0], [2.0, 96.4], rtol=0.05)
-    both = cl.compare({"logistic": law, "exponential": cl.fit("w' = a w", trials[:2], positive=["w"])}, trials[:2])
+    both = cl.compare({"logistic": law, "exponential": cl.fit("w' = a w", trials[:2], log_states=["w"])}, trials[:2])
     assert both["law"].tolist() == ["logistic", "exponential"]
 
 
@@ -171,7 +171,7 @@ def test_several_states_may_have_scales_of_their_own():
     trials = cl.datasets.lotka_volterra(noise=0.01)[:2]
     library = "terms:1,x,y,x*y"
     plain = cl.discover(trials, library=library, order=1)
-    mixed = cl.discover(trials, library=library, method=cl.TrajectoryLikelihood(positive=["y"]), order=1)
+    mixed = cl.discover(trials, library=library, method=cl.TrajectoryLikelihood(log_states=["y"]), order=1)
     assert mixed.structure == plain.structure
     inside = plain.coefficients != 0
     np.testing.assert_allclose(mixed.coefficients[inside], plain.coefficients[inside], rtol=0.05)
@@ -185,20 +185,23 @@ def test_what_does_not_go_with_it_is_refused(law):
     likelihood = cl.TrajectoryLikelihood
     cases = [
         (
-            lambda: cl.discover(zero, method=likelihood(positive=["w"]), order=1, library="poly:3"),
+            lambda: cl.discover(zero, method=likelihood(log_states=["w"]), order=1, library="poly:3"),
             Diagnostic(
                 "log-state-not-positive", {"state": "w", "value": 0.0, "sample": 4, "count": 2}, "plant, trial 1"
             ),
         ),
         (lambda: law.predict(zero), "log-state-not-positive"),
         (
-            lambda: cl.discover(trials, method=likelihood(positive=["x"]), order=1, library="poly:3"),
+            lambda: cl.discover(trials, method=likelihood(log_states=["x"]), order=1, library="poly:3"),
             Diagnostic("unknown-name", {"kind": "state", "name": "x"}),
         ),
-        (lambda: cl.discover(trials, order=2, method=likelihood(positive=["w"]), library="poly:3"), "log-states-order"),
+        (
+            lambda: cl.discover(trials, order=2, method=likelihood(log_states=["w"]), library="poly:3"),
+            "log-states-order",
+        ),
         (
             lambda: cl.discover(
-                trials, method=likelihood(positive=["w"], errors="proportional"), order=1, library="poly:3"
+                trials, method=likelihood(log_states=["w"], errors="proportional"), order=1, library="poly:3"
             ),
             "log-states-with-errors",
         ),

@@ -93,7 +93,7 @@ def test_a_fit_is_that_of_least_squares_by_scipy():
     begin = np.concatenate([[*TRUE.values()], *STARTS])
     expected = least_squares(left, begin, xtol=1e-12, ftol=1e-12)
     errors = np.sqrt(np.diag(np.linalg.inv(expected.jac.T @ expected.jac)))[:5]
-    settings = {"noise": noise, "errors": "white", "huber_threshold": np.inf, "input_between": "cubic"}
+    settings = {"noise": noise, "errors": "white", "huber_threshold": np.inf, "input_interpolation": "cubic"}
     found = cl.fit(EQUATIONS, trials, **settings)
     parameters = named_parameters(found)
     values, own = (dict(zip(parameters.names, each[0], strict=True)) for each in (parameters.values, parameters.errors))
@@ -276,7 +276,7 @@ def test_a_drive_that_nobody_measured_beside_an_angle_is_fitted_as_by_scipy(know
     law = cl.fit(
         "theta'' = -a sin(theta) - b theta' + 1 q; q' = -c q",
         trials,
-        starts={"q": 0.8 if known else None},
+        initial_values={"q": 0.8 if known else None},
         noise={"theta": noise},
         errors="white",
         huber_threshold=np.inf,
@@ -290,7 +290,7 @@ def test_a_drive_that_nobody_measured_beside_an_angle_is_fitted_as_by_scipy(know
 
 def test_an_unmeasured_state_of_second_order_is_refused():
     with refused("latent-of-second-order", state="q"):
-        cl.fit("x'' = -a x + q; T' = -b T; q'' = -c q", heated(0.01), starts={"q": 1.0})
+        cl.fit("x'' = -a x + q; T' = -b T; q'' = -c q", heated(0.01), initial_values={"q": 1.0})
 
 
 def test_the_page_of_the_app_is_told_the_order_of_each_state(law):

@@ -50,7 +50,7 @@ def lakes():
 
 def test_the_law_of_a_latent_state_is_found_with_the_parameters_of_what_was_measured(lakes):
     trials, truth = lakes
-    law = cl.discover(trials, observe=OBSERVE, latent="z", cache=False)
+    law = cl.discover(trials, observe=OBSERVE, latent_states="z", cache=False)
     assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+fxz"]
     named = named_parameters(law)
     expected = np.column_stack([truth[:, [0, 1, 3, 2]], np.tile([SCALE, OFFSET], (len(truth), 1))])
@@ -63,7 +63,7 @@ def test_the_law_of_a_latent_state_is_found_with_the_parameters_of_what_was_meas
 def test_the_law_is_found_through_a_product():
     frame, _ = table(objects=6, seed=2, observed=lambda x, z: x * z + 0.5 * x)
     trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
-    law = cl.discover(trials, observe={"y": "x z + b x"}, latent="z", cache=False)
+    law = cl.discover(trials, observe={"y": "x z + b x"}, latent_states="z", cache=False)
     assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+fxz"]
     named = named_parameters(law)
     place = named.names.index("b")
@@ -93,7 +93,7 @@ def test_states_follow_from_a_nonlinear_observation(lakes):
 def test_what_the_law_does_not_determine_is_named(lakes):
     trials, _ = lakes
     with refused("parameters-not-identified"):
-        cl.discover(trials, observe={"y": "s z"}, latent="z", library="poly:1", cache=False)
+        cl.discover(trials, observe={"y": "s z"}, latent_states="z", library="poly:1", cache=False)
 
 
 def test_what_does_not_fit_is_refused(lakes):
@@ -101,14 +101,14 @@ def test_what_does_not_fit_is_refused(lakes):
     with refused("observed-states", measured=("x", "y")):
         cl.discover(trials, observe=OBSERVE, cache=False)
     with refused("unknown-name"):
-        cl.discover(trials, observe={"w": "s z"}, latent="z", cache=False)
+        cl.discover(trials, observe={"w": "s z"}, latent_states="z", cache=False)
     with refused("not-with-observation", settings=["order"]):
-        cl.discover(trials, order=2, observe=OBSERVE, latent="z", cache=False)
+        cl.discover(trials, order=2, observe=OBSERVE, latent_states="z", cache=False)
     with refused("observation-not-invertible"):
-        cl.discover(trials, observe={"y": "s sqrt(x) + b"}, latent="z", cache=False)
+        cl.discover(trials, observe={"y": "s sqrt(x) + b"}, latent_states="z", cache=False)
     short = cl.Trials.from_frame(table(samples=10)[0], object="lake", trial="trial", time="t", states=["x", "y"])
     with refused("observed-trial-short", samples=10):
-        cl.discover(short, observe=OBSERVE, latent="z", cache=False)
+        cl.discover(short, observe=OBSERVE, latent_states="z", cache=False)
 
 
 def test_the_command_takes_observations_and_latent_states(tmp_path, run):

@@ -79,8 +79,8 @@ def test_a_sum_offers_what_each_of_its_libraries_does(text):
     more = offers[2]
     assert [each.text(variables.names) for each in ratios.ratios[0].added] == ["1", "s"]
     assert [each.text(variables.names) for each in more.ratios[0].added] == ["1", "s", "exp(s)"]
-    assert library.seeks_unmeasured
-    assert not parse_library("poly:3 + terms:exp(s)").seeks_unmeasured
+    assert library.seeks_latent_states
+    assert not parse_library("poly:3 + terms:exp(s)").seeks_latent_states
     assert set(library.higher.bind(variables).names) == {"1", "s", "s^2", "s^3", "s^4", "exp(s)"}
     assert parse_library("poly:3 + terms:exp(s)").higher is library.higher.higher is None
 

@@ -104,9 +104,9 @@ def test_a_law_of_second_order_whose_coefficients_are_within_their_errors_gives_
     assert discover(enzymes).structure == ("x' = a x/(K + x)",)
 
 
-@pytest.mark.parametrize(("settings", "order"), [({"library": "terms:1,v"}, 2), ({"positive": ["x"]}, 1)])
+@pytest.mark.parametrize(("settings", "order"), [({"library": "terms:1,v"}, 2), ({"log_states": ["x"]}, 1)])
 def test_an_order_of_which_no_law_can_be_found_is_left_out(settings, order):
-    method = cl.TrajectoryLikelihood(positive=settings.pop("positive", ()))
+    method = cl.TrajectoryLikelihood(log_states=settings.pop("log_states", ()))
     times = np.linspace(0, 4, 60)
     measured = 2 + 3 * np.exp(-times) * (1 + 0.01 * np.random.default_rng(0).standard_normal(60))
     law = discover(

@@ -41,7 +41,7 @@ def swallowed():
 
 @pytest.fixture(scope="module")
 def law(swallowed):
-    return cl.discover(swallowed[1], library="poly:2", unmeasured=1, order=1)
+    return cl.discover(swallowed[1], library="poly:2", latent_states=1, order=1)
 
 
 def test_a_depot_is_found_with_its_coefficients(law, swallowed):
@@ -66,13 +66,13 @@ def test_such_a_law_is_saved_and_forecasts_tables_without_the_state(law, swallow
     assert str(again) == str(law)
     assert again.predict(swallowed[1]).score() > 0.999
     assert again.assess(swallowed[1]).usable
-    assert "unmeasured=1" in to_script(law)
+    assert "latent_states=1" in to_script(law)
 
 
 @pytest.mark.slow
 def test_the_susceptible_are_found_by_the_infected():
     truth, trials = trials_of(epidemic, (5e-4, 0.15), [990.0, 10.0], 40, "I", samples=30, count=3)
-    law = cl.discover(trials, library="poly:2", unmeasured=1, order=1)
+    law = cl.discover(trials, library="poly:2", latent_states=1, order=1)
     assert law.structure == ("I' = a I + b I u", "u' = c I u")
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
@@ -101,7 +101,7 @@ def outbreaks():
 @pytest.mark.slow
 def test_errors_in_proportion_choose_among_laws_by_their_likelihood_and_not_by_that_of_a_linearization(outbreaks):
     numbers, trials = outbreaks
-    law = cl.discover(trials, library="poly:3", unmeasured=1, order=1)
+    law = cl.discover(trials, library="poly:3", latent_states=1, order=1)
     assert law.structure == ("infected' = a infected + b infected u", "u' = c infected u")
     assert law.comparison.query("chosen")["terms"].tolist() == ["infected, infected u", "infected u"]
     truth = np.array([[-g, b, -b / size] for size, b, g in numbers.values()])
@@ -112,7 +112,7 @@ def test_errors_in_proportion_choose_among_laws_by_their_likelihood_and_not_by_t
 def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
     typical, start = (4.0, 0.2, 1.5, 0.25), [1.0, 1.2, 0.0]
     truth, trials = trials_of(pendulum, typical, start, 12, "theta", samples=80, count=4)
-    law = cl.discover(trials, order=2, library="terms:1,theta,v,v*abs(v),sin(theta)", unmeasured=1)
+    law = cl.discover(trials, order=2, library="terms:1,theta,v,v*abs(v),sin(theta)", latent_states=1)
     assert law.structure == ("theta'' = a v + b sin(theta) + c exp(-r*t)",)
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
@@ -124,8 +124,8 @@ def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
 
 def test_what_asks_for_it_in_vain_is_refused(swallowed):
     with refused("use-trajectory-likelihood", count=1, method="DerivativeRegression"):
-        cl.discover(swallowed[1], method=cl.DerivativeRegression(), unmeasured=1, order=1, library="poly:3")
+        cl.discover(swallowed[1], method=cl.DerivativeRegression(), latent_states=1, order=1, library="poly:3")
     with refused("leave-out", method="DiscreteTimeRegression"):
-        cl.discover(swallowed[1], unmeasured=1, order=0)
-    with refused("whole-number", name="unmeasured"):
-        cl.TrajectoryLikelihood(unmeasured=2)
+        cl.discover(swallowed[1], latent_states=1, order=0)
+    with refused("whole-number", name="latent_states"):
+        cl.TrajectoryLikelihood(latent_states=2)

@@ -247,7 +247,7 @@ def test_the_closed_form_has_the_certified_standard_errors(name):
 def test_a_fit_from_a_free_start_gives_the_certified_estimates_and_standard_errors(name, errors):
     certified, (times, states) = SETS[name], data(name)
     trials = cl.Trials.from_arrays([times], [states], names=["y"])
-    law = cl.fit(certified.equation, trials, errors=errors, starts=dict.fromkeys(certified.latent))
+    law = cl.fit(certified.equation, trials, errors=errors, initial_values=dict.fromkeys(certified.latent))
     parameters = named_parameters(law)
     (estimates,), (deviations,) = parameters.values, parameters.errors
     fitted = dict(zip(parameters.names, zip(estimates, deviations, strict=True), strict=True))

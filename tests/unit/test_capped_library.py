@@ -37,4 +37,4 @@ def test_what_is_offered_besides_stays():
     assert capped.higher is not None
     assert "u^4" not in capped.higher.bind(VARIABLES).names
     assert capped.higher.higher is None
-    assert capped.seeks_unmeasured
+    assert capped.seeks_latent_states

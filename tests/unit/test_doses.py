@@ -23,7 +23,7 @@ DOSES = {3.0: 60.0, 6.75: 80.0}
 SWALLOWED = "depot' = -ka depot + dose; conc' = ka depot/V - k conc"
 INJECTED = "conc' = -k conc + dose/V"
 CASES = {
-    SWALLOWED: ((1.5, 20.0, 0.3), ("ka", "V", "k"), 0.0, {"starts": {"depot": 100.0}}),
+    SWALLOWED: ((1.5, 20.0, 0.3), ("ka", "V", "k"), 0.0, {"initial_values": {"depot": 100.0}}),
     INJECTED: ((20.0, 0.3), ("V", "k"), 5.0, {}),
 }
 

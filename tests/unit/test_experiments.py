@@ -527,7 +527,7 @@ def test_states_on_a_logarithmic_scale_start_above_zero():
     random, times = np.random.default_rng(0), np.linspace(0, 5, 40)
     states = [5 * np.exp(-rate * times + 0.05 * random.normal(size=40)) for rate in (0.5, 0.8)]
     trials = cl.Trials.from_arrays([times, times], states, object=["a", "b"], names=["x"])
-    law = cl.fit("x' = -k x", trials, positive=["x"])
+    law = cl.fit("x' = -k x", trials, log_states=["x"])
     with refused("setting-not-positive"):
         cl.design(law, {"x": "0..10", "duration": 5, "rate": 5})
     found = cl.design(law, {"x": "1..10", "duration": "1..8", "rate": 5}, about="coefficients")
@@ -582,7 +582,7 @@ def test_errors_of_starts_that_cannot_be_are_refused():
 def eliminated():
     """A law by which a dose leaves, and its true trials."""
     law = known("c' = -k c + dose", {"k": 0.5}, np.diag([0.01, 0]), inputs=("dose",))
-    return replace(law, schema=replace(law.schema, doses=("dose",), input_between="linear"))
+    return replace(law, schema=replace(law.schema, doses=("dose",), input_interpolation="linear"))
 
 
 def test_a_dose_that_leaves_is_best_measured_after_its_mean_stay(eliminated):

@@ -112,7 +112,7 @@ def test_a_coefficient_that_all_objects_have_in_common_is_that_of_a_fit_of_all_t
 
     measured = [solution(k1, 0.25) + noise * source.standard_normal((25, 2)) for k1 in rates]
     trials = cl.Trials.from_arrays([times] * 3, measured, object=["a", "b", "c"], names=["A", "B"])
-    law = cl.fit("A' = -k1 A; B' = k1 A - k2 B", trials, universal="k2", errors="white", noise={"A": noise, "B": noise})
+    law = cl.fit("A' = -k1 A; B' = k1 A - k2 B", trials, shared="k2", errors="white", noise={"A": noise, "B": noise})
 
     def left(p):
         starts, own = p[4:].reshape(3, 2), []
@@ -132,7 +132,7 @@ def test_a_coefficient_that_all_objects_have_in_common_is_that_of_a_fit_of_all_t
     assert errors[0, parameters.names.index("k2")] == pytest.approx(error, rel=0.05)
     assert np.ptp(values[:, parameters.names.index("k1")]) > 0.5
     with refused("unknown-name", name="k3"):
-        cl.fit("A' = -k1 A; B' = k1 A - k2 B", trials, universal="k3")
+        cl.fit("A' = -k1 A; B' = k1 A - k2 B", trials, shared="k3")
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,20 @@ from commonlaw.runtime.fit_options import (
 )
 from tests.refusals import refused
 
+
+def test_names_of_the_last_release_are_deprecated():
+    trials = cl.datasets.linear_drag(noise=0.001)
+    with pytest.warns(DeprecationWarning, match="use shared"):
+        old = cl.fit("x'' = -g - c v", trials, errors="white", **{"universal": "g"})
+    new = cl.fit("x'' = -g - c v", trials, shared="g", errors="white")
+    np.testing.assert_array_equal(old.coefficients, new.coefficients)
+    assert "shared=('g',)" in old.provenance.calls[0]
+    with pytest.warns(DeprecationWarning, match="use log_states"):
+        assert cl.TrajectoryLikelihood(**{"positive": ["x"]}) == cl.TrajectoryLikelihood(log_states=["x"])
+    with pytest.warns(DeprecationWarning, match="use 'random-walk'"):
+        assert FitOptions(errors="walk").errors == "random-walk"
+
+
 FUNCTIONS = {"fit": cl.fit, "refine": cl.refine, "compare": cl.compare}
 
 
@@ -73,7 +87,7 @@ def test_choices_are_those_of_their_types():
 @pytest.mark.parametrize(
     ("texts", "values"),
     [
-        ({"positive": ["x", "y"]}, {"positive": ("x", "y")}),
+        ({"log_states": ["x", "y"]}, {"log_states": ("x", "y")}),
         ({"noise": ["x=0.1", "y=2"]}, {"noise": {"x": 0.1, "y": 2.0}}),
         ({"huber_threshold": ["inf"], "max_samples": ["500"]}, {"huber_threshold": np.inf, "max_samples": 500}),
         ({"partial_pooling": ["false"], "solver": ["forward"]}, {"partial_pooling": False, "solver": "forward"}),

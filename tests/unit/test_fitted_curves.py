@@ -22,7 +22,7 @@ def law_with(errors, noise):
     return replace(LAW, uncertainty=cl.law.Uncertainty(noise=np.array([noise]), error_model=errors))
 
 
-@pytest.mark.parametrize("kind", ["proportional", "correlated"])
+@pytest.mark.parametrize("kind", ["proportional", "autocorrelated"])
 def test_samples_weigh_what_the_errors_of_the_law_say(kind):
     additive, share = 0.0005, 0.1
     level = np.array([share])

@@ -61,7 +61,7 @@ def drawn(case, count=3):
 def test_coefficients_starts_and_errors_are_those_of_independent_least_squares(case):
     equations, _, name, hidden, letters, *_ = CASES[case]
     truth, starts, noise, measured, trials = drawn(case)
-    law = cl.fit(equations, trials, starts={hidden: None}, noise={name: noise}, **WHITE)
+    law = cl.fit(equations, trials, initial_values={hidden: None}, noise={name: noise}, **WHITE)
     parameters = named_parameters(law)
     columns = [parameters.names.index(letter) for letter in letters]
     values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
@@ -84,10 +84,10 @@ def test_coefficients_starts_and_errors_are_those_of_independent_least_squares(c
 @pytest.mark.slow
 def test_such_a_law_is_saved_and_forecasts_trials_that_start_elsewhere():
     *_, trials = drawn("pendulum")
-    law = cl.fit(PENDULUM, trials, starts={"omega": "free"})
+    law = cl.fit(PENDULUM, trials, initial_values={"omega": "free"})
     again = from_json(to_json(law))
     assert str(again) == str(law)
-    assert again.schema.starts == {"omega": None}
+    assert again.schema.initial_values == {"omega": None}
     assert ("start", "omega") in [(each.stage, each.choice) for each in law.history]
     times = CASES["pendulum"][-1]
     other = cl.Trials.from_arrays(times, solution("pendulum", (4.0, 0.1), (0.3, 1.5)), object="a", names=["theta"])
@@ -146,7 +146,7 @@ def test_what_a_state_may_be_exchanged_for(equations, found):
 def test_what_no_trial_could_tell_is_refused_by_name(equations, message):
     *_, trials = drawn("epidemic", count=1)
     with refused(message):
-        cl.fit(equations, trials, starts={"S": None})
+        cl.fit(equations, trials, initial_values={"S": None})
 
 
 def test_coefficients_that_the_trials_do_not_tell_are_named():
@@ -154,6 +154,6 @@ def test_coefficients_that_the_trials_do_not_tell_are_named():
     measured = solve_ivp(epidemic, (0, 0.5), [10.0, 990.0], t_eval=times, args=(5e-4, 0.15)).y[0]
     measured = measured + 0.05 * np.random.default_rng(0).standard_normal(len(times))
     trials = cl.Trials.from_arrays(times, measured, object="town", names=["I"])
-    law = cl.fit(EPIDEMIC, trials, starts={"S": None}, errors="white")
+    law = cl.fit(EPIDEMIC, trials, initial_values={"S": None}, errors="white")
     (outcome, *_) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "not identifiable"]
     assert outcome.code == "parameters-with-latent-states"

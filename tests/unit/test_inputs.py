@@ -95,7 +95,7 @@ def test_driven_forecasts_and_their_bands_are_those_of_another_integrator(method
     law = driven_law(order)
     heights = 0.7 + 0.1 * (TIMES - TIMES[0])
     trials = Trials((Trial("tank", "1", TIMES, heights, VALUES),), law.schema)
-    options = {"start": 1, "input_between": how, "method": method, "tolerance": 1e-10, "return_std": True}
+    options = {"start": 1, "input_interpolation": how, "method": method, "tolerance": 1e-10, "return_std": True}
     forecast = law.predict(trials, **options)
     (found,) = forecast.trajectories
     states, sensitivities = reference(law, found.states[0], how)
@@ -119,7 +119,7 @@ def test_a_short_pulse_is_not_stepped_over(method, how):
     pulse = np.zeros((2000, 2))
     pulse[1500, 0] = 1.0
     trials = Trials((Trial("tank", "1", times, np.zeros(2000), pulse),), law.schema)
-    states = law.predict(trials, start=1, method=method, input_between=how).trajectories[0].states[:, 0]
+    states = law.predict(trials, start=1, method=method, input_interpolation=how).trajectories[0].states[:, 0]
     assert np.abs(states[:1500]).max() < 1e-6
     assert states[1501] > 0.1
 
@@ -180,5 +180,8 @@ def test_a_fitted_start_takes_the_inputs_as_they_are_said_to_be():
     )
     exact = np.concatenate([[3.0], 3 + np.cumsum(steps[:-1])])
     trials = Trials((Trial("tank", "1", times, exact, steps),), law.schema)
-    off = {how: law.predict(trials, start=10, input_between=how).errors()["rms error"][0] for how in ("held", "linear")}
+    off = {
+        how: law.predict(trials, start=10, input_interpolation=how).errors()["rms error"][0]
+        for how in ("held", "linear")
+    }
     assert off["held"] < 0.3 * off["linear"]

@@ -82,7 +82,7 @@ def model_of(
         values = generator.uniform(0.5, 1.5, (n, equations))
         values[1:-1][generator.random(values[1:-1].shape) < 0.15] = np.nan
         trials.append(trial(times, values, generator.standard_normal((n, len(inputs))), str(n)))
-    found = meshes(trials, most=cut, input_between=between)
+    found = meshes(trials, most=cut, input_interpolation=between)
     scaled = [replace(each, scale=generator.uniform(0.5, 1.5, each.measured.shape)) for each in found]
     variables = Variables(tuple(names), tuple(inputs), logarithmic=logarithmic, parameters=parameters, orders=orders)
     own = (Term(parameter=variables.index(name)) for name in parameters)

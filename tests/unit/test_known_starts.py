@@ -82,7 +82,7 @@ def least_squares_of(equations, dose, measured, begin):
 def test_estimates_are_those_of_independent_least_squares(equations, accuracy):
     noise = 0.001  # Meshes are as fine as it asks for, which is coarser the less it tells
     truth, doses, measured, trials = people(equations, noise, count=3)
-    law = cl.fit(equations, trials, starts=starts_of(equations), noise={"conc": noise}, **WHITE)
+    law = cl.fit(equations, trials, initial_values=starts_of(equations), noise={"conc": noise}, **WHITE)
     values, _ = by_letters(law, equations)
     for own, *data in zip(values, doses, measured, truth, strict=True):
         np.testing.assert_allclose(own, least_squares_of(equations, *data)[0], rtol=accuracy)
@@ -92,7 +92,7 @@ def test_estimates_are_those_of_independent_least_squares(equations, accuracy):
 def test_standard_errors_are_the_bound_of_the_information(equations):
     noise = 0.03
     truth, doses, measured, trials = people(equations, noise)
-    law = cl.fit(equations, trials, starts=starts_of(equations), noise={"conc": noise}, **WHITE)
+    law = cl.fit(equations, trials, initial_values=starts_of(equations), noise={"conc": noise}, **WHITE)
     for value, error, *data in zip(*by_letters(law, equations), doses, measured, truth, strict=True):
         expected, bound = least_squares_of(equations, *data)
         np.testing.assert_allclose(error, noise * bound, rtol=0.03)
@@ -106,7 +106,7 @@ def trials():
 
 @pytest.fixture(scope="module")
 def law(trials):
-    return cl.fit(ONE, trials, starts={"depot": "dose"})
+    return cl.fit(ONE, trials, initial_values={"depot": "dose"})
 
 
 def test_it_says_what_was_given_and_what_fits_as_well(law):
@@ -132,7 +132,7 @@ def test_a_saved_law_forecasts_tables_without_the_state(law, trials):
     assert verdict.usable
     assert [state_error.state for state_error in verdict.state_errors] == ["conc"]
     assert "states=['conc']" in to_script(law)
-    assert "starts={'depot': 'dose'}" in to_script(law)
+    assert "initial_values={'depot': 'dose'}" in to_script(law)
 
 
 def test_doses_are_taken_in_the_units_of_the_law(law, trials):
@@ -149,10 +149,10 @@ def test_refining_keeps_to_the_coefficients(law, trials):
 
 def test_starts_are_numbers_for_all_or_each_object_too(law, trials):
     doses = {name: attribute["dose"] for name, attribute in trials.properties.items()}
-    each = cl.fit(ONE, trials, starts={"depot": doses})
+    each = cl.fit(ONE, trials, initial_values={"depot": doses})
     np.testing.assert_array_equal(each.coefficients, law.coefficients)
     some = trials.select(object=trials.objects[0])
-    one, other = (cl.fit(ONE, some, starts={"depot": start}) for start in ("dose", doses[trials.objects[0]]))
+    one, other = (cl.fit(ONE, some, initial_values={"depot": start}) for start in ("dose", doses[trials.objects[0]]))
     np.testing.assert_array_equal(one.coefficients, other.coefficients)
 
 
@@ -165,7 +165,7 @@ def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
     angles = solve_ivp(rates, (0, 10), [1.2, 0.0], t_eval=times, rtol=1e-9, atol=1e-9).y[0]
     angles += 0.01 * np.random.default_rng(0).standard_normal(len(times))
     swings = cl.Trials.from_arrays(times, angles, names=["theta"])
-    law = cl.fit("theta' = omega; omega' = -g sin(theta) - c omega", swings, starts={"omega": 0.0})
+    law = cl.fit("theta' = omega; omega' = -g sin(theta) - c omega", swings, initial_values={"omega": 0.0})
     parameters = named_parameters(law)
     values, errors = (
         each[0, [parameters.names.index(name) for name in "gc"]] for each in (parameters.values, parameters.errors)
@@ -188,7 +188,7 @@ def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
             Diagnostic("initial-value-not-finite", {"state": "depot", "object": "person 1"}),
         ),
         (ONE, {"depot": 100.0}, {"noise": {"depot": 1.0}}, Diagnostic("noise-of-latent", {"name": "depot"})),
-        (ONE, {"depot": 100.0}, {"positive": ["depot"]}, Diagnostic("log-states-latent", {"state": "depot"})),
+        (ONE, {"depot": 100.0}, {"log_states": ["depot"]}, Diagnostic("log-states-latent", {"state": "depot"})),
         (ONE.replace("'", "''"), {"depot": 100.0}, {}, "latent-of-second-order"),
         (
             TWO.replace("slow' = conc", "slow' = p conc"),
@@ -200,7 +200,7 @@ def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
 )
 def test_what_cannot_be_fitted_is_refused_by_name(trials, equations, starts, settings, message):
     with refused(message):
-        cl.fit(equations, trials, starts=starts, **settings)
+        cl.fit(equations, trials, initial_values=starts, **settings)
 
 
 def test_curves_that_are_far_from_any_law_leave_much_without_a_warning():

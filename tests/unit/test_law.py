@@ -160,7 +160,7 @@ def test_a_law_with_inputs_is_driven_by_the_measured_inputs():
 
 def _tank(inputs=("u",), between="linear"):
     terms = parse_library(f"terms:x,{','.join(inputs)}").bind(Variables(("x",), inputs))
-    schema = Schema(("x",), inputs, input_between=between)
+    schema = Schema(("x",), inputs, input_interpolation=between)
     return Law(terms, schema, 1, ("tank",), np.array([[[-1.0, *np.ones(len(inputs))]]]))
 
 
@@ -392,7 +392,7 @@ def test_forecasts_beyond_the_horizon_say_so(law: Law, drops: Trials) -> None:
 def test_rates_and_states_on_a_logarithmic_scale_are_told_as_measured() -> None:
     times = np.linspace(0.0, 2.0, 30)
     trials = Trials.from_arrays(times, 3 * np.exp(-times) * np.exp(0.01 * np.sin(50 * times)), names=["x"])
-    law = cl.fit("x' = -k x", trials, positive=["x"])
+    law = cl.fit("x' = -k x", trials, log_states=["x"])
     heights = trials[0].states
     assert law.provenance.domain.to_frame(law.schema.units).iloc[0, 1:3].tolist() == pytest.approx(
         [heights.min(), heights.max()]

@@ -118,7 +118,7 @@ def test_a_dose_in_a_row_of_its_own_is_added_to_a_state_that_nobody_measured():
     frame = pd.DataFrame({"t": rows, "conc": np.append(states, np.nan), "dose": np.append(np.zeros_like(times), 5.0)})
     trials = Trials.from_frame(frame.iloc[order], states=["conc"], inputs=["dose"])
     text = "depot' = -1 depot + dose; conc' = a depot - k conc"
-    law = cl.fit(text, trials, starts={"depot": 10.0}, starts_at=0.0, doses="dose")
+    law = cl.fit(text, trials, initial_values={"depot": 10.0}, initial_time=0.0, doses="dose")
     own = {name: law.coefficients[0, 0, law.terms.names.index(name)] for name in ("depot", "conc")}
     assert own == pytest.approx({"depot": ka, "conc": -k}, rel=1e-3)
 

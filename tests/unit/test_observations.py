@@ -55,7 +55,7 @@ SIGNAL, OTHER = (CLEAN + 0.01 * RANDOM.standard_normal(len(T)) for _ in range(2)
 
 def test_a_measured_signal_is_a_function_of_the_state():
     trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
-    law = cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"}, starts={"x": 1})
+    law = cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"}, initial_values={"x": 1})
 
     def residuals(p):
         x = np.exp(-p[0] * T)
@@ -67,7 +67,7 @@ def test_a_measured_signal_is_a_function_of_the_state():
 
 def test_observation_equations_and_initial_values_may_stand_among_the_equations():
     trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
-    one = cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"}, starts={"x": 1})
+    one = cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"}, initial_values={"x": 1})
     other = cl.fit("x' = -k x; signal = c x (1 + x) + b; x(0) = 1", trials)
     assert other.coefficients == pytest.approx(one.coefficients, rel=1e-12)
     assert other.observation.log_likelihood == one.observation.log_likelihood
@@ -76,7 +76,7 @@ def test_observation_equations_and_initial_values_may_stand_among_the_equations(
 def test_known_initial_values_of_a_measured_state():
     times = np.linspace(0.5, 6, 12)
     y = 5 * (1 - np.exp(-0.7 * times)) + 0.05 * np.random.default_rng(2).standard_normal(12)
-    law = cl.fit("y' = k (B - y)", trials_of({"A": (times, y)}), starts={"y": 0}, starts_at=0)
+    law = cl.fit("y' = k (B - y)", trials_of({"A": (times, y)}), initial_values={"y": 0}, initial_time=0)
     assert_least_squares(law, {"k": 1.0, "B": 4.0}, lambda p: p[1] * (1 - np.exp(-p[0] * times)) - y)
 
 
@@ -85,14 +85,14 @@ def test_initial_values_may_be_parameters_that_trials_share():
     for i in range(3):
         samples.append(cl.Trial("A", str(i), T, 2 * np.exp(-0.5 * T) + 0.05 * source.standard_normal(len(T))))
     trials = cl.Trials(tuple(samples), cl.Schema(("x",)))
-    law = cl.fit("x' = -k x", trials, starts={"x": "x0"})
+    law = cl.fit("x' = -k x", trials, initial_values={"x": "x0"})
     whole = np.concatenate([sample.states[:, 0] for sample in samples])
     assert_least_squares(law, {"k": 1.0, "x0": 1.0}, lambda p: np.tile(p[1] * np.exp(-p[0] * T), 3) - whole)
 
 
 def test_an_initial_value_with_a_standard_deviation_is_a_prior():
     y = 2 * np.exp(-0.5 * T) + 0.1 * np.random.default_rng(4).standard_normal(len(T))
-    law = cl.fit("x' = -k x", trials_of({"A": (T, y)}, ["x"]), starts={"x": (2.2, 0.01)}, noise={"x": 0.1})
+    law = cl.fit("x' = -k x", trials_of({"A": (T, y)}, ["x"]), initial_values={"x": (2.2, 0.01)}, noise={"x": 0.1})
 
     def residuals(p):
         return np.append((p[1] * np.exp(-p[0] * T) - y) / 0.1, (p[1] - 2.2) / 0.01)
@@ -114,14 +114,14 @@ def test_initial_values_by_object_are_those_of_each_trial_where_they_are_free():
         for key, start in samples.items()
     ]
     trials = cl.Trials(tuple(made), cl.Schema(("x",)))
-    law = cl.fit("x' = -k x", trials, starts={"x": {"A": 2, "B": None}}, universal="k")
+    law = cl.fit("x' = -k x", trials, initial_values={"x": {"A": 2, "B": None}}, shared="k")
     found = {(each.object, each.trial): each.value for each in law.observation.estimated}
     assert {each.name for each in law.observation.estimated} == {"x(0)"}
     assert found == pytest.approx({("B", "1"): 3.0, ("B", "2"): 5.0}, rel=0.02)
     assert law.params["parameter"].unique().tolist() == ["k"]
     assert law.predict(trials).to_frame()["x forecast"].iloc[0] == 2.0
     with refused("initial-value-not-finite", object="B"):
-        cl.fit("x' = -k x", trials, starts={"x": {"A": 2}})
+        cl.fit("x' = -k x", trials, initial_values={"x": {"A": 2}})
 
 
 def own_and_shared():
@@ -135,7 +135,7 @@ def own_and_shared():
 def test_parameters_are_shared_by_all_objects_or_by_those_of_a_property():
     samples = own_and_shared()
     trials = trials_of(samples)
-    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, universal=["a", "b"])
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared=["a", "b"])
     whole = np.concatenate([y for _, y in samples.values()])
 
     def residuals(p):
@@ -150,7 +150,7 @@ def test_parameters_are_shared_by_all_objects_or_by_those_of_a_property():
     assert errors["b"] == pytest.approx(estimates(law, "A")["b"][1], rel=1e-6)
 
     grouped = cl.Trials(trials.trials, trials.schema, {"A": {"kind": "s"}, "B": {"kind": "t"}, "C": {"kind": "t"}})
-    law = cl.fit("x' = -k x; y = x + b; x(0) = a", grouped, universal={"a": "kind"})
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", grouped, shared={"a": "kind"})
     own = [estimates(law, name)["a"][0] for name in "ABC"]
     assert own[1] == own[2] != own[0]
 
@@ -184,7 +184,7 @@ def by_trial_expected(trials, groups):
 
 def test_parameters_may_differ_between_trials_of_an_object(tmp_path):
     trials = by_trial(21)
-    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, universal={"k": "trial", "a": "all"})
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared={"k": "trial", "a": "all"})
     x, covariance = by_trial_expected(trials, range(6))
     found = {(each.object, each.trial): (each.value, each.error) for each in law.observation.estimated}
     expected = {(t.object, t.name): (x[i], np.sqrt(covariance[i, i])) for i, t in enumerate(trials)}
@@ -204,7 +204,7 @@ def test_parameters_may_differ_between_trials_of_an_object(tmp_path):
 
 def test_bands_of_trials_with_parameters_of_their_own_are_those_of_the_joint_fit():
     trials = by_trial(22)
-    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, universal={"k": "trial", "a": "all"}, noise={"y": 0.05})
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared={"k": "trial", "a": "all"}, noise={"y": 0.05})
     later = law.predict(trials, from_time=2.0, return_std=True)
     early, p = T < 2, {name: estimates(law, "A")[name][0] for name in "ab"}
     for trial, std in zip(trials.of_object("A"), later.std[:3], strict=True):
@@ -227,14 +227,14 @@ def test_bands_of_trials_with_parameters_of_their_own_are_those_of_the_joint_fit
 
 def test_trials_with_one_value_of_an_input_may_share_a_parameter():
     trials = by_trial(23, (0.4, 0.8, 0.4), T=(20.0, 30.0, 20.0))
-    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, universal={"k": "T", "a": "all"})
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared={"k": "T", "a": "all"})
     x, _ = by_trial_expected(trials, [0, 1, 0, 0, 1, 0])
     found = [each.value for each in law.observation.estimated]
     assert found == pytest.approx([x[0], x[1], x[0], x[0], x[1], x[0]], rel=1e-5)
     assert estimates(law, "A")["k"][0] == pytest.approx((2 * x[0] + x[1]) / 3, rel=1e-5)
     drifting = [cl.Trial(t.object, t.name, t.times, t.states, t.times[:, None]) for t in trials]
     with refused("group-varies-in-trial", column="T"):
-        cl.fit("x' = -k x; y = x + b", cl.Trials(tuple(drifting), trials.schema), universal={"k": "T"})
+        cl.fit("x' = -k x; y = x + b", cl.Trials(tuple(drifting), trials.schema), shared={"k": "T"})
 
 
 def test_a_parameter_at_its_bound_is_reported_with_a_one_sided_interval():
@@ -328,7 +328,7 @@ def test_bounds_in_which_no_solution_is_finite_are_refused():
 def test_shared_parameters_that_are_nearly_collinear_are_fitted(apart):
     samples = own_and_shared()
     text = f"x' = -k x; y = c x + d (x + {apart} t) + b; x(0) = 2"
-    law = cl.fit(text, trials_of(samples), universal=["b", "c", "d"])
+    law = cl.fit(text, trials_of(samples), shared=["b", "c", "d"])
     own = estimates(law, "A")
     assert own["c"][0] + own["d"][0] == pytest.approx(1.0, abs=0.2)
     assert own["c"][1] > 0.1 / apart * 1e-3
@@ -353,7 +353,7 @@ def test_steady_states_that_are_none_or_many_are_refused(text):
 def test_priors_of_parameters_steer():
     y = 2 * np.exp(-0.5 * T) + 0.1 * np.random.default_rng(7).standard_normal(len(T))
     trials = trials_of({"A": (T, y)}, ["x"])
-    law = cl.fit("x' = -k x", trials, starts={"x": "a"}, priors={"k": (0.7, 0.005)}, noise={"x": 0.1})
+    law = cl.fit("x' = -k x", trials, initial_values={"x": "a"}, priors={"k": (0.7, 0.005)}, noise={"x": 0.1})
 
     def residuals(p):
         return np.append((p[1] * np.exp(-p[0] * T) - y) / 0.1, (p[0] - 0.7) / 0.005)
@@ -369,7 +369,7 @@ def test_values_below_a_limit_count_by_the_likelihood_of_the_tail():
     below = np.where(whole < 0.4, 0.4, np.nan)[:, None]
     values = np.where(whole < 0.4, np.nan, whole)[:, None]
     trials = cl.Trials((cl.Trial("A", "1", times, values, below=below),), cl.Schema(("x",)))
-    law = cl.fit("x' = -k x", trials, starts={"x": "a"})
+    law = cl.fit("x' = -k x", trials, initial_values={"x": "a"})
 
     def deviance(p):
         curve, std = p[1] * np.exp(-p[0] * times), np.exp(p[2])
@@ -421,7 +421,7 @@ def test_a_dead_time_of_an_input_is_estimated(between):
     y = curve(0.62, 80.0, 18.0, 0.5) + 0.05 * np.random.default_rng(9).standard_normal(len(times))
     trial = cl.Trial("A", "1", times, y, u)
     trials = cl.Trials((trial,), cl.Schema(("x",), ("u",)))
-    law = cl.fit("x' = (g u(t - d) - x)/s", trials, input_between=between)
+    law = cl.fit("x' = (g u(t - d) - x)/s", trials, input_interpolation=between)
     known = estimates(law)
     for name, truth in {"g": 0.62, "s": 80.0, "d": 18.0}.items():
         value, error = known[name]
@@ -435,7 +435,7 @@ def test_objects_of_one_property_share_their_noise(tmp_path):
     labs = {"A": ("fine", 0.01), "B": ("coarse", 0.1), "C": ("coarse", 0.1)}
     samples = {name: (t, 2 * np.exp(-0.6 * t) + s * random.standard_normal(len(t))) for name, (_, s) in labs.items()}
     trials = trials_of(samples).with_properties({name: {"lab": lab} for name, (lab, _) in labs.items()})
-    law = cl.fit("y' = -k y; y(0) = a", trials, universal=["k", "a"], noise={"y": "lab"})
+    law = cl.fit("y' = -k y; y(0) = a", trials, shared=["k", "a"], noise={"y": "lab"})
 
     def negative(p):
         k, a, *logs = p
@@ -533,7 +533,7 @@ def test_states_may_be_measured_once_and_in_some_conditions_only():
     other[:, 1] = np.nan
     trials = cl.Trials((cl.Trial("A", "1", times, one), cl.Trial("B", "1", times, other)), cl.Schema(("x", "y")))
     starts = {"y": {"A": 0, "B": 2}, "x": None}
-    law = cl.fit("x' = -k x; y' = k x", trials, universal="k", starts=starts, noise={"x": 0.1, "y": 0.1})
+    law = cl.fit("x' = -k x; y' = k x", trials, shared="k", initial_values=starts, noise={"x": 0.1, "y": 0.1})
     assert [estimates(law, name)["k"][0] for name in "AB"] == pytest.approx([0.3, 0.3], rel=1e-6)
 
 
@@ -574,18 +574,18 @@ def heated(noise, seed):
 def test_later_inputs_drive_forecasts(noise):
     trials = heated(0.05, 13)
     y = trials[0].states[:, 0]
-    law = cl.fit("x' = (g u - x)/s", trials, priors={"g": (0.6, 0.3)}, input_between="held", noise=noise)
+    law = cl.fit("x' = (g u - x)/s", trials, priors={"g": (0.6, 0.3)}, input_interpolation="held", noise=noise)
     later = law.predict(trials, from_time=250.0, return_std=True)
     assert np.abs(later.to_frame()["x error"]).max() < 0.2
     low, high = later.bands(measured=True)[0]
     assert 0.85 < np.mean((low[26:, 0] < y[26:]) & (y[26:] < high[26:, 0])) <= 1
-    straight = law.predict(trials, from_time=250.0, input_between="linear").to_frame()
+    straight = law.predict(trials, from_time=250.0, input_interpolation="linear").to_frame()
     assert np.abs(straight["x error"]).max() > 2 * np.abs(later.to_frame()["x error"]).max()
 
 
 def test_the_interpolation_of_inputs_is_the_one_that_fits():
     law = cl.fit("x' = (g u - x)/s", heated(0.01, 15), priors={"g": (0.6, 0.3)})
-    assert law.observation.measured.input_between == "held"
+    assert law.observation.measured.input_interpolation == "held"
     assert next(each for each in law.history if each.stage == "inputs").choice == "held"
 
 
@@ -606,10 +606,10 @@ def test_known_noise_and_repeated_measurements_have_their_likelihood():
 @pytest.mark.parametrize(
     ("text", "settings"),
     [
-        ("x' = -k x; y = c x + b; x(0) = 1; b > 0.2", {"universal": ["c"], "priors": {"k": (0.5, 0.1)}}),
-        ("x' = -k x; y = c x + b", {"starts": {"x": (1.0, 0.05)}, "universal": {"b": "trial", "c": "all"}}),
-        ("x' = -k x; y = c x; x(0) = x0", {"priors": {"c": (2.0, 0.1)}, "noise": {"y": "lab"}, "positive": ["y"]}),
-        ("x' = k u(t - d) - x; y = x + b; x(0) = 0", {"input_between": "linear"}),
+        ("x' = -k x; y = c x + b; x(0) = 1; b > 0.2", {"shared": ["c"], "priors": {"k": (0.5, 0.1)}}),
+        ("x' = -k x; y = c x + b", {"initial_values": {"x": (1.0, 0.05)}, "shared": {"b": "trial", "c": "all"}}),
+        ("x' = -k x; y = c x; x(0) = x0", {"priors": {"c": (2.0, 0.1)}, "noise": {"y": "lab"}, "log_states": ["y"]}),
+        ("x' = k u(t - d) - x; y = x + b; x(0) = 0", {"input_interpolation": "linear"}),
         ("x'' = -k x + a step(t - s); y = x + b; x(0) = 1", {}),
     ],
 )
@@ -665,7 +665,7 @@ def test_laws_are_compared_through_their_observation_equations():
         "plain": "y' = -k y",
         "slow": "x' = -k x^2; y = c x; x(0) = 2",
     }
-    laws = {"shared": cl.fit(texts["shared"], trials, universal=["a", "b"])}
+    laws = {"shared": cl.fit(texts["shared"], trials, shared=["a", "b"])}
     laws |= {name: cl.fit(texts[name], trials) for name in ("apart", "plain", "slow")}
     frame = cl.compare(laws, trials).set_index("law")
     curves = [
@@ -684,7 +684,7 @@ def test_laws_are_compared_through_their_observation_equations():
     with refused("laws-of-other-states"):
         cl.compare([laws["plain"], cl.Law.from_text("x' = -k x", {"k": 1}), laws["slow"]], trials)
     with refused("not-with-observation"):
-        cl.compare(laws, trials, errors="walk")
+        cl.compare(laws, trials, errors="random-walk")
 
 
 def test_new_trials_update_the_parameters_of_an_object():
@@ -713,7 +713,7 @@ def test_new_trials_update_the_parameters_of_an_object():
 def test_the_profile_of_a_shared_parameter_is_that_of_all_objects():
     samples = own_and_shared()
     trials = trials_of(samples)
-    law = cl.fit("x' = -k x; y = x + b; x(0) = a; a > 0", trials, universal=["a", "b"], noise={"y": 0.05})
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a; a > 0", trials, shared=["a", "b"], noise={"y": 0.05})
     profile = likelihood_profile(law, trials, "b", "A")
     whole = np.concatenate([y for _, y in samples.values()])
 
@@ -726,7 +726,7 @@ def test_the_profile_of_a_shared_parameter_is_that_of_all_objects():
     expected = np.array([squares(b) for b in profile.values])
     assert profile.deviance == pytest.approx(expected - expected.min(), abs=1e-3)
     assert profile.error == pytest.approx(estimates(law, "A")["b"][1], rel=1e-3)
-    own = cl.fit("x' = -k x; y = x + b; x(0) = a", by_trial(24), universal={"k": "trial", "a": "all"})
+    own = cl.fit("x' = -k x; y = x + b; x(0) = a", by_trial(24), shared={"k": "trial", "a": "all"})
     with refused("profile-by-trial"):
         likelihood_profile(own, by_trial(24), "k", "A")
 
@@ -734,7 +734,7 @@ def test_the_profile_of_a_shared_parameter_is_that_of_all_objects():
 def test_absent_terms_are_limited_through_an_observation_equation():
     samples = {name: (t, 2 * y) for name, (t, y) in own_and_shared().items()}
     trials = trials_of(samples)
-    law = cl.fit("x' = -k x; y = 2 x + b; x(0) = 2", trials, universal=["b"], noise={"y": 0.1})
+    law = cl.fit("x' = -k x; y = 2 x + b; x(0) = 2", trials, shared=["b"], noise={"y": 0.1})
     found = bounds(law, trials, ["x^2"])
     whole = np.concatenate([y for _, y in samples.values()])
 
@@ -774,7 +774,7 @@ def test_the_command_line_compares_and_refines_laws_with_observation_equations(t
     trials_of({"A": (T, SIGNAL), "B": (T, OTHER)}, ["signal"]).to_frame().to_csv("cells.csv", index=False)
     shape = "x' = -k x; signal = c x (1 + x) + b; x(0) = 1"
     words = (
-        ("fit", "cells.csv", shape, "--universal", "c", "--save", "law.json"),
+        ("fit", "cells.csv", shape, "--shared", "c", "--save", "law.json"),
         (
             "compare",
             "cells.csv",
@@ -795,7 +795,7 @@ def test_the_command_line_compares_and_refines_laws_with_observation_equations(t
             assert rows[1]["2 log B"] > 10
     one, other = (cl.Law.load(f"{name}.json").observation for name in ("law", "again"))
     assert one.log_likelihood == pytest.approx(other.log_likelihood, abs=1e-6)
-    assert one.restrictions.universal == other.restrictions.universal == {"c": "all"}
+    assert one.restrictions.shared == other.restrictions.shared == {"c": "all"}
 
 
 @pytest.mark.parametrize(
@@ -809,7 +809,7 @@ def test_the_command_line_compares_and_refines_laws_with_observation_equations(t
 )
 def test_what_takes_columns_for_states_refuses_a_law_with_an_observation(use):
     trials = trials_of({"A": (T, 5 * (1 - np.exp(-0.7 * T)) + 0.01 * np.sin(9 * T))})
-    law = cl.fit("y' = a - k y", trials, starts={"y": 0})
+    law = cl.fit("y' = a - k y", trials, initial_values={"y": 0})
     with refused("law-with-observation"):
         use(law, trials)
 
@@ -818,7 +818,7 @@ def test_files_of_version_4_have_initial_values_by_state_and_no_restrictions():
     law = cl.fit(
         "x' = -k x; signal = c x + b; b > 0",
         trials_of({"A": (T, SIGNAL)}, ["signal"]),
-        starts={"x": "a"},
+        initial_values={"x": "a"},
         priors={"a": (1, 0.1)},
     )
     free = cl.fit("x' = -k x", trials_of({"A": (T, SIGNAL)}, ["x"]), priors={"k": (0.5, 0.2)})
@@ -879,7 +879,7 @@ def test_the_rate_of_a_signal_that_is_zero_is_not_identifiable():
 @pytest.mark.parametrize(
     ("code", "equations", "settings"),
     [
-        ("measured-without-equation", "x' = -k x", {"starts": {"x": 1}, "priors": {"k": (1, 1)}}),
+        ("measured-without-equation", "x' = -k x", {"initial_values": {"x": 1}, "priors": {"k": (1, 1)}}),
         ("parameters-not-identified", "x' = -k x; y = a b x; x(0) = 1", {}),
         ("observation-without-state", "x' = -k x; y = a + b z", {}),
         ("bound-empty", "x' = -k x; y = a x; k > 3; k < 2; x(0) = 1", {}),
@@ -888,11 +888,11 @@ def test_the_rate_of_a_signal_that_is_zero_is_not_identifiable():
         ("switch-arguments", "y' = -k max(y)", {}),
         ("steady-states-differ", "x' = -k x; y' = x - y; x(0) = steady(u = 1); y(0) = steady", {}),
         ("prior-not-positive", "x' = -k x; y = a x", {"priors": {"a": (1, 0)}}),
-        ("not-with-observation", "x' = -k x; y = a x", {"errors": "walk"}),
+        ("not-with-observation", "x' = -k x; y = a x", {"errors": "random-walk"}),
         ("not-with-observation", "x' = -k x; y = a x", {"partial_pooling": True}),
-        ("prior-not-positive", "y' = -k y", {"starts": {"y": (1.0, 0.0)}}),
-        ("initial-value-not-finite", "y' = -k y", {"starts": {"y": np.inf}}),
-        ("unknown-name", "x' = -k x; y = a x", {"universal": "q"}),
+        ("prior-not-positive", "y' = -k y", {"initial_values": {"y": (1.0, 0.0)}}),
+        ("initial-value-not-finite", "y' = -k y", {"initial_values": {"y": np.inf}}),
+        ("unknown-name", "x' = -k x; y = a x", {"shared": "q"}),
         ("unknown-name", "x' = -k x; z = a x; y = x", {}),
         ("observation-of-discrete-time", "x[k+1] = r x; y = a x", {}),
         ("noise-not-positive", "x' = -k x; y = a x", {"noise": {"y": -1.0}}),
@@ -916,7 +916,7 @@ def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path, monkeypatch):
     (tmp_path / "levels.csv").write_text("\n".join(rows))
     trials = cl.Trials.read(tmp_path / "levels.csv")
     assert any("below a limit of quantification in conc" in note for note in trials.notes)
-    law = cl.fit("conc' = -k conc", trials, starts={"conc": "c0"}, universal="c0")
+    law = cl.fit("conc' = -k conc", trials, initial_values={"conc": "c0"}, shared="c0")
 
     def deviance(p):
         total = 0.0
@@ -942,7 +942,7 @@ def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path, monkeypatch):
     assert "below = {'BLQ' = 0.5} in the --schema file" in refusal.output
     for words in (
         ["data", "check", "marks.csv", "--below", "BLQ=0.5", "--save", "schema.toml"],
-        ["fit", "marks.csv", "conc' = -k conc; conc(0) = c0", "--universal", "c0", "--schema", "schema.toml", "--json"],
+        ["fit", "marks.csv", "conc' = -k conc; conc(0) = c0", "--shared", "c0", "--schema", "schema.toml", "--json"],
     ):
         done = CliRunner().invoke(commonlaw, words)
         assert done.exit_code == 0, done.output
@@ -978,11 +978,11 @@ def test_the_command_line_shares_parameters_by_trial_or_column(by, tmp_path):
     trials = by_trial(25, (0.4, 0.8, 0.4), T=(20.0, 30.0, 20.0))
     trials.to_frame().to_csv(tmp_path / "cells.csv", index=False)
     text, table, saved = "x' = -k x; y = x + b; x(0) = a", str(tmp_path / "cells.csv"), str(tmp_path / "law.json")
-    words = ["fit", table, text, "--trial", "trial", "--universal", "a", "--universal", f"k={by}", "--save", saved]
+    words = ["fit", table, text, "--trial", "trial", "--shared", "a", "--shared", f"k={by}", "--save", saved]
     done = CliRunner().invoke(commonlaw, words)
     assert done.exit_code == 0, done.output
-    law, expected = cl.Law.load(saved), cl.fit(text, trials, universal={"a": "all", "k": by})
-    assert law.observation.restrictions.universal == {"a": "all", "k": by}
+    law, expected = cl.Law.load(saved), cl.fit(text, trials, shared={"a": "all", "k": by})
+    assert law.observation.restrictions.shared == {"a": "all", "k": by}
     found, known = ([each.value for each in own.observation.estimated] for own in (law, expected))
     assert found == pytest.approx(known, rel=1e-6)
     assert len(found) == 6

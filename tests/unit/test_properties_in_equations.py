@@ -73,7 +73,7 @@ def test_an_epidemic_in_a_population_of_any_size_begins_with_an_unknown_number_o
     infected = sir(times, *truth) + NOISE * np.random.default_rng(1).standard_normal(len(times))
     frame = pd.DataFrame({"town": "A", "t": times, "I": size * infected, "N": size})
     trials = cl.Trials.from_frame(frame, object="town", time="t", states=["I"])
-    settings = {"starts": {"S": None}, "errors": "white", "noise": {"I": NOISE * size}}
+    settings = {"initial_values": {"S": None}, "errors": "white", "noise": {"I": NOISE * size}}
     law = cl.fit("S' = -b S I/N; I' = b S I/N - g I", trials, **settings)
     expected, errors = least_squares(sir, times, infected, truth)
     for i, name in enumerate("bg"):

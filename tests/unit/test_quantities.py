@@ -48,7 +48,7 @@ def test_every_form_is_recognised_with_all_its_quantities(form, text):
     names = [coefficient.name for coefficient in read_equations(text, Schema(tuple(states), inputs)).coefficients]
     law = cl.Law.from_text(text, {name: 0.3 + 0.2 * i for i, name in enumerate(names)}, inputs=inputs)
     if form.doses:
-        law = replace(law, schema=replace(law.schema, doses=inputs, input_between="linear"))
+        law = replace(law, schema=replace(law.schema, doses=inputs, input_interpolation="linear"))
     if form.bolus:
         return
     table = law.quantities(initial=dict.fromkeys(states, 0.01))

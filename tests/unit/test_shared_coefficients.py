@@ -57,9 +57,9 @@ CASES = {
 }
 TIMES = {"microconstants": HOURS, "epidemic": DAYS, "saturated": SWALLOWED}
 STARTS = {
-    "microconstants": {"starts": {"tissue": 0.0}, "starts_at": 0.0},
-    "epidemic": {"starts": {"S": 990.0}},
-    "saturated": {"starts": {"depot": 100.0}},
+    "microconstants": {"initial_values": {"tissue": 0.0}, "initial_time": 0.0},
+    "epidemic": {"initial_values": {"S": 990.0}},
+    "saturated": {"initial_values": {"depot": 100.0}},
 }
 
 
@@ -96,7 +96,7 @@ def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
     assert law.structure == tuple(MICROCONSTANTS.split("; "))
     again = from_json(to_json(law))
     assert str(again) == str(law)
-    assert "starts_at=0.0" in to_script(law)
+    assert "initial_time=0.0" in to_script(law)
     assert ("start", "tissue = 0.0 at 0") in [(each.stage, each.choice) for each in law.history]
     forecast = again.predict(trials)
     assert forecast.score() > 0.99
@@ -110,7 +110,7 @@ def test_the_command_line_takes_the_time_of_the_starts(tmp_path):
     options = ["--initial-value", "tissue=0", "--initial-time", "0", "--save", str(tmp_path / "law.json")]
     done = CliRunner().invoke(commonlaw, ["fit", MICROCONSTANTS, str(tmp_path / "injected.csv"), *options])
     assert done.exit_code == 0, done.output
-    assert cl.Law.load(tmp_path / "law.json").schema.starts_at == 0.0
+    assert cl.Law.load(tmp_path / "law.json").schema.initial_time == 0.0
 
 
 @pytest.mark.parametrize(
@@ -134,11 +134,11 @@ def test_whether_a_state_may_be_counted_in_another_unit(equations, free):
 def test_what_cannot_be_told_is_refused():
     *_, trials = drawn("microconstants")
     with refused("latent-scale-of-zero", name="tissue"):
-        cl.fit("conc' = -a conc + b tissue; tissue' = c conc - 1 tissue", trials, starts={"tissue": 0.0})
+        cl.fit("conc' = -a conc + b tissue; tissue' = c conc - 1 tissue", trials, initial_values={"tissue": 0.0})
     with refused("initial-time-late", time=0.25, initial_time=0.5):
-        cl.fit(MICROCONSTANTS, trials, starts={"tissue": 0.0}, starts_at=0.5)
+        cl.fit(MICROCONSTANTS, trials, initial_values={"tissue": 0.0}, initial_time=0.5)
     with refused("initial-time-without-values"):
-        cl.fit("conc' = -k conc", trials, starts_at=0.0)
+        cl.fit("conc' = -k conc", trials, initial_time=0.0)
     with refused("term-twice", term="conc"):
         cl.fit("conc' = -(a + b) conc", trials)
 
@@ -169,7 +169,7 @@ def test_latent_states_that_share_their_only_parameter_are_fitted():
     trials = cl.Trials.from_arrays(times, measured, names=["x4"])
     equations = ["x1' = -f x1", *(f"x{i}' = f x{i - 1} - f x{i}" for i in (2, 3, 4))]
     starts = {"x1": 1.0, "x2": 0.0, "x3": 0.0}
-    law = cl.fit(equations, trials, starts=starts, noise={"x4": noise}, **WHITE)
+    law = cl.fit(equations, trials, initial_values=starts, noise={"x4": noise}, **WHITE)
     (rate,), covariance = curve_fit(outflow, times, measured, [1.0], np.full(40, noise), absolute_sigma=True)
     parameters = named_parameters(law)
     assert parameters.values[0] == pytest.approx([rate], abs=0.05 * np.sqrt(covariance[0, 0]))
@@ -180,6 +180,6 @@ def test_parameters_that_enter_as_a_product_alone_are_refused_with_latent_states
     times = np.linspace(0, 6, 30)
     trials, starts = cl.Trials.from_arrays(times, times**2 / 2 * np.exp(-times), names=["z"]), {"x": 1.0, "y": 0.0}
     with refused("parameters-not-identifiable", names="f, k"):
-        cl.fit("x' = -f k x; y' = f k x - f k y; z' = f k y - f k z", trials, starts=starts)
-    law = cl.fit("x' = -f k x; y' = f k x - f k y; z' = f k y - f z", trials, starts=starts)
+        cl.fit("x' = -f k x; y' = f k x - f k y; z' = f k y - f k z", trials, initial_values=starts)
+    law = cl.fit("x' = -f k x; y' = f k x - f k y; z' = f k y - f z", trials, initial_values=starts)
     np.testing.assert_allclose(named_parameters(law).values, 1.0, atol=0.01)

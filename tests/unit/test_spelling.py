@@ -87,7 +87,7 @@ def room(seed=0):
 def test_a_fit_with_a_latent_state_finds_the_same_whatever_the_spelling():
     trials, found = room(), []
     for text in SPELLINGS[0][1], *SPELLINGS[0][2][:2]:
-        law = cl.fit(text, trials, starts={"Te": None}, errors="white")
+        law = cl.fit(text, trials, initial_values={"Te": None}, errors="white")
         values, errors = named_parameters(law).values, named_parameters(law).errors
         found.append(dict(zip(named_parameters(law).names, values[0], strict=True)))
         truth = {"p": 0.3, "q": 0.02, "r": 0.05, "s": 0.02}

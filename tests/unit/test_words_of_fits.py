@@ -51,7 +51,7 @@ def test_a_fit_that_departs_from_the_measurements_says_so_as_a_discovery_does(sw
 
 
 def test_noise_that_was_given_is_said_to_be_given(swayed):
-    for errors in ("white", "correlated"):
+    for errors in ("white", "autocorrelated"):
         law = cl.fit("x' = -k x", swayed, noise={"x": 0.3}, errors=errors)
         assert law.uncertainty.noise[0] == 0.3
         assert step(law, "noise").reason == "as given"

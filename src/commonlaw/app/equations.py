@@ -89,7 +89,7 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
     """
     try:
         begun, trials, formulas = _read(
-            table, columns, equations.text, tuple(equations.initial.items()), equations.starts_at, equations.doses
+            table, columns, equations.text, tuple(equations.initial.items()), equations.initial_time, equations.doses
         )
     except CommonlawError as error:
         return {"problem": message(error)}
@@ -122,7 +122,7 @@ def _read(
     columns: Columns,
     text: str,
     starts: tuple[tuple[str, InitialGiven], ...],
-    starts_at: float | None,
+    initial_time: float | None,
     doses: tuple[str, ...],
 ) -> tuple[Beginning, Trials, list[list[str]]]:
     """Return how a fit of equations begins, the trials, and the equations as MathML."""
@@ -134,7 +134,7 @@ def _read(
     if not needs_model(model_text, trials, given, (), None) and not given:
         properties = property_names(trials.properties)
         read_equations("; ".join(model_text.equations), trials.schema, properties=properties)  # Says what `fit` refuses
-    begun = begin(model_text, trials, given, starts_at)
+    begun = begin(model_text, trials, given, initial_time)
     begun = replace(begun, problem=replace(begun.problem, tolerance=_TOLERANCE), first=_with_rates(begun))
     return begun, trials, _formulas(begun)
 

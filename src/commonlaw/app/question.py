@@ -244,7 +244,7 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         Parameters that objects share: all of them (an empty text), or those with one value of a property.
     priors
         Mean and standard deviation.
-    starts, starts_at, doses
+    starts, initial_time, doses
         See `commonlaw.fit`; a start is a number, a property, an expression, or ``free``.
     """
 
@@ -255,7 +255,7 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     shared: Mapping[str, str] = {}
     priors: Mapping[str, tuple[float, float]] = {}
     starts: Mapping[str, str] = {}
-    starts_at: float | None = None
+    initial_time: float | None = None
     doses: tuple[str, ...] = ()
 
     @property
@@ -294,16 +294,16 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             value, (low, high) = float(np.mean(own)), limits_of(name, text.bounds)
             if name not in self.fixed and value != 0 and low <= value <= high:
                 guesses[name] = value
-        shared = {name: by or ALL for name, by in self.shared.items() if name not in self.fixed}
-        universal = shared if any(self.shared.values()) else tuple(shared)
-        is_model = needs_model(text, trials, self.initial, universal, self.priors)
+        groups = {name: by or ALL for name, by in self.shared.items() if name not in self.fixed}
+        shared = groups if any(self.shared.values()) else tuple(groups)
+        is_model = needs_model(text, trials, self.initial, shared, self.priors)
         return fit(
             self.written,
             trials,
-            starts=self.initial or None,
-            starts_at=self.starts_at,
+            initial_values=self.initial or None,
+            initial_time=self.initial_time,
             doses=self.doses,
-            universal=universal,
+            shared=shared,
             # Fits with latent states alone look for values themselves
             guesses=guesses if is_model or not self.starts else None,
             priors=self.priors or None,

@@ -331,7 +331,7 @@ def _editable(law: Law) -> dict[str, Any] | None:
         },
         "starts": {
             name: "free" if start is None else str(start)
-            for name, start in schema.starts.items()
+            for name, start in schema.initial_values.items()
             if not isinstance(start, Mapping)
         },
         "doses": schema.doses,

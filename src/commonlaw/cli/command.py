@@ -19,6 +19,8 @@ _OPTIONS = {
     "--plot": "--save",
     "--out": "--save",
     "--workers": "--set n_jobs=",
+    "--universal": "--shared",
+    "predict --input-between": "--input-interpolation",
     "fit --start": "--initial-value",
     "fit --starts-at": "--initial-time",
     "predict --start": "--initial-samples",
@@ -31,10 +33,12 @@ _OPTIONS = {
 _SETTINGS = {
     name: name.removeprefix("--").replace("-", "_")
     for name in (
-        "--positive", "--input-between", "--errors", "--huber-threshold", "--covariance", "--seed", "--unmeasured",
-        "--solver", "--rule", "--scoring", "--differentiation", "--library-states", "--trim",
+        "--errors", "--huber-threshold", "--covariance", "--seed", "--solver", "--rule", "--scoring",
+        "--differentiation", "--library-states", "--trim",
     )
-} | {"--jobs": "n_jobs", "--resamples": "n_resamples", "--radius": "radii"}  # fmt: skip
+} | {"--jobs": "n_jobs", "--resamples": "n_resamples", "--radius": "radii", "--positive": "log_states"} | {
+    "--input-between": "input_interpolation", "--unmeasured": "latent_states",
+}  # fmt: skip
 """Options that are settings now, by which name."""
 
 

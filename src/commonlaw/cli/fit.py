@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 @option(
     "Law",
     "--initial-value",
-    "starts",
+    "initial_values",
     everyday=True,
     metavar="STATE=VALUE",
     multiple=True,
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 @option(
     "Law",
     "--initial-time",
-    "starts_at",
+    "initial_time",
     type=float,
     metavar="TIME",
     help="Time of these initial values, if before the first sample of a trial, such as that of an injection.",
@@ -84,7 +84,7 @@ if TYPE_CHECKING:
 )
 @option(
     "Law",
-    "--universal",
+    "--shared",
     everyday=True,
     metavar="LETTER[=COLUMN]",
     multiple=True,
@@ -112,10 +112,10 @@ if TYPE_CHECKING:
 def fit(
     source: Source,
     equations: str,
-    starts: tuple[str, ...],
-    starts_at: float | None,
+    initial_values: tuple[str, ...],
+    initial_time: float | None,
     doses: tuple[str, ...],
-    universal: tuple[str, ...],
+    shared: tuple[str, ...],
     guesses: tuple[str, ...],
     settings: dict[str, Any],
     against: str | None,
@@ -145,8 +145,13 @@ def fit(
 
     if cluster:
         source.check_streams()
-        alone = {"--initial-value": starts, "--initial-time": starts_at, "--dose": doses, "--against": against}
-        alone |= {"--universal": universal, "--guess": guesses}
+        alone = {
+            "--initial-value": initial_values,
+            "--initial-time": initial_time,
+            "--dose": doses,
+            "--against": against,
+        }
+        alone |= {"--shared": shared, "--guess": guesses}
         if given := [name for name, value in alone.items() if value]:
             raise click.UsageError(f"{', '.join(given)} with --cluster: leave it out, or fit single files")
         with working("Fitting ...") as show, on_cluster_at(cluster, show):
@@ -162,15 +167,18 @@ def fit(
         if doses:
             source = source.reading(inputs=tuple(dict.fromkeys((*source.roles.get("inputs", ()), *doses))))
         later = Artifacts()
-        known = {name: number_or_text(value) for name, value in by_name("--initial-value", starts).items()}
-        groups = {letter: by or ALL for letter, _, by in (each.partition("=") for each in universal)}
+        known = {name: number_or_text(value) for name, value in by_name("--initial-value", initial_values).items()}
+        groups = {letter: by or ALL for letter, _, by in (each.partition("=") for each in shared)}
         others = [other] if other else []
         trials = without_notes_on(doses, load(source, [equations], others, known, groups.values()))
         training = source.select(trials)
-        shared = groups if any("=" in each for each in universal) else universal
-        settings |= {"starts_at": starts_at, "doses": doses, "universal": shared}
+        settings |= {
+            "initial_time": initial_time,
+            "doses": doses,
+            "shared": groups if any("=" in each for each in shared) else shared,
+        }
         settings |= {"guesses": numbers("--guess", guesses) or None}
-        law = cl.fit(equations, training, starts=known, **settings, progress=show)
+        law = cl.fit(equations, training, initial_values=known, **settings, progress=show)
         later.save(outputs.save, law=law)
         learned = FitResult.check(law, source, trials, training, outputs.draws, later)
         if against and other:

@@ -21,6 +21,7 @@ from commonlaw.cli.options import (
     with_options,
 )
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.runtime.arguments import RENAMED_ARGUMENTS
 from commonlaw.runtime.fit_options import FitOptions, read_settings, setting_rows, settings_of, shown_value
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def given_settings(values: dict[str, Any], function: str, options: type = FitOpt
         if about.everyday and (texts := values.pop(name)):
             result[name] = list(texts)
     for name, text in pairs("--set", values.pop("settings")):
-        result.setdefault(name, []).append(text)
+        result.setdefault(RENAMED_ARGUMENTS.get(name, name), []).append(text)
     return result
 
 
@@ -215,7 +216,7 @@ _LAW_OPTIONS = (
         "and the law is what is left: an equation with numbers, \"x'' = -9.8\", or a law, LAW.json.",
     ),
     _law(
-        "--universal",
+        "--shared",
         metavar="TERM",
         multiple=True,
         help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
@@ -235,7 +236,7 @@ _LAW_OPTIONS = (
     _law(
         "--explain",
         is_flag=True,
-        help="Say what in the law is universal, what follows the objects' properties, and what is each object's own.",
+        help="Say what in the law is shared, what follows the objects' properties, and what is each object's own.",
     ),
     _law("--no-cache", is_flag=True, replaced_by="set the environment variable COMMONLAW_CACHE=off"),
 )
@@ -248,7 +249,7 @@ class Question:
     order: "AskedOrder"
     library: str
     known: tuple[str, ...]
-    universal: tuple[str, ...]
+    shared: tuple[str, ...]
     observe: tuple[str, ...]
     latent: tuple[str, ...]
     explain: bool
@@ -265,9 +266,9 @@ class Question:
             library=self.library,
             method=self.method,
             known=_known_physics(self.known),
-            universal=[_key(name) for name in self.universal],
+            shared=[_key(name) for name in self.shared],
             observe=dict(pairs("--observe", self.observe)),
-            latent=self.latent,
+            latent_states=self.latent,
             progress=show,
             cache=not self.no_cache,
         )

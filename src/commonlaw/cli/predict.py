@@ -52,7 +52,7 @@ class _FirstSamples(click.types.IntParamType):
 @click.option("--until", type=float, metavar="TIME", help="Forecast until this time, beyond the measurements.")
 @click.option("--step", type=click.FloatRange(0, min_open=True), help="Step of these times.  [default: a hundredth]")
 @click.option(
-    "--input-between",
+    "--input-interpolation",
     type=click.Choice(["held", "linear", "cubic"]),
     help="Inputs between samples: held at the earlier value, as a controller does, on lines, or on a cubic spline.  "
     "[default: as the law was learned]",
@@ -74,7 +74,7 @@ def predict(
     law_path: str,
     start: int | Literal["all"] | None,
     from_time: float | None,
-    input_between: str | None,
+    input_interpolation: str | None,
     discrepancy: bool,
     save: tuple[str, ...],
     folder: str | None,
@@ -105,7 +105,7 @@ def predict(
     law = Law.load(law_path)
     if cluster or source.is_stream:
         given: dict[str, object] = {f"--save {each}": each for each in save if not is_of_kind(each, "table")}
-        given |= {"--discrepancy": discrepancy, "--input-between": input_between}
+        given |= {"--discrepancy": discrepancy, "--input-interpolation": input_interpolation}
         given |= {"--until": grid["until"], "--step": grid["step"]}
         source.check_streams()
         if refused := [name for name, value in given.items() if value]:
@@ -144,7 +144,7 @@ def predict(
             start=start,
             from_time=from_time,
             return_std=return_std,
-            input_between=input_between,
+            input_interpolation=input_interpolation,
             discrepancy=discrepancy,
         )
         errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")

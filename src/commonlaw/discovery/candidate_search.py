@@ -59,7 +59,7 @@ class Screened:
         """Return the structure after a screening of its terms on trials."""
         terms, schema = structure.terms(trials.schema), trials.schema
         known = structure.known_coefficients(schema, trials.objects)
-        needed = (structure.universal_coefficients(schema) | ~np.isnan(known).any(axis=0)).any(axis=0)
+        needed = (structure.shared_coefficients(schema) | ~np.isnan(known).any(axis=0)).any(axis=0)
         return cls(structure, terms, screen_terms(trials, terms, known, np.asarray(needed)))
 
     @cached_property
@@ -184,10 +184,10 @@ class CandidateSearch:
         faster, or fit better.
         """
         options = self.options
-        screened = Screened.of(with_logarithms(self.trials, options.positive), structure)
-        transformed = transform_trials(self.trials, options.positive, options.input_between)
+        screened = Screened.of(with_logarithms(self.trials, options.log_states), structure)
+        transformed = transform_trials(self.trials, options.log_states, options.input_interpolation)
         first = next(iter(structure.library.offers(screened.terms.variables)))
-        if first.count or options.unmeasured:
+        if first.count or options.latent_states:
             return self._candidate(screened, transformed, None, richer=True)
         coarse = None
         if is_coarse:
@@ -293,13 +293,13 @@ class CandidateSearch:
         pool, steps = choose_interpolation(
             begin,
             transformed,
-            input_between=options.input_between,
+            input_interpolation=options.input_interpolation,
             errors=options.errors,
             progress=self.progress,
             is_chosen=richer and plain is not None,
         )
-        chosen = pool.best.problem.trials.schema.input_between
-        if chosen != transformed.schema.input_between:
+        chosen = pool.best.problem.trials.schema.input_interpolation
+        if chosen != transformed.schema.input_interpolation:
             transformed = with_interpolation(transformed, chosen)
         if richer and most is None:
             # Only once, as it takes longest, under the interpolation chosen without a latent state
@@ -340,15 +340,17 @@ class CandidateSearch:
         """Return the pool with laws with a latent state, if one is requested or the law may lack one."""
         # With more objects it takes minutes; with one trial a latent state is hardly identifiable
         few = len(trials.objects) <= 10 and len(trials) > 1
-        seeks = screened.whole.library.seeks_unmeasured and few and may_be_simpler(pool.best, MAX_TERMS_OF_SIMPLE_LAW)
-        if screened.whole.order != 1 or not (self.options.unmeasured or seeks):
+        seeks = (
+            screened.whole.library.seeks_latent_states and few and may_be_simpler(pool.best, MAX_TERMS_OF_SIMPLE_LAW)
+        )
+        if screened.whole.order != 1 or not (self.options.latent_states or seeks):
             return pool
         return with_latent_state(pool, trials, most_samples=self.options.max_samples, progress=self.progress)
 
     def _offers(self, screened: Screened) -> tuple[tuple[ParametricTerm, ...], list[Offer]]:
         """Return candidate forcing terms, and all offers of richer terms including these."""
         variables = screened.terms.variables
-        forced = self.options.unmeasured and highest_order(screened.whole.order) == 2
+        forced = self.options.latent_states and highest_order(screened.whole.order) == 2
         driven = drives(variables) if forced else ()
         first, *richer = screened.whole.library.offers(variables)
         return driven, [replace(first, terms=(*first.terms, *driven)), *richer]

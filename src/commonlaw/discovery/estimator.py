@@ -22,7 +22,7 @@ from commonlaw.discovery.method import (
 from commonlaw.discovery.observed import discover_observed
 from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
-from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_unmeasured
+from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_latent_states
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
 from commonlaw.inference import can_be_subsampled
@@ -36,6 +36,7 @@ from commonlaw.library import CappedLibrary, one_order, order_of_each, parse_lib
 from commonlaw.library.functions import functions_in
 from commonlaw.library.libraries import LibraryGiven
 from commonlaw.outcomes import Outcome, note
+from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.runtime.parallel import one_blas_thread
@@ -65,7 +66,7 @@ class LawDiscovery:
 
     Parameters
     ----------
-    order, library, method, known, universal, unmeasured, observe, latent, progress, cache, client
+    order, library, method, known, shared, latent_states, observe, progress, cache, client
         See `discover`.
 
     Attributes
@@ -86,16 +87,16 @@ class LawDiscovery:
 
     law_: Law
 
+    @with_renamed_arguments
     def __init__(
         self,
         order: AskedOrder = "auto",
         library: LibraryGiven | Mapping[str, LibraryGiven] = "auto",
         method: AbstractMethod | None = None,
         known: Base | None = None,
-        universal: Sequence[Key] = (),
-        unmeasured: int = 0,
+        shared: Sequence[Key] = (),
+        latent_states: int | str | Sequence[str] = 0,
         observe: Mapping[str, str] | None = None,
-        latent: str | Sequence[str] = (),
         progress: ProgressCallback | None = None,
         cache: bool = True,
         client: "Client | None" = None,
@@ -104,10 +105,9 @@ class LawDiscovery:
         self.library = library
         self.method = method
         self.known = known
-        self.universal = universal
-        self.unmeasured = unmeasured
+        self.shared = shared
+        self.latent_states = latent_states
         self.observe = observe
-        self.latent = latent
         self.progress = progress
         self.cache = cache
         self.client = client
@@ -142,6 +142,7 @@ class LawDiscovery:
         self,
         trials: Trials | TrialStream,
         observe: Mapping[str, str],
+        latent: tuple[str, ...],
         progress: ProgressCallback,
         derivatives: GivenDerivatives | None,
     ) -> Law:
@@ -149,7 +150,8 @@ class LawDiscovery:
         if isinstance(trials, TrialStream):
             raise CommonlawError("not-for-streams")
         given = self.get_params(deep=False)
-        refused = [name for name in ("known", "universal", "unmeasured") if given[name]]
+        refused = [name for name in ("known", "shared") if given[name]]
+        refused += ["latent_states"] * (bool(self.latent_states) and not latent)
         refused += ["x_dot"] * (derivatives is not None)
         settings = dict[str, Any]()
         if isinstance(self.method, TrajectoryLikelihood):
@@ -169,7 +171,7 @@ class LawDiscovery:
             return discover_observed(
                 trials,
                 observe,
-                (self.latent,) if isinstance(self.latent, str) else tuple(self.latent),
+                latent,
                 None if library == "auto" else own,
                 noise=settings.get("noise"),
                 seed=settings.get("seed", 0),
@@ -180,18 +182,19 @@ class LawDiscovery:
     def _found(
         self, trials: Trials | TrialStream, progress: ProgressCallback, given: GivenDerivatives | None = None
     ) -> Law:
-        if self.observe or self.latent:
-            return self._observed(trials, self.observe or {}, progress, given)
+        count, names = _latent(self.latent_states)
+        if self.observe or names:
+            return self._observed(trials, self.observe or {}, names, progress, given)
         derivatives = None
         if given is not None:
             trials, derivatives = with_derivatives(trials, given)
         usual = (DerivativeRegression(), ()) if derivatives else _default(trials, self.order)
         method, instead = (self.method, ()) if self.method else usual
-        method = with_unmeasured(method, self.unmeasured)
+        method = with_latent_states(method, count)
         by_equation = isinstance(self.library, Mapping)
         order = 1 if (derivatives or by_equation) and self.order == "auto" else self.order
         constant = tuple[str, ...]()
-        if isinstance(trials, Trials) and not (by_equation or self.known or self.universal or derivatives):
+        if isinstance(trials, Trials) and not (by_equation or self.known or self.shared or derivatives):
             constant = states_at_rest(trials) if isinstance(order, str) or order in (1, 2) else ()
             trials = without_states(trials, constant)
         asked = self.library.values() if isinstance(self.library, Mapping) else [self.library]
@@ -220,14 +223,14 @@ class LawDiscovery:
             possible, without = _without_evidence(method, possible, isinstance(trials, TrialStream))
             instead = (*instead, *without)
         first = one_order([each[0] for each in possible])
-        structure = ModelStructure(first, library, {**absent, **known}, self.universal, derivatives)
+        structure = ModelStructure(first, library, {**absent, **known}, self.shared, derivatives)
         copies, resting = tuple[Outcome, ...](), tuple[str, ...]()
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
             trials, copies = _once(trials)
-            resting = () if self.universal else objects_at_rest(trials)
+            resting = () if self.shared else objects_at_rest(trials)
             trials = without_objects(trials, resting)
-            if not (known or self.universal):
+            if not (known or self.shared):
                 inputs = np.concatenate([trial.inputs for trial in trials]).T
                 counts = [len(np.unique(signal[np.isfinite(signal)])) for signal in inputs]
                 # At few values higher powers are linear combinations of lower ones
@@ -377,16 +380,16 @@ def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
     return trials.with_trials([each.measured() for each in kept]), tuple(outcomes)
 
 
+@with_renamed_arguments
 def discover(
     trials: Trials | TrialStream | Any,
     order: AskedOrder = "auto",
     library: LibraryGiven | Mapping[str, LibraryGiven] = "auto",
     method: AbstractMethod | None = None,
     known: Base | None = None,
-    universal: Sequence[Key] = (),
-    unmeasured: int = 0,
+    shared: Sequence[Key] = (),
+    latent_states: int | str | Sequence[str] = 0,
     observe: Mapping[str, str] | None = None,
-    latent: str | Sequence[str] = (),
     progress: ProgressCallback | None = None,
     cache: bool = True,
     client: "Client | None" = None,
@@ -422,14 +425,15 @@ def discover(
         as a base, whose terms join the library: equations with numbers (``"x'' = -9.81"``, letters being properties of
         the objects), a law, or a function of variables and properties that gives the highest derivatives,
         ``lambda v, diameter, mass: -0.2 * v * abs(v) * diameter**2 / mass``. What is discovered is what is left.
-    universal
+    shared
         Terms that have one coefficient for all objects, such as gravity: ``("1",)``; named as in `known`.
-    unmeasured
-        1 to look for a latent state, too, see `TrajectoryLikelihood`.
-    observe, latent
-        What was measured in place of states, by column, as expressions of states, inputs and parameters, and the names
-        of states without a column: ``observe={"y": "s (x + z) + b"}, latent="z"`` in a table of x and y. There have to
-        be as many states as measured quantities. Parameters of observations are estimated with the law, of first
+    latent_states
+        1 to consider laws with a latent state, too, see `TrajectoryLikelihood`. With `observe` the names of the states
+        without a column.
+    observe
+        Observation equations: what was measured in place of states, by column, as expressions of states, inputs and
+        parameters: ``observe={"y": "s (x + z) + b"}, latent_states="z"`` in a table of x and y. There have to be as
+        many states as measured quantities. Parameters of observations are estimated with the law, of first
         order, and are the same for all objects; what the law does not determine, such as the scale of a state that is
         seen through ``"s x"`` alone, is an error that names it. Of `TrajectoryLikelihood` noise and seed go with it;
         ``"auto"`` as the library is polynomials of degree 2, and of degree 3 where these show lack of fit.
@@ -461,10 +465,15 @@ def discover(
     <BLANKLINE>
     with v = x'
     """
-    estimator = LawDiscovery(
-        order, library, method, known, universal, unmeasured, observe, latent, progress, cache, client
-    )
+    estimator = LawDiscovery(order, library, method, known, shared, latent_states, observe, progress, cache, client)
     return estimator.fit(trials, x_dot).law_
+
+
+def _latent(states: int | str | Sequence[str]) -> tuple[int, tuple[str, ...]]:
+    """Return the number of latent states to look for, and the names of those that are given."""
+    if isinstance(states, str | Sequence):
+        return 0, (states,) if isinstance(states, str) else tuple(states)
+    return states, ()
 
 
 def _nested_parameters(name: str, value: object) -> Iterator[tuple[str, object]]:

@@ -34,6 +34,7 @@ from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
 from commonlaw.library.functions import functions_in
 from commonlaw.outcomes import Outcome, OutcomeKind, note
+from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
@@ -66,20 +67,21 @@ _OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
 """Stages of a history that say which errors a law has besides white noise."""
 
 
+@with_renamed_arguments
 def fit(
     equations: str | Sequence[str],
     trials: Trials | TrialStream | Any,
     *,
-    starts: Mapping[str, InitialGiven] | None = None,
-    starts_at: float | None = None,
+    initial_values: Mapping[str, InitialGiven] | None = None,
+    initial_time: float | None = None,
     doses: str | Sequence[str] = (),
-    universal: str | Sequence[str] | Mapping[str, str] = (),
+    shared: str | Sequence[str] | Mapping[str, str] = (),
     guesses: Mapping[str, float] | None = None,
     observe: Mapping[str, str] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     functions: Iterable[Callable[..., Any]] = (),
-    positive: Sequence[str] | None = None,
-    input_between: str | None = None,
+    log_states: Sequence[str] | None = None,
+    input_interpolation: str | None = None,
     noise: Mapping[str, float | str] | None = None,
     errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = FitOptions.huber_threshold,
@@ -125,24 +127,24 @@ def fit(
         What was measured: trials, or a table as `Trials.from_frame` takes it. Each object has its own coefficients. A
         stream is fitted file by file, see `refine`; such a
         law has no parameters inside terms, and no latent states.
-    starts
+    initial_values
         Initial values of states in the first sample of each trial, by name: a number, the name of a property of the
         objects, such as a dose, an expression of parameters and properties, a number for each object, a mean and a
         standard deviation, or None (the text ``"free"``) for what each trial determines. States that have one need no
-        column: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, starts={"depot": "dose"})``.
+        column: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, initial_values={"depot": "dose"})``.
         Those of measured states are estimated by default. Among the equations they are ``"x(0) = 1"``.
-    starts_at
-        The time of these starts, such as that of an injection, where it comes before the first sample. What was
+    initial_time
+        The time of these initial_values, such as that of an injection, where it comes before the first sample. What was
         measured is fitted there too.
     doses
         Inputs that hold amounts which are added at once, at the times of their rows and after what was measured there;
         zero elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A trial whose first dose is before
         its first measurement begins there, and the state counts as measured there: zero.
-    universal
-        Coefficients by their letters that all objects have in common, ``universal="k2"``; the others are each
+    shared
+        Coefficients by their letters that all objects have in common, ``shared="k2"``; the others are each
         object's own. Their common value is the mean that is weighted by the information
         of each object's trials (generalised least squares), which a fit of all objects together gives to first order.
-        A mapping names what has one value of a parameter: ``universal={"k2": "strain"}`` objects with the same value of
+        A mapping names what has one value of a parameter: ``shared={"k2": "strain"}`` objects with the same value of
         a property, or trials with the same value of an input that is constant in each, ``{"c": "all"}`` all trials, and
         ``{"b": "trial"}`` each trial. Of what differs between trials of an object, the law has the object's mean,
         ``law.observation.estimated`` the values, and `Law.predict` estimates it from each trial like initial values.
@@ -158,7 +160,7 @@ def fit(
     functions
         Functions of Python that the equations call by name, from arrays to an array: ``cl.fit("x'' = -k x - drag(v)",
         trials, functions=[drag])``, see `commonlaw.library.ExpressionLibrary`.
-    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
+    log_states, input_interpolation, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
         Settings of the fit, see `FitOptions`. In place of a standard deviation, `noise` may have the name of a property
         of the objects, ``noise={"signal": "lab"}``: that of each of its values is estimated. With `doses` inputs are on
         lines between samples by default.
@@ -195,57 +197,69 @@ def fit(
         equations, doses = textbook.equations, doses or textbook.doses
     called = functions_in(functions)
     if isinstance(trials, TrialStream):
-        if starts or doses or universal or guesses or observe or priors or called:
+        if initial_values or doses or shared or guesses or observe or priors or called:
             raise CommonlawError("not-for-streams")
         return _of_stream(equations, trials, settings, client)
     refuse_client(client)
     doses = (doses,) if isinstance(doses, str) else tuple(doses)
-    universal = (universal,) if isinstance(universal, str) else universal
-    groups = universal if isinstance(universal, Mapping) else dict.fromkeys(universal, ALL)
+    shared = (shared,) if isinstance(shared, str) else shared
+    groups = shared if isinstance(shared, Mapping) else dict.fromkeys(shared, ALL)
     model = ModelText.of(equations, observe)
-    if needs_model(model, trials, starts or {}, universal, priors) or any(
+    if needs_model(model, trials, initial_values or {}, shared, priors) or any(
         isinstance(v, str) for v in (noise or {}).values()
     ):
         if called:
             raise CommonlawError("function-with-observation", function=called[0].text)
-        own = {"starts": starts, "starts_at": starts_at, "universal": universal, "guesses": guesses, "priors": priors}
+        own = {
+            "initial_values": initial_values,
+            "initial_time": initial_time,
+            "shared": shared,
+            "guesses": guesses,
+            "priors": priors,
+        }
         changed = changed_settings("fit", settings)
         whole = equations if isinstance(equations, str) else "; ".join(equations)
         asked_of = {"observe": observe, "doses": doses, **own, **changed}
         calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
-        return _of_model(model, with_doses(trials, doses), calls, own | {"universal": groups}, changed)
+        return _of_model(model, with_doses(trials, doses), calls, own | {"shared": groups}, changed)
     asked = split_equations(equations)
     second = [each.state for each in asked if each.order == 2]
     trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
-    starts = {name: None if start == "free" else start for name, start in (starts or {}).items()}
-    universal = tuple(universal)
-    resting = () if universal or starts else objects_at_rest(trials)
+    initial_values = {name: None if start == "free" else start for name, start in (initial_values or {}).items()}
+    shared = tuple(shared)
+    resting = () if shared or initial_values else objects_at_rest(trials)
     trials = without_objects(trials, resting)
-    trials = _with_unmeasured(with_doses(trials, doses), asked, cast(dict[str, Start], starts), starts_at)
-    if doses and input_between is None:
-        settings["input_between"] = "linear"
+    trials = _with_latent_states(with_doses(trials, doses), asked, cast(dict[str, Start], initial_values), initial_time)
+    if doses and input_interpolation is None:
+        settings["input_interpolation"] = "linear"
     own_properties = property_names(trials.properties)
     given = read_equations(equations, trials.schema, properties=own_properties, functions=called)
     text = "; ".join((*given.texts, *(bound.text for bound in given.bounds)))
     history = (
         Step("equations", text, "as given"),
         *(
-            Step("start", f"{name} = {start}{'' if starts_at is None else f' at {starts_at:g}'}", _UNMEASURED)
+            Step("start", f"{name} = {start}{'' if initial_time is None else f' at {initial_time:g}'}", _UNMEASURED)
             if start is not None
             else Step("start", name, "latent state; the initial value was estimated in each trial")
-            for name, start in starts.items()
+            for name, start in initial_values.items()
         ),
         *_properties_in(given, trials),
     )
-    chosen: dict[str, Any] = {"universal": universal, "guesses": guesses}
-    values = {"starts": starts or None, "starts_at": starts_at, "doses": doses, **chosen, **settings}
+    chosen: dict[str, Any] = {"shared": shared, "guesses": guesses}
+    values = {
+        "initial_values": initial_values or None,
+        "initial_time": initial_time,
+        "doses": doses,
+        **chosen,
+        **settings,
+    }
     # Functions are no text
     calls = () if called else (call(fit, values, "cl.fit", repr(text), "trials"),)
     if given.order == 0:
         if given.terms.parameters:
             names = ", ".join(given.terms.variables.parameters)
             raise CommonlawError("discrete-with-parameters", names=names, variables=given.terms.variables.measured)
-        law = _next_samples(given, trials, {**settings, "universal": universal or None})
+        law = _next_samples(given, trials, {**settings, "shared": shared or None})
         # Of what a search says, only this concerns terms that were given
         ill_conditioned = (
             diagnostic for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.ILL_CONDITIONED
@@ -257,7 +271,7 @@ def fit(
     differentiation = suitable_differentiation(trials, given.order)
     known, domain = (*rates, *outcome_of_rest(resting)), Domain(at_rest=resting)
     provenance = Provenance(differentiation, known, history=history, equations=given.texts, domain=domain)
-    settings["input_between"] = settings["input_between"] or "auto"
+    settings["input_interpolation"] = settings["input_interpolation"] or "auto"
     unfitted = _unfitted(given, trials, provenance)
     parameters = named_parameters(unfitted)
     for name, value in (guesses or {}).items():
@@ -265,19 +279,19 @@ def fit(
         within = [bound for bound in given.bounds if bound.name == name]
         if not np.isfinite(value) or value == 0 or not all(each.holds(np.array(value)) for each in within):
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
-    if guesses and starts:
+    if guesses and initial_values:
         raise CommonlawError("guess-with-latent-states")
     begun = with_initial_parameters(unfitted, trials, given.bounds, guesses, **settings)
-    shared = _coefficients_of(universal, begun)
+    equal = _coefficients_of(shared, begun)
     apart = settings | {"partial_pooling": False}
-    law = refine(begun, trials, **apart if universal else settings)
+    law = refine(begun, trials, **apart if shared else settings)
     if _outside(law, given.bounds):
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
-        law = law if universal else pool_objects(law, None, partial_pooling)
-    law = pool_objects(law, shared, partial_pooling) if universal else law
+        law = law if shared else pool_objects(law, None, partial_pooling)
+    law = pool_objects(law, equal, partial_pooling) if shared else law
 
     def under_white_noise() -> Law:
-        return pool_objects(refine(begun, trials, **{**apart, "errors": "white"}), shared, partial_pooling)
+        return pool_objects(refine(begun, trials, **{**apart, "errors": "white"}), equal, partial_pooling)
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors)
@@ -294,17 +308,17 @@ def _of_model(
 ) -> Law:
     """Return the law of equations that only `commonlaw.estimation` fits: by least squares of trajectories."""
     check_white(settings)
-    between = settings.get("input_between") or ("linear" if trials.schema.doses else "auto")
+    between = settings.get("input_interpolation") or ("linear" if trials.schema.doses else "auto")
     if between != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
-        tried = [between.replace("auto", trials.schema.input_between)]
+        tried = [between.replace("auto", trials.schema.input_interpolation)]
     else:
         tried = ["linear", *(each for each in BETWEEN if each != "linear")]
     laws = [
         fit_model(
             text,
-            replace(trials, schema=replace(trials.schema, input_between=each)),
-            **given | {"starts": given["starts"] or {}},
-            positive=settings.get("positive") or (),
+            replace(trials, schema=replace(trials.schema, input_interpolation=each)),
+            **given | {"initial_values": given["initial_values"] or {}},
+            log_states=settings.get("log_states") or (),
             noise=settings.get("noise"),
             seed=settings.get("seed", 0),
             progress=settings.get("progress") or on_terminal(),
@@ -520,24 +534,24 @@ def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
     )
 
 
-def _with_unmeasured(
-    trials: Trials, asked: Sequence[Equation], starts: Mapping[str, Start], starts_at: float | None
+def _with_latent_states(
+    trials: Trials, asked: Sequence[Equation], initial_values: Mapping[str, Start], initial_time: float | None
 ) -> Trials:
     """Return trials with the latent states of equations, whose initial values are given."""
     schema, states = trials.schema, [each.state for each in asked]
-    for name in starts:
+    for name in initial_values:
         check_choice("state of the equations", name, states)
         if name in schema.inputs:
             raise CommonlawError("equation-of-input", name=name)
-    lacking = [name for name in states if name not in (*schema.states, *schema.inputs, *starts)]
-    if starts and lacking:
+    lacking = [name for name in states if name not in (*schema.states, *schema.inputs, *initial_values)]
+    if initial_values and lacking:
         raise CommonlawError("equation-without-column", name=lacking[0])
     for each in asked:
-        if each.state in starts and each.order != 1:
+        if each.state in initial_values and each.order != 1:
             raise CommonlawError("latent-of-second-order", state=each.state)
-    if starts_at is not None and not starts:
+    if initial_time is not None and not initial_values:
         raise CommonlawError("initial-time-without-values")
-    return with_starts(trials, starts, starts_at)
+    return with_starts(trials, initial_values, initial_time)
 
 
 def _properties_in(given: GivenEquations, trials: Trials) -> list[Step]:

@@ -52,7 +52,7 @@ class ModelStructure:
         Candidate terms.
     known
         Known coefficients, see `Known`.
-    universal
+    shared
         Terms with a shared coefficient of all objects.
     derivatives
         Given derivatives of the states in each trial.
@@ -61,7 +61,7 @@ class ModelStructure:
     order: Order
     library: AbstractLibrary = field(default_factory=lambda: PolynomialLibrary(3))
     known: Known = field(default_factory=dict)
-    universal: Sequence[Key] = ()
+    shared: Sequence[Key] = ()
     derivatives: TrialDerivatives | None = None
 
     def terms(self, schema: Schema) -> Terms:
@@ -101,24 +101,24 @@ class ModelStructure:
             result[:, equation, term] = [_number(key, values[name]) for name in objects]
         return result
 
-    def universal_coefficients(self, schema: Schema) -> Bools:
+    def shared_coefficients(self, schema: Schema) -> Bools:
         """Return which coefficients are shared by all objects, shape (equations, terms).
 
         Raises `CommonlawError` if a term or state is unknown.
         """
         terms = self.terms(schema)
         result = np.zeros((len(schema.states), len(terms)), dtype=np.bool_)
-        for key in self.universal:
+        for key in self.shared:
             result[_index_of(key, schema.states, terms)] = True
         return result
 
-    def universal_in(self, law: Law) -> Bools:
+    def shared_in(self, law: Law) -> Bools:
         """Return which coefficients of a law are shared by all objects, shape (equations, terms)."""
-        schema = replace(law.schema, states=law.schema.measured, starts={}, starts_at=None)
-        universal, names = self.universal_coefficients(schema), self.terms(schema).names
-        universal = np.pad(universal, ((0, len(law.schema.states) - len(universal)), (0, 0)))
-        columns = {name: universal[:, k] for k, name in enumerate(names)}
-        return np.column_stack([columns.get(name, np.zeros(len(universal), dtype=bool)) for name in law.terms.names])
+        schema = replace(law.schema, states=law.schema.measured, initial_values={}, initial_time=None)
+        shared, names = self.shared_coefficients(schema), self.terms(schema).names
+        shared = np.pad(shared, ((0, len(law.schema.states) - len(shared)), (0, 0)))
+        columns = {name: shared[:, k] for k, name in enumerate(names)}
+        return np.column_stack([columns.get(name, np.zeros(len(shared), dtype=bool)) for name in law.terms.names])
 
 
 def of_each_equation(

@@ -386,7 +386,7 @@ def _begun(
     apart = begin(text, trials, {}, noise=noise or {})
     properties = property_names(trials.properties)
     shared = [name for name in apart.model.parameters if name not in properties]
-    return begin(text, trials, {}, universal=dict.fromkeys(shared, ALL), noise=noise or {})
+    return begin(text, trials, {}, shared=dict.fromkeys(shared, ALL), noise=noise or {})
 
 
 def _exact(
@@ -426,12 +426,12 @@ def _exact(
     return fit_model(
         ModelText.of(text, observe),
         trials,
-        starts={},
-        starts_at=None,
-        universal=dict.fromkeys(shared, ALL),
+        initial_values={},
+        initial_time=None,
+        shared=dict.fromkeys(shared, ALL),
         guesses=None,
         priors=None,
-        positive=(),
+        log_states=(),
         noise=noise,
         seed=seed,
         progress=progress,

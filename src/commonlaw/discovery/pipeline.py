@@ -133,7 +133,7 @@ def _law(search: CandidateSearch, best: Candidate) -> Law:
         best.pool,
         kinds=error_kinds(options.errors, search.trials.schema),
         covariance=options.covariance,
-        universal=structure.universal_in,
+        shared=structure.shared_in,
         partial_pooling=options.partial_pooling,
         seed=options.seed,
         progress=part(search.progress, 0.9, 1.0),

@@ -138,18 +138,18 @@ class AbstractRegression(AbstractMethod):
             np.nan_to_num(known),
             provenance=Provenance(self.initial_rates(trials, structure.order)),
         )
-        universal = structure.universal_coefficients(schema)
+        shared = structure.shared_coefficients(schema)
         progress("choosing terms")
         if solver is not None and solver.hyperparameter is not None:
             rest = data.subtract(law.coefficients).problems
-            result = fitted_law(law, _sharing(solver, universal).solve(rest, np.isnan(known[0])), solver)
+            result = fitted_law(law, _sharing(solver, shared).solve(rest, np.isnan(known[0])), solver)
         else:
             listed: tuple[AbstractSolver, ...] = (
                 (solver,) if solver is not None else (STLSQ(normalize=True), BestSubset())
             )
             if solver is None and len(terms) > 60:
                 listed = StepwiseSelection(direction="forward"), StepwiseSelection(direction="backward")
-            solvers = [_sharing(each, universal) for each in listed]
+            solvers = [_sharing(each, shared) for each in listed]
             accuracy = Accuracy(formulation, terms, data.samples)
             choose = partial(
                 select, data, known, solvers, accuracy, rule=self.rule, n_resamples=self.n_resamples, seed=self.seed
@@ -197,10 +197,10 @@ def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> No
         )
 
 
-def _sharing(solver: AbstractSolver, universal: Bools) -> AbstractSolver:
-    """Return the solver with shared coefficients where `universal`, shape (equations, terms)."""
-    for equation in np.flatnonzero(universal.any(axis=1)):
-        equal = tuple(int(term) for term in np.flatnonzero(universal[equation]))
+def _sharing(solver: AbstractSolver, shared: Bools) -> AbstractSolver:
+    """Return the solver with shared coefficients where `shared`, shape (equations, terms)."""
+    for equation in np.flatnonzero(shared.any(axis=1)):
+        equal = tuple(int(term) for term in np.flatnonzero(shared[equation]))
         solver = ConstrainedSolver(solver, equal, equation=int(equation))
     return solver
 

@@ -78,8 +78,8 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         """
         check_supported(self, stream, structure)
         nonlinear = structure.parametric(stream.schema) or structure.ratios(stream.schema)
-        if nonlinear or self.unmeasured:
-            what = "unmeasured=1" if self.unmeasured else "a term with nonlinear parameters"
+        if nonlinear or self.latent_states:
+            what = "latent_states=1" if self.latent_states else "a term with nonlinear parameters"
             raise CommonlawError("stream-with-option", what=what)
         errors = "white" if self.errors == "auto" else self.errors
         weighing = {"noise": self.noise, "errors": errors, "huber_threshold": self.huber_threshold}
@@ -105,7 +105,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
             best.provenance, domain=law.provenance.domain, outcomes=(), alternatives=(), history=(*best.history, *steps)
         )
         law = replace(law, provenance=provenance)
-        return with_pooled_forecasts(law, structure.universal_in(law), self.partial_pooling)
+        return with_pooled_forecasts(law, structure.shared_in(law), self.partial_pooling)
 
 
 def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: TrialStream) -> Law:
@@ -122,7 +122,7 @@ def _fitted(law: Law, settings: dict[str, Any], trials: Trials) -> Law:
     return refine(typical(law, trials.objects), trials, **settings, partial_pooling=False, progress=silent)
 
 
-def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
+def with_latent_states(method: AbstractMethod, count: int) -> AbstractMethod:
     """Return the method with a search for so many latent states."""
     if not count:
         return method
@@ -130,4 +130,4 @@ def with_unmeasured(method: AbstractMethod, count: int) -> AbstractMethod:
         name = type(method).__name__
         remedy = Diagnostic("leave-out" if 0 in method.orders else "use-trajectory-likelihood")
         raise CommonlawError("latent-states-unsupported", count=count, method=name, remedy=remedy)
-    return replace(method, unmeasured=count)
+    return replace(method, latent_states=count)

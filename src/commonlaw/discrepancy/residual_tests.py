@@ -388,7 +388,7 @@ def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent
     found = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
     size = pairs + trials
     total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
-    positive = "autocorrelated: an unmodelled force, or autocorrelated errors (`errors='correlated'`)"
+    positive = "autocorrelated: an unmodelled force, or autocorrelated errors (`errors='autocorrelated'`)"
     negative = "negatively autocorrelated: rounded or differenced samples, or too coarse steps"
     yield Tested("autocorrelation", float(found), float(chi2.sf(total, 1)), positive if found > 0 else negative)
     yield _growth(sums, name, spent / sums.count)

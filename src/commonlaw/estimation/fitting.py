@@ -46,8 +46,8 @@ InitialGiven = Start | tuple[float, float] | Mapping[str, float | None]
 def needs_model(
     text: ModelText,
     trials: Trials,
-    starts: Mapping[str, InitialGiven],
-    universal: Sequence[str] | Mapping[str, str],
+    initial_values: Mapping[str, InitialGiven],
+    shared: Sequence[str] | Mapping[str, str],
     priors: Mapping[str, tuple[float, float]] | None,
 ) -> bool:
     """Return whether equations are to be fitted as a model: what `commonlaw.refine` fits has none of these."""
@@ -57,14 +57,14 @@ def needs_model(
         or isinstance(start, tuple)
         or (isinstance(start, str) and start != FREE and start not in names)
         or (isinstance(start, Mapping) and any(each is None or isinstance(each, str) for each in start.values()))
-        for name, start in starts.items()
+        for name, start in initial_values.items()
     )
     censored = any(np.isfinite(trial.below).any() for trial in trials)
     sparse = has_sparse_states(tuple(trials), trials.schema)
-    return bool(not text.is_plain or special or censored or sparse or priors or isinstance(universal, Mapping))
+    return bool(not text.is_plain or special or censored or sparse or priors or isinstance(shared, Mapping))
 
 
-_SETTINGS = ("positive", "input_between", "noise", "errors", "seed", "n_jobs", "progress")
+_SETTINGS = ("log_states", "input_interpolation", "noise", "errors", "seed", "n_jobs", "progress")
 """Settings of fits that may be made here."""
 
 
@@ -108,12 +108,12 @@ def fit_model(
     text: ModelText,
     trials: Trials,
     *,
-    starts: Mapping[str, InitialGiven],
-    starts_at: float | None,
-    universal: Mapping[str, str],
+    initial_values: Mapping[str, InitialGiven],
+    initial_time: float | None,
+    shared: Mapping[str, str],
     guesses: Mapping[str, float] | None,
     priors: Mapping[str, tuple[float, float]] | None,
-    positive: Sequence[str],
+    log_states: Sequence[str],
     noise: Mapping[str, float | str] | None,
     seed: int,
     progress: ProgressCallback,
@@ -121,7 +121,7 @@ def fit_model(
     first: Mapping[str, float] | None = None,
 ) -> Law:
     """Return the law of largest likelihood, see `commonlaw.fit`; from one first value by label, if these are given."""
-    begun = begin(text, trials, starts, starts_at, universal, guesses, priors, positive, noise)
+    begun = begin(text, trials, initial_values, initial_time, shared, guesses, priors, log_states, noise)
     if first is None:
         return begun.fitted(seed, progress).law(calls)
     begun = replace(begun, first=np.array([first[label] for label in begun.unknowns.labels]))
@@ -135,8 +135,8 @@ def refit(
     equations: Sequence[str] | None = None,
     inputs: Literal["same", "any"] = "same",
     noise: Mapping[str, float] | None = None,
-    positive: Sequence[str] | None = None,
-    input_between: str | None = None,
+    log_states: Sequence[str] | None = None,
+    input_interpolation: str | None = None,
     seed: int = 0,
     progress: ProgressCallback,
 ) -> "Fitted":
@@ -156,7 +156,7 @@ def refit(
     trials = matched(law, trials, inputs=inputs, observed=True, noise=False)
     given = law.observation and law.observation.restrictions
     groups = {name: by for name, by in given.noise.items() if isinstance(by, str)} if given else {}
-    begun = beginning_of(law, trials, {**groups, **(levels or {})}, equations, positive, input_between)
+    begun = beginning_of(law, trials, {**groups, **(levels or {})}, equations, log_states, input_interpolation)
     return begun.fitted(seed, progress)
 
 
@@ -165,8 +165,8 @@ def beginning_of(
     trials: Trials,
     noise: Mapping[str, float | str],
     equations: Sequence[str] | None = None,
-    positive: Sequence[str] | None = None,
-    input_between: str | None = None,
+    log_states: Sequence[str] | None = None,
+    input_interpolation: str | None = None,
 ) -> "Beginning":
     """Return how a fit of a law to trials in its units begins, with noise as in `commonlaw.fit`, see `refit`."""
     if law.order == 0:
@@ -174,8 +174,8 @@ def beginning_of(
     if not shares_terms(law):
         raise CommonlawError("refine-own-terms")
     observation = law.observation
-    between = input_between or measured_schema(law).input_between
-    trials = replace(trials, schema=replace(trials.schema, input_between=between))
+    between = input_interpolation or measured_schema(law).input_interpolation
+    trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
     written = equations or law.provenance.equations or law.structure
     text, restrictions, free = ModelText.of(written), Restrictions(), list[str]()
     if observation is not None:
@@ -188,11 +188,11 @@ def beginning_of(
     begun = begin(
         text,
         trials,
-        dict(law.schema.starts) if observation is None else dict.fromkeys(free),
-        law.schema.starts_at if observation is None else observation.initial_time,
-        restrictions.universal,
+        dict(law.schema.initial_values) if observation is None else dict.fromkeys(free),
+        law.schema.initial_time if observation is None else observation.initial_time,
+        restrictions.shared,
         priors=restrictions.priors,
-        positive=measured_schema(law).logarithmic if positive is None else positive,
+        log_states=measured_schema(law).logarithmic if log_states is None else log_states,
         noise=noise,
     )
     return replace(begun, first=_values_of(law, begun))
@@ -213,7 +213,7 @@ def updated(law: Law, trials: Trials) -> Law:
     for owner in trials.objects:
         begun, o = beginning_of(law, trials.select(object=owner), levels), object_index(law, owner)
         names, problem = begun.unknowns.names, begun.problem
-        by = {name: begun.restrictions.universal.get(name, OBJECT) for name in named.names}
+        by = {name: begun.restrictions.shared.get(name, OBJECT) for name in named.names}
         own = [i for i, name in enumerate(names) if name in by and not by_trial(by[name], trials.schema)]
         at = [named.names.index(names[i]) for i in own]
         prior = NormalPrior.joint(own, named.values[o, at], named.covariance[o][np.ix_(at, at)])
@@ -305,37 +305,37 @@ class Beginning:
 def begin(
     text: ModelText,
     trials: Trials,
-    starts: Mapping[str, InitialGiven],
-    starts_at: float | None = None,
-    universal: Mapping[str, str] | None = None,
+    initial_values: Mapping[str, InitialGiven],
+    initial_time: float | None = None,
+    shared: Mapping[str, str] | None = None,
     guesses: Mapping[str, float] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
-    positive: Sequence[str] = (),
+    log_states: Sequence[str] = (),
     noise: Mapping[str, float | str] | None = None,
 ) -> Beginning:
     """Return a model and trials as a fit begins with them; the arguments are those of `fit_model`."""
-    properties, universal, priors = property_names(trials.properties), universal or {}, priors or {}
-    model = read_model(with_initial(text, starts, trials), trials.schema, properties)
-    _check_latent(model, starts)
-    unknowns = _unknowns(model, trials, properties, universal)
+    properties, shared, priors = property_names(trials.properties), shared or {}, priors or {}
+    model = read_model(with_initial(text, initial_values, trials), trials.schema, properties)
+    _check_latent(model, initial_values)
+    unknowns = _unknowns(model, trials, properties, shared)
     known, groups = _checked_noise(trials, noise or {})
-    shown = with_logarithms(trials, positive)
-    problem = _problem(model, with_noise(shown, known), unknowns, starts_at, priors)
+    shown = with_logarithms(trials, log_states)
+    problem = _problem(model, with_noise(shown, known), unknowns, initial_time, priors)
     first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
     problem = _with_groups(replace(problem, sizes=state_sizes), groups)
     written = tuple(bound.text for bound in text.bounds)
-    restrictions = Restrictions(dict(universal), dict(priors), written, dict(noise or {}))
+    restrictions = Restrictions(dict(shared), dict(priors), written, dict(noise or {}))
     bounds = _bounds(model, trials, unknowns)
     logarithmic = shown.schema.logarithmic
     return Beginning(
-        model, trials, unknowns, problem, first, guessed, bounds, groups, logarithmic, starts_at, restrictions
+        model, trials, unknowns, problem, first, guessed, bounds, groups, logarithmic, initial_time, restrictions
     )
 
 
-def with_initial(text: ModelText, starts: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
+def with_initial(text: ModelText, initial_values: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
     """Return the text with initial values that are given apart from it."""
     properties, initial = property_names(trials.properties), dict(text.initial)
-    for name, start in starts.items():
+    for name, start in initial_values.items():
         if start is None or start == FREE:
             initial.pop(name, None)
         elif isinstance(start, str):
@@ -373,9 +373,9 @@ def _check_latent(model: Model, given: Mapping[str, InitialGiven]) -> None:
             raise CommonlawError("equation-without-column", name=name)
 
 
-def _unknowns(model: Model, trials: Trials, properties: Sequence[str], universal: Mapping[str, str]) -> Unknowns:
-    result, shared = Unknowns(), dict[tuple[str, object], int]()
-    for name in universal:
+def _unknowns(model: Model, trials: Trials, properties: Sequence[str], shared: Mapping[str, str]) -> Unknowns:
+    result, indices_of = Unknowns(), dict[tuple[str, object], int]()
+    for name in shared:
         check_choice("parameter", name, [parameter for parameter in model.parameters if parameter not in properties])
     for trial in trials:
         indices, values = list[int](), list[float]()
@@ -384,13 +384,13 @@ def _unknowns(model: Model, trials: Trials, properties: Sequence[str], universal
                 indices.append(-1)
                 values.append(number_of(name, trial.object, trials))
                 continue
-            by = universal.get(name, OBJECT)
+            by = shared.get(name, OBJECT)
             key = _group(by, trial, trials)
-            if (name, key) not in shared:
+            if (name, key) not in indices_of:
                 alone = by == ALL or (by == OBJECT and len(trials.objects) == 1)
                 label = trial.label if by == TRIAL else key
-                shared[name, key] = result.add(name, name if alone else f"{name} of {label}")
-            indices.append(shared[name, key])
+                indices_of[name, key] = result.add(name, name if alone else f"{name} of {label}")
+            indices.append(indices_of[name, key])
             values.append(0.0)
         result.parameters.append(indices)
         result.values.append(values)
@@ -530,9 +530,9 @@ def _sizes(
         said.append((expression, measured[name]))
     said += [(each, known[i]) for i, each in enumerate(model.initial) if each is not None and i in known]
     found = likely_sizes(said, known, len(columns), span)
-    starts = {f"{name}(0)": found[i] for i, name in enumerate(model.variables.states)}
+    initial_values = {f"{name}(0)": found[i] for i, name in enumerate(model.variables.states)}
     by_name = {**{name: found[i] for name, i in columns.items()}}
-    sizes = np.array([starts[name] if name in starts else by_name[name] for name in unknowns.names])
+    sizes = np.array([initial_values[name] if name in initial_values else by_name[name] for name in unknowns.names])
     guessed = np.array([name in guesses for name in unknowns.names], dtype=np.bool_)
     for i, name in enumerate(unknowns.names):
         if name in guesses:
@@ -640,7 +640,7 @@ def _law(fitted: Fitted, calls: tuple[str, ...]) -> Law:
     largest = [np.abs(problem.predicted(trial, optimum.unknowns, False).states).max(axis=0) for trial in problem.trials]
     sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), _TINY).tolist(), strict=True))
     errors = np.sqrt(np.diagonal(optimum.covariance))
-    apart = [by_trial(begun.restrictions.universal.get(name, OBJECT), trials.schema) for name in model.parameters]
+    apart = [by_trial(begun.restrictions.shared.get(name, OBJECT), trials.schema) for name in model.parameters]
     estimated = tuple(
         TrialEstimate(trial.object, trial.name, unknowns.names[k], float(optimum.unknowns[k]), float(errors[k]))
         for trial, parameter, indices in zip(trials, unknowns.parameters, unknowns.initial, strict=True)

@@ -238,7 +238,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         measured.trial,
         measured.time,
         units,
-        input_between=measured.input_between,
+        input_interpolation=measured.input_interpolation,
         rates=rates,
     )
     order = one_order([each.order for each in left])

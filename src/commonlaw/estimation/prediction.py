@@ -35,7 +35,7 @@ def predict_observed(
     start: int | Literal["all"] | None = None,
     from_time: float | None = None,
     return_std: bool = False,
-    input_between: str | None = None,
+    input_interpolation: str | None = None,
 ) -> Forecast:
     """Return what should have been measured in trials, see `Law.predict`.
 
@@ -54,7 +54,9 @@ def predict_observed(
     trials = matched(law, trials, observed=True)
     for name in trials.objects:
         object_index(law, name)
-    measured = replace(observation.measured, input_between=input_between or observation.measured.input_between)
+    measured = replace(
+        observation.measured, input_interpolation=input_interpolation or observation.measured.input_interpolation
+    )
     text = ModelText(law.provenance.equations, observation.equations, observation.initial)
     model = read_model(text, measured, property_names(trials.properties))
     more = np.zeros(0) if times is None else np.atleast_1d(np.asarray(times, dtype=np.float64))
@@ -134,7 +136,7 @@ class _Curve:
         """
         values, covariance = _parameters(law, model, trials, trial.object)
         count, restrictions = len(values), observation.restrictions or Restrictions()
-        shared = [restrictions.universal.get(name, OBJECT) for name in model.parameters]
+        shared = [restrictions.shared.get(name, OBJECT) for name in model.parameters]
         own = [i for i, by in enumerate(shared) if by_trial(by, observation.measured)]
         free = [*own, *(count + j for j in model.free_of(trial.object))]
         place = {index: k for k, index in enumerate(free)}

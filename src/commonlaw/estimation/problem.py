@@ -63,7 +63,7 @@ class TrialData:
         times = np.union1d([first], trial.times)
         inputs = NO_INPUTS
         if trial.inputs.shape[1]:
-            own = Inputs.of(trial.times, trial.inputs, model.schema.input_between)
+            own = Inputs.of(trial.times, trial.inputs, model.schema.input_interpolation)
             inputs = DelayedInputs(own, model.column, model.delay)
         indices, free = (np.array(each, dtype=np.int64) for each in (parameter, initial))
         rows, fixed = np.searchsorted(times, trial.times), model.initial_of(trial.object)

@@ -85,10 +85,10 @@ def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | Non
         raise CommonlawError("profile-without-equations")
     parameters = named_parameters(law)
     check_choice("parameter", parameter, parameters.names)
-    universal = {} if law.observation is None else (law.observation.restrictions or Restrictions()).universal
-    if by_trial(universal.get(parameter, OBJECT), measured_schema(law)):
-        raise CommonlawError("profile-by-trial", parameter=parameter, by=universal[parameter])
-    alone = all(by in (OBJECT, TRIAL) for by in universal.values())
+    shared = {} if law.observation is None else (law.observation.restrictions or Restrictions()).shared
+    if by_trial(shared.get(parameter, OBJECT), measured_schema(law)):
+        raise CommonlawError("profile-by-trial", parameter=parameter, by=shared[parameter])
+    alone = all(by in (OBJECT, TRIAL) for by in shared.values())
     related = trials.select(object=owner) if alone else trials
     begun = beginning_of(law, matched(law, related, observed=True), {})
     rows = zip(begun.trials, begun.unknowns.parameters, strict=True)

@@ -203,7 +203,7 @@ def usual(law: Law, trials: Trials) -> dict[str, Options]:
         spread = max(np.ptp(trajectory.states[:, j]) for trajectory in followed.trajectories)
         if name in rates and np.abs(starts[:, j]).max() < _REST * spread:
             result[name] = (0.0,)
-        elif name not in law.schema.starts:
+        elif name not in law.schema.initial_values:
             result[name] = _between(starts[:, j])
     if law.schema.doses:
         result |= _usual_doses(law, trials)

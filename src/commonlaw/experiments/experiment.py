@@ -239,7 +239,7 @@ def _some(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def _check_complete(options: Mapping[str, Options], law: Law) -> None:
     """Refuse settings that leave open what every experiment needs, or have values that it cannot have."""
-    known = {*options, *law.schema.starts}
+    known = {*options, *law.schema.initial_values}
     lacking = [name for name in (*law.terms.variables.states, *law.terms.variables.inputs) if name not in known]
     if "times" not in options:
         lacking += [name for name in ("duration",) if name not in options]
@@ -330,7 +330,7 @@ class Experiment:
             inputs = inputs_of_doses(times, amounts)
         elif names:
             columns = np.column_stack([_course(settings, name, times) for name in names])
-            inputs = Inputs.of(times, columns, law.schema.input_between)
+            inputs = Inputs.of(times, columns, law.schema.input_interpolation)
         return cls(dict(settings), objects, times, start, known, inputs, properties, repeats, prices)
 
     def until(self, time: float) -> "Experiment":
@@ -364,7 +364,7 @@ class Experiment:
         who = "each object" if chosen == EACH else self.objects[0]
         if self.properties:
             who = f"a new object with {', '.join(valued(*pair) for pair in self.properties.items())}"
-        states = [name for name in law.terms.variables.states if name not in law.schema.starts]
+        states = [name for name in law.terms.variables.states if name not in law.schema.initial_values]
         start = ", ".join(valued(name, self.start[law.terms.variables.states.index(name)]) for name in states)
         inputs = [self._input(name, law, units) for name in law.schema.inputs]
         span = f"{self.times[-1] - self.times[0]:.3g} {units.get(law.schema.time, '')}".rstrip()
@@ -410,7 +410,7 @@ def _times(settings: Mapping[str, Value]) -> Floats:
 def _start(law: Law, settings: Mapping[str, Value], name: str) -> float:
     if name in settings:
         return _number(settings, name)
-    value = law.schema.starts[name]
+    value = law.schema.initial_values[name]
     if not isinstance(value, Real):
         raise CommonlawError("experiment-start", name=name)
     return float(value)

@@ -288,7 +288,7 @@ class _Planned:
     def free_starts(self) -> list[int]:
         """The states (and rates) whose starts the measurements alone tell."""
         estimated, states = ~np.isfinite(self.experiment.start_std), len(self.law.schema.states)
-        seen = np.append(~self.law.schema.unmeasured, np.ones(len(estimated) - states, dtype=np.bool_))
+        seen = np.append(~self.law.schema.is_latent, np.ones(len(estimated) - states, dtype=np.bool_))
         return np.flatnonzero(estimated & seen).tolist()
 
     @property
@@ -319,7 +319,7 @@ class _Planned:
         if found.outcome is not None or found.sensitivities is None or not np.isfinite(found.sensitivities).all():
             return None
         width = found.states.shape[1]
-        seen = np.flatnonzero(~law.schema.unmeasured)
+        seen = np.flatnonzero(~law.schema.is_latent)
         by_own = found.sensitivities[:, :, :-width]
         by_start = found.sensitivities[:, :, -width:]
         by_set = by_start[:, seen].reshape(-1, width)
@@ -362,7 +362,7 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: flo
     for the mean of 1/`share` samples.
     """
     assert law.uncertainty.noise is not None
-    errors, measured = law.uncertainty.error_model, ~law.schema.unmeasured
+    errors, measured = law.uncertainty.error_model, ~law.schema.is_latent
     own = states[:, : len(law.schema.states)]
     white_std = np.asarray(
         law.uncertainty.error_model.white_std(own, np.asarray(law.uncertainty.noise)) + np.zeros_like(own)

@@ -362,7 +362,7 @@ def begin(
     times: ArrayLike | None,
     start: int | Literal["all"] | None,
     from_time: float | None,
-    input_between: str | None,
+    input_interpolation: str | None,
 ) -> tuple[Trials, list[Beginning]]:
     """Return the trials that can be forecast, with samples at all times that are wanted, and where each begins."""
     wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
@@ -374,7 +374,7 @@ def begin(
         raise CommonlawError("forecast-from-time", from_time=from_time)
     result, lost = [], []
     for trial in trials:
-        inputs = Inputs.of(trial.times, trial.inputs, input_between or law.schema.input_between)
+        inputs = Inputs.of(trial.times, trial.inputs, input_interpolation or law.schema.input_interpolation)
         extended = with_times(trial, inputs, wanted) if len(wanted) else trial
         if from_time is None:
             measured = trial if law.schema.doses else trial.measured()
@@ -431,7 +431,7 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
     if not can_fit_initial_state(law) or ahead:
         return len(trial) if ahead and can_fit_initial_state(law) else 1
     is_known = np.isfinite(trial.states)
-    known = is_known[:, ~law.schema.unmeasured].cumsum(axis=0).min(axis=1)
+    known = is_known[:, ~law.schema.is_latent].cumsum(axis=0).min(axis=1)
     if rate_names(law) and law.provenance.differentiation is not None:
         count = max(MIN_SAMPLES, _samples(law.provenance.differentiation, len(trial)))
         if known[:count][-1] >= MIN_SAMPLES:

@@ -30,8 +30,8 @@ class Population(NamedTuple):
     note: str
 
 
-def with_pooled_forecasts(law: Law, universal: Bools, others: bool) -> Law:
-    """Return the law of each object's own coefficients, but for universal ones, that forecasts by pooled ones.
+def with_pooled_forecasts(law: Law, shared: Bools, others: bool) -> Law:
+    """Return the law of each object's own coefficients, but for shared ones, that forecasts by pooled ones.
 
     Pooled coefficients have the smaller mean square error over objects, and intervals by each object's own trials hold
     the truth where the population is not as pooling takes it (Efron and Morris 1971).
@@ -40,11 +40,11 @@ def with_pooled_forecasts(law: Law, universal: Bools, others: bool) -> Law:
     ----------
     law
         Whose objects do not depend on each other.
-    universal, others
+    shared, others
         See `commonlaw.law.pool_objects`.
     """
-    own = pool_objects(law, universal, False)
-    drawn = pool_objects(law, universal, True) if others else own
+    own = pool_objects(law, shared, False)
+    drawn = pool_objects(law, shared, True) if others else own
     if not others or drawn.uncertainty.unpooled is None:
         return own
     estimates = ObjectEstimates(drawn.coefficients[:, law.support], drawn.uncertainty.known_covariance())

@@ -97,7 +97,7 @@ def _given_inputs(
         if values.ndim and values.shape not in (shape, shape[:1] if shape[1] == 1 else ()):
             raise CommonlawError("input-shape", names=names[columns], shape=values.shape, samples=len(grid))
         arrays[:, columns] = values.reshape(shape) if values.ndim else values
-    between = Inputs.of(grid, arrays, schema.input_between)
+    between = Inputs.of(grid, arrays, schema.input_interpolation)
     if not functions and pulses is None:
         return between
 
@@ -142,7 +142,7 @@ def predict(
     method: str = "auto",
     tolerance: float = 1e-8,
     seed: int = 0,
-    input_between: str | None = None,
+    input_interpolation: str | None = None,
     discrepancy: bool = False,
     averaged: bool = True,
 ) -> Forecast:
@@ -160,7 +160,7 @@ def predict(
     followed = with_logarithms(trials, law.schema.logarithmic)
 
     def forecast(law: Law) -> Forecast:
-        begun, beginnings = begin(law, followed, times, start, from_time, input_between)
+        begun, beginnings = begin(law, followed, times, start, from_time, input_interpolation)
         return _Forecaster(law, begun, tuple(beginnings), from_time, return_std, method, tolerance, seed).forecast()
 
     own, *others = law.models if averaged else law.models[:1]
@@ -220,7 +220,7 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: floa
     initial = np.append(followed.trials[0].states[0], start[states:])
     width, certain = len(variables), np.zeros((1, len(variables)))
     own = followed.trials[0]
-    inputs = Inputs.of(own.times, own.inputs, law.schema.input_between)
+    inputs = Inputs.of(own.times, own.inputs, law.schema.input_interpolation)
 
     def forecast(each: Law) -> Forecast:
         sensitivity = np.zeros((width, int(each.support.sum())))

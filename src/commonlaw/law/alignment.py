@@ -58,7 +58,7 @@ def matched(
     trials = with_property_inputs(trials, [name for name in lacking if name in known])
     if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
         trials = without_objects(trials, tuple(name for name in objects_at_rest(trials) if name in resting))
-    starts = {name: start for name, start in schema.starts.items() if name not in trials.schema.states}
+    starts = {name: start for name, start in schema.initial_values.items() if name not in trials.schema.states}
     measured = tuple(name for name in schema.states if name not in starts)
     kinds = [("states", measured, trials.schema.states)]
     kinds += [("inputs", schema.inputs, trials.schema.inputs)] if inputs == "same" else []
@@ -68,7 +68,7 @@ def matched(
     converted = with_doses(in_units(trials, _units(law, trials.schema)), schema.doses)
     if law.observation is not None and noise:
         converted = with_noise(converted, law.observation.noise_of)
-    return with_starts(converted, starts, schema.starts_at)
+    return with_starts(converted, starts, schema.initial_time)
 
 
 def refuse_observation(law: Law) -> None:
@@ -117,7 +117,7 @@ def _units(law: Law, given: Schema) -> dict[str, str]:
     own, wider = measured_schema(law), law.provenance.with_discrepancy
     used = {*own.states, *own.inputs, *(law.uncertainty.explanation.properties if law.uncertainty.explanation else ())}
     used |= {*wider.schema.inputs} if wider else set()
-    used |= {start for start in own.starts.values() if isinstance(start, str)}
+    used |= {start for start in own.initial_values.values() if isinstance(start, str)}
     units = {name: unit for name, unit in own.units.items() if name in used}
     return units | ({given.time: own.units[own.time]} if own.time in own.units else {})
 

@@ -25,6 +25,7 @@ from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.outcomes import Outcome
+from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.files import write_whole
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.runtime.reading import read_file
@@ -415,6 +416,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         found = _call("forecast:simulate_law", self, times, initial, sensitivities=sensitivities, **how)
         return cast(dict[str, Trajectory], found)
 
+    @with_renamed_arguments
     def predict(
         self,
         trials: Trials,
@@ -426,7 +428,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         method: str = "auto",
         tolerance: float = 1e-8,
         seed: int = 0,
-        input_between: str | None = None,
+        input_interpolation: str | None = None,
         discrepancy: bool = False,
         averaged: bool = True,
     ) -> "Forecast":
@@ -456,7 +458,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
             See `commonlaw.integration.simulate`.
         seed
             Of the noise that shows how accurate estimated initial rates are.
-        input_between
+        input_interpolation
             The interpolation of inputs: ``"held"`` at the earlier value, ``"linear"`` or ``"cubic"``; default as the
             law was learned.
         discrepancy
@@ -466,7 +468,12 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         if start not in (None, "all") and (not isinstance(start, Integral) or start < 1):
             raise CommonlawError("forecast-start", start=start)
-        options = {"start": start, "from_time": from_time, "return_std": return_std, "input_between": input_between}
+        options = {
+            "start": start,
+            "from_time": from_time,
+            "return_std": return_std,
+            "input_interpolation": input_interpolation,
+        }
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
         if self.observation is not None:
             if discrepancy:

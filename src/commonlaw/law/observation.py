@@ -44,7 +44,7 @@ class Restrictions:
 
     Parameters
     ----------
-    universal
+    shared
         By parameter what has one value of it: "all" trials, those of an "object" (as where it is not here), each
         "trial", or trials with the same value of a property or an input, by its name.
     priors
@@ -56,7 +56,7 @@ class Restrictions:
         own.
     """
 
-    universal: Mapping[str, str] = field(default_factory=dict)
+    shared: Mapping[str, str] = field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     bounds: tuple[str, ...] = ()
     noise: Mapping[str, float | str] = field(default_factory=dict)
@@ -131,8 +131,8 @@ class Observation:
     def lines(self) -> list[str]:
         """The observation equations and initial values, as they are printed, and what differs between trials."""
         priors = {f"{name}(0)": f"{s[0]:g} ± {s[1]:g}" for name, s in self.initial.items() if isinstance(s, tuple)}
-        universal = {} if self.restrictions is None else self.restrictions.universal
-        apart = [f"{name} by {by}; means are shown" for name, by in universal.items() if by_trial(by, self.measured)]
+        shared = {} if self.restrictions is None else self.restrictions.shared
+        apart = [f"{name} by {by}; means are shown" for name, by in shared.items() if by_trial(by, self.measured)]
         return [*(f"{left} = {right}" for left, right in (self.written | priors).items()), *apart]
 
     @property

@@ -29,22 +29,22 @@ _MIN_SHARED, _MAX_SPECIFIC = 0.9, 0.1
 """Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""
 
 
-def pool_objects(law: Law, universal: Bools | None = None, others: bool = True) -> Law:
+def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> Law:
     """Return a law with each coefficient shrunk to its mean over objects, by its scatter beyond its errors.
 
     Objects count as drawn from one population (parametric empirical Bayes; Morris 1983); ``history`` has the shrinkage
-    of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `universal` coefficients,
+    of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `shared` coefficients,
     shape (equations, terms), become the same for all objects; the `others` are shrunk. Objects whose trials say nothing
     of any coefficient, such as blanks among cultures, keep their own.
 
     Raises `CommonlawError` if the covariance is not known, or the law is pooled already.
     """
-    other_laws = law.uncertainty.map_other_laws(lambda other: pool_objects(other, universal, others))
+    other_laws = law.uncertainty.map_other_laws(lambda other: pool_objects(other, shared, others))
     unchanged = with_other_laws(law, other_laws) if other_laws else law
     covariance, coefficients, support = law.uncertainty.known_covariance(), law.coefficients, law.support
     if law.uncertainty.shared_factor is not None:
         raise CommonlawError("already-pooled")
-    shared = np.zeros_like(support) if universal is None else universal
+    shared = np.zeros_like(support) if shared is None else shared
     # What is known, or what an object does not have, has no variance
     free = np.all(np.diagonal(covariance, axis1=1, axis2=2) > 0, axis=0)
     if len(law.objects) == 1 or not free.any() or not (others or shared.any()):

@@ -57,7 +57,9 @@ class Domain:
         schema = trials.schema
         states = natural(np.concatenate([trial.states for trial in trials]), schema)
         inputs = np.concatenate([trial.inputs for trial in trials])
-        columns = {name: own for name, own in zip(schema.states, states.T, strict=True) if name not in schema.starts}
+        columns = {
+            name: own for name, own in zip(schema.states, states.T, strict=True) if name not in schema.initial_values
+        }
         columns |= {name: own for name, own in zip(schema.inputs, inputs.T, strict=True) if name not in schema.doses}
         if rates:
             found = np.concatenate([_rates(trial) for trial in trials])

@@ -77,7 +77,7 @@ class AbstractLibrary(ABC):
         return None
 
     @property
-    def seeks_unmeasured(self) -> bool:
+    def seeks_latent_states(self) -> bool:
         """Whether it stands for laws with a latent state, too."""
         return False
 
@@ -133,8 +133,8 @@ class SumLibrary(AbstractLibrary):
         return SumLibrary(left or self.left, right or self.right) if left or right else None
 
     @property
-    def seeks_unmeasured(self) -> bool:
-        return self.left.seeks_unmeasured or self.right.seeks_unmeasured
+    def seeks_latent_states(self) -> bool:
+        return self.left.seeks_latent_states or self.right.seeks_latent_states
 
     def _sides(self) -> tuple[tuple[AbstractLibrary, AbstractLibrary], ...]:
         """Return each of both libraries, with the other."""
@@ -239,8 +239,8 @@ class CappedLibrary(AbstractLibrary):
         return replace(self, library=higher) if (higher := self.library.higher) else None
 
     @property
-    def seeks_unmeasured(self) -> bool:
-        return self.library.seeks_unmeasured
+    def seeks_latent_states(self) -> bool:
+        return self.library.seeks_latent_states
 
 
 @dataclass(frozen=True)
@@ -564,7 +564,7 @@ class AutoLibrary(AbstractLibrary):
         return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))
 
     @property
-    def seeks_unmeasured(self) -> bool:
+    def seeks_latent_states(self) -> bool:
         return True
 
 

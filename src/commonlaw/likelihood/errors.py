@@ -37,9 +37,9 @@ class ErrorModel:
     @property
     def kind(self) -> ErrorKind:
         """The kind of these errors."""
-        latent: tuple[ErrorKind, ...] = ("force", "correlated")
-        kinds = [kind for kind in latent if getattr(self, kind) is not None]
-        return next(iter([*kinds, *self.heteroscedastic]), "white" if self.walk is None else "walk")
+        latent: Mapping[ErrorKind, Floats | None] = {"gp-forcing": self.force, "autocorrelated": self.correlated}
+        kinds = [kind for kind, level in latent.items() if level is not None]
+        return next(iter([*kinds, *self.heteroscedastic]), "white" if self.walk is None else "random-walk")
 
     @property
     def latent(self) -> LatentProcesses:
@@ -246,9 +246,9 @@ class Walk(AbstractErrors):
 ERRORS: Mapping[ErrorKind, AbstractErrors] = {
     "white": White(),
     "proportional": Proportional(),
-    "correlated": Correlated(),
-    "walk": Walk(),
-    "force": Force(),
+    "autocorrelated": Correlated(),
+    "random-walk": Walk(),
+    "gp-forcing": Force(),
 }
 
 

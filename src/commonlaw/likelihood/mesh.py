@@ -153,7 +153,7 @@ def concatenated(parts: Sequence[Mesh]) -> Mesh:
 
 
 def meshes(
-    trials: Sequence[Trial], points: int = 1, most: int = MAX_MESH_SAMPLES, input_between: str = "linear"
+    trials: Sequence[Trial], points: int = 1, most: int = MAX_MESH_SAMPLES, input_interpolation: str = "linear"
 ) -> list[Mesh]:
     """Return the meshes of an object's trials, each of at least two samples.
 
@@ -161,7 +161,7 @@ def meshes(
     interpolation of inputs see `Inputs`.
     """
     return [
-        _mesh([(trials[i], segment) for i, segment in group], points, input_between)
+        _mesh([(trials[i], segment) for i, segment in group], points, input_interpolation)
         for group in _groups([len(trial) for trial in trials], most)
     ]
 
@@ -188,7 +188,7 @@ def _groups(lengths: Sequence[int], most: int) -> Iterator[list[tuple[int, slice
     yield group
 
 
-def _mesh(group: Sequence[tuple[Trial, slice]], points: int, input_between: str) -> Mesh:
+def _mesh(group: Sequence[tuple[Trial, slice]], points: int, input_interpolation: str) -> Mesh:
     times = [_between(trial.times[segment, np.newaxis], points)[:, 0] for trial, segment in group]
     measured, noise = (
         np.concatenate([_spaced(values_of(trial)[segment], points) for trial, segment in group])
@@ -198,7 +198,7 @@ def _mesh(group: Sequence[tuple[Trial, slice]], points: int, input_between: str)
     if any(trial.repeats is not None for trial, _ in group):
         parts = [np.broadcast_to(trial.averaging, trial.states.shape)[segment] for trial, segment in group]
         averaging = np.nan_to_num(np.concatenate([_spaced(part, points) for part in parts]), nan=1.0)
-    functions = [Inputs.of(trial.times, trial.inputs, input_between) for trial, _ in group]
+    functions = [Inputs.of(trial.times, trial.inputs, input_interpolation) for trial, _ in group]
     inputs, middle = (
         np.concatenate([values_of(function, grid) for function, grid in zip(functions, times, strict=True)])
         for values_of in (Inputs.at, _in_middle)

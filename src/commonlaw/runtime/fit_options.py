@@ -12,13 +12,13 @@ from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin
 
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.runtime.arguments import check_whole_number, with_renamed_arguments
 from commonlaw.runtime.parallel import check_n_jobs
 
 if TYPE_CHECKING:
     from commonlaw.solvers import AbstractSolver
 
-ErrorKind = Literal["white", "proportional", "correlated", "walk", "force"]
+ErrorKind = Literal["white", "proportional", "autocorrelated", "random-walk", "gp-forcing"]
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
 T = TypeVar("T")
@@ -132,7 +132,7 @@ def _number(name: str, text: str) -> float:
 
 
 def documented(cls: type[T]) -> type[T]:
-    """Write the parameters of a dataclass of settings into its docstring, where it says ``{parameters}``."""
+    """Write the settings of a dataclass into its docstring, and accept their names in the last release."""
     lines = list[str]()
     for name, (each, about) in settings_of(cls).items():
         choices = "".join(f" ``{value!r}``: {meaning}." for value, meaning in about.choices.items())
@@ -140,6 +140,7 @@ def documented(cls: type[T]) -> type[T]:
         lines += [name, *(f"    {line}" for line in wrap(f"{about.text}{choices}{default}", 112))]
     if cls.__doc__:
         cls.__doc__ = cls.__doc__.replace("{parameters}", "\n    ".join(lines))
+    cls.__init__ = with_renamed_arguments(cls.__init__)  # type: ignore[method-assign]
     return cls
 
 
@@ -177,7 +178,7 @@ class FitOptions:
     {parameters}
     """
 
-    positive: Sequence[str] = field(
+    log_states: Sequence[str] = field(
         default=(),
         metadata=shown(
             label="Positive states",
@@ -188,7 +189,7 @@ class FitOptions:
             "of the states. `refine` keeps those of the law by default.",
         ),
     )
-    input_between: str = field(
+    input_interpolation: str = field(
         default="auto",
         metadata=shown(
             label="Inputs between samples",
@@ -223,9 +224,9 @@ class FitOptions:
                 "auto": "those with very strong evidence (2 log B > 10), if white noise does not explain the residuals",
                 "white": "white noise only; with an infinite `huber_threshold`, least squares",
                 "proportional": "heteroscedastic noise, which grows with the state",
-                "correlated": "autocorrelated measurement errors",
-                "walk": "process noise, a random walk of the law",
-                "force": "process noise, a smooth force on the law",
+                "autocorrelated": "autocorrelated measurement errors",
+                "random-walk": "process noise, a random walk of the law",
+                "gp-forcing": "process noise, a smooth force on the law (a Gaussian process)",
             },
             text="Kind of the errors that are estimated with the law.",
         ),
@@ -283,7 +284,7 @@ class FitOptions:
             "says so, and the noise is estimated from all.",
         ),
     )
-    unmeasured: int = field(
+    latent_states: int = field(
         default=0,
         metadata=shown(
             label="Latent states",

@@ -273,8 +273,8 @@ def with_starts(trials: Trials, starts: Mapping[str, Start], at: float | None = 
     schema = replace(
         schema,
         states=(*schema.states, *new),
-        starts={**schema.starts, **new},
-        starts_at=at,
+        initial_values={**schema.initial_values, **new},
+        initial_time=at,
         units={**units, **schema.units},
     )
     changed = tuple(_with_first(trial, values[trial.object], at) for trial in trials)
@@ -337,7 +337,7 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
     for owner in trials.objects:
         if not any(trial.inputs[:-1].any() for trial in begun if trial.object == owner):
             raise CommonlawError("doses-after-end", object=owner, doses=doses)
-    schema = replace(trials.schema, doses=tuple(doses), input_between="linear")
+    schema = replace(trials.schema, doses=tuple(doses), input_interpolation="linear")
     changed = []
     for trial in begun:
         given = np.flatnonzero(trial.inputs[:-1].any(axis=1))

@@ -46,11 +46,11 @@ class Schema:
         Names of the columns of standard deviations by state, where there are any.
     logarithmic
         Log-scaled states, which stand here by their logarithms.
-    input_between
+    input_interpolation
         The interpolation of inputs between samples, see `Law.predict`.
     rates
         Columns that are the rate of a state, by that state: ``{"theta": "omega"}``; they are no states.
-    starts, starts_at
+    initial_values, initial_time
         Initial values of latent states, see `commonlaw.fit`, and their time; None for that of each trial's first
         sample.
     doses
@@ -67,10 +67,10 @@ class Schema:
     units: Mapping[str, str] = field(default_factory=dict)
     noise_columns: Mapping[str, str] = field(default_factory=dict)
     logarithmic: tuple[str, ...] = ()
-    input_between: str = "linear"
+    input_interpolation: str = "linear"
     rates: Mapping[str, str] = field(default_factory=dict)
-    starts: Mapping[str, Start] = field(default_factory=dict)
-    starts_at: float | None = None
+    initial_values: Mapping[str, Start] = field(default_factory=dict)
+    initial_time: float | None = None
     doses: tuple[str, ...] = ()
     wide: tuple[str, ...] = ()
 
@@ -82,7 +82,7 @@ class Schema:
             raise CommonlawError("column-name-twice", name=twice[0])
         if not self.states:
             raise CommonlawError("no-state-named")
-        for name in (*self.noise_columns, *self.logarithmic, *self.starts):
+        for name in (*self.noise_columns, *self.logarithmic, *self.initial_values):
             check_choice("state", name, self.states)
         for name in self.doses:
             check_choice("input", name, self.inputs)
@@ -92,17 +92,17 @@ class Schema:
     @property
     def measured(self) -> tuple[str, ...]:
         """The states that have a column: all but those of which only starts are known."""
-        return tuple(name for name in self.states if name not in self.starts)
+        return tuple(name for name in self.states if name not in self.initial_values)
 
     @property
-    def unmeasured(self) -> Bools:
+    def is_latent(self) -> Bools:
         """Which states are latent, so that only their initial values are known, shape (states,)."""
-        return np.array([name in self.starts for name in self.states], dtype=np.bool_)
+        return np.array([name in self.initial_values for name in self.states], dtype=np.bool_)
 
     @property
     def with_free_start(self) -> Bools:
         """Which of these have unknown initial values, shape (states,)."""
-        return np.array([self.starts.get(name, 0.0) is None for name in self.states], dtype=np.bool_)
+        return np.array([self.initial_values.get(name, 0.0) is None for name in self.states], dtype=np.bool_)
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,7 +421,7 @@ def _sparse(trials: Sequence[Trial], schema: Schema) -> tuple[int, int, int] | N
         min(1 if np.isnan(trial.states[-1]).all() else _MIN_MEASURED, sample)
         for trial, sample in zip(trials, samples, strict=True)
     ]
-    few = np.argwhere((counts < np.array(least)[:, np.newaxis]) & (counts > 0) & ~schema.unmeasured).tolist()
+    few = np.argwhere((counts < np.array(least)[:, np.newaxis]) & (counts > 0) & ~schema.is_latent).tolist()
     return (few[0][0], few[0][1], least[few[0][0]]) if few else None
 
 
@@ -429,7 +429,7 @@ def check_noise_columns(trial: Trial, schema: Schema) -> None:
     """Refuse a trial with standard deviations of a state for which the schema names no column, or without others."""
     for j, name in enumerate(schema.states):
         named, known = name in schema.noise_columns, bool(trial.known_noise[j])
-        if known and not named and name not in schema.starts:
+        if known and not named and name not in schema.initial_values:
             raise CommonlawError("deviations-without-column", trial=trial.label, state=name)
         if named and not known and np.isfinite(trial.states[:, j]).any():
             raise CommonlawError("deviations-missing", trial=trial.label, state=name, column=schema.noise_columns[name])

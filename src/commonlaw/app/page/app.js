@@ -42,7 +42,7 @@ addEventListener("keydown", event => {
   if ((event.ctrlKey || event.metaKey) && event.key === "z" && !typing && state.columns.edits?.length) { event.preventDefault(); undo(); }
 });
 $("log").addEventListener("change", showCurves);
-for (const id of ["starts_given", "starts_at"]) $(id).addEventListener("change", takeGiven);
+for (const id of ["starts_given", "initial_time"]) $(id).addEventListener("change", takeGiven);
 for (const id of ["figure", "figure_object", "figure_parameter"]) $(id).addEventListener("change", choose);
 $("draw").addEventListener("click", drawFigure);
 for (const [id, work] of [["session_open", openSession], ["session_save", saveSession], ["session_delete", deleteSession], ["session_undo", undoSession], ["copy", copyCoefficients]]) $(id).addEventListener("click", work);

@@ -68,21 +68,21 @@ export function startFrom() {
     }
   }
   $("equations").value = (law ?? model)?.text ?? "";
-  $("starts_at").value = "";
+  $("initial_time").value = "";
   $("given").open = Boolean(Object.keys(written.starts).length || written.doses.length);
   showGiven();
   read();
 }
 
 /** Put equations that were fitted before into the editor, with all that was given. */
-export function restoreEquations({ text, values, fixed, bounds, shared, priors, starts, starts_at, doses }) {
+export function restoreEquations({ text, values, fixed, bounds, shared, priors, starts, initial_time, doses }) {
   Object.assign(written, { values, ranges: {}, kept: {}, starts, doses });
   for (const name of Object.keys(values)) {
     const [low, high] = bounds[name] ?? [null, null], [mean, std] = priors[name] ?? ["", ""];
     written.kept[name] = { fixed: fixed.includes(name), low: low ?? "", high: high ?? "", shared: shared[name] ?? null, mean, std };
   }
   $("equations").value = text;
-  $("starts_at").value = starts_at ?? "";
+  $("initial_time").value = initial_time ?? "";
   showGiven();
   $("write").open = true;
 }
@@ -102,7 +102,7 @@ function asked() {
   const kept = Object.keys(written.values).map(name => [name, given(name)]), number = text => text === "" ? null : Number(text);
   return {
     text: $("equations").value, values: written.values, starts: written.starts, doses: written.doses,
-    starts_at: $("starts_at").value === "" ? null : Number($("starts_at").value),
+    initial_time: $("initial_time").value === "" ? null : Number($("initial_time").value),
     fixed: kept.filter(([, each]) => each.fixed).map(([name]) => name),
     bounds: Object.fromEntries(kept.filter(([, each]) => each.low !== "" || each.high !== "").map(([name, { low, high }]) => [name, [number(low), number(high)]])),
     shared: Object.fromEntries(kept.filter(([, each]) => each.shared !== null).map(([name, { shared }]) => [name, shared])),

@@ -48,7 +48,7 @@ export async function take(event) {
 function command({ chosen, text }) {
   const { preview, asked, found } = state, { columns } = asked, known = Object.entries(asked.known);
   const { equations } = asked, given = chosen && equations;
-  if (given && (Object.keys(equations.priors).length || Object.values(equations.shared).some(Boolean) || equations.starts_at !== null)) return "";
+  if (given && (Object.keys(equations.priors).length || Object.values(equations.shared).some(Boolean) || equations.initial_time !== null)) return "";
   if (asked.law || (!chosen && (known.length || !found.others))) return "";
   const roles = [], reading = [];
   // Excluded data have no option: the program law.py has them
@@ -65,7 +65,7 @@ function command({ chosen, text }) {
   if (given) {
     for (const [name, value] of Object.entries(equations.starts)) said.push("--initial-value", `${name}=${value}`);
     for (const name of equations.doses) said.push("--dose", name);
-    for (const name of Object.keys(equations.shared)) said.push("--universal", name);
+    for (const name of Object.keys(equations.shared)) said.push("--shared", name);
   } else if (chosen) said.push("--order", String(asked.order), "--library", asked.library);
   for (const [name, value] of known) said.push("--known", `${name}=${value}`);
   for (const { name, of_fit } of state.settings) if ((chosen && !given) || of_fit) for (const value of asked.settings[name] ?? []) said.push("--set", `${name}=${value}`);

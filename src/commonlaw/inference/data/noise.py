@@ -43,7 +43,7 @@ def noise_floors(trials: Trials, share: float) -> tuple[Floats, Floats]:
     """
     rounding = rounding_noise(trials)
     measured = np.maximum(settings.MIN_NOISE * within_trial_std(trials), rounding)
-    floor = np.where(trials.schema.unmeasured, settings.ROUNDING * initial_value_scales(trials), measured)
+    floor = np.where(trials.schema.is_latent, settings.ROUNDING * initial_value_scales(trials), measured)
     return floor, np.maximum(share * floor, rounding)
 
 
@@ -81,7 +81,7 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
         return None
     noise = {find_name(name, states, "state"): level for name, level in (noise or {}).items()}
     for name, level in noise.items():
-        if name in trials.schema.starts:
+        if name in trials.schema.initial_values:
             raise CommonlawError("noise-of-latent", name=name)
         if not isinstance(level, Real):
             raise CommonlawError("setting-not-a-number", name=f"noise of {name}", value=level)
@@ -91,7 +91,7 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
             raise CommonlawError("noise-given-twice", name=name, column=columns[name])
     stds = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
     noise |= {name: float(np.nanmedian(stds[:, states.index(name)])) for name in columns}
-    missing = [name for name in states if name not in noise and name not in trials.schema.starts]
+    missing = [name for name in states if name not in noise and name not in trials.schema.initial_values]
     if missing:
         raise CommonlawError("noise-missing", states=missing)
     return np.array([noise.get(name, np.nan) for name in states], dtype=np.float64)
@@ -142,7 +142,7 @@ def estimated_noise(trials: Trials) -> tuple[Floats, str]:
     squares, freedom = pure_error([trial.repeats for trial in trials], len(trials.schema.states))
     replicated, reasons = has_replicates(trials), list[str]()
     for j, name in enumerate(trials.schema.states):
-        if name in trials.schema.starts:
+        if name in trials.schema.initial_values:
             variances[:, j], weights[:, j] = np.nan, 1.0
             continue
         if replicated[j]:

@@ -30,13 +30,13 @@ def typical_states(curves: Sequence[Sequence[Curve]]) -> Floats:
     return np.asarray(np.nanmean(np.concatenate([states for group in curves for states, _ in group]), axis=0))
 
 
-def smooth_curves(trial: Trial, order: Order, unmeasured: Bools | None = None) -> Curve:
+def smooth_curves(trial: Trial, order: Order, latent: Bools | None = None) -> Curve:
     """Return smoothed states and rates of a trial, shape (n, D), and the highest derivatives, shape (n, d).
 
     They come from a robust smoothing spline, or from a parabola if there are fewer than five samples. Those of
     unmeasured states are NaN.
     """
-    columns, states = [], trial.states if unmeasured is None else np.where(unmeasured, np.nan, trial.states)
+    columns, states = [], trial.states if latent is None else np.where(latent, np.nan, trial.states)
     for column, degree in zip(states.T, order_of_each(order, states.shape[1]), strict=True):
         seen = np.isfinite(column)
         if not seen.any():

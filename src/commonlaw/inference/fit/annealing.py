@@ -90,7 +90,9 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
     so, as larger ones lead between equivalent optima.
     """
     *larger, smallest = model_errors
-    schedules = dict.fromkeys(((tuple(larger) if problem.trials.schema.starts else (*larger, smallest)), (smallest,)))
+    schedules = dict.fromkeys(
+        ((tuple(larger) if problem.trials.schema.initial_values else (*larger, smallest)), (smallest,))
+    )
     fits = [fit for schedule in schedules for fit in _continuation(problem, supports, schedule)]
     last = [fit for fit in fits if fit.model_error == smallest]
     compared = [*(fit for fit in fits if fit.model_error != smallest), *sorted(last, key=_objective)[:1]]
@@ -105,7 +107,7 @@ def fit_with(
     Without any, it is the better one of a fit by continuation from larger model errors and one from the smoothed
     measurements.
     """
-    if start is None and problem.trials.schema.starts:
+    if start is None and problem.trials.schema.initial_values:
         start = problem.starts
     if start is not None:
         return fitted(problem, start, supports, model_error)

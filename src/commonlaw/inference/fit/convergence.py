@@ -134,7 +134,7 @@ def residual_scale(fit: Fit) -> Floats:
     """
     problem, sizes = fit.problem, _relative_residuals(fit)
     huber = problem.models[0].observation.huber_threshold
-    far, measured = sizes > huber, ~problem.trials.schema.unmeasured
+    far, measured = sizes > huber, ~problem.trials.schema.is_latent
     squares = np.nansum(np.where(far, 0.0, sizes) ** 2, axis=0) + problem.measurements.pure_error[0] / problem.noise**2
     freedom = residual_degrees_of_freedom(fit) - far.sum(axis=0)
     total = total_degrees_of_freedom(freedom[measured])

@@ -25,7 +25,7 @@ from commonlaw.runtime.fit_options import CovarianceKind
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
     """Return the law with the coefficients of a fit, their covariance, the noise and the error model."""
     problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
-    fit, known_starts = with_pooled_coefficients(fit), schema.unmeasured & ~schema.with_free_start
+    fit, known_starts = with_pooled_coefficients(fit), schema.is_latent & ~schema.with_free_start
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
@@ -75,7 +75,7 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
         else regression.leverage
         for model, free, regression in listed
     ]
-    return np.where(problem.trials.schema.unmeasured, 0.0, counts - np.sum(used, axis=0))
+    return np.where(problem.trials.schema.is_latent, 0.0, counts - np.sum(used, axis=0))
 
 
 def total_degrees_of_freedom(freedom: Floats) -> float:

@@ -145,12 +145,12 @@ class Fit:
     @property
     def errors(self) -> ErrorKind:
         """The kind of errors of the model."""
-        return "walk" if self.has_model_error else self.problem.errors.kind
+        return "random-walk" if self.has_model_error else self.problem.errors.kind
 
     @property
     def has_process_noise(self) -> bool:
         """Whether there is process noise, besides measurement errors."""
-        return self.errors in ("walk", "force")
+        return self.errors in ("random-walk", "gp-forcing")
 
     @property
     def size(self) -> int:
@@ -164,9 +164,9 @@ class Fit:
         given = np.any(np.nan_to_num(self.problem.known) != 0, axis=0)
         chosen = (self.supports | given) & terms.is_factor
         equations = tuple(tuple(terms.names[k] for k in np.flatnonzero(row)) for row in chosen)
-        latent = tuple((name, str(start)) for name, start in schema.starts.items())
+        latent = tuple((name, str(start)) for name, start in schema.initial_values.items())
         return Model(
-            self.problem.order, equations, self.errors, latent, schema.input_between, tuple(schema.logarithmic)
+            self.problem.order, equations, self.errors, latent, schema.input_interpolation, tuple(schema.logarithmic)
         )
 
     @cached_property
@@ -345,7 +345,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
         parametrized = problem.allowed & np.array(problem.terms.have_parameters, dtype=bool)
         same = np.abs(np.sign(values).sum(axis=0)) == len(values)
         log_parametrized = np.where(parametrized & same, values, 0.0).reshape(len(values), -1)
-    most, stated = problem.most_terms, problem.trials.schema.unmeasured
+    most, stated = problem.most_terms, problem.trials.schema.is_latent
     return SupportEvidence(
         problems, problem.allowed, noise_scale, problem.structure_prior, most, offsets, stated, log_parametrized
     )

@@ -55,7 +55,7 @@ class InitialConditionPrior:
         segments = sum(int(mesh.first.sum()) for model in models for mesh in model.meshes)
         latent = any(model.latent.width for model in models)
         few = sum(problem.measured) <= settings.MAX_SCREENED_SAMPLES
-        if not (settings.MIN_OBJECTS <= len(trials) == segments and few) or latent or trials.schema.starts:
+        if not (settings.MIN_OBJECTS <= len(trials) == segments and few) or latent or trials.schema.initial_values:
             return None
         law = self._conditions(self.reference)
         return None if law is None or law.are_exact else law

@@ -62,7 +62,7 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[D
     return tuple(
         Departure(f"residuals of {name} are {departure.words}", departure.is_of_noise)
         for j, name in enumerate(problem.trials.schema.states)
-        if name not in problem.trials.schema.starts
+        if name not in problem.trials.schema.initial_values
         for departure in _of_state(problem, estimates, j, bool(measured[j]))
     )
 
@@ -115,7 +115,7 @@ def diverges(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
             cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
             for first, last in pairwise(cuts):
                 times = mesh.times[first:last]
-                inputs = Inputs.of(times, mesh.inputs[first:last], problem.trials.schema.input_between)
+                inputs = Inputs.of(times, mesh.inputs[first:last], problem.trials.schema.input_interpolation)
                 field = replace(model.field(estimate.coefficients), inputs=inputs)
                 problems.append(InitialValueProblem(field, states[first, : model.width], times, ""))
     return any(trajectory.outcome for trajectory in simulate_each(problems, OutputOptions(tolerance=1e-6)))
@@ -232,7 +232,7 @@ def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
     if problem.noise_given:
         return problem
     for j, name in enumerate(schema.states):
-        columns = list(_columns(problem, j)) if name not in schema.starts else []
+        columns = list(_columns(problem, j)) if name not in schema.initial_values else []
         orders = [noise_order(times, values) for times, values, _ in columns]
         if not orders or None in orders:
             continue

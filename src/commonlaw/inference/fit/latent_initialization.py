@@ -54,7 +54,7 @@ def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) ->
 
     Raises `CommonlawError` if the scale of a state, or its zero, is not identifiable.
     """
-    schema, started = trials.schema, trials.schema.unmeasured
+    schema, started = trials.schema, trials.schema.is_latent
     if not started.any():
         return trials
     free = schema.with_free_start
@@ -66,7 +66,7 @@ def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) ->
         has_symmetry(terms, known, free, sizes) for has_symmetry in (has_translation_symmetry, has_mixing_symmetry)
     )
     for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
-        if any_scale and schema.starts.get(name, 0.0) is not None:
+        if any_scale and schema.initial_values.get(name, 0.0) is not None:
             raise CommonlawError("latent-scale-of-zero", name=name)
         if any_scale or any_zero:
             what, where = ("scale", "1.0") if any_scale else ("zero", "0.0")
@@ -88,7 +88,7 @@ def with_latent_noise(noise: Floats, trials: Trials) -> Floats:
 
     It is the unit of their model errors.
     """
-    started = trials.schema.unmeasured
+    started = trials.schema.is_latent
     spread = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
     share = np.median(noise[~started] / spread)
     return np.where(started, share * initial_value_scales(trials), noise)
@@ -118,7 +118,7 @@ def initial_latent_estimates(
     Curves are NaN in unmeasured states. Fixed coefficients, NaN for free ones, and guesses of signs, zero without any,
     have shape (objects, equations, terms).
     """
-    started, free = trials.schema.unmeasured, trials.schema.with_free_start
+    started, free = trials.schema.is_latent, trials.schema.with_free_start
     objects = [
         _Object(model, trials.of_object(name), smoothed, started, free, signs, _Guesses(trials, model.terms, given))
         for model, name, smoothed, given, signs in zip(models, trials.objects, curves, known, guess, strict=True)
@@ -126,7 +126,7 @@ def initial_latent_estimates(
     fits = [obj.fits(obj.guesses.draws(obj.signs)) for obj in objects]
     for obj, listed in zip(objects, fits, strict=True):
         if not listed:
-            raise CommonlawError("latent-diverges", where=obj.group[0].object, latent=trials.schema.starts)
+            raise CommonlawError("latent-diverges", where=obj.group[0].object, latent=trials.schema.initial_values)
     first = [obj.best(listed)[0][0] for obj, listed in zip(objects, fits, strict=True)]
     some = [
         Draw(first[i].coefficients, first[i].states[0][0, : len(started)])
@@ -184,7 +184,7 @@ class _Guesses:
         By these, and by parameters that are factors of terms, states change by about their scales within a trial.
         """
         largest = self.largest
-        unknown = self.trials.schema.unmeasured & (largest == 0)
+        unknown = self.trials.schema.is_latent & (largest == 0)
         scales = np.where(unknown, np.median(largest[~unknown]), largest)
         where = np.nonzero(~np.isnan(self.known) & (self.known != 0) & self.terms.is_factor)
         count, inside = int(unknown.sum()), self.known[:, list(self.terms.parameters)].sum(axis=0)
@@ -214,7 +214,7 @@ class _Guesses:
         """Return the sum of relative rates of latent states times the duration of a trial."""
         parameters = coefficients[:, list(self.terms.parameters)].sum(axis=0)
         rates = np.abs(coefficients) * self._sizes(self.scales, parameters) / self.scales[:, np.newaxis]
-        return self._duration * float(np.sum(rates[self.trials.schema.unmeasured]))
+        return self._duration * float(np.sum(rates[self.trials.schema.is_latent]))
 
     def draws(self, guess: Floats) -> list[Draw]:
         """Return random draws of nonlinear parameters and coefficients of latent equations, with given signs.
@@ -223,7 +223,7 @@ class _Guesses:
         at the fastest. Parameters that are no factors, such as K in ``s/(K + s)``, are from their `parameter_grid`.
         """
         trials, terms, schema = self.trials, self.terms, self.trials.schema
-        tried = np.isnan(self.known) & (schema.unmeasured[:, np.newaxis] | ~terms.is_factor)
+        tried = np.isnan(self.known) & (schema.is_latent[:, np.newaxis] | ~terms.is_factor)
         powers, is_rate = factor_powers(terms), tried & terms.is_factor
         is_rate[:, list(terms.parameters)] |= tried[:, list(terms.parameters)] & np.isfinite(powers).all(axis=0)
         (equations, columns), matrix = self._rates(is_rate, powers)

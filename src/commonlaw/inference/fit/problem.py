@@ -290,8 +290,10 @@ class SearchProblem:
         points = 2 * self.points
         groups = [self.trials.of_object(name) for name in self.trials.objects]
         pairs = zip(self.models, groups, strict=True)
-        between = self.trials.schema.input_between
-        models = tuple(replace(model, meshes=meshes(group, points, input_between=between)) for model, group in pairs)
+        between = self.trials.schema.input_interpolation
+        models = tuple(
+            replace(model, meshes=meshes(group, points, input_interpolation=between)) for model, group in pairs
+        )
         starts = tuple(
             replace(start, states=tuple(map(Mesh.halfway, model.meshes, start.states)))
             for model, start in zip(self.models, self.starts, strict=True)
@@ -327,7 +329,7 @@ def prepare(
     )
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.fmin.reduce(states), np.fmax.reduce(states)]) for name, states in samples.items()}
-    started = trials.schema.unmeasured
+    started = trials.schema.is_latent
     refuse_constant_states(
         {name: np.where(started, np.nan, bounds) for name, bounds in extremes.items()}, trials.schema
     )
@@ -344,11 +346,11 @@ def prepare(
     if len(second):
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([levels, levels[second] * np.nanstd(rates, axis=0) / scale[second]])
-    between, observation = trials.schema.input_between, ObservationModel(levels, huber_threshold)
+    between, observation = trials.schema.input_interpolation, ObservationModel(levels, huber_threshold)
     models = [
         TrajectoryModel(
             terms,
-            [_with_starts(mesh, levels, started) for mesh in meshes(group, input_between=between)],
+            [_with_starts(mesh, levels, started) for mesh in meshes(group, input_interpolation=between)],
             observation,
             unit,
         )

@@ -147,7 +147,7 @@ def _is_equivalent(one: Fit, other: Fit) -> bool:
 def _deviance(fit: Fit) -> float:
     """Return minus twice the log-likelihood of the measurements, up to a constant."""
     problem = fit.problem
-    measured = ~problem.trials.schema.unmeasured
+    measured = ~problem.trials.schema.is_latent
     states = np.concatenate([trial.states for trial in problem.trials])[:, measured]
     scale = 2 * np.isfinite(states).sum(axis=0) @ np.log(problem.noise[measured])
     return float(scale) + sum(estimate.deviance for estimate in fit.estimates)

@@ -149,8 +149,8 @@ def with_initial_parameters(
     bounds: Sequence[Bound] = (),
     guesses: Mapping[str, float] | None = None,
     *,
-    positive: Sequence[str] | None = None,
-    input_between: str | None = None,
+    log_states: Sequence[str] | None = None,
+    input_interpolation: str | None = None,
     noise: Mapping[str, float] | None = None,
     huber_threshold: float = HUBER_THRESHOLD,
     n_jobs: int = -1,
@@ -167,17 +167,17 @@ def with_initial_parameters(
         Of the named coefficients of the law.
     guesses
         Starting values by name, in place of the grid.
-    trials, positive, input_between, noise, huber_threshold, n_jobs, progress
+    trials, log_states, input_interpolation, noise, huber_threshold, n_jobs, progress
         See `refine`; its other settings have no effect here.
 
     Raises `CommonlawError` if no values make all terms finite, coefficients are not identifiable, or no fit succeeds.
     """
     if not law.terms.variables.parameters:
         return law
-    setup = FitSetup.of(law, trials, noise, huber_threshold, input_between, positive)
+    setup = FitSetup.of(law, trials, noise, huber_threshold, input_interpolation, log_states)
     if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():
         return law
-    if trials.schema.starts:  # There `initial_latent_estimates` tries values
+    if trials.schema.initial_values:  # There `initial_latent_estimates` tries values
         unknown = np.full(len(law.terms.variables.measured), np.nan)
         _refuse_combination(law, are_confounded(law.terms, setup.known[0], unknown))
         return law

@@ -119,7 +119,7 @@ def with_approximation(pool: Pool, outcomes: Sequence[Outcome]) -> tuple[Outcome
     residuals = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in _residuals_of_trials(pool.best)]
     parts = [
         f"{value:.3g} {schema.units.get(name, '')}".rstrip() + f" in {name} (noise {level:.2g})"
-        for name, value, level in zip(schema.measured, residuals, noise[~schema.unmeasured], strict=True)
+        for name, value, level in zip(schema.measured, residuals, noise[~schema.is_latent], strict=True)
     ]
     of = "this law" if problem.solver is None else "this law, the best of its library,"
     lack = note("lack-of-fit", law=of, residuals=parts)
@@ -159,7 +159,7 @@ def _constants(trials: Trials, offset: float = 0.0) -> list[Series]:
 
 def _measured(trials: Trials) -> Bools:
     """Return which states were measured, shape (states,); laws may differ in their latent states."""
-    return ~trials.schema.unmeasured
+    return ~trials.schema.is_latent
 
 
 def _without_missing(residuals: Floats) -> Floats:

@@ -37,20 +37,20 @@ def assemble(
     *,
     kinds: Sequence[ErrorKind],
     covariance: CovarianceKind,
-    universal: Callable[[Law], Bools],
+    shared: Callable[[Law], Bools],
     partial_pooling: bool,
     seed: int,
     progress: ProgressCallback,
 ) -> Law:
     """Return the law of the best fit: terms, coefficients, covariance, plausible alternatives, and the history.
 
-    A law under another error model replaces it if its forecasts are better, see `best_forecaster`. `universal` returns
+    A law under another error model replaces it if its forecasts are better, see `best_forecaster`. `shared` returns
     which coefficients of a law are shared by all objects, shape (equations, terms); with partial pooling, forecasts
     shrink the others to their means, see `commonlaw.law.pool_objects`.
     """
 
     def pooled(law: Law) -> Law:
-        return pool_objects(law, universal(law), partial_pooling)
+        return pool_objects(law, shared(law), partial_pooling)
 
     pool = with_leading_support(choose_deterministic(pool, progress, pooled))
     if pool.is_approximation:
@@ -62,7 +62,7 @@ def assemble(
     fit, is_converged = pool.best, True
     problem = fit.problem
     is_noise_identified = problem.noise_is_identifiable or problem.is_determined(fit.size * len(problem.models))
-    if is_noise_identified and not problem.trials.schema.unmeasured.any():  # Latent states have a prior
+    if is_noise_identified and not problem.trials.schema.is_latent.any():  # Latent states have a prior
         fit, is_converged = converged(fit)
     template = problem.law
     law = fitted_law(template, fit, covariance, seed)
@@ -94,7 +94,7 @@ def assemble(
     others = with_rivals(others, law, [(each.score - fit.score, each) for each in different])
 
     def with_pooled(law: Law) -> Law:
-        return with_pooled_forecasts(law, universal(law), partial_pooling)
+        return with_pooled_forecasts(law, shared(law), partial_pooling)
 
     return with_other_laws(
         with_pooled(law), tuple(PlausibleLaw(each.probability, with_pooled(each.law)) for each in others)

@@ -278,7 +278,7 @@ def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
 
 def _is_forecast_testable(fit: Fit) -> bool:
     """Return whether the later half of each trial identifies a law, which may then predict the earlier half."""
-    return not (fit.has_few_measurements or fit.problem.trials.schema.starts)
+    return not (fit.has_few_measurements or fit.problem.trials.schema.initial_values)
 
 
 def _score(errors: Sequence[StandardizedErrors]) -> float:

@@ -115,10 +115,10 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
 
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
     """Return notes on coefficients of laws with latent states that are not, or not well, identifiable."""
-    result = _not_identifiable(law) if problem.trials.schema.starts else ()
+    result = _not_identifiable(law) if problem.trials.schema.initial_values else ()
     if not problem.equivalent_optima:
         return result
-    names = ", ".join(problem.trials.schema.starts)
+    names = ", ".join(problem.trials.schema.initial_values)
     parameters = named_parameters(law)
     others = "; or ".join(
         ", ".join(f"{definition.name} = {float(definition.of(each)):.3g}" for definition in parameters.definitions)
@@ -137,7 +137,7 @@ def _not_identifiable(law: Law) -> tuple[Outcome, ...]:
         ]
         if letters:
             lost.setdefault(", ".join(letters), []).append(name)
-    names = ", ".join(law.schema.starts)
+    names = ", ".join(law.schema.initial_values)
     return tuple(
         note("parameters-with-latent-states", ", ".join(objects), states=names, parameters=letters)
         for letters, objects in lost.items()
@@ -159,8 +159,8 @@ def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
     """Return which samples were fitted, if these are not all, and which states were never measured in a trial."""
     why = "sample limit of the trajectory likelihood"
     lacking = unmeasured_in_words(problem.trials)
-    unmeasured = Step("latent states", lacking, "estimated jointly with the law, identified by the other trials")
-    return (*((Step("samples", problem.samples, why),) if problem.samples else ()), *((unmeasured,) if lacking else ()))
+    latent = Step("latent states", lacking, "estimated jointly with the law, identified by the other trials")
+    return (*((Step("samples", problem.samples, why),) if problem.samples else ()), *((latent,) if lacking else ()))
 
 
 def history(law: Law, fit: Fit, compared: Sequence[Compared], chosen_by: str) -> tuple[Step, ...]:
@@ -201,7 +201,7 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
         if name in schema.logarithmic
         else f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
         for name, level in zip(schema.states, levels, strict=True)
-        if name not in schema.starts
+        if name not in schema.initial_values
     )
 
 

@@ -95,7 +95,7 @@ class Measurements:
         variance = noise**2 * np.mean(relative**2, axis=0)
         if errors.correlated is not None:
             variance = variance + errors.correlated**2 * np.tanh(self._step / (2 * errors.memory))
-        return np.asarray(variance / self.noise_estimate**2)[~self.trials.schema.unmeasured]
+        return np.asarray(variance / self.noise_estimate**2)[~self.trials.schema.is_latent]
 
     @cached_property
     def measured(self) -> Floats:

@@ -121,10 +121,12 @@ def fit_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[Error
     fits, white = list[Fit](), problem.under_white_noise
     for begin in (white, problem) if problem.errors else (white,):
         solved = fit_solutions(begin, supports)
-        fitted_kinds = [kind for kind in kinds if kind != "walk" and (begin is white or kind == problem.errors.kind)]
+        fitted_kinds = [
+            kind for kind in kinds if kind != "random-walk" and (begin is white or kind == problem.errors.kind)
+        ]
         fits += [estimate_error_model(solved, kind) for kind in fitted_kinds]
-    if "walk" in kinds:
-        fits.append(estimate_error_model(fit_supports(white, supports), "walk"))
+    if "random-walk" in kinds:
+        fits.append(estimate_error_model(fit_supports(white, supports), "random-walk"))
     return [fit for fit in fits if fit.is_usable]
 
 
@@ -229,13 +231,13 @@ class _Levels:
 
     def model_error(self, logs: Floats) -> float:
         """Return the random walk, relative to the noise."""
-        return float(np.exp(logs[-1])) if self.kind == "walk" else NO_ERROR
+        return float(np.exp(logs[-1])) if self.kind == "random-walk" else NO_ERROR
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper bounds, each of shape (levels and times,)."""
         scales, floor, noise = self._scales, noise_floor(self.before.trials), self.before.noise_estimate
-        fixed = self.before.noise_given | self.before.trials.schema.unmeasured
+        fixed = self.before.noise_given | self.before.trials.schema.is_latent
         least, largest = ERRORS[self.kind].bounds(scales)
         low = np.append(np.where(fixed, noise, floor), least)
         high = np.append(np.where(fixed, noise, np.maximum(scales.states, floor)), largest)
@@ -255,7 +257,7 @@ class _Levels:
         trials = [trial for group in groups for trial in group]
         curves = [curve[:, -d:] for group in problem.smoothed for curve in group]
         states = np.where(
-            problem.trials.schema.unmeasured, noise_floor(problem.trials), within_trial_std(problem.trials)
+            problem.trials.schema.is_latent, noise_floor(problem.trials), within_trial_std(problem.trials)
         )
         rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, trials, strict=True)]
         steps = np.concatenate([np.diff(trial.times) for trial in trials])

@@ -115,7 +115,7 @@ def choose_interpolation(
     begin: Callable[[Trials, ProgressCallback], Pool],
     trials: Trials,
     *,
-    input_between: str,
+    input_interpolation: str,
     errors: ErrorKind | Literal["auto"],
     progress: ProgressCallback,
     is_chosen: bool = False,
@@ -123,17 +123,17 @@ def choose_interpolation(
     """Return a pool under the input interpolation of largest evidence, and the step of the history that records it.
 
     `begin` searches for supports (`search_supports`) or fits given terms (`fit_terms`). Interpolations are compared if
-    `input_between` is ``"auto"``. If plain terms have already chosen that of the trials (`is_chosen`), it is replaced
-    only by one without lack of fit.
+    `input_interpolation` is ``"auto"``. If plain terms have already chosen that of the trials (`is_chosen`), it is
+    replaced only by one without lack of fit.
 
     Raises `CommonlawError` if the likelihood cannot be computed, or the error model is not defined for the trials.
     """
     error_kinds(errors, trials.schema)
     pool, steps = begin(trials, part(progress, 0.0, 0.75)), list[Step]()
-    if input_between == "auto" and any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
+    if input_interpolation == "auto" and any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
         progress("comparing interpolations of inputs between samples")
         steps = [best_interpolation(pool.best, is_chosen)]
-        if steps[0].choice != trials.schema.input_between:
+        if steps[0].choice != trials.schema.input_interpolation:
             pool = begin(with_interpolation(trials, steps[0].choice), progress)
     return pool, steps
 
@@ -144,11 +144,11 @@ def best_interpolation(fit: Fit, is_chosen: bool) -> Step:
     That of the fit is kept unless the evidence for another one is strong and, if plain terms chose it (`is_chosen`),
     the law has no lack of fit under the other.
     """
-    before, gains = fit.problem.trials.schema.input_between, dict[str, float]()
+    before, gains = fit.problem.trials.schema.input_interpolation, dict[str, float]()
     for other in (_with_interpolation(fit, each) for each in BETWEEN if each != before):
         gain = fit.score - other.score
         if gain > settings.STRONG and not (is_chosen and other.lack_of_fit):
-            gains[other.problem.trials.schema.input_between] = gain
+            gains[other.problem.trials.schema.input_interpolation] = gain
     if gains:
         best = max(gains, key=lambda each: gains[each])
         why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
@@ -162,7 +162,7 @@ def _with_interpolation(fit: Fit, between: str) -> Fit:
     problem = fit.problem
     groups = [problem.trials.of_object(name) for name in problem.trials.objects]
     models = tuple(
-        replace(model, meshes=meshes(group, problem.points, input_between=between))
+        replace(model, meshes=meshes(group, problem.points, input_interpolation=between))
         for model, group in zip(problem.models, groups, strict=True)
     )
     changed = replace(problem, trials=with_interpolation(problem.trials, between), models=models)

@@ -28,18 +28,18 @@ from commonlaw.trials.transformations import with_logarithms
 from commonlaw.trials.trial import check_gaps
 
 
-def transform_trials(trials: Trials, logarithmic: Sequence[str], input_between: str) -> Trials:
+def transform_trials(trials: Trials, logarithmic: Sequence[str], input_interpolation: str) -> Trials:
     """Return trials with the logarithms of some states and an interpolation of the inputs.
 
     With ``"auto"`` the interpolation is that of `supported_interpolation`.
     """
-    between = supported_interpolation(trials) if input_between == "auto" else input_between
+    between = supported_interpolation(trials) if input_interpolation == "auto" else input_interpolation
     return with_interpolation(with_logarithms(trials, logarithmic), between)
 
 
-def with_interpolation(trials: Trials, input_between: str) -> Trials:
+def with_interpolation(trials: Trials, input_interpolation: str) -> Trials:
     """Return trials with an interpolation of the inputs."""
-    return replace(trials, schema=replace(trials.schema, input_between=input_between))
+    return replace(trials, schema=replace(trials.schema, input_interpolation=input_interpolation))
 
 
 def supported_interpolation(trials: Trials) -> str:
@@ -79,7 +79,7 @@ class FitSetup:
         Standard deviation of each state's noise, shape (states,), if it is known.
     huber_threshold
         Standard deviations beyond which a measurement counts as an outlier, infinite for none.
-    input_between
+    input_interpolation
         The interpolation of inputs between samples, or ``"auto"``, which begins with what these support.
     priors
         Priors of the coefficients of each object, None for flat; all flat if empty.
@@ -89,7 +89,7 @@ class FitSetup:
     trials: Trials
     noise: Floats | None
     huber_threshold: float
-    input_between: str
+    input_interpolation: str
     priors: Sequence[Prior | None] = ()
 
     @classmethod
@@ -99,8 +99,8 @@ class FitSetup:
         trials: Trials,
         noise: Mapping[str, float] | None = None,
         huber_threshold: float = HUBER_THRESHOLD,
-        input_between: str | None = None,
-        positive: Sequence[str] | None = None,
+        input_interpolation: str | None = None,
+        log_states: Sequence[str] | None = None,
     ) -> "FitSetup":
         """Return the setup for a law and trials, which may differ in units.
 
@@ -110,13 +110,13 @@ class FitSetup:
         Raises `CommonlawError` if the law is of discrete time, its objects do not share their terms, or law, trials and
         noise do not match.
         """
-        law = law if positive is None else on_log_scale(law, positive)
+        law = law if log_states is None else on_log_scale(law, log_states)
         levels = matched_noise(law, trials, noise)
         if not law.schema.doses:
             trials = trials.with_trials([trial.measured() for trial in trials])
         trials = matched(law, trials)
         check_gaps(tuple(trials), trials.schema)
-        between = law.schema.input_between if input_between is None else input_between
+        between = law.schema.input_interpolation if input_interpolation is None else input_interpolation
         trials = transform_trials(trials, law.schema.logarithmic, between)
         return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold, between)
 
@@ -174,8 +174,8 @@ def on_log_scale(law: Law, states: Sequence[str]) -> Law:
     Raises `CommonlawError` if the law is not of order 1, has no such state, or the state is latent.
     """
     names = tuple(dict.fromkeys(find_name(name, law.schema.states, "state") for name in states))
-    if unmeasured := [name for name in names if name in law.schema.starts]:
-        raise CommonlawError("log-states-latent", state=unmeasured[0])
+    if latent := [name for name in names if name in law.schema.initial_values]:
+        raise CommonlawError("log-states-latent", state=latent[0])
     if names == law.schema.logarithmic:
         return law
     return replace(

@@ -37,6 +37,7 @@ from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
+from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
@@ -56,12 +57,13 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
+@with_renamed_arguments
 def refine(
     law: Law,
     trials: Trials | TrialStream,
     *,
-    positive: Sequence[str] | None = None,
-    input_between: str | None = None,
+    log_states: Sequence[str] | None = None,
+    input_interpolation: str | None = None,
     noise: Mapping[str, float] | None = None,
     errors: ErrorKind | Literal["auto"] = "auto",
     huber_threshold: float = FitOptions.huber_threshold,
@@ -86,10 +88,10 @@ def refine(
     trials
         Of objects of the law. A stream is fitted file by file, under white noise if nothing else is named, each file
         with noise of its own level; objects that are not in the law begin as its typical one.
-    positive, input_between, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
-        Settings of the fit, see `FitOptions`; `positive` and `input_between` are those of the law by default. With
-        ``errors="white"`` the coefficients are those of least squares, with ``"auto"`` they are unless there is very
-        strong evidence (2 log B > 10) for other errors or for outliers.
+    log_states, input_interpolation, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
+        Settings of the fit, see `FitOptions`; `log_states` and `input_interpolation` are those of the law by default.
+        With ``errors="white"`` the coefficients are those of least squares, with ``"auto"`` they are unless there is
+        very strong evidence (2 log B > 10) for other errors or for outliers.
     progress
         Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
     client
@@ -125,7 +127,7 @@ def refine(
     if law.observation is not None:
         refuse_client(client)
         return _of_observation(law, trials, given, calls, progress)
-    how = _Fit(positive, input_between, noise, errors, errors == "white", huber_threshold, covariance, seed)
+    how = _Fit(log_states, input_interpolation, noise, errors, errors == "white", huber_threshold, covariance, seed)
     if isinstance(trials, TrialStream):
         with on_cluster(client):
             refined = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
@@ -152,9 +154,9 @@ def _of_observation(
     known = settings_of(FitOptions, "refine")
     changed = changed_settings("refine", {name: settings[name] for name in known})
     check_white(changed)
-    taken = {name: changed[name] for name in ("positive", "input_between", "noise", "seed") if name in changed}
-    if taken.get("input_between") == "auto":
-        raise CommonlawError("not-with-observation", settings=["input_between='auto'"])
+    taken = {name: changed[name] for name in ("log_states", "input_interpolation", "noise", "seed") if name in changed}
+    if taken.get("input_interpolation") == "auto":
+        raise CommonlawError("not-with-observation", settings=["input_interpolation='auto'"])
     refined = refit(law, trials, **taken, progress=progress).law(calls)
     history = (*law.history, refined.history[-1])
     return replace(refined, provenance=replace(refined.provenance, history=history))
@@ -164,8 +166,8 @@ def _of_observation(
 class _Fit:
     """How a law is fitted, see `refine`; by least squares, no measurement counts as an outlier."""
 
-    positive: Sequence[str] | None
-    input_between: str | None
+    log_states: Sequence[str] | None
+    input_interpolation: str | None
     noise: Mapping[str, float] | None
     errors: ErrorKind | Literal["auto"]
     least_squares: bool
@@ -175,14 +177,14 @@ class _Fit:
 
     def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback) -> Law:
         """Return a law fitted to trials; objects may be alike, and say where parameters inside terms begin."""
-        setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_between, self.positive)
+        setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_interpolation, self.log_states)
         progress("estimating noise, smoothing, fitting coefficients")
-        if alike and setup.law.terms.parameters and not trials.schema.starts:  # There `known_starts` does so
+        if alike and setup.law.terms.parameters and not trials.schema.initial_values:  # There `known_starts` does so
             setup = replace(setup, priors=empirical_priors(setup.problem(), setup.law.coefficients))
         pool, steps = choose_interpolation(
             lambda own, _: fit_terms(replace(setup, trials=own)),
             setup.trials,
-            input_between=setup.input_between,
+            input_interpolation=setup.input_interpolation,
             errors=self.errors,
             progress=progress,
         )
@@ -198,7 +200,7 @@ class _Fit:
         ):
             count, name = sum(problem.measured), trials.schema.states[0]
             raise CommonlawError("no-degrees-of-freedom", measurements=count, name=name)
-        schema = replace(setup.law.schema, input_between=problem.trials.schema.input_between)
+        schema = replace(setup.law.schema, input_interpolation=problem.trials.schema.input_interpolation)
         law, trials = replace(setup.law, schema=schema), setup.trials
         refined = fitted_law(law, fit, self.covariance, self.seed)
         chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(fit)
@@ -219,7 +221,7 @@ class _Fit:
 
 def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallback) -> Law:
     """Return the law of the objects of a stream, fitted part by part."""
-    if law.terms.parameters or law.schema.starts:
+    if law.terms.parameters or law.schema.initial_values:
         what = "nonlinear parameters" if law.terms.parameters else "latent states"
         raise CommonlawError("not-refined-file-by-file", what=what)
     parts, known = stream.parts or (stream,), {*law.objects}

@@ -1,4 +1,4 @@
-"""A positive state on the command line."""
+"""A log-scaled state on the command line."""
 
 import numpy as np
 import pandas as pd
@@ -16,8 +16,8 @@ def plants(tmp_path):
     return frame
 
 
-def test_bands_of_a_positive_state_are_above_zero_whatever_command_forecasts(run, plants, tmp_path):
-    options = ["--set", "positive=weight", "--library", "terms:weight,weight^2"]
+def test_bands_of_a_log_scaled_state_are_above_zero_whatever_command_forecasts(run, plants, tmp_path):
+    options = ["--set", "log_states=weight", "--library", "terms:weight,weight^2"]
     code, out, err = run("discover", "plants.csv", *options, "--save", "law.json")
     assert (code, err) == (0, "")
     assert "weight' = a weight + b weight^2" in out
@@ -31,13 +31,13 @@ def test_bands_of_a_positive_state_are_above_zero_whatever_command_forecasts(run
     assert run("refine", "plants.csv", "law.json", "--save", "refined.json")[0] == 0
     assert "on a logarithmic scale" in run("show", "refined.json", "--history")[1]
     growth = "weight' = a weight + b weight^2"
-    assert "2 log B" in run("compare", "plants.csv", growth, "law.json", "--set", "positive=weight")[1]
-    assert "--set positive=..., or none" in run("compare", "plants.csv", growth, "law.json")[2]
+    assert "2 log B" in run("compare", "plants.csv", growth, "law.json", "--set", "log_states=weight")[1]
+    assert "--set log_states=..., or none" in run("compare", "plants.csv", growth, "law.json")[2]
 
     plants.assign(weight=plants["weight"] - plants["weight"].min()).to_csv(tmp_path / "zero.csv", index=False)
-    code, _, err = run("discover", "zero.csv", "--set", "positive=weight")
+    code, _, err = run("discover", "zero.csv", "--set", "log_states=weight")
     assert code != 0
     assert "zero, trial 1: weight is 0 in sample " in err
-    assert "leave --set positive=... out" in err
-    _, _, err = run("discover", "plants.csv", "--set", "positive=weight", "--set", "trim=2")
-    assert "the setting positive does not go with --method derivative-regression" in err
+    assert "leave --set log_states=... out" in err
+    _, _, err = run("discover", "plants.csv", "--set", "log_states=weight", "--set", "trim=2")
+    assert "the setting log_states does not go with --method derivative-regression" in err
