@@ -639,13 +639,12 @@ def test_units_and_logarithms_scale_the_scatter_of_repeated_measurements():
     np.testing.assert_allclose(forecast.trials[0].repeats.squares[0], 2 * 100**2)
 
 
-def test_copies_of_rows_and_rows_that_a_column_tells_apart_are_refused():
+def test_copies_of_rows_are_refused_and_a_column_that_separates_them_names_objects():
     frame = rows().drop_duplicates("t")
     with refused("copies"):
         read(pd.concat([frame, frame]).sort_values("t"))
     rigs = pd.concat([frame.assign(w=1), frame.assign(a=frame.a + 0.1, w=2)]).sort_values("t")
-    with refused("name-trials-by"):
-        read(rigs)
+    assert read(rigs).objects == ("1", "2")
 
 
 def test_rows_of_one_time_that_stand_apart_are_repeated_measurements_if_that_is_said():

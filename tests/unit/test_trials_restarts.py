@@ -33,11 +33,12 @@ def test_runs_below_each_other_are_never_interleaved(samples, runs, end):
         Trials.from_frame(pd.DataFrame({"t": times, "x": times}))
 
 
-def test_the_column_that_tells_trials_apart_is_named_if_its_name_does_not_say_so():
+def test_the_column_of_numbers_that_separates_trials_names_objects_unless_it_is_said_to_be_of_trials():
     frame = RUNS.assign(w=[1] * 10 + [2] * 10, y=np.arange(20) % 3)
     for times in (RUNS["t"], [*T, *T]):
-        with refused("name-trials-by"):
-            Trials.from_frame(frame.assign(t=times))
+        assert Trials.from_frame(frame.assign(t=times)).objects == ("1", "2")
+    with refused("name-trials-by"):  # Too many numbers for names
+        Trials.from_frame(frame.assign(w=np.arange(20) // 2))
     assert len(Trials.from_frame(frame, trial="w")) == 2
     assert Trials.from_frame(frame.rename(columns={"w": "run"})).schema.trial == "run"
 

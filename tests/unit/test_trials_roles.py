@@ -75,6 +75,19 @@ def test_numbers_name_objects_under_the_name_of_one_and_trials_under_that_of_a_t
     assert roles_of(frame, object="", restarts="trials")[3:5] == (("x",), ("subject",))
 
 
+def test_numbers_that_separate_repeated_times_name_objects_whatever_they_are_called():
+    frame = stacked([{"c": i + 1} for i in range(4)], x=decay)
+    assert roles_of(frame) == ("c", "trial", "t", ("x",), (), set())
+    assert roles_of(frame.sort_values(["t", "c"], ignore_index=True))[0] == "c"
+    held = stacked([{"heat": 20.5 + 10 * i} for i in range(3)], x=decay)
+    assert roles_of(held.assign(pH=7.0 + held["heat"] // 30)) == ("heat", "trial", "t", ("x",), (), {"pH"})
+    runs = stacked(pairs("heat", "run", firsts=(20.5, 31.0)), x=decay)
+    assert roles_of(runs)[:2] == ("heat", "run")
+    with refused("time-repeated"):  # Neither alone separates them
+        roles_of(stacked(pairs("heat", "c", firsts=(20.5, 31.0), seconds=(1.5, 2.5)), x=decay))
+    assert roles_of(held[held["heat"] == 20.5])[0] == "object"
+
+
 @pytest.mark.parametrize("names", [("10 mg", "25 mg"), ("1a", "2b"), ("A", "T"), ("T1", "T2")])
 def test_names_may_begin_with_digits_and_clocks_are_no_names(names):
     frame = stacked([{"kind": name} for name in names], x=decay)

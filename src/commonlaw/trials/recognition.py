@@ -137,12 +137,14 @@ def _dimensions(table: Table, name: str) -> dict[str, Any]:
 
 
 def unit_in_name(time: str) -> dict[str, str]:
-    """Return the unit of a column of times that is called like one, by its name; nothing if it is not.
+    """Return the unit of a column of times that is called like one or ends in one, by its name; nothing otherwise.
 
-    >>> unit_in_name("Minutes"), unit_in_name("t")
-    ({'Minutes': 'min'}, {})
+    >>> unit_in_name("Minutes"), unit_in_name("time_ms"), unit_in_name("t")
+    ({'Minutes': 'min'}, {'time_ms': 'ms'}, {})
     """
-    unit = known_unit(time.casefold()) if time.casefold() in _TIME | {"min"} else None
+    *what, last = words(time) or [""]
+    is_unit = last in _TIME | {"min"} and not what
+    unit = known_unit(last) if is_unit or what in (["t"], ["time"], ["elapsed"], ["elapsed", "time"]) else None
     return {time: f"{unit:~}"} if unit is not None and dict(unit.dimensionality) == _OF_TIME else {}
 
 
@@ -178,7 +180,7 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     """Return the column of these that names the objects, None if there is no such; refuse several that are as likely.
 
     It is the one of text, but for what names trials, or of whole numbers that are called like an individual; a column
-    that another one determines is a property.
+    that another one determines is a property. Without such, it is the one of numbers that separates times which repeat.
     """
     able = [name for name in names if is_label(table, name, times)]
     texts = [name for name in able if not table.is_numeric(name)]
@@ -190,7 +192,7 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     # A remark changes within trials, too
     pool = [name for name in pool if (np.diff(times)[np.diff(codes[name]) != 0] <= 0).all()] or pool
     codes = {name: codes[name] for name in pool}
-    finest = [name for i, name in enumerate(pool) if not any(_is_property(name, b, codes, i) for b in pool)]
+    finest = _finest(codes)
     for likely in (
         finest,
         [name for name in finest if is_called(name, _OBJECT)],
@@ -201,9 +203,35 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
                 raise CommonlawError("long-table", where=table.source, column=likely[0])
             return likely[0]
     if not finest:
-        return None
+        return _separating_column(table, times, names)
     first, second = finest[:2]
     raise CommonlawError("object-ambiguous", where=table.source, columns=finest, first=first, second=second)
+
+
+def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
+    """Return the column of numbers without which times would repeat or go back, None if there is no such or no need.
+
+    It numbers the objects, or is a condition such as a temperature that is held in consecutive rows; at least three rows
+    share a number on average. Of several, one that determines the others is taken.
+    """
+    called = [name for name in names if is_called(name, _TRIAL) and is_label(table, name, times)]
+    runs = table.encoded(called[0])[0] if called else np.zeros(len(table), dtype=np.int64)
+    if increase_within(runs, times):
+        return None
+    codes = {name: table.encoded(name)[0] for name in names if table.is_numeric(name) and name not in called}
+    for name, code in tuple(codes.items()):
+        last, changes = int(code.max()), int(np.sum(np.diff(code) != 0))
+        groups = runs * (last + 1) + code
+        is_label_of_rows = code.min() >= 0 and (changes == last or _counts(table, name)) and 3 * last < len(table)
+        if not (is_label_of_rows and increase_within(groups, times)):
+            del codes[name]
+    finest = _finest(codes)
+    return finest[0] if len(finest) == 1 else None
+
+
+def _finest(codes: dict[str, Codes]) -> list[str]:
+    """Return the columns that are not properties of others."""
+    return [name for i, name in enumerate(codes) if not any(_is_property(name, other, codes, i) for other in codes)]
 
 
 def _is_property(name: str, finer: str, codes: dict[str, Codes], place: int) -> bool:
