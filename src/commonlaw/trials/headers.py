@@ -86,6 +86,8 @@ def _registry() -> "pint.UnitRegistry[float]":
     for count in _COUNTS:
         name, *others = count.split(" = ")
         made.define(" = ".join([name, "count", *others]))
+    for name, number in (("thousand", "1e3"), ("million", "1e6"), ("billion", "1e9")):
+        made.define(f"{name} = {number} count = _ = {name}s")
     return made
 
 
