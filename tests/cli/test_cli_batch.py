@@ -1,8 +1,10 @@
 """Many files in one call: a law for each, one table of all."""
 
 import os
+import re
 import time
 from contextlib import closing
+from html import unescape
 
 import numpy as np
 import pandas as pd
@@ -20,6 +22,25 @@ def tables(tmp_path):
     for i, drag in enumerate((-0.2, -0.6)):
         cl.datasets.linear_drag(drag=(drag,), noise=0.01, trials=2, seed=i).to_csv(tmp_path / f"{i}.csv")
     (tmp_path / "bad.csv").write_text("t,x\n0,1\n1,two\n")
+
+
+@pytest.mark.usefixtures("tables")
+def test_files_without_each_have_one_law_and_so_has_their_folder(run, tmp_path):
+    (tmp_path / "bad.csv").unlink()
+    (tmp_path / "runs").mkdir()
+    for i in range(2):
+        frame = cl.Trials.read(tmp_path / f"{i}.csv").to_frame()
+        frame[["trial", "t", "x"]].to_csv(tmp_path / "runs" / f"ball{i}.csv", index=False)
+    code, out, _ = run(
+        "discover", "runs/ball0.csv", "runs/ball1.csv", *QUICK, "--save", "law.json", "--save", "page.html"
+    )
+    law = cl.Law.load(tmp_path / "law.json")
+    assert (code, law.objects) == (0, ("ball0", "ball1"))
+    assert out.startswith("4 trials of 2 objects")
+    page = unescape((tmp_path / "page.html").read_text())
+    assert "cl.Trials.read(['runs/ball0.csv', 'runs/ball1.csv']" in re.sub("<[^>]*>", "", page)
+    assert run("discover", "runs", *QUICK)[1].split("Wrote")[0] == out.split("Wrote")[0]
+    assert run("check", "runs", "law.json")[0] == 0
 
 
 @pytest.mark.usefixtures("tables")
@@ -63,7 +84,6 @@ def test_where_no_file_has_a_law_the_command_fails_and_the_table_says_why(run, t
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["a.csv", "b.csv"], "several files: say --each"),
         (["a.csv", "--each", "--save", "p.svg", "--json"], "--save p.svg and --json for a single file"),
         (["dataset:lorenz", "--each"], "--each takes files"),
     ],

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -18,6 +19,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.runtime import reading
 from commonlaw.runtime.files import check_targets, make_folder, write_all, write_whole
 from commonlaw.runtime.reading import check_size, check_text, checked_file, read_file, read_json
+from commonlaw.trials import Trials
 from commonlaw.trials.files import read_table
 from tests.refusals import refused
 
@@ -398,6 +400,48 @@ def test_a_file_in_a_folder_that_is_gone_or_may_not_be_searched(tmp_path, monkey
     monkeypatch.setattr(Path, "stat", refuse)
     with refused("file-unreadable", file="drops.csv", reason="Permission denied"):
         read_file("drops.csv")
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["golf_1", "golf_2", "tennis_1"], [("golf", "1"), ("golf", "2"), ("tennis", "1")]),
+        (["run 2", "run 10"], [("run", "2"), ("run", "10")]),
+        (["ball_1", "ball_2"], [("ball_1", "1"), ("ball_2", "1")]),
+        (["ball1", "cup"], [("ball1", "1"), ("cup", "1")]),
+        (["golf/a", "golf/b", "tennis/a"], [("golf", "a"), ("golf", "b"), ("tennis", "a")]),
+    ],
+)
+def test_names_of_files_are_those_of_objects_and_trials(tmp_path, names, expected):
+    for i, name in enumerate(names):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / f"{name}.csv").write_text(f"t [s],x [m]\n0,{i}\n1,2\n2,3\n")
+    (tmp_path / "law.json").write_text("{}")
+    trials = Trials.read(tmp_path)
+    assert [(trial.object, trial.name) for trial in trials] == expected
+    assert [trial.states[0, 0] for trial in trials] == list(range(len(names)))
+    assert trials.schema.units == {"t": "s", "x": "m"}
+    pattern = str(tmp_path / ("*/*.csv" if "/" in names[0] else "*.csv"))
+    assert Trials.read(pattern).objects == Trials.read([tmp_path / f"{name}.csv" for name in names]).objects
+    assert trials.objects == Trials.read(pattern).objects
+
+
+def test_files_of_one_table_have_the_same_columns_and_a_fault_is_located_in_its_file(tmp_path):
+    (tmp_path / "a.csv").write_text("t,x\n0,1\n1,2\n2,3\n")
+    (tmp_path / "b.csv").write_text("x,t\n1,0\n2,1\nthree,2\n")
+    with refused("cell-unreadable", where="a.csv and 1 other file: column 'x', row 3 (line 4) of b.csv, b, trial 1"):
+        Trials.read(tmp_path)
+    (tmp_path / "b.csv").write_text("t,y\n0,1\n")
+    with refused("files-differ", first="a.csv"):
+        Trials.read(tmp_path)
+
+
+def test_a_row_of_units_below_the_header_of_a_sheet_is_read(tmp_path):
+    rows = pd.DataFrame({"Time": ["s", 0.0, 1.0, 2.0], "Angle": ["rad", 0.1, 0.3, 0.2]})
+    rows.to_excel(tmp_path / "a.xlsx", index=False)
+    trials = Trials.read(tmp_path / "a.xlsx")
+    assert trials.schema.units == {"Time": "s", "Angle": "rad"}
+    assert trials[0].states[:, 0].tolist() == [0.1, 0.3, 0.2]
 
 
 def test_files_and_tables_have_a_largest_size(tmp_path, monkeypatch):

@@ -140,16 +140,12 @@ class Batch:
         others = [each for each in outputs.save if not is_of_kind(each, "table")]
         given = [*(f"--save {each}" for each in others), *(["--json"] if outputs.as_json else [])]
         if not self.each:
-            if self.more:
-                raise click.UsageError(
-                    "several files: say --each to find a law in each of them, or put them into one table with a column "
-                    "that names the object (and one for the trial) to find the law that they share"
-                )
-        elif cluster and self.processes:
+            return
+        if cluster and self.processes:
             raise click.UsageError("--set n_jobs is for this machine: leave it out, --cluster has its own workers")
-        elif not source.path:
+        if not source.path:
             raise click.UsageError("--each takes files: commonlaw discover a.csv b.csv --each --save results.csv")
-        elif given:
+        if given:
             raise click.UsageError(
                 f"{' and '.join(given)} for a single file: with --each, results go to a table, --save results.csv"
             )
@@ -257,19 +253,23 @@ def _found_in_file(piece: Piece) -> FileResult:
 def discover(source: Source, question: Question, outputs: Outputs, batch: Batch, cluster: str | None) -> None:
     """Find the law that the objects in TABLE share.
 
-    TABLE has one row for each sample (CSV, TSV, Parquet, Excel). The law is checked by forecasting: the
-    trials that --where leaves out or --hold-out names, or if there are none, those that it was learned from. A folder
-    of Parquet files, or a pattern in quotes, is gone through file by file, with --cluster by workers.
+    TABLE has one row for each sample (CSV, TSV, Parquet, Excel). Several tables, or a folder of them, are read as
+    one, and named after objects and trials: golf_1.csv, golf_2.csv, tennis_1.csv. The law is checked by forecasting:
+    the trials that --where leaves out or --hold-out names, or if there are none, those that it was learned from.
+    Parquet files in a folder or of a pattern in quotes are streamed one by one, with --cluster by workers.
 
     \b
     Examples:
       commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 \\
           --save law.json --save law.png --save report.html
       commonlaw discover drops.csv --schema drops.toml --order 2 --exclude trial=3 --learn-until 1.5
+      commonlaw discover drops/*.csv --save report.html
       commonlaw discover monday.csv tuesday.csv --each --order 2 --save results.csv
       commonlaw discover 'runs/*.parquet' --object car --trial run --time t --state x --cluster tcp://host:8786
       commonlaw discover dataset:ball-drops --where trial=1 --order 2 --set solver=group-stlsq:1.5
     """
+    if not batch.each:
+        source = replace(source, more=batch.more)
     streams = bool(cluster) or source.is_stream
     batch.check(source, outputs, cluster)
     if streams and not batch.each:

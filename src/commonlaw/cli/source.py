@@ -33,7 +33,7 @@ from commonlaw.runtime.reading import checked_file, read_file
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.dates import DateOrder
-from commonlaw.trials.files import read_table
+from commonlaw.trials.files import read_table, table_files
 from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import join_header
 from commonlaw.trials.roles import GUESSED
@@ -204,6 +204,8 @@ class Source:
     """
 
     path: str | None
+    more: tuple[str, ...] = ()
+    """Further files with the same columns."""
     roles: Mapping[str, Any] = field(default_factory=dict)
     sheet: str | None = None
     clip: bool = False
@@ -228,7 +230,7 @@ class Source:
         said = (read_schema(schema) if schema else {}) | said
         own = {each.name: said.pop(each.name) for each in fields(cls) if each.name in said}
         dataset = table.removeprefix(DATASET) if table and table.startswith(DATASET) else ""
-        return cls(None if dataset else table, said, dataset=dataset, **own)
+        return cls(None if dataset else table, roles=said, dataset=dataset, **own)
 
     def reading(self, **roles: Any) -> "Source":
         """Return the same, read with other arguments."""
@@ -238,6 +240,11 @@ class Source:
     def name(self) -> str:
         """The file or data set, as shown."""
         return self.dataset or str(self.path)
+
+    @property
+    def files(self) -> str | list[str]:
+        """The file, folder or pattern, or all files."""
+        return [str(self.path), *self.more] if self.more else str(self.path)
 
     def load(self, schema: Schema | None = None) -> Trials:
         """Return all trials but those excluded; names that no option gives are taken from `schema`."""
@@ -267,7 +274,8 @@ class Source:
         path = Path(self.path or "")
         with suppress(OSError):  # As of a name that is too long, which is refused where it is read
             pattern = any(each in str(path) for each in "*?[")
-            return bool(self.path) and not path.is_file() and (path.is_dir() or pattern)
+            several = bool(self.path) and not self.more and not path.is_file() and (path.is_dir() or pattern)
+            return several and not table_files(path)
         return False
 
     def check_streams(self) -> None:
@@ -328,7 +336,7 @@ class Source:
         reading |= {"sheet": self.sheet} if self.sheet else {}
         reading |= {"noise_columns": {}} if self.roles.get("noise_columns") == {} else {}
         training, properties = f"measured{learned}" if learned else "", tuple(self.roles.get("properties", ()))
-        return Program(str(self.path), properties=properties, training=training, reading=reading, kept=kept)
+        return Program(self.files, properties=properties, training=training, reading=reading, kept=kept)
 
     def stream_program(self) -> "Program":
         """Return where a program finds the trials of files."""
@@ -346,7 +354,7 @@ class Source:
             )
         roles: dict[str, Any] = {**self.roles}
         if schema:
-            there = read_table(self.path, self.sheet).columns if schema.wide or schema.noise_columns else {}
+            there = read_table(self.files, self.sheet).columns if schema.wide or schema.noise_columns else {}
             roles = _names_of(schema) | roles
             deviations = {state: name for state, name in schema.noise_columns.items() if name in there}
             roles.setdefault("noise_columns", deviations or None)
@@ -354,7 +362,7 @@ class Source:
                 roles["wide"] = join_header(schema.measured[0], schema.units.get(schema.measured[0], ""))
             if roles.get("wide") and "states" not in self.roles:
                 del roles["states"]
-        trials = Trials.read(self.path, sheet=self.sheet, **roles)
+        trials = Trials.read(self.files, sheet=self.sheet, **roles)
         return without_notes_on(schema.doses if schema else (), trials)
 
 

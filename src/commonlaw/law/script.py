@@ -157,7 +157,7 @@ class Source:
     Parameters
     ----------
     table
-        Path of a table.
+        Path of a table, or of several files.
     dataset
         In place of a table, the data set as Python: ``"cl.datasets.load('lorenz')"``.
     properties
@@ -172,7 +172,7 @@ class Source:
         What of the table is measured, as Python behind what reads it: ``".clip_irregular()"``.
     """
 
-    table: str = "trials.csv"
+    table: str | Sequence[str] = "trials.csv"
     dataset: str = ""
     properties: tuple[str, ...] = ()
     training: str = ""

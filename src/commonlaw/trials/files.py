@@ -7,6 +7,7 @@ import io
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,10 +33,12 @@ from commonlaw.runtime.reading import (
     unpacked,
 )
 from commonlaw.runtime.shutdown import put_away_first
+from commonlaw.text import as_text, counted
 from commonlaw.trials import workbook_process
 from commonlaw.trials.columns import Column, Table, column_of, filled_table, frame_table
 from commonlaw.trials.headers import check_unit, join_header
-from commonlaw.trials.text import text_table
+from commonlaw.trials.recognition import TRIAL, is_called
+from commonlaw.trials.text import are_units, headers_with_units, text_table
 from commonlaw.trials.trial import Property, TrialData, property_names
 
 if TYPE_CHECKING:
@@ -43,6 +46,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+
+_ENDINGS = frozenset([".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".xlsx", ".xls", ".ods", ".gz", ".bz2", ".xz"])
+"""Of files of tables in a folder."""
 
 _SECONDS = 30
 """What reading a workbook may take."""
@@ -82,11 +88,13 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
         shown = "; ".join(f"{name!r} ({header})" for name, header in headers.items())
         raise CommonlawError("workbook-sheets", where=source, sheets=shown)
     many, header = len(chosen) > 1, max((rows[0][1] for rows in chosen.values()), key=len)
-    listed = [(name, *row) for name, (_, *below) in chosen.items() for row in below]
+    titles = [str(cell) for cell in header]
+    below_header = {name: _unit_row(rows) for name, (_, *rows) in chosen.items()}
+    titles = headers_with_units(titles, max((units for units, _ in below_header.values()), key=len))
+    listed = [(name, *row) for name, (_, rows) in below_header.items() for row in rows]
     cells = [[None if cell == "" else cell for cell in row] + [None] * (len(header) - len(row)) for *_, row in listed]
     made = [column_of([row[i] for row in cells]) for i in range(len(header))]
     columns, loose = [column for column, _ in made], [i for i, (_, is_mixed) in enumerate(made) if is_mixed]
-    titles = [str(cell) for cell in header]
     if many and "object" not in {title.strip().casefold() for title in titles}:
         titles, columns = [*titles, "object"], [*columns, column_of([name for name, *_ in listed])[0]]
 
@@ -97,9 +105,98 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
     return filled_table(source, titles, columns, loose=loose, locate=locate, number=lambda row: listed[row][1])
 
 
-def read_table(path: str | os.PathLike[str], sheet: str | None = None) -> Table:
-    """Return the table in a file: text with separators, Parquet, or a workbook, each of which may be compressed."""
-    return table_in(Path(path).name, read_file(path), sheet)
+def _unit_row(rows: Rows) -> tuple[list[str], Rows]:
+    """Return the units in the first of these rows, and the rows without it; no units if it holds none."""
+    first = [str(cell) for cell in rows[0][1]] if rows else []
+    return (first, rows[1:]) if are_units(first) else ([], rows)
+
+
+TablePath = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+"""A file, a folder, a pattern such as ``runs/*.csv``, or several files."""
+
+
+def table_files(path: TablePath) -> list[Path]:
+    """Return the files of tables in a folder or of a pattern, in order of their names; of a single file none.
+
+    Parquet files, which are streamed, do not count.
+    """
+    if not isinstance(path, str | os.PathLike):
+        return [Path(each) for each in path]
+    given = Path(path)
+    if given.is_dir():
+        found = [each for each in given.rglob("*") if each.suffix.casefold() in _ENDINGS]
+    elif any(mark in str(path) for mark in "*?[") and not given.exists():
+        root = Path(given.anchor or ".")
+        found = [each for each in root.glob(str(given.relative_to(root))) if each.suffix.casefold() != ".parquet"]
+    else:
+        return []
+    digits = re.compile(r"(\d+)")
+    return sorted(
+        (each for each in found if each.is_file() and not each.name.startswith(".")),
+        key=lambda each: [int(part) if part.isdigit() else part.casefold() for part in digits.split(str(each))],
+    )
+
+
+def read_table(path: TablePath, sheet: str | None = None) -> Table:
+    """Return the table in a file: text with separators, Parquet, or a workbook, each of which may be compressed.
+
+    The rows of several files stand below each other, and without a column ``object`` their names are those of objects,
+    see `_labels_of_files`.
+    """
+    if isinstance(path, str | os.PathLike) and not (files := table_files(path)):
+        return table_in(Path(path).name, read_file(path), sheet)
+    files = table_files(path)
+    tables = [table_in(each.name, read_file(each), sheet) for each in files]
+    headers = [[join_header(name, each.units.get(name, "")) for name in each.columns] for each in tables]
+    for each, header in zip(tables, headers, strict=True):
+        if sorted(header) != sorted(headers[0]):
+            raise CommonlawError(
+                "files-differ", where=each.source, columns=header, first=tables[0].source, others=headers[0]
+            )
+    begins = np.cumsum([0, *map(len, tables)])
+    check_size(f"{len(tables)} files", int(begins[-1]), len(tables[0].columns))
+
+    def within(row: int) -> tuple[Table, int]:
+        index = int(np.searchsorted(begins, row, side="right")) - 1
+        return tables[index], row - int(begins[index])
+
+    def locate(row: int) -> str:
+        table, own = within(row)
+        return f"{table.locate(own)} of {table.source}"
+
+    columns = {name: np.concatenate([each.columns[name] for each in tables]) for name in tables[0].columns}
+    if "object" not in {name.casefold() for name in columns}:
+        for role, labels in _labels_of_files(files).items():
+            if role not in columns:
+                columns[role] = np.repeat(np.array(labels, dtype=object), np.diff(begins))
+    return Table(
+        f"{tables[0].source} and {counted(len(tables) - 1, 'other file')}",
+        columns,
+        tables[0].units,
+        locate,
+        lambda row: within(row)[0].number(within(row)[1]),
+        frozenset().union(*(each.loose for each in tables)),
+        notes=tuple(dict.fromkeys(note for each in tables for note in each.notes)),
+        facts=tuple(dict.fromkeys(fact for each in tables for fact in each.facts)),
+    )
+
+
+def _labels_of_files(files: Sequence[Path]) -> dict[str, list[str]]:
+    """Return the names of objects that files have, and the labels of trials where several files are of one object.
+
+    ``golf_1.csv``, ``golf_2.csv``, ``tennis_1.csv`` are trials of two objects, and so are ``golf/1.csv`` and
+    ``tennis/1.csv`` in folders of their own; ``run 1.csv``, ``run 2.csv`` are trials of one.
+    """
+    names = [as_text(name_of_table(each)) for each in files]
+    folders = [each.parent.name for each in files]
+    if len(set(folders)) > 1:
+        return {"object": folders, "trial": names}
+    numbered = [re.fullmatch(r"(.+?)[\s_.-]+(\d+)", name) for name in names]
+    if all(numbered):
+        stems, labels = zip(*(each.groups() for each in numbered if each), strict=True)
+        if 1 < len(set(stems)) < len(names) or (len(set(stems)) == 1 and is_called(stems[0], TRIAL)):
+            return {"object": list(stems), "trial": list(labels)}
+    return {"object": names}
 
 
 def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:

@@ -32,7 +32,7 @@ SEPARATE = _vocabulary(
 )
 """What does not act on others of its kind."""
 _OBJECT = SEPARATE | _vocabulary("object id body particle cell device board rig unit site station tank name")
-_TRIAL = _vocabulary(
+TRIAL = _vocabulary(
     "trial run replicate rep repeat repetition drop experiment exp test session series batch attempt throw shot pass "
     "round episode cond condition versuch lauf messung wiederholung"
 )
@@ -184,8 +184,8 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     """
     able = [name for name in names if is_label(table, name, times)]
     texts = [name for name in able if not table.is_numeric(name)]
-    numbers = [name for name in able if name not in texts and is_called(name, _OBJECT - _TRIAL)]
-    pool = [name for name in texts if not is_called(name, _TRIAL)] or texts
+    numbers = [name for name in able if name not in texts and is_called(name, _OBJECT - TRIAL)]
+    pool = [name for name in texts if not is_called(name, TRIAL)] or texts
     codes = {name: table.encoded(name)[0] for name in (*pool, *numbers)}
     # A number names an object alone if it is never used twice
     pool += [name for name in numbers if all(_determines(codes[name], codes[text]) for text in pool)]
@@ -211,10 +211,10 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
 def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
     """Return the column of numbers without which times would repeat or go back, None if there is no such or no need.
 
-    It numbers the objects, or is a condition such as a temperature that is held in consecutive rows; at least three rows
-    share a number on average. Of several, one that determines the others is taken.
+    It numbers the objects, or is a condition such as a temperature that is held in consecutive rows; at least three
+    rows share a number on average. Of several, one that determines the others is taken.
     """
-    called = [name for name in names if is_called(name, _TRIAL) and is_label(table, name, times)]
+    called = [name for name in names if is_called(name, TRIAL) and is_label(table, name, times)]
     runs = table.encoded(called[0])[0] if called else np.zeros(len(table), dtype=np.int64)
     if increase_within(runs, times):
         return None
@@ -253,7 +253,7 @@ def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Code
     object would go back. Several that are as likely are refused.
     """
     able = [name for name in names if is_label(table, name, times)]
-    if called := [name for name in able if is_called(name, _TRIAL)]:
+    if called := [name for name in able if is_called(name, TRIAL)]:
         return called[0]
     if increase_within(owners, times) or not named:
         return None
@@ -280,7 +280,7 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
     if table.is_numeric(name):
         values = readable(table, name)
         if not np.array_equal(values, np.round(values)) or (
-            not is_called(name, _OBJECT | _TRIAL | _ROW_NUMBER) and (not _counts(table, name))
+            not is_called(name, _OBJECT | TRIAL | _ROW_NUMBER) and (not _counts(table, name))
         ):
             return False
     elif all(not isinstance(cell, str) or _CLOCK.fullmatch(cell) for cell in table.columns[name]):
@@ -293,7 +293,7 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
         return False
     if len(labels) == 1 or not (np.diff(times) > 0).all():
         return True
-    return is_called(name, _OBJECT | _TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1
+    return is_called(name, _OBJECT | TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1
 
 
 def _counts(table: Table, name: str) -> bool:

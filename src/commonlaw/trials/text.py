@@ -124,16 +124,13 @@ def layout_of(rows: Sequence[Row], comments: Sequence[Row]) -> Layout:
     filled = [sum(bool(cell.strip()) for cell in row.cells) for row in block]
     candidates = [i for i, count in enumerate(filled) if count == max(filled)]
     words = [i for i in candidates if not any(map(is_value, block[i].cells[1:] if width > 2 else block[i].cells))]
-    named = [i for i in words if not (i and _are_units(block[i].cells))] or candidates
+    named = [i for i in words if not (i and are_units(block[i].cells))] or candidates
     chosen = named[-1] if width == 2 else named[0]
     header = [*block[chosen].cells, *[""] * (width - len(block[chosen].cells))]
-    units = block[chosen + 1].cells if chosen + 1 < len(block) and _are_units(block[chosen + 1].cells) else ()
+    units = block[chosen + 1].cells if chosen + 1 < len(block) and are_units(block[chosen + 1].cells) else ()
     facts = _above(rows[: top + chosen])
     if units:
-        for j, (name, unit) in enumerate(zip(header, map(str.strip, units), strict=False)):
-            bare = _bare_unit(unit) if unit else ""
-            if bare not in ("", "-", "1") and not split_header(name)[1]:
-                header[j] = f"{name.strip()} [{bare}]"
+        header = headers_with_units(header, units)
         facts.append(f"line {block[chosen + 1].line} holds units")
     return Layout(header, block[chosen + bool(units)].line + 1, key, facts)
 
@@ -160,10 +157,21 @@ def _is_measured(rows: Sequence[Row], i: int, key: int | None, columns: Sequence
     return len(numbers) < 2 or any(there <= here for here, there in pairwise(numbers))
 
 
-def _are_units(cells: Sequence[str]) -> bool:
+def are_units(cells: Sequence[str]) -> bool:
+    """Say whether cells are units, or empty, as those of a row below a header may be."""
     texts = [cell.strip() for cell in cells]
     units = [text for text in texts if text not in ("", "-", "1", "[-]", "(-)", "[]", "()")]
     return bool(units) and all(known_unit(_bare_unit(text)) is not None for text in units)
+
+
+def headers_with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return headers with the units in a row below them, where they have none."""
+    result = list(header)
+    for j, (name, unit) in enumerate(zip(header, map(str.strip, units), strict=False)):
+        bare = _bare_unit(unit) if unit else ""
+        if bare not in ("", "-", "1") and not split_header(name)[1]:
+            result[j] = f"{name.strip()} [{bare}]"
+    return result
 
 
 def _bare_unit(text: str) -> str:

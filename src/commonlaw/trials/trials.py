@@ -16,7 +16,7 @@ from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import as_text, counted
 from commonlaw.trials.check import Report, check, clipped
 from commonlaw.trials.columns import frame_table
-from commonlaw.trials.files import name_of_table, read_table, to_csv, to_frame, to_parquet
+from commonlaw.trials.files import TablePath, name_of_table, read_table, to_csv, to_frame, to_parquet
 from commonlaw.trials.headers import label
 from commonlaw.trials.roles import Reading
 from commonlaw.trials.tables import rows_of, trials_from_arrays
@@ -129,7 +129,7 @@ class Trials(ShownInNotebooks):
         check_properties(self.properties, self.objects, self.schema)
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str], *, sheet: str | None = None, **roles: Unpack[Reading]) -> "Trials":
+    def read(cls, path: TablePath, *, sheet: str | None = None, **roles: Unpack[Reading]) -> "Trials":
         """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, by its content.
 
         An empty cell in a column of a state is a missing measurement. Rows without any measured state are left out, but
@@ -141,16 +141,19 @@ class Trials(ShownInNotebooks):
         Parameters
         ----------
         path
-            The file, which gzip, bzip2 or xz may have compressed. Columns of text are separated by commas, semicolons,
-            tabs or blanks; comments, rows above and below the table, and a row of units are recognized. A Parquet file
-            written by `to_parquet` has its roles in it.
+            The file, which gzip, bzip2 or xz may have compressed; or several files with the same columns, a folder of
+            them or a pattern such as ``"runs/*.csv"``, whose names are those of objects: ``golf_1.csv`` and
+            ``golf_2.csv`` are trials of one, if there are others besides. Columns of text are separated by commas,
+            semicolons, tabs or blanks; comments, rows above and below the table, and a row of units are recognized. A
+            Parquet file written by `to_parquet` has its roles in it.
         sheet
             The sheet of a workbook. Default: all, if they have the same header; each is an object of the sheet's name
             unless there is a column ``object``.
         **roles
             See `Roles` and `Reading`. Without a column of objects there is one object, named after the file.
         """
-        return cls(*rows_of(read_table(path, sheet), as_text(name_of_table(path)), **roles).data)
+        name = as_text(name_of_table(path)) if isinstance(path, str | os.PathLike) else "object"
+        return cls(*rows_of(read_table(path, sheet), name, **roles).data)
 
     @classmethod
     def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
