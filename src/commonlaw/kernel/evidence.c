@@ -80,6 +80,13 @@ static bool mix_columns(Support *s) {
     return true;
 }
 
+/* Reflect k numbers, so far apart, by an axis; scale is two over its square. */
+static void reflect(double *values, int64_t k, int64_t stride, const double *axis, double scale) {
+    double along = 0;
+    for (int64_t a = 0; a < k; ++a) along += axis[a] * values[a * stride];
+    for (int64_t a = 0; a < k; ++a) values[a * stride] -= scale * along * axis[a];
+}
+
 /* The 2-norm condition number of a symmetric matrix, which is lost, by Jacobi's rotations. */
 static double condition(double *matrix, int64_t k) {
     double least = INFINITY, largest = 0, off = 1, all = 1;
@@ -169,6 +176,49 @@ static bool one_identifies(const Support *s) {
     return false;
 }
 
+/* Reflect the estimates so that the mean of those that scatter, which objects weigh by the trace of their covariance, is
+   along the first axis; false without one. */
+static bool turn_to_mean(Support *s) {
+    const int64_t k = s->k;
+    double *axis = s->scale, square = 0;
+    for (int64_t a = 0; a < k; ++a) axis[a] = 0;
+    for (int64_t o = 0; o < s->objects; ++o) {
+        double trace = 0;
+        for (int64_t a = 0; a < k; ++a) {
+            memcpy(s->mixed, s->information + o * k * k, sizeof(double) * (size_t)(k * k));
+            for (int64_t b = 0; b < k; ++b) {
+                s->mixed[b * k + b] += RIDGE;
+                s->rows[b] = a == b;
+            }
+            if (!solve_vector(s->mixed, k, s->rows)) return false;
+            trace += s->rows[a];
+        }
+        for (int64_t a = 0; a < k - s->common; ++a) axis[a] += s->estimates[o * k + a] / trace;
+    }
+    for (int64_t a = 0; a < k; ++a) square += axis[a] * axis[a];
+    if (!(square > 0)) return false;
+    axis[0] += copysign(sqrt(square), axis[0]);
+    square = 0;
+    for (int64_t a = 0; a < k; ++a) square += axis[a] * axis[a];
+    for (int64_t o = 0; o < s->objects; ++o) {
+        reflect(s->estimates + o * k, k, 1, axis, 2 / square);
+        for (int64_t a = 0; a < k; ++a) reflect(s->information + o * k * k + a * k, k, 1, axis, 2 / square);
+        for (int64_t a = 0; a < k; ++a) reflect(s->information + o * k * k + a, k, k, axis, 2 / square);
+    }
+    return true;
+}
+
+/* What the estimates cost by their scatter. */
+static int cost_of_estimates(Support *s, int64_t tried, const double *grid, int64_t sweeps, double *found) {
+    const int64_t k = s->k;
+    for (int64_t a = 0; a < k; ++a) {
+        double square = 0;
+        for (int64_t o = 0; o < s->objects; ++o) square += s->estimates[o * k + a] * s->estimates[o * k + a];
+        s->scale[a] = a < k - s->common ? fmax(square / (double)s->objects, DBL_MIN) : 0;
+    }
+    return marginal_deviance(s->objects, k, s->estimates, s->information, s->scale, tried, grid, sweeps, found);
+}
+
 /* What the coefficients of columns cost by their scatter; infinite if they are not identifiable. */
 static int cost(Support *s, double variance, double worst, int64_t tried, const double *grid, int64_t sweeps,
                 double *found) {
@@ -181,28 +231,23 @@ static int cost(Support *s, double variance, double worst, int64_t tried, const 
     }
     if (!(condition(s->total, k) < worst) || (s->objects > 1 && !one_identifies(s))) return DONE;
     *found = 0;
-    if (s->objects == 1) return DONE;
-    for (int64_t a = 0; a < k; ++a) {
-        double square = 0;
-        for (int64_t o = 0; o < s->objects; ++o) square += s->estimates[o * k + a] * s->estimates[o * k + a];
-        s->scale[a] = a < k - s->common ? fmax(square / (double)s->objects, DBL_MIN) : 0;
-    }
-    return marginal_deviance(s->objects, k, s->estimates, s->information, s->scale, tried, grid, sweeps, found);
+    return s->objects == 1 ? DONE : cost_of_estimates(s, tried, grid, sweeps, found);
 }
 
-/* The two ways of scattering, equally probable beforehand; see evidence.py. */
+/* The three ways of scattering, equally probable beforehand; see evidence.py. */
 static int scatter(Support *s, double variance, double worst, int64_t tried, const double *grid, int64_t sweeps,
                    double *found) {
-    double alone, mixed;
+    double costs[3] = {INFINITY, INFINITY, INFINITY}, total = 0;
     scale_columns(s);
-    int failed = cost(s, variance, worst, tried, grid, sweeps, &alone);
-    *found = isnan(alone) ? INFINITY : alone;
+    int failed = cost(s, variance, worst, tried, grid, sweeps, costs);
+    *found = isnan(*costs) ? INFINITY : *costs;
     if (failed || s->k == 1 || s->objects == 1) return failed;
     if (!mix_columns(s)) return NOT_POSITIVE;
-    failed = cost(s, variance, worst, tried, grid, sweeps, &mixed);
-    if (isnan(mixed)) mixed = INFINITY;
-    const double least = fmin(*found, mixed), larger = fmax(*found, mixed);
-    if (least < INFINITY) *found = least - 2 * log1p(exp((least - larger) / 2)) + 2 * log(2);
+    failed = cost(s, variance, worst, tried, grid, sweeps, costs + 1);
+    if (!failed && costs[1] < INFINITY && turn_to_mean(s)) failed = cost_of_estimates(s, tried, grid, sweeps, costs + 2);
+    for (int each = 1; each < 3; ++each) *found = fmin(*found, isnan(costs[each]) ? INFINITY : costs[each]);
+    for (int each = 0; each < 3; ++each) total += isnan(costs[each]) ? 0 : exp((*found - costs[each]) / 2);
+    if (*found < INFINITY) *found -= 2 * log(total / 3);
     return failed;
 }
 

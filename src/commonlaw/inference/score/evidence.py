@@ -9,9 +9,10 @@ is the Bayesian information criterion of k means over objects and k between-obje
 deviance of coefficients that are drawn from normal distributions over objects, at the variances of largest marginal
 likelihood (`commonlaw.hierarchy.marginal_deviance`). For m = 1 this is the BIC.
 
-Random effects may be independent in the coefficients or in orthogonalized combinations of them: in a rate k (a - x)
-height and slope covary if the origin of x is arbitrary. Both bases have prior probability 1/2, and C is that of their
-mixture.
+Random effects may be independent in the coefficients; in orthogonalized combinations of them, as in a rate k (a - x)
+height and slope covary if the origin of x is arbitrary; or in combinations the first of which is along their mean, as
+the coefficients of objects that differ in their time scale are multiples of each other. The three bases have equal
+prior probabilities, and C is that of their mixture.
 """
 
 from ctypes import CDLL
@@ -25,7 +26,7 @@ from commonlaw.hierarchy import LIKELIEST_SWEEPS, WORST_CONDITION, RandomEffects
 from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE
 from commonlaw.kernel import CONSTANTS, MeasuredStructure, address, kernel
 
-(_MIN_COLUMN,) = CONSTANTS["MIN_COLUMN"]
+(_MIN_COLUMN,), (_RIDGE,) = CONSTANTS["MIN_COLUMN"], CONSTANTS["RIDGE"]
 
 
 @dataclass(frozen=True)
@@ -124,12 +125,14 @@ def minus_twice_log_evidence(
     norms = np.sqrt(np.mean(np.sum(reduced[:, :size, :size] ** 2, axis=1), axis=0))
     columns = reduced[:, :size, :size] / np.where(norms > 0, norms, 1.0)
     try:
-        bases = [columns]
+        targets, variance = reduced[:, :size, size:], noise_scale.variance(rss, parameters)
+        bases = [_random_effects(columns, targets, variance, common)]
         if size > 1 and len(factors) > 1:  # Gram-Schmidt over the columns of all objects
             triangle = np.linalg.qr(columns.reshape(-1, size), mode="r")
-            bases.append(np.asarray(np.matmul(columns, np.linalg.inv(triangle))))
-        variance = noise_scale.variance(rss, parameters)
-        costs = np.array([_scatter_cost(basis, reduced[:, :size, size:], variance, common) for basis in bases])
+            orthogonal = np.asarray(np.matmul(columns, np.linalg.inv(triangle)))
+            bases.append(_random_effects(orthogonal, targets, variance, common))
+            bases.append(None if bases[1] is None else _along_mean(bases[1], common))
+        costs = np.array([np.inf if basis is None else marginal_deviance(basis, common) for basis in bases])
     except np.linalg.LinAlgError:
         return np.inf
     costs = np.where(np.isnan(costs), np.inf, costs)
@@ -158,25 +161,40 @@ def residual_squares(factors: Floats, indices: Indices) -> float:
     return float(residuals @ residuals)
 
 
-def _scatter_cost(columns: Floats, targets: Floats, variance: float, common: int) -> float:
-    """Return the marginal deviance of the coefficients as random effects; infinite if they are not identifiable.
+def _random_effects(columns: Floats, targets: Floats, variance: float, common: int) -> RandomEffects | None:
+    """Return the coefficients of each object as random effects; None if they are not identifiable.
 
     Those that are not the same for all objects are identifiable if the trials of one object identify them: of x and
     ``x*mass`` only one may be in a law, as the other's coefficient can have any value in each object.
     """
     information = np.asarray(np.matmul(columns.transpose(0, 2, 1), columns))
     if not np.linalg.cond(information.sum(axis=0)) < _worst_condition(len(columns)):
-        return np.inf
+        return None
     is_large = np.abs(np.diagonal(columns, axis1=1, axis2=2)) > _MIN_COLUMN
     if len(columns) > 1 and not is_large[:, : columns.shape[1] - common].all(axis=1).any():
-        return np.inf
+        return None
     determined = is_large.all(axis=1)
     estimates = np.empty(columns.shape[:2])
     estimates[determined] = np.linalg.solve(columns[determined], targets[determined])[..., 0]
     ridge = _MIN_COLUMN**2 * np.eye(columns.shape[1])
     projected = np.matmul(columns[~determined].transpose(0, 2, 1), targets[~determined])
     estimates[~determined] = np.linalg.solve(information[~determined] + ridge, projected)[..., 0]
-    return marginal_deviance(RandomEffects(estimates, information / max(variance, np.finfo(float).tiny)), common)
+    return RandomEffects(estimates, information / max(variance, np.finfo(float).tiny))
+
+
+def _along_mean(effects: RandomEffects, common: int) -> RandomEffects | None:
+    """Return the random effects reflected so that the mean of those that scatter lies along the first axis.
+
+    Objects have weights of one over the trace of their covariance; None if the mean is zero.
+    """
+    size = effects.estimates.shape[1]
+    weights = 1 / np.trace(np.linalg.inv(effects.information + _RIDGE * np.eye(size)), axis1=1, axis2=2)
+    axis = np.where(np.arange(size) < size - common, weights @ effects.estimates, 0.0)
+    if not np.any(axis):
+        return None
+    axis[0] += np.copysign(np.linalg.norm(axis), axis[0])
+    reflection = np.eye(size) - 2 / (axis @ axis) * np.outer(axis, axis)
+    return RandomEffects(effects.estimates @ reflection, reflection @ effects.information @ reflection)
 
 
 def _worst_condition(objects: int) -> float:
