@@ -157,12 +157,18 @@ def cost_of_scatter(data):
         ),
     ],
 )
-def test_the_evidence_of_several_terms_is_that_of_coefficients_or_of_orthogonal_mixtures(mixed, scatter):
+def test_the_evidence_of_several_terms_is_that_of_coefficients_orthogonal_mixtures_or_scatter_along_the_mean(
+    mixed, scatter
+):
     generator = np.random.default_rng(5)
     own = np.array([1.5, -2.0]) + scatter * generator.standard_normal((8, 2))
     data = [(np.column_stack([a[:, 0], mixed * a[:, 0] + a[:, 1]]), y) for a, y in rows(own, seed=6)]
     turn = np.linalg.inv(np.linalg.qr(np.concatenate([library for library, _ in data]), mode="r"))
-    costs = np.array([cost_of_scatter(data), cost_of_scatter([(library @ turn, y) for library, y in data])])
+    _, estimates, _ = marginal([(library @ turn, y) for library, y in data], [0, 1])
+    grams = [(library @ turn).T @ (library @ turn) for library, _ in data]
+    cosine, sine = np.average(estimates, axis=0, weights=[1 / np.trace(np.linalg.inv(gram)) for gram in grams])
+    bases = [np.eye(2), turn, turn @ [[cosine, -sine], [sine, cosine]]]
+    costs = np.array([cost_of_scatter([(library @ basis, y) for library, y in data]) for basis in bases])
     expected = -2 * np.log(np.mean(np.exp(-(costs - costs.min()) / 2))) + costs.min()
     rest, *_ = marginal(data, [0, 1])
     found = (
@@ -173,6 +179,23 @@ def test_the_evidence_of_several_terms_is_that_of_coefficients_or_of_orthogonal_
     )
     # A variance that is off by a quarter of a decade costs at most 0.21 for each object
     assert expected - 1e-3 < found < expected + 0.21 * 8 * 2
+
+
+def test_coefficients_that_are_multiples_of_each_other_scatter_by_one_number():
+    """Rates k (21 - x) of objects that differ in k alone, beside those that differ in both coefficients."""
+    generator = np.random.default_rng(3)
+    scales = np.exp(0.5 * generator.standard_normal(8))
+    others = np.exp(0.5 * generator.standard_normal(8))
+    values = []
+    for heights in (scales, others):
+        data = []
+        for height, slope in zip(heights, scales, strict=True):
+            x = generator.uniform(25, 80, 60)
+            y = 21 * height - slope * x + 0.1 * generator.standard_normal(60)
+            data.append((np.column_stack([np.ones(60), x]) / 0.1, y / 0.1))
+        values.append(minus_twice_log_evidence(factors(data), np.array([0, 1]), NoiseScale(480)))
+    # Each object but one saves the scatter of a coefficient, whose error is a hundredth of it
+    assert values[0] < values[1] - 7 * 2 * np.log(10)
 
 
 def test_where_a_variable_is_counted_from_does_not_matter():
