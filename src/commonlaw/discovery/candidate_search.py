@@ -88,8 +88,8 @@ class Screened:
         return replace(self, kept=self.kept | missed) if missed.any() else None
 
 
-MAX_TERMS_OF_SIMPLE_LAW = 5
-"""An equation with more coefficients may approximate a latent state, or richer terms."""
+MAX_TERMS_OF_SIMPLE_LAW = 3
+"""An equation with more coefficients may approximate a latent state or richer terms, which have two numbers or more."""
 
 
 @dataclass(frozen=True, eq=False)

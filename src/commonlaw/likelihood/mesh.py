@@ -60,6 +60,12 @@ class Mesh:
         return np.append(True, ~self.contiguous)
 
     @cached_property
+    def jumps(self) -> Bools:
+        """Where a held input jumps within a segment, shape (n,)."""
+        changes = np.append(False, self.contiguous & np.any(np.diff(self.inputs, axis=0) != 0, axis=1))
+        return changes & self.held
+
+    @cached_property
     def still(self) -> Bools:
         """Which measurements are of a state that is constant in its segment, shape (n, d)."""
         first = np.flatnonzero(self.first)

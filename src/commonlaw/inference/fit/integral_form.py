@@ -48,8 +48,9 @@ class CurveData:
         cls, problem: SearchProblem, index: int, estimate: Estimate, others: Sequence[ParametricTerm]
     ) -> "CurveData":
         """Return the terms along the estimated states of an object."""
-        terms, values = problem.models[index].terms, values_along(problem, index, estimate)
+        terms, values = problem.models[index].terms, values_between_jumps(problem, index, estimate)
         sampled = np.concatenate([mesh.observed.any(axis=1) for mesh in problem.models[index].meshes])
+        sampled = sampled[points_between_jumps(problem, index)]
         grids = ParameterGrids.along(terms.variables, values, others, sampled)
         return cls(problem, index, terms.evaluate(values), grids)
 
@@ -200,7 +201,7 @@ class Integrals:
     Parameters
     ----------
     points
-        Indices of the points of each window.
+        Indices of the points of each window, of `points_between_jumps`.
     operators
         Of each window, shape (measurements, points): integrals of cardinal cubic splines, projected orthogonally to
         free initial conditions.
@@ -215,10 +216,11 @@ class Integrals:
     ) -> "tuple[Integrals, Floats]":
         """Return the operators of an object's equation, and the standardized measurements of its state, shape (n,).
 
-        Measurements are projected orthogonally to free initial conditions, in evenly spaced windows. The variables
-        along the curves have shape (points, variables).
+        Measurements are projected orthogonally to free initial conditions, in evenly spaced windows. The variables are
+        those of `values_between_jumps`.
         """
         model, windows, before = problem.models[index], list[tuple[Mesh, int, Indices]](), 0
+        every = points_between_jumps(problem, index)
         variables, order = model.terms.variables, order_of_each(model.order, model.equations)[equation]
         for mesh in model.meshes:
             for part in np.split(np.arange(len(mesh)), np.flatnonzero(~mesh.contiguous) + 1):
@@ -227,15 +229,18 @@ class Integrals:
             before += len(mesh)
         indices, operators, targets = list[Indices](), list[Floats](), list[Floats]()
         for mesh, before, points in (windows[i] for i in evenly_spaced(len(windows), settings.MAX_WINDOWS)):
-            observed, times = mesh.observed[points, equation], mesh.times[points]
-            std = problem.std_of(mesh)[points[observed], equation]
-            rows = integrated(times, np.eye(len(times)), order)[observed]  # Cardinal splines
+            measured = points[mesh.observed[points, equation]]
+            std = problem.std_of(mesh)[measured, equation]
+            first, last = np.searchsorted(every, before + points[0], "right") - 1, before + points[-1]
+            own = np.arange(first, np.searchsorted(every, last) + 1)
+            times, at = mesh.times[every[own] - before], np.searchsorted(every[own], before + measured)
+            rows = integrated(times, np.eye(len(times)), order)[at]  # Cardinal splines
             if variables.states[equation] in variables.logarithmic:
-                rows = rows / values[before + points, equation]
-            rows = np.column_stack([rows, mesh.measured[points[observed], equation]]) / std[:, np.newaxis]
-            initial = np.vander((times - times[0])[observed], order, increasing=True) / std[:, np.newaxis]
+                rows = rows / values[own, equation]
+            rows = np.column_stack([rows, mesh.measured[measured, equation]]) / std[:, np.newaxis]
+            initial = np.vander((times - times[0])[at], order, increasing=True) / std[:, np.newaxis]
             rows = outside_span(initial, rows)
-            indices.append(before + points)
+            indices.append(own)
             operators.append(rows[:, :-1])
             targets.append(rows[:, -1])
         return cls(indices, operators), np.concatenate(targets)
@@ -247,11 +252,41 @@ class Integrals:
             return np.concatenate([operator @ rates[points] for points, operator in pairs])
 
 
+def points_between_jumps(problem: SearchProblem, index: int) -> Indices:
+    """Return the points of an object's curves, by their index, those at which a held input jumps twice."""
+    jumps = np.concatenate([mesh.jumps for mesh in problem.models[index].meshes])
+    return np.repeat(np.arange(len(jumps)), 1 + jumps)
+
+
+def values_between_jumps(problem: SearchProblem, index: int, estimate: Estimate) -> Floats:
+    """Return the variables along estimated states, before and after jumps of inputs, shape (n, variables)."""
+    values, points = values_along(problem, index, estimate), points_between_jumps(problem, index)
+    model, result = problem.models[index], values[points]
+    before, inputs = np.flatnonzero(np.diff(points) == 0), slice(model.width, result.shape[1] - 1)
+    result[before, inputs] = values[points[before] - 1, inputs]
+    return result
+
+
 def integrated(times: Floats, rates: Floats, order: int) -> Floats:
-    """Return rates at times, shape (n, columns), integrated `order` times from the first time, by cubic splines."""
+    """Return rates at times, shape (n, columns), integrated `order` times from the first time, by cubic splines.
+
+    Where a time is there twice, rates jump.
+    """
     from scipy.interpolate import CubicSpline
 
-    return np.asarray(CubicSpline(times, rates).antiderivative(order)(times))
+    below = np.zeros((order, rates.shape[1]))  # Of the integral and its derivatives where a part begins
+    result = np.empty_like(rates)
+    for part in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) == 0) + 1):
+        elapsed = times[part] - times[part[0]]
+        powers = np.vander(elapsed, order, increasing=True) / np.cumprod([1, *range(1, order)])
+        integrals = [np.zeros_like(rates[part])] * (order + 1)
+        if len(part) > 1:
+            spline = CubicSpline(times[part], rates[part])
+            integrals = [spline.antiderivative(times_integrated)(times[part]) for times_integrated in range(order + 1)]
+        result[part] = integrals[order] + powers @ below
+        ends = [integrals[order - m][-1] + powers[-1, : order - m] @ below[m:] for m in range(order)]
+        below = np.array(ends)
+    return result
 
 
 def outside_span(columns: Floats, values: Floats) -> Floats:

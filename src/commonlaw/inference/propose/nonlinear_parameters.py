@@ -18,8 +18,8 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
-from commonlaw.inference.fit.integral_form import Integrals, least_squares
-from commonlaw.inference.fit.lack_of_fit import has_pole, values_along
+from commonlaw.inference.fit.integral_form import Integrals, least_squares, values_between_jumps
+from commonlaw.inference.fit.lack_of_fit import has_pole
 from commonlaw.inference.fit.multistart import best_estimate, full_schedule, multistart, shrink_to_pooled
 from commonlaw.inference.fit.parameter_grid import divisors, factor_powers, grid_product, parameter_values
 from commonlaw.inference.fit.problem import SearchProblem
@@ -252,7 +252,7 @@ def _integral_profiles(problem: SearchProblem) -> list[_Profile]:
     """Return each object's profile in integral form along smoothed states, which is more accurate than rates."""
     result = list[_Profile]()
     for o, (model, known, start) in enumerate(zip(problem.models, problem.known, problem.starts, strict=True)):
-        values = values_along(problem, o, start)
+        values = values_between_jumps(problem, o, start)
         matched = [Integrals.and_target(problem, o, j, values) for j in range(len(known))]
         regressors, targets = zip(*((each.of, target) for each, target in matched), strict=True)
         result.append(_Profile(model.terms, known, values, targets, regressors))
