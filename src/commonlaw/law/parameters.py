@@ -15,7 +15,7 @@ from commonlaw.integration import VectorField
 from commonlaw.law import text
 from commonlaw.law.law import Law, object_index, shares_terms
 from commonlaw.law.parse import Coefficient, Part, Product, read_equations
-from commonlaw.law.quantiles import mixture_interval
+from commonlaw.law.quantiles import mixture_interval, propagated
 from commonlaw.law.text import free_letters
 from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.library import with_rates
@@ -98,13 +98,33 @@ class Parameters:
         return tuple(units)
 
     def intervals(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
-        """Return the ends of intervals, each of shape (objects, parameters); NaN where unknown."""
+        """Return the ends of intervals, each of shape (objects, parameters); NaN where unknown.
+
+        Those of ratios are Fieller's, see `propagated`.
+        """
         j, k = self.places
         if self.law.uncertainty.other_laws and averaged:
             low, high = coefficient_intervals(self.law, level)
             return low[:, j, k], high[:, j, k]
-        half = self.errors * self.law.uncertainty.reach(len(self.law.schema.states), level)[j]
-        return self.values - half, self.values + half
+        reach = self.law.uncertainty.reach(len(self.law.schema.states), level)[j]
+        low, high = self.values - self.errors * reach, self.values + self.errors * reach
+        for i, definition in enumerate(self.definitions):
+            if len(definition.parts) > 1 and self.law.uncertainty.covariance is not None:
+                for o, covariance in enumerate(self.law.uncertainty.covariance):
+                    low[o, i], high[o, i] = self._propagated(definition, o, covariance, float(reach[i]))
+        return low, high
+
+    def _propagated(self, definition: Coefficient, index: int, covariance: Floats, reach: float) -> tuple[float, float]:
+        """Return the ends of the interval of a product of powers of an object's coefficients."""
+        support = self.law.support
+
+        def value(free: Floats) -> Floats:
+            coefficients = np.zeros((len(free), *support.shape))
+            coefficients[:, support] = free
+            return definition.of(coefficients)
+
+        found = propagated(value, self.law.coefficients[index, support], covariance, reach)
+        return found.low, found.high
 
     def draws(self, n: int, seed: int, averaged: bool) -> Floats:
         """Return draws from the posterior of the parameters, shape (n, objects, parameters), see `Law.sample`."""
