@@ -12,7 +12,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Column, Table, column_of
 from commonlaw.trials.dates import first_time, holds_dates, years_of
-from commonlaw.trials.headers import split_header
+from commonlaw.trials.headers import known_unit, split_header
 from commonlaw.trials.recognition import QUANTITIES, SEPARATE, is_called, readable, words
 
 _DEFAULT = "value"
@@ -22,6 +22,8 @@ _WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
 _NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
 _REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]*\d+")
 """A word of two letters at least, and a number."""
+_CONDITION = re.compile(r"[-+]?\d+(?:[.,]\d+)?\s*(\D+)")
+"""A number with a unit, such as the temperature or the dose of a run."""
 _MIN_LIKE_COLUMNS, _MIN_COLUMNS = 4, 8
 """Columns of like names, and of any names, from which on they may be an object each."""
 _MAX_REPLICATE_DIFFERENCE = 0.1
@@ -31,16 +33,19 @@ _MAX_REPLICATE_DIFFERENCE = 0.1
 def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     """Return those columns of numbers that hold one quantity of an object each; none if that is in doubt.
 
-    They have one unit, and names of wells; or all are called by words with numbers, which name individuals or
-    repetitions, or have nearly the same values for the same word, as replicates have. Names of quantities such as theta
-    are no such words.
+    They have one unit, and names of wells; or all are called by conditions in the same unit, ``25 °C``, ``35 °C``; or
+    by words with numbers, which name individuals or repetitions, or have nearly the same values for the same word, as
+    replicates have. Names of quantities such as theta are no such words.
     """
+    conditions = {found[1].strip() if (found := _CONDITION.fullmatch(name)) else None for name in names}
     wells = {name: found for name in names if (found := _WELL.fullmatch(name))}
     stems = {name: found[1] for name in names if (found := _REPLICATE.fullmatch(name))}
     groups = [[name for name in stems if stems[name] == stem] for stem in dict.fromkeys(stems.values())]
     if len(wells) >= _MIN_LIKE_COLUMNS and len({well[1] for well in wells.values()}) == 1:
         letters = {well[2] for well in wells.values()}
         alike = [*wells] if len(letters) > 1 or len(wells) >= _MIN_COLUMNS or _start_alike(table, [*wells]) else []
+    elif len(names) > 1 and len(conditions) == 1 and (condition := conditions.pop()) and not _is_length(condition):
+        alike = list(names)
     elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
         individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
         values = _complete(table, names)
@@ -50,6 +55,12 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     else:
         return []
     return alike if len({table.units.get(name) for name in alike}) == 1 else []
+
+
+def _is_length(unit: str) -> bool:
+    """Say whether a text is a unit of length, as of the places of sensors on one object."""
+    known = known_unit(unit)
+    return known is not None and known.dimensionality == {"[length]": 1}
 
 
 def _is_variable(stem: str) -> bool:
