@@ -802,10 +802,9 @@ def test_the_command_line_compares_and_refines_laws_with_observation_equations(t
     "use",
     [
         lambda law, trials: cl.discover(trials, known=law),
-        lambda law, _: cl.design(law, {"x": "1..2", "duration": 3, "rate": 5}),
         lambda law, trials: law.discrepancy(trials),
     ],
-    ids=["discover", "design", "discrepancy"],
+    ids=["discover", "discrepancy"],
 )
 def test_what_takes_columns_for_states_refuses_a_law_with_an_observation(use):
     trials = trials_of({"A": (T, 5 * (1 - np.exp(-0.7 * T)) + 0.01 * np.sin(9 * T))})

@@ -8,9 +8,11 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Evidence
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.integration import InitialValueProblem, simulate
+from commonlaw.law.alignment import measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import named_parameters, vector_field
 
@@ -46,10 +48,10 @@ class Quantity:
 def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
     """Return the quantity that a text names.
 
-    ``"x at t=10 from 100"`` is a forecast of a state, from values of all states (and rates), with commas between them;
-    rates that are left out are zero. ``"c"`` is a coefficient by its name in the law, or by its term. Of one object
-    with `` of Ball 3`` behind it, else the mean over all objects. Raises `CommonlawError` if a name or number cannot be
-    read.
+    ``"x at t=10 from 100"`` is a forecast of a state, or of a measured quantity of a law with observation equations,
+    from values of all states (and rates), with commas between them; rates that are left out are zero. ``"c"`` is a
+    coefficient by its name in the law, or by its term. Of one object with `` of Ball 3`` behind it, else the mean over
+    all objects. Raises `CommonlawError` if a name or number cannot be read.
     """
     forecast, coefficient = (form.fullmatch(text.strip()) for form in (_FORECAST, _COEFFICIENT))
     found = forecast or coefficient
@@ -103,11 +105,12 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
 
 
 def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:
-    law = each.law
-    states = law.terms.variables.states
-    if parts["state"] not in states:
-        raise unknown("state", parts["state"], states)
-    if law.schema.inputs:
+    law, states = each.law, each.law.terms.variables.states
+    observed = each.observed(frozenset(states))
+    shown = states if observed is None else measured_schema(law).states
+    if parts["state"] not in shown:
+        raise unknown("state" if observed is None else "measured quantity", parts["state"], shown)
+    if measured_schema(law).inputs:
         raise CommonlawError("design-forecast-with-inputs")
     try:
         time, start = float(parts["time"]), [float(own) for own in parts["start"].split(",")]
@@ -123,20 +126,26 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
             states=states,
         )
     initial = np.pad(np.array(start), (0, len(states) - len(start)))
-    logs, column = list(law.terms.variables.logarithmic_columns), states.index(parts["state"])
-    initial[logs] = np.log(initial[logs])
-    times = np.array([0.0, time])
-    found = simulate(
-        [
-            InitialValueProblem(replace(vector_field(law, name), free=law.support), initial, times, name)
-            for name in names
-        ],
-        sensitivities=True,
-    )
-    if any(own.outcome is not None for own in found):
+    column, times, count = shown.index(parts["state"]), np.array([0.0, time]), int(law.support.sum())
+    if observed is not None:
+        logs = [i for i, name in enumerate(shown) if name in measured_schema(law).logarithmic]
+        settings = {**dict(zip(states, initial.tolist(), strict=True)), "times": (0.0, time)}
+        made = Experiment.of(law, tuple(names), settings, {})
+        predicted = [observed.predicted(law, made, name, times) for name in names]
+        pairs = [(own.values, own.slopes) for own in predicted]
+    else:
+        logs = [*law.terms.variables.logarithmic_columns]
+        initial[logs] = np.log(initial[logs])
+        fields = [replace(vector_field(law, name), free=law.support) for name in names]
+        found = simulate(
+            [InitialValueProblem(own, initial, times, name) for own, name in zip(fields, names, strict=True)],
+            sensitivities=True,
+        )
+        pairs = [(own.states, own.sensitivities) for own in found]
+    values = np.array([curve[-1, column] for curve, _ in pairs])
+    slopes = np.array([own[-1, column, :count] for _, own in pairs if own is not None])
+    if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
         raise CommonlawError("design-forecast-diverges", structure=law.structure, time_name=law.schema.time, time=time)
-    values = np.array([own.states[-1, column] for own in found])
-    slopes = np.array([own.sensitivities[-1, column, : -len(states)] for own in found if own.sensitivities is not None])
     if column in logs:
         values = np.exp(values)
         slopes = slopes * values[:, np.newaxis]

@@ -14,6 +14,7 @@ from commonlaw.experiments.experiment import (
     Range,
     Settings,
     check_amount,
+    given_starts,
     numbers_of,
     read,
     rounded_to,
@@ -23,11 +24,11 @@ from commonlaw.experiments.plan import Design, Forecasts, Gain, Planned
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, SETTLED, Search
 from commonlaw.law import Law, PlausibleLaw
-from commonlaw.law.alignment import matched, refuse_observation
+from commonlaw.law.alignment import has_bands, matched, measured_schema
 from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
-from commonlaw.trials import Trials
+from commonlaw.trials import Schema, Trials
 
 PRICES: Mapping[str, float] = {"trial": 1.0}
 """Where no other is given: every trial costs the same."""
@@ -57,11 +58,12 @@ def design(
 ) -> Design:
     """Return the experiments that are expected to be most informative for their cost.
 
-    Every plausible law predicts the measurements, with the errors of its coefficients, of the measurements and of the
-    law itself, so that laws which can imitate each other by other coefficients or initial conditions are not
+    Every plausible law predicts the measured quantities, with the errors of its coefficients, of the measurements and
+    of the law itself, so that laws which can imitate each other by other coefficients or initial conditions are not
     distinguished. The expected information is averaged over these laws (Box and Hill 1967; Lindley 1956), each
     linearized about its coefficients; experiments that discriminate best are simulated, and all laws are fitted to
-    their measurements.
+    their measurements. Predictions of a law with observation equations have the derivatives by its parameters p and
+    initial values, dy/dp = dh/dx dx/dp + dh/dp.
 
     Raises `CommonlawError` if a law has no noise or covariance, laws do not match, a setting is unknown, or no
     experiment is within the budget.
@@ -195,30 +197,31 @@ def _gains(law: Law, hypotheses: Sequence[Hypothesis], prior: Floats, evidence: 
 def usual(law: Law, trials: Trials) -> dict[str, Options]:
     """Return how experiments were made: where trials start, how long they take, how many samples they have."""
     followed = law.predict(trials, averaged=False)
-    trials = matched(law, trials)
-    starts = np.array([trajectory.states[0] for trajectory in followed.trajectories])
+    trials, schema, given = matched(law, trials, observed=True), measured_schema(law), given_starts(law)
+    courses = followed.latent or [trajectory.states for trajectory in followed.trajectories]
+    starts = np.array([states[0] for states in courses])
     result: dict[str, Options] = {}
     rates = [rate for _, rate in state_rates(law)]
     for j, name in enumerate(law.terms.variables.states):
-        spread = max(np.ptp(trajectory.states[:, j]) for trajectory in followed.trajectories)
-        if name in rates and np.abs(starts[:, j]).max() < _REST * spread:
+        spread = max(np.ptp(states[:, j]) for states in courses)
+        if name in rates and np.abs(starts[:, j]).max() < _REST * spread and name not in given:
             result[name] = (0.0,)
-        elif name not in law.schema.initial_values:
+        elif name not in given:
             result[name] = _between(starts[:, j])
-    if law.schema.doses:
-        result |= _usual_doses(law, trials)
+    if schema.doses:
+        result |= _usual_doses(schema, trials)
     else:
         inputs = np.array([trial.inputs.mean(axis=0) for trial in trials])
-        result |= {name: _between(inputs[:, j]) for j, name in enumerate(law.schema.inputs)}
+        result |= {name: _between(inputs[:, j]) for j, name in enumerate(schema.inputs)}
     result["duration"] = (float(np.median([trial.times[-1] - trial.times[0] for trial in trials])),)
     result["samples"] = (float(np.median([len(trial.measured()) for trial in trials])),)
     return result
 
 
-def _usual_doses(law: Law, trials: Trials) -> dict[str, Options]:
+def _usual_doses(schema: Schema, trials: Trials) -> dict[str, Options]:
     """Return the amounts of doses, which stand in trials as large inputs for a moment, and when the first is given."""
     result: dict[str, Options] = {}
-    for j, name in enumerate(law.schema.inputs):
+    for j, name in enumerate(schema.inputs):
         own = [(trial, np.flatnonzero(trial.inputs[:, j])) for trial in trials]
         pulses = [(each, given) for each, given in own if len(given)]
         amounts = [each.inputs[i, j] * (each.times[i] - each.times[i - 1]) for each, given in pulses for i in given]
@@ -243,19 +246,17 @@ def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
     """Return all that several laws could be, each of them as probable as another."""
     if not laws or not all(isinstance(law, Law) for law in laws):
         raise CommonlawError("design-without-laws")
-    first = laws[0]
-    for law in laws:
-        refuse_observation(law)
-    for each in laws[1:]:
-        same = (each.terms.variables.measured, each.objects, each.schema.logarithmic) == (
-            first.terms.variables.measured,
-            first.objects,
-            first.schema.logarithmic,
-        )
-        if not same:
-            raise CommonlawError("design-different-laws")
+    if any(_setting_of(each) != _setting_of(laws[0]) for each in laws[1:]):
+        raise CommonlawError("design-different-laws")
     share = 1 / len(laws)
     return tuple(PlausibleLaw(share * model.probability, model.law) for law in laws for model in law.models)
+
+
+def _setting_of(law: Law) -> tuple[object, ...]:
+    """Return what laws of the same experiments have in common: variables, what is measured and what is set."""
+    measured, variables = measured_schema(law), law.terms.variables
+    names = (variables.states, measured.inputs, variables.time, measured.measured, measured.logarithmic)
+    return *names, law.objects, given_starts(law)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +274,7 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ..
     they leave what was visited. All experiments for a purpose have at most `most` trials. Laws without noise or
     covariance, and laws in discrete time, have no suggestions.
     """
-    if not law.uncertainty.has_std or law.order == 0 or not law.support.any():
+    if not has_bands(law) or law.order == 0 or not law.support.any():
         return ()
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
     ranges = {

@@ -13,8 +13,10 @@ from commonlaw.errors import CommonlawError, unknown
 from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
+from commonlaw.law.alignment import measured_schema
 from commonlaw.law.parameters import state_rates
 from commonlaw.text import counted
+from commonlaw.trials import Schema
 
 Value = float | str | tuple[float, ...]
 """A number; the name of an object or of a shape; or the times of the samples."""
@@ -226,10 +228,11 @@ def check_amount(what: str, value: object) -> None:
 
 
 def _check_name(name: str, law: Law) -> None:
-    variables, details = law.terms.variables, ("at", "every") if law.schema.doses else ("shape", "period")
-    inputs = [each for signal in variables.inputs for each in (signal, *(f"{signal}.{detail}" for detail in details))]
-    if name not in (*TIMING, *variables.states, *inputs) and not (name.startswith("object.") and name != "object."):
-        raise unknown("setting of an experiment", name, (*variables.states, *inputs, *TIMING, "object.<property>"))
+    schema, states = measured_schema(law), law.terms.variables.states
+    details = ("at", "every") if schema.doses else ("shape", "period")
+    inputs = [each for signal in schema.inputs for each in (signal, *(f"{signal}.{detail}" for detail in details))]
+    if name not in (*TIMING, *states, *inputs) and not (name.startswith("object.") and name != "object."):
+        raise unknown("setting of an experiment", name, (*states, *inputs, *TIMING, "object.<property>"))
 
 
 def _some(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -239,8 +242,8 @@ def _some(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def _check_complete(options: Mapping[str, Options], law: Law) -> None:
     """Refuse settings that leave open what every experiment needs, or have values that it cannot have."""
-    known = {*options, *law.schema.initial_values}
-    lacking = [name for name in (*law.terms.variables.states, *law.terms.variables.inputs) if name not in known]
+    known, schema = {*options, *given_starts(law)}, measured_schema(law)
+    lacking = [name for name in (*law.terms.variables.states, *schema.inputs) if name not in known]
     if "times" not in options:
         lacking += [name for name in ("duration",) if name not in options]
         lacking += ["rate"] if not {"rate", "samples"} & {*options} else []
@@ -251,18 +254,18 @@ def _check_complete(options: Mapping[str, Options], law: Law) -> None:
         ways = ", ".join(f"{name}={shown.get(name, '0..1')}" for name in lacking)
         raise CommonlawError("setting-missing", settings=ways)
     above = {"duration": 0.0, "rate": 0.0, "samples": 1.0, "repeats": 0.0}
-    above |= {f"{name}.every": 0.0 for name in law.schema.doses}
+    above |= {f"{name}.every": 0.0 for name in schema.doses}
     for name, least in above.items():
         for number in numbers_of(options.get(name, ())):
             if not number > least:
                 raise CommonlawError("setting-too-small", name=name, value=number, least=least)
-    for name in law.schema.doses:
+    for name in schema.doses:
         for number in numbers_of(options.get(f"{name}.at", ())):
             check_amount(f"{name}.at is", number)
-    for name in law.schema.logarithmic:
+    for name in schema.logarithmic:
         if any(not number > 0 for number in numbers_of(options.get(name, ()))):
             raise CommonlawError("setting-not-positive", name=name)
-    for name in law.schema.inputs:
+    for name in schema.inputs:
         for shape in _words_of(options.get(f"{name}.shape", ())):
             if shape not in SHAPES:
                 raise unknown("shape of an input", shape, SHAPES)
@@ -286,7 +289,8 @@ class Experiment:
     times
         Of the samples, shape (n,).
     start, start_std
-        Initial states and rates, shape (D,), and their standard deviations, infinite where they are estimated.
+        Initial states and rates, shape (D,), NaN where observations of the law give them, and their standard
+        deviations, infinite where they are estimated.
     inputs
         From the first sample on, if there are any.
     properties
@@ -324,13 +328,13 @@ class Experiment:
         repeats = round(_number(settings, "repeats", 1.0))
         start = np.array([_start(law, settings, name) for name in law.terms.variables.states])
         known = np.array([float((start_std or {}).get(name, np.inf)) for name in law.terms.variables.states])
-        names, inputs = law.schema.inputs, None
-        if law.schema.doses:
+        names, inputs = measured_schema(law).inputs, None
+        if measured_schema(law).doses:
             amounts = [dict.fromkeys(dose_times(settings, name, times), _number(settings, name)) for name in names]
             inputs = inputs_of_doses(times, amounts)
         elif names:
             columns = np.column_stack([_course(settings, name, times) for name in names])
-            inputs = Inputs.of(times, columns, law.schema.input_interpolation)
+            inputs = Inputs.of(times, columns, measured_schema(law).input_interpolation)
         return cls(dict(settings), objects, times, start, known, inputs, properties, repeats, prices)
 
     def until(self, time: float) -> "Experiment":
@@ -364,19 +368,20 @@ class Experiment:
         who = "each object" if chosen == EACH else self.objects[0]
         if self.properties:
             who = f"a new object with {', '.join(valued(*pair) for pair in self.properties.items())}"
-        states = [name for name in law.terms.variables.states if name not in law.schema.initial_values]
-        start = ", ".join(valued(name, self.start[law.terms.variables.states.index(name)]) for name in states)
-        inputs = [self._input(name, law, units) for name in law.schema.inputs]
+        given, schema = given_starts(law), measured_schema(law)
+        pairs = zip(law.terms.variables.states, self.start.tolist(), strict=True)
+        start = ", ".join(valued(name, value) for name, value in pairs if name in self.settings or name not in given)
+        inputs = [self._input(name, schema, units) for name in schema.inputs]
         span = f"{self.times[-1] - self.times[0]:.3g} {units.get(law.schema.time, '')}".rstrip()
-        parts = [f"{who} from {start}", *inputs, f"{counted(len(self.times), 'sample')} over {span}"]
+        parts = [f"{who} from {start}" if start else who, *inputs, f"{counted(len(self.times), 'sample')} over {span}"]
         return ", ".join(parts) + (f", {self.repeats} times" if self.repeats > 1 else "")
 
-    def _input(self, name: str, law: Law, units: Mapping[str, str]) -> str:
-        if name in law.schema.doses:
+    def _input(self, name: str, schema: Schema, units: Mapping[str, str]) -> str:
+        if name in schema.doses:
             given = dose_times(self.settings, name, self.times)
             if not given:
                 return f"no {name}"
-            first = f"{given[0] - self.times[0]:.3g} {units.get(law.schema.time, '')}".rstrip()
+            first = f"{given[0] - self.times[0]:.3g} {units.get(schema.time, '')}".rstrip()
             amount = f"{_number(self.settings, name):.3g} {units.get(name, '')}".rstrip()
             often = f" and {counted(len(given) - 1, 'time')} more" if len(given) > 1 else ""
             return f"{name} of {amount} after {first}{often}"
@@ -407,9 +412,21 @@ def _times(settings: Mapping[str, Value]) -> Floats:
     return np.asarray(np.linspace(0.0, duration, max(2, round(count))))
 
 
+def given_starts(law: Law) -> frozenset[str]:
+    """Return the states and rates whose initial values a law gives for all of its objects."""
+    if law.observation is None:
+        return frozenset(law.schema.initial_values)
+    rates = {f"{state}'": rate for state, rate in state_rates(law)}
+    given = law.observation.initial.items()
+    partly = [name for name, start in given if isinstance(start, Mapping) and not {*start} >= {*law.objects}]
+    return frozenset(rates.get(name, name) for name, _ in given if name not in partly)
+
+
 def _start(law: Law, settings: Mapping[str, Value], name: str) -> float:
     if name in settings:
         return _number(settings, name)
+    if law.observation is not None:
+        return np.nan
     value = law.schema.initial_values[name]
     if not isinstance(value, Real):
         raise CommonlawError("experiment-start", name=name)

@@ -12,6 +12,7 @@ from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import MAX_REPEATS, MIN_RELATIVE_GAIN, SETTLED
 from commonlaw.law import Law, PlausibleLaw
+from commonlaw.law.alignment import measured_schema
 from commonlaw.law.text import with_error
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
@@ -39,13 +40,13 @@ class Forecasts:
         """Return those of an experiment in which no law diverges."""
         law, predicted = hypotheses[0].law, [hypothesis.predictions([experiment])[0] for hypothesis in hypotheses]
         first = [own[0] for own in predicted if own is not None]
-        states, times = law.schema.measured, experiment.times
+        states, times = measured_schema(law).measured, experiment.times
         shape = (len(first), -1, len(states))
         count = len(first[0].mean) // len(states)
         times = times[evenly_spaced(len(times), count)]
         total = [each.variances for each in first]
         means = np.array([each.mean for each in first]).reshape(shape)
-        return cls(times, states, means, np.sqrt(total).reshape(shape), law.schema.logarithmic)
+        return cls(times, states, means, np.sqrt(total).reshape(shape), measured_schema(law).logarithmic)
 
     def parting(self, one: int, two: int) -> tuple[int, int]:
         """Return the index of the time and of the state where two laws are farthest apart for their errors."""

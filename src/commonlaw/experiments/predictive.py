@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,9 +11,11 @@ from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.experiment import Experiment, Range
 from commonlaw.experiments.gaussian import Gaussian
+from commonlaw.experiments.observed import ObservedLaw
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
+from commonlaw.law.alignment import measured_noise, measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import vector_field
 from commonlaw.library import highest_columns
@@ -27,7 +30,7 @@ _MAX_STEPS = 15
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where a law is linearised in a trial: unknowns, shape (p,), and what is added to free starts, shape (f,)."""
+    """Where a law is linearised in a trial: unknowns, shape (p,), and what is added to what is free, shape (f,)."""
 
     unknowns: Floats
     shifts: Floats
@@ -138,7 +141,7 @@ class Hypothesis:
             raise CommonlawError("discrete-between-samples")
         known = law.uncertainty.select([object_index(law, name) for name in objects])
         own = known.known_covariance()
-        if law.uncertainty.noise is None:
+        if measured_noise(law) is None:
             raise CommonlawError("noise-unknown")
         factor = known.shared_factor
         if factor is not None:
@@ -156,13 +159,17 @@ class Hypothesis:
         """How many there are."""
         return int(self.roots.shape[2])
 
+    @cached_property
+    def observed(self) -> Callable[[frozenset[str]], ObservedLaw | None]:
+        """The law with its observation equations, if it has some, by the states (and rates) whose start is set."""
+        return cache(lambda chosen: ObservedLaw.of(self.law, chosen))
+
     def within(self, experiments: Sequence[Experiment], limits: Mapping[str, Range]) -> list[Experiment]:
         """Return experiments that end where its forecasts leave the limits of states (and rates)."""
         if not limits:
             return [*experiments]
-        planned = [_planned(self.law, experiment) for experiment in experiments]
-        problems = [own.problem(name) for own in planned for name in own.experiment.objects]
-        found = iter(simulate(problems, tolerance=_TOLERANCE))
+        planned = [_planned(self, experiment) for experiment in experiments]
+        found = iter(self._followed([(own, name, None) for own in planned for name in own.experiment.objects]))
         return [
             own.experiment.until(min(own.leaves(next(found), limits) for _ in own.experiment.objects))
             for own in planned
@@ -172,9 +179,10 @@ class Hypothesis:
         self, experiments: Sequence[Experiment], limit: float | None = None
     ) -> list[tuple[Gaussian, ...] | None]:
         """Return predictions of each experiment's trials; None where a state exceeds the limit, see `simulate`."""
-        planned = [_planned(self.law, experiment) for experiment in experiments]
-        trials = [(own, name) for own in planned for name in own.experiment.objects]
-        found = iter(self._predictions(trials, [None] * len(trials), limit))
+        planned = [_planned(self, experiment) for experiment in experiments]
+        found = iter(
+            self._predictions([(own, name, None) for own in planned for name in own.experiment.objects], limit)
+        )
         whole = [[next(found) for _ in own.experiment.objects] for own in planned]
         return [tuple(each for each in own if each) if all(own) else None for own in whole]
 
@@ -183,13 +191,12 @@ class Hypothesis:
 
         Unknowns with which the law diverges are halved until it does not.
         """
-        own, found = _planned(self.law, experiment), dict[int, tuple[Gaussian, ...]]()
+        own, found = _planned(self, experiment), dict[int, tuple[Gaussian, ...]]()
         unknowns = unknowns.copy()
         for _ in range(_MAX_HALVINGS):
             left = [i for i in range(len(unknowns)) if i not in found]
-            trials = [(own, name) for _ in left for name in experiment.objects]
-            points = [own.point(unknowns[i]) for i in left for _ in experiment.objects]
-            predicted = iter(self._predictions(trials, points, limit))
+            trials = [(own, name, own.point(unknowns[i])) for i in left for name in experiment.objects]
+            predicted = iter(self._predictions(trials, limit))
             for i in left:
                 listed = [next(predicted) for _ in experiment.objects]
                 if all(listed):
@@ -205,7 +212,7 @@ class Hypothesis:
 
         The law must not diverge in the experiment; fits begin at `initial`, for `limit` see `predictions`.
         """
-        own, count = _planned(self.law, experiment), len(experiment.objects)
+        own, count = _planned(self, experiment), len(experiment.objects)
         names = [*experiment.objects] * len(measured)
         points = [own.point(unknown) for unknown in initial.unknowns for _ in range(count)]
         predicted = [each for listed in initial.predicted for each in listed]
@@ -213,19 +220,44 @@ class Hypothesis:
         highest = highest if limit is None else min(highest, limit)
 
         def linearised(indices: Sequence[int], moved: Sequence[Point]) -> list[Gaussian | None]:
-            return self._predictions([(own, names[i]) for i in indices], moved, highest)
+            pairs = zip(indices, moved, strict=True)
+            return self._predictions([(own, names[i], point) for i, point in pairs], highest)
 
         found = refitted(predicted, points, [each for listed in measured for each in listed], linearised)
         return [tuple(found[i : i + count]) for i in range(0, len(found), count)]
 
     def _predictions(
-        self, trials: "Sequence[tuple[_Planned, str]]", points: Sequence[Point | None], limit: float | None
+        self, trials: "Sequence[tuple[_Planned, str, Point | None]]", limit: float | None
     ) -> list[Gaussian | None]:
         """Return predictions of trials of objects about points; None where the law diverges."""
-        triples = zip(trials, points, strict=True)
-        problems = [own.problem(name, self, point) for (own, name), point in triples]
-        followed = simulate(problems, tolerance=_TOLERANCE, sensitivities=True, limit=limit)
-        return [own.gaussian(name, each, self) for (own, name), each in zip(trials, followed, strict=True)]
+        followed = self._followed(trials, True, limit)
+        return [own.gaussian(name, each) for (own, name, _), each in zip(trials, followed, strict=True)]
+
+    def _followed(
+        self, trials: "Sequence[tuple[_Planned, str, Point | None]]", slopes: bool = False, limit: float | None = None
+    ) -> "list[_Followed]":
+        """Return trajectories of trials of objects at points."""
+        if self.law.observation is not None:
+            return [own.observed_at(name, point, slopes, limit) for own, name, point in trials]
+        problems = [own.problem(name, point) for own, name, point in trials]
+        found = simulate(problems, tolerance=_TOLERANCE, sensitivities=slopes, limit=limit)
+        return [own.measured(each) for (own, *_), each in zip(trials, found, strict=True)]
+
+
+class _Followed(NamedTuple):
+    """Predicted measurements at n times, shape (n, m), None where the law diverges, and the states, shape (n, D).
+
+    Derivatives of measurements are by the coefficients in the support of the law, and by what is `_Planned.start`.
+    Errors are variances of white noise, shape (n m,), and the covariance of others.
+    """
+
+    times: Floats
+    states: Floats
+    values: Floats | None = None
+    by_coefficients: Floats | None = None
+    by_start: Floats | None = None
+    white: Floats | None = None
+    coloured: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,24 +279,44 @@ class Simulated:
 
 @dataclass(frozen=True, eq=False)
 class _Planned:
-    """An experiment, at the times that are looked at, and the law of its objects."""
+    """An experiment, at the times that are looked at, and the law of its objects.
 
+    `start` is what a trial has of its own on the scale of the states that are followed, initial states and rates (and
+    the parameters by trial of an observed law), shape (q,), with how far it may be off, infinite where it is estimated.
+    """
+
+    known: Hypothesis
     experiment: Experiment
     law: Law
     times: Floats
-    is_new: bool
+    observed: ObservedLaw | None
+    start: Floats
+    start_std: Floats
 
-    def problem(self, name: str, known: Hypothesis | None = None, point: Point | None = None) -> InitialValueProblem:
-        """Return the problem of one object, with the coefficients and the start at a point of what is known."""
-        own, start = self._own(name), self._start
-        if known is not None and point is not None:
-            start = start.copy()
-            start[self.free_starts] += point.shifts
-            if not self.is_new:
-                coefficients = own.coefficients.copy()
-                coefficients[self.law.support] += known.roots[known.objects.index(name)] @ point.unknowns
-                own = replace(own, coefficients=coefficients)
-        return InitialValueProblem(own, start, self.times, name)
+    @property
+    def is_new(self) -> bool:
+        """Whether the object is new."""
+        return bool(self.experiment.properties)
+
+    def _coefficients(self, name: str, coefficients: Floats, point: Point | None) -> Floats:
+        """Return the coefficients of an object at a point."""
+        if point is None or self.is_new:
+            return coefficients
+        result = coefficients.copy()
+        result[self.law.support] += self.known.roots[self.known.objects.index(name)] @ point.unknowns
+        return result
+
+    def _shifted(self, point: Point | None) -> Floats:
+        result = self.start.copy()
+        if point is not None:
+            result[self.free] += point.shifts
+        return result
+
+    def problem(self, name: str, point: Point | None) -> InitialValueProblem:
+        """Return the problem of one object at a point."""
+        own = self._own(name)
+        own = replace(own, coefficients=self._coefficients(name, own.coefficients, point))
+        return InitialValueProblem(own, self._shifted(point), self.times, name)
 
     @cached_property
     def _own(self) -> Callable[[str], VectorField]:
@@ -273,33 +325,19 @@ class _Planned:
             lambda name: replace(vector_field(self.law, name), free=self.law.support, inputs=self.experiment.inputs)
         )
 
-    @cached_property
-    def _start(self) -> Floats:
-        """What is set, on the scale of the states that are followed, shape (D,)."""
-        start, logs = self.experiment.start.copy(), list(self.law.terms.variables.logarithmic_columns)
-        start[logs] = np.log(start[logs])
-        return start
-
     def point(self, unknowns: Floats) -> Point:
         """Return unknowns with the start that is set."""
-        return Point(unknowns, np.zeros(len(self.free_starts)))
+        return Point(unknowns, np.zeros(len(self.free)))
 
     @cached_property
-    def free_starts(self) -> list[int]:
-        """The states (and rates) whose starts the measurements alone tell."""
-        estimated, states = ~np.isfinite(self.experiment.start_std), len(self.law.schema.states)
-        seen = np.append(~self.law.schema.is_latent, np.ones(len(estimated) - states, dtype=np.bool_))
-        return np.flatnonzero(estimated & seen).tolist()
+    def free(self) -> list[int]:
+        """What of the start the measurements alone tell."""
+        estimated = ~np.isfinite(self.start_std)
+        if self.observed is None:
+            estimated[: len(self.law.schema.states)] &= ~self.law.schema.is_latent
+        return np.flatnonzero(estimated).tolist()
 
-    @property
-    def start_std(self) -> Floats:
-        """How far starts may be off, on the scale of the states that are followed, shape (D,)."""
-        own, result = self.experiment, self.experiment.start_std.copy()
-        logs = list(self.law.terms.variables.logarithmic_columns)
-        result[logs] /= own.start[logs]
-        return result
-
-    def leaves(self, found: Trajectory, limits: Mapping[str, Range]) -> float:
+    def leaves(self, found: _Followed, limits: Mapping[str, Range]) -> float:
         """Return the last time before a trajectory leaves limits."""
         variables = self.law.terms.variables
         states = variables.natural(found.states)
@@ -312,54 +350,78 @@ class _Planned:
             found.times[outside[0] - 1] if len(outside) and outside[0] else found.times[-1 if not len(outside) else 0]
         )
 
-    def gaussian(self, name: str, found: Trajectory, known: Hypothesis) -> Gaussian | None:
+    def measured(self, found: Trajectory) -> _Followed:
+        """Return the trajectory of a law whose states are measured themselves."""
+        slopes, width, law = found.sensitivities, found.states.shape[1], self.law
+        if found.outcome is not None or slopes is None or not np.isfinite(slopes).all():
+            return _Followed(found.times, found.states)
+        seen, by_start = np.flatnonzero(~law.schema.is_latent), slopes[:, :, -width:]
+        errors = _noise(law, self.times, found.states, by_start)
+        values = found.states[:, seen]
+        return _Followed(found.times, found.states, values, slopes[:, seen, :-width], by_start[:, seen], *errors)
+
+    def observed_at(self, name: str, point: Point | None, slopes: bool, limit: float | None) -> _Followed:
+        """Return the trajectory of an object of a law with observation equations at a point."""
+        law, observed = self.law, self.observed
+        assert observed is not None
+        coefficients = self._coefficients(name, law.coefficients[object_index(law, name)], point)
+        start = self._shifted(point)
+        found = observed.predicted(law, self.experiment, name, self.times, coefficients, start, slopes)
+        followed = _Followed(self.times, found.states)
+        too_far = limit is not None and bool(np.abs(found.states).max() > limit)
+        if found.slopes is None or too_far or not np.isfinite(found.slopes).all():
+            return followed
+        count, white = int(law.support.sum()), np.tile(observed.noise(name) ** 2, len(self.times))
+        by_start = found.slopes[:, :, count:]
+        return followed._replace(
+            values=found.values, by_coefficients=found.slopes[:, :, :count], by_start=by_start, white=white
+        )
+
+    def gaussian(self, name: str, found: _Followed) -> Gaussian | None:
         """Return the prediction of the trial of one object; None if its forecast diverges, or its errors do."""
-        law, own = self.law, self.experiment
-        assert law.uncertainty.noise is not None
-        if found.outcome is not None or found.sensitivities is None or not np.isfinite(found.sensitivities).all():
+        law, own, known, coloured, common = self.law, self.experiment, self.known, found.coloured, None
+        if found.values is None or found.by_coefficients is None or found.by_start is None or found.white is None:
             return None
-        width = found.states.shape[1]
-        seen = np.flatnonzero(~law.schema.is_latent)
-        by_own = found.sensitivities[:, :, :-width]
-        by_start = found.sensitivities[:, :, -width:]
-        by_set = by_start[:, seen].reshape(-1, width)
-        measured = by_own[:, seen].reshape(-1, by_own.shape[2])
-        common = None
+        measured, by_set = (each.reshape(found.values.size, -1) for each in (found.by_coefficients, found.by_start))
         if self.is_new:
             common = measured @ law.uncertainty.known_covariance()[object_index(law, name)] @ measured.T
             by_unknowns = np.zeros((len(measured), known.unknowns))
         else:
             by_unknowns = measured @ known.roots[known.objects.index(name)]
-        share = len(self.times) / len(own.times)
-        white, coloured = _noise(law, self.times, found.states, by_start, share)
-        known_starts = np.isfinite(own.start_std)
+        known_starts = np.isfinite(self.start_std)
         off = by_set[:, known_starts] * self.start_std[known_starts]
         if off.any():
             coloured = off @ off.T + (0.0 if coloured is None else coloured)
-        mean, by_free = found.states[:, seen].ravel(), by_set[:, self.free_starts]
-        predicted = Gaussian(mean, by_unknowns, by_free, white, coloured, common, own.repeats)
+        white = len(self.times) / len(own.times) * found.white  # Each sample stands for the mean of several
+        predicted = Gaussian(
+            found.values.ravel(), by_unknowns, by_set[:, self.free], white, coloured, common, own.repeats
+        )
         return predicted if predicted.is_finite else None
 
 
-def _planned(law: Law, experiment: Experiment) -> _Planned:
-    times = experiment.times
-    most = min(MAX_MEASUREMENTS, _MAX_MEASUREMENTS_OF_ALL // len(experiment.objects)) // len(law.schema.measured)
-    most = max(most, min(_MIN_MEASUREMENTS, MAX_MEASUREMENTS // len(law.schema.measured)))
+def _planned(known: Hypothesis, experiment: Experiment) -> _Planned:
+    times, law, measured = experiment.times, known.law, len(measured_schema(known.law).measured)
+    most = min(MAX_MEASUREMENTS, _MAX_MEASUREMENTS_OF_ALL // len(experiment.objects)) // measured
+    most = max(most, min(_MIN_MEASUREMENTS, MAX_MEASUREMENTS // measured))
     times = times[evenly_spaced(len(times), most)]
-    is_new = bool(experiment.properties)
-    if is_new:
+    if experiment.properties:
         (name,), states = experiment.objects, np.zeros((1, len(law.schema.states)))
         trial = Trial(name, "1", experiment.times[:1], states, np.zeros((1, len(law.schema.inputs))))
         trials = Trials((trial,), replace(law.schema, noise_columns={}), {name: experiment.properties})
         law, _ = with_objects_of(law, trials)
-    return _Planned(experiment, law, times, is_new)
+    observed = known.observed(frozenset(experiment.settings) & frozenset(law.terms.variables.states))
+    if observed is not None:
+        return _Planned(known, experiment, law, times, observed, *observed.beginning(experiment))
+    start, std, logs = experiment.start.copy(), experiment.start_std.copy(), [*law.terms.variables.logarithmic_columns]
+    std[logs] /= start[logs]
+    start[logs] = np.log(start[logs])
+    return _Planned(known, experiment, law, times, None, start, std)
 
 
-def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: float) -> tuple[Floats, Floats | None]:
+def _noise(law: Law, times: Floats, states: Floats, by_start: Floats) -> tuple[Floats, Floats | None]:
     """Return the variances of white noise of d measured states, shape (n d,), and the covariance of all other errors.
 
-    The trajectory has times, states and derivatives by the start of shapes (n,), (n, D), (n, D, D); each sample stands
-    for the mean of 1/`share` samples.
+    The trajectory has times, states and derivatives by the start of shapes (n,), (n, D), (n, D, D).
     """
     assert law.uncertainty.noise is not None
     errors, measured = law.uncertainty.error_model, ~law.schema.is_latent
@@ -375,7 +437,7 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats, share: flo
     if errors.of_law:
         pushed = _pushes(law, times, by_start)[:, np.flatnonzero(measured)].reshape(white.size, -1)
         parts.append(pushed @ pushed.T)
-    return share * white.ravel() ** 2, sum(parts[1:], parts[0]) if parts else None
+    return white.ravel() ** 2, sum(parts[1:], parts[0]) if parts else None
 
 
 def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:

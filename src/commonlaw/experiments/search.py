@@ -180,6 +180,7 @@ class Search:
         """How large a state may become, if it is known where they have been."""
         names, visited = self.law.terms.variables.states, self.law.provenance.domain.visited
         been = [value for name in names for value in visited.get(name, ())]
+        been += self.law.observation.sizes.values() if self.law.observation else []
         starts = [value for name in names for value in numbers_of(self.settings.options.get(name, ()))]
         return _MAX_EXCURSION_RATIO * float(np.abs([*been, *starts]).max()) if been else None
 

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.experiments.plan import Design, Forecasts
 from commonlaw.forecast import Forecast
+from commonlaw.law.alignment import measured_schema
 from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.style import (
     COLORS,
@@ -315,7 +316,7 @@ def plot_design(design: Design) -> Figure:
     Shown are differences from the forecast of the most probable law, or ratios on a logarithmic scale. Where bands
     part, one measurement distinguishes the laws. Of an experiment with every object, the first one is drawn.
     """
-    drawn, schema = design.experiments[:_MAX_DRAWN], design.laws[0].law.schema
+    drawn, schema = design.experiments[:_MAX_DRAWN], measured_schema(design.laws[0].law)
     states = drawn[0].forecasts.states
     size = fitting(max(5.4, 3.4 * len(states)), 0.8 + 2.5 * len(drawn))
     figure = Figure(figsize=size, layout="constrained")
