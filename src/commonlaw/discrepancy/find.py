@@ -3,13 +3,15 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.discrepancy.function import Compared, Description, Discrepancy
-from commonlaw.discrepancy.smooth_basis import Samples, SmoothBasis, factors, meaning
+from commonlaw.discrepancy.observed import ObservedSetting
+from commonlaw.discrepancy.setting import AbstractSetting, Visited
+from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionFit, FunctionModel, annealed, best, converged, fit_about
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.fit.covariance import errors_of
@@ -19,65 +21,15 @@ from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.settings import FINAL_MODEL_ERRORS, MAX_MESH_POINTS, MODEL_ERRORS
 from commonlaw.inference.verbs.comparison import written_alike
 from commonlaw.law import Law, Provenance, Step, Uncertainty
-from commonlaw.law.alignment import refuse_observation
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.law.script import call
 from commonlaw.library import Terms, Variables, highest_columns
-from commonlaw.library.grammar import columns_in, evaluate, read, with_names, write
+from commonlaw.library.grammar import columns_in, read, with_names, write
 from commonlaw.library.notation import quoted
 from commonlaw.likelihood import HUBER_THRESHOLD, NotPositiveError, fit
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import with_property_inputs
 from commonlaw.trials.trial import property_names
-
-_NEAR_ZERO = 0.25
-"""Zero is near the visited range if it is this share of it away."""
-
-
-@dataclass(frozen=True, eq=False)
-class Visited:
-    """The variables at all samples, shape (n, variables), where each trial begins, and each object's samples."""
-
-    variables: Variables
-    values: Floats
-    begins: tuple[int, ...]
-    objects: tuple[slice, ...]
-
-    @classmethod
-    def of(cls, problem: SearchProblem, terms: Terms) -> "Visited":
-        """Return what was visited, by smoothed measurements."""
-        names, parts, ends = problem.trials.objects, list[Floats](), [0]
-        for name, curves in zip(names, problem.smoothed, strict=True):
-            for trial, states in zip(problem.trials.of_object(name), curves, strict=True):
-                parts.append(np.column_stack([states, trial.inputs, trial.times]))
-            ends.append(sum(map(len, parts)))
-        begins = np.cumsum([0, *map(len, parts)])[:-1]
-        values = terms.variables.natural(np.concatenate(parts))
-        return cls(terms.variables, values, tuple(begins.tolist()), tuple(slice(*pair) for pair in pairwise(ends)))
-
-    def evaluate(self, text: str) -> Floats:
-        """Return an expression at all samples, shape (n,); raises `CommonlawError` where it is not finite."""
-        tree = read(text, self.variables.names)
-        with np.errstate(all="ignore"):
-            result: Floats = evaluate(tree, self.values.T) + np.zeros(len(self.values))
-        if not np.isfinite(result).all():
-            at = self.values[np.argmin(np.isfinite(result))]
-            point = ", ".join(f"{name} = {value:g}" for name, value in zip(self.variables.names, at, strict=True))
-            raise CommonlawError("coordinate-not-finite", coordinate=text, point=point)
-        return result
-
-    def steps(self, values: Floats) -> Floats:
-        """Return the sizes of the steps from sample to sample within trials."""
-        found = abs(np.diff(values))
-        return np.delete(found, np.array(self.begins[1:], dtype=int) - 1)
-
-
-def zero_in(basis: SmoothBasis, zero_at: float | str | None, time: str) -> float | None:
-    """Return where a function is to be zero, see `Law.discrepancy`, None if nowhere."""
-    if zero_at != "auto":
-        return None if zero_at is None else float(zero_at)
-    near = basis.low - _NEAR_ZERO * basis.range <= 0.0 <= basis.high + _NEAR_ZERO * basis.range
-    return 0.0 if near and basis.coordinate != time else None
 
 
 def with_properties_in(texts: Sequence[str], law: Law, trials: Trials) -> tuple[Law, Trials]:
@@ -95,8 +47,8 @@ def with_properties_in(texts: Sequence[str], law: Law, trials: Trials) -> tuple[
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
-    """A law whose terms are over all that functions may take, what was measured, and where it went."""
+class Setting(AbstractSetting):
+    """A law of states that were measured, whose terms are over all that functions may take."""
 
     law: Law
     problem: SearchProblem
@@ -109,43 +61,57 @@ class Setting:
         """Return the setting for functions of some texts."""
         setup = FitSetup.of(law, trials, noise, huber_threshold)
         law, trials = with_properties_in(texts, setup.law, setup.trials)
-        problem = replace(setup, law=law, trials=trials).problem()
-        return cls(law, problem, Visited.of(problem, law.terms))
+        problem, variables = replace(setup, law=law, trials=trials).problem(), law.terms.variables
+        smoothed = [
+            [
+                variables.natural(np.column_stack([states, trial.inputs, trial.times]))
+                for trial, states in zip(problem.trials.of_object(name), curves, strict=True)
+            ]
+            for name, curves in zip(problem.trials.objects, problem.smoothed, strict=True)
+        ]
+        return cls(law, problem, Visited.of(variables.names, smoothed))
+
+    @property
+    def variables(self) -> Variables:
+        """Those of the law."""
+        return self.law.terms.variables
 
     @property
     def own(self) -> Bools:
         """Which coefficients are to be found, shape (equations, terms)."""
         return np.asarray(self.law.support & self.problem.allowed)
 
-    @property
-    def alone(self) -> FunctionModel:
-        """The law without a function."""
-        return FunctionModel(self.law.terms, self.own, np.zeros_like(self.own), (), 1.0)
+    def directions(self, equation: int) -> tuple[tuple[str, ...], Floats]:
+        """Return the values of the terms of an equation."""
+        kept = self.own[equation]
+        names = tuple(self.law.terms.names[k] for k in np.flatnonzero(kept))
+        return names, self.law.terms.evaluate(self.visited.values)[:, kept]
 
-    def with_function(self, basis: SmoothBasis, equation: int, zero_at: float | str | None) -> FunctionModel:
-        """Return the law with a function in one equation."""
-        law, visited = self.law, self.visited
-        terms = Terms(law.terms.variables, (*law.terms.terms, *basis.terms(law.terms.variables)))
-        shape = (len(law.schema.states), len(basis))
-        shared = np.zeros(shape, dtype=np.bool_)
-        shared[equation] = True
-        values, times = visited.evaluate(basis.coordinate), visited.evaluate(basis.times)
-        matrix = law.terms.evaluate(visited.values)[:, self.own[equation]]
-        samples = [Samples(values[name], times[name], matrix[name]) for name in visited.objects]
-        kept = meaning(basis, samples, zero_in(basis, zero_at, law.schema.time))
-        column = highest_columns(law.order, len(law.schema.states))[equation]
-        parts = np.split(visited.values[:, [column, -1]], visited.begins[1:])
-        rates = np.concatenate([np.gradient(part[:, 0], part[:, 1]) for part in parts])
-        size = float(np.sqrt(np.mean(rates**2))) / np.sqrt(np.mean(times**2))
-        return FunctionModel(
-            terms,
-            np.column_stack([self.own, np.zeros(shape, dtype=np.bool_)]),
-            np.column_stack([np.zeros_like(self.own), shared]),
-            factors(basis, kept.constraints),
-            float(size),
-            kept.zero_at,
-            tuple(np.flatnonzero(self.own[equation])[list(kept.held)].tolist()),
+    def rates(self, equation: int) -> Floats:
+        """Return differences of the smoothed measurements."""
+        column = highest_columns(self.law.order, len(self.law.schema.states))[equation]
+        parts = np.split(self.visited.values[:, [column, -1]], self.visited.begins[1:])
+        return np.concatenate([np.gradient(part[:, 0], part[:, 1]) for part in parts])
+
+    def annealed(self, model: FunctionModel) -> list[FunctionFit]:
+        """Return the fits at all model errors."""
+        return annealed(self.problem, model)
+
+    def converged(self, fitted: FunctionFit) -> FunctionFit:
+        """Return a fit after its trajectories have followed the coefficients until these converge."""
+        return converged(self.problem, fitted)
+
+    def value(self, alone: FunctionFit, model: FunctionModel) -> float:
+        """Return the smaller value of the model error of the law alone and of none."""
+        more = ((0, 0), (0, model.own.shape[1] - self.own.shape[1]))
+        estimates = tuple(
+            replace(estimate, coefficients=np.pad(estimate.coefficients, more)) for estimate in alone.estimates
         )
+        result = [np.inf]
+        for model_error in {alone.model_error, NO_ERROR}:
+            with suppress(NotPositiveError):
+                result.append(fit_about(self.problem, model, estimates, model_error).value)
+        return min(result)
 
     def resolving(self, basis: SmoothBasis) -> "Setting":
         """Return the setting with meshes that are fine enough for bumps."""
@@ -153,6 +119,25 @@ class Setting:
         while problem.points < MAX_MESH_POINTS[1] and step > basis.width * problem.points / 2:
             problem = problem.finer()
         return replace(self, problem=problem)
+
+    def given_deviance(self) -> float:
+        """Return the deviance of the law's own trajectories."""
+        none, errors = np.zeros_like(self.own), (*MODEL_ERRORS, *FINAL_MODEL_ERRORS)
+        parts = zip(self.problem.models, self.problem.starts, self.law.coefficients, strict=True)
+        return sum(fit(model, replace(start, coefficients=own), none, errors).deviance for model, start, own in parts)
+
+    def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:
+        """Return the law with coefficients as they are with the function, and the law with the function as terms."""
+        own, whole = law.select(self.problem.trials.objects), _whole(law, self, found)
+        in_law = np.zeros((len(law.schema.states), len(found.model.terms)), dtype=np.bool_)
+        in_law[:, : len(self.law.terms)] = self.law.support
+        coefficients = own.coefficients.copy()
+        coefficients[:, own.support] = whole.coefficients[:, in_law]
+        uncertainty = replace(
+            whole.uncertainty.restrict(in_law[whole.support]),
+            inclusion_probabilities=own.uncertainty.inclusion_probabilities,
+        )
+        return replace(own, coefficients=coefficients, uncertainty=uncertainty), whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +150,11 @@ class CandidateFunction:
 
 
 def candidates(
-    setting: Setting, coordinates: Sequence[str], times: str, equations: Sequence[int], zero_at: float | str | None
+    setting: AbstractSetting,
+    coordinates: Sequence[str],
+    times: str,
+    equations: Sequence[int],
+    zero_at: float | str | None,
 ) -> list[CandidateFunction]:
     """Return functions of coordinates in equations, that of largest evidence first."""
     result, reasons = [], []
@@ -184,22 +173,10 @@ def candidates(
         raise CommonlawError("several", messages=reasons)
     if len(result) == 1:
         return result
-    alone = best(annealed(setting.problem, setting.alone))
-    valued = [replace(each, value=_value(setting, alone, each, zero_at)) for each in result]
+    alone = best(setting.annealed(setting.alone))
+    models = [setting.with_function(each.basis, each.equation, zero_at) for each in result]
+    valued = [replace(each, value=setting.value(alone, model)) for each, model in zip(result, models, strict=True)]
     return sorted(valued, key=lambda each: each.value)
-
-
-def _value(setting: Setting, alone: FunctionFit, candidate: CandidateFunction, zero_at: float | str | None) -> float:
-    model = setting.with_function(candidate.basis, candidate.equation, zero_at)
-    more = ((0, 0), (0, len(candidate.basis)))
-    estimates = tuple(
-        replace(estimate, coefficients=np.pad(estimate.coefficients, more)) for estimate in alone.estimates
-    )
-    result = [np.inf]
-    for model_error in {alone.model_error, NO_ERROR}:
-        with suppress(NotPositiveError):
-            result.append(fit_about(setting.problem, model, estimates, model_error).value)
-    return min(result)
 
 
 _FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (
@@ -252,22 +229,13 @@ def _described(fitted: FunctionFit, basis: SmoothBasis, names: list[str], column
 
 
 def shares(
-    problem: SearchProblem,
-    given: Floats,
-    alone: Sequence[FunctionFit],
-    shared: Sequence[FunctionFit],
-    chosen: FunctionFit,
+    given_deviance: float, alone: Sequence[FunctionFit], shared: Sequence[FunctionFit], chosen: FunctionFit
 ) -> Mapping[str, float]:
     """Return what each step removes of the law's sum of squares in units of the noise, as shares of it.
 
-    The steps: the coefficients as given, shape (objects, equations, terms); the best ones; the function; a model error,
-    if one was chosen. What is left is noise.
+    The steps: the coefficients as given; the best ones; the function; a model error, if one was chosen. What is left is
+    noise.
     """
-    # Of the law's own trajectories, with free initial states
-    given_deviance, none = 0.0, np.zeros_like(alone[-1].model.own)
-    for model, start, own in zip(problem.models, problem.starts, given, strict=True):
-        first = replace(start, coefficients=own)
-        given_deviance += fit(model, first, none, (*MODEL_ERRORS, *FINAL_MODEL_ERRORS)).deviance
     steps = [given_deviance, _without_error(alone), _without_error(shared), chosen.deviance]
     falling = np.minimum.accumulate(steps)
     parts = dict(zip(("coefficients", "shared discrepancy", "trial"), -np.diff(falling), strict=True))
@@ -291,42 +259,54 @@ def discrepancy(
 ) -> Discrepancy[Law]:
     """Return the smooth function of a coordinate that all objects share in addition to a law, see `Law.discrepancy`."""
     called = call(discrepancy, locals(), "law.discrepancy", "trials") + ".law"
-    refuse_observation(law)
-    if law.terms.parameters:
-        inside = ", ".join(law.terms.variables.parameters)
-        raise CommonlawError("discrepancy-with-parameters", parameters=inside)
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
-    trials = replace(trials, properties=known)
-    setting = Setting.of(law, trials, [times, *([of] if of else [])], noise, huber_threshold)
-    names = setting.law.terms.variables.names
-    own = [of] if of else [quoted(name) for name in law.terms.variables.names]
+    trials, texts = replace(trials, properties=known), [times, *([of] if of else [])]
+    setting: AbstractSetting
+    if law.observation is None:
+        if law.terms.parameters:
+            inside = ", ".join(law.terms.variables.parameters)
+            raise CommonlawError("discrepancy-with-parameters", parameters=inside)
+        setting = Setting.of(law, trials, texts, noise, huber_threshold)
+    else:
+        if huber_threshold != HUBER_THRESHOLD:
+            raise CommonlawError("not-with-observation", settings=["huber_threshold"])
+        setting = ObservedSetting.of(law, trials, noise)
+    names, left = setting.visited.names, left_hand_sides(law)
+    own = [of] if of else [quoted(name) for name in law.terms.variables.measured]
     # As terms are written, so that they can stand in one
     written = [with_names(write(read(each, names)), [*map(quoted, names)]) for each in (times, *own)]
     if equation is not None:
-        check_choice("equation", equation, setting.law.schema.states)
-    able = np.flatnonzero(setting.own.any(axis=1)).tolist() or list(range(len(setting.law.schema.states)))
-    places = able if equation is None else [setting.law.schema.states.index(equation)]
+        check_choice("equation", equation, law.schema.states)
+    able = np.flatnonzero(setting.own.any(axis=1)).tolist() or list(range(len(law.schema.states)))
+    places = able if equation is None else [law.schema.states.index(equation)]
     listed = candidates(setting, written[1:], written[0], places, zero_at)
     first = listed[0]
     setting = setting.resolving(first.basis)
     model = setting.with_function(first.basis, first.equation, zero_at)
-    alone, shared = (annealed(setting.problem, each) for each in (setting.alone, model))
-    law_alone, found = (converged(setting.problem, best(each)) for each in (alone, shared))
+    alone, shared = (setting.annealed(each) for each in (setting.alone, model))
+    law_alone, found = (setting.converged(best(each)) for each in (alone, shared))
     # What the choice among several costs: all of them are as probable beforehand
     evidence = law_alone.value - found.value - 2 * float(np.log(len(listed)))
     visited = setting.visited.evaluate(first.basis.coordinate)
-    left = left_hand_sides(law)
+    step = Step(
+        "discrepancy",
+        f"a function of {first.basis.coordinate} in {left[first.equation]}",
+        f"coefficients estimated jointly with it; noise scaled by {found.posterior.noise_factor:.3g}",
+    )
+    narrow, wide = setting.refitted(law, found)
+    history, calls = (*law.history, step), (*law.provenance.calls, called)
+    provenance = replace(law.provenance, history=history, calls=calls, with_discrepancy=wide)
     return Discrepancy(
-        law=_refitted(law, setting, found, first, called),
+        law=replace(narrow, provenance=provenance),
         equation=left[first.equation],
         basis=first.basis,
         weights=found.posterior.weights,
         covariance=found.posterior.covariance,
         zero_at=model.zero_at,
-        holds_nothing_of=tuple(setting.law.terms.names[i] for i in model.held),
+        holds_nothing_of=model.held,
         visited=visited,
         evidence=evidence,
-        shares=shares(setting.problem, setting.law.coefficients, alone, shared, found),
+        shares=shares(setting.given_deviance(), alone, shared, found),
         descriptions=descriptions(found, first.basis, visited),
         compared=tuple(
             Compared(each.basis.coordinate, left[each.equation], evidence + first.value - each.value) for each in listed
@@ -334,35 +314,8 @@ def discrepancy(
     )
 
 
-def _refitted(law: Law, setting: Setting, found: FunctionFit, chosen: CandidateFunction, called: str) -> Law:
-    """Return the law with coefficients as they are with the function, which it carries."""
-    own, posterior = law.select(setting.problem.trials.objects), found.posterior
-    whole = _whole(law, setting, found)
-    size, wide = setting.law.terms, found.model.terms
-    shape = (len(law.schema.states), len(wide))
-    in_law = np.zeros(shape, dtype=np.bool_)
-    in_law[:, : len(size)] = setting.law.support
-    coefficients = own.coefficients.copy()
-    coefficients[:, own.support] = whole.coefficients[:, in_law]
-    inner = in_law[whole.support]
-    uncertainty = whole.uncertainty.restrict(inner)
-    step = Step(
-        "discrepancy",
-        f"a function of {chosen.basis.coordinate} in {left_hand_sides(law)[chosen.equation]}",
-        f"coefficients estimated jointly with it; noise scaled by {posterior.noise_factor:.3g}",
-    )
-    return replace(
-        own,
-        coefficients=coefficients,
-        uncertainty=replace(uncertainty, inclusion_probabilities=own.uncertainty.inclusion_probabilities),
-        provenance=replace(
-            law.provenance, history=(*law.history, step), calls=(*law.provenance.calls, called), with_discrepancy=whole
-        ),
-    )
-
-
 def _whole(law: Law, setting: Setting, found: FunctionFit) -> Law:
-    """Return the law with the functions as further terms."""
+    """Return a law with the functions as further terms."""
     problem, model, posterior = setting.problem, found.model, found.posterior
     objects, terms = problem.trials.objects, Terms(setting.law.terms.variables, model.terms.terms)
     coefficients = np.array([estimate.coefficients for estimate in found.estimates])

@@ -83,11 +83,12 @@ class Residuals(AbstractPatterns):
     trials
         The measurements, log-scaled states by their logarithms.
     fitted
-        States of each trial, and the rates of those of second order, shape (n, D).
+        States of each trial, and the rates of those of second order, shape (n, D); measured quantities, and then the
+        other states, of a law with observation equations.
     standardized
         Residuals over noise, shape (n, states); NaN where nothing was measured.
     rates
-        Names of the rates.
+        Names of the rates, or of the other states.
     patterns
         The tests of the residuals.
     """

@@ -15,6 +15,7 @@ from commonlaw.law.law import object_index
 from commonlaw.law.parameters import rate_names
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
+from commonlaw.trials.transformations import with_logarithms, with_noise
 
 
 def residuals(law: Law, trials: Trials) -> Residuals:
@@ -57,20 +58,26 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
 
 
 def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals, Floats]:
-    """Return the same for a law with observation equations: initial values and parameters count alike for all."""
-    forecast = law.predict(trials)
-    fitted = tuple(trajectory.states for trajectory in forecast.trajectories)
-    standardized = tuple(
-        (trial.states - own) / trial.std(noise) for trial, own in zip(forecast.trials, fitted, strict=True)
-    )
+    """Return the same for a law with observation equations, whose other states stand behind the measured quantities.
+
+    Initial values and parameters count alike for all.
+    """
     assert law.observation is not None
+    forecast, measured = law.predict(trials), law.observation.measured
+    shown = with_noise(with_logarithms(forecast.trials, measured.logarithmic), law.observation.noise_of)
+    logs = np.array([name in measured.logarithmic for name in measured.states])
+    curves = [np.where(logs, np.log(np.where(logs, own.states, 1.0)), own.states) for own in forecast.trajectories]
+    standardized = tuple((trial.states - own) / trial.std(noise) for trial, own in zip(shown, curves, strict=True))
+    names = law.terms.variables.states
+    latent = [j for j, name in enumerate(names) if name not in measured.states]
+    fitted = tuple(np.column_stack([a, b[:, latent]]) for a, b in zip(curves, forecast.latent, strict=True))
     counts = np.array(
         [np.sum([trial.counts.sum(axis=0) for trial in trials.of_object(name)], axis=0) for name in trials.objects]
     )
     starts = [sum(each.object == name for each in law.observation.estimated) for name in trials.objects]
     parameters = int(law.support.sum()) + np.array(starts)
     spent = parameters[:, np.newaxis] * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    return Residuals(forecast.trials, fitted, standardized, (), ()), spent
+    return Residuals(shown, fitted, standardized, tuple(names[j] for j in latent), ()), spent
 
 
 def _spent(law: Law, trials: Trials) -> Floats:

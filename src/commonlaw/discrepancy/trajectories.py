@@ -155,13 +155,13 @@ def _mixed(
     )
 
 
-_ROUNDS = 8
+MAX_ROUNDS = 8
 """How often trajectories follow the coefficients that the last ones gave, at most."""
 
-_CONVERGED = 0.03
+CONVERGED = 0.03
 """What twice the log-evidence changes by once the fit has converged."""
 
-_NOISE_MEASUREMENTS = 2.0
+NOISE_MEASUREMENTS = 2.0
 """Measurements of each state that its estimated noise is worth."""
 
 
@@ -180,14 +180,16 @@ class FunctionModel:
     factors: Sequence[Floats]
     size: float
     zero_at: float | None = None
-    held: tuple[int, ...] = ()
+    held: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class FunctionFit:
     """Trajectories at one model error, relative to the noise, and the posterior about them.
 
-    The first estimate of the noise counts as so many measurements; the price is the penalty of the model error.
+    The first estimate of the noise counts as so many measurements; the price is the penalty of the model error, and the
+    deviance is what the measurements are off the trajectories, in units of the noise. Trajectories of observed laws
+    follow from the posterior, and have no estimates.
     """
 
     model: FunctionModel
@@ -197,6 +199,7 @@ class FunctionFit:
     noise_measurements: float
     posterior: Posterior
     price: float
+    deviance: float
 
     @property
     def value(self) -> float:
@@ -207,11 +210,6 @@ class FunctionFit:
     def has_model_error(self) -> bool:
         """Whether each trial departs from law and function by itself."""
         return self.model_error > NO_ERROR
-
-    @property
-    def deviance(self) -> float:
-        """What the measurements are off the trajectories, in units of the noise."""
-        return sum(estimate.deviance for estimate in self.estimates)
 
 
 def start(problem: SearchProblem, model: FunctionModel) -> tuple[Estimate, ...]:
@@ -236,13 +234,13 @@ def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
 
 def converged(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
     """Return the fit after its trajectories have followed the coefficients until these converge."""
-    for _ in range(_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         try:
             found = fit_about(problem, fitted.model, followed(problem, fitted), fitted.model_error)
         except NotPositiveError:
             break
         last, fitted = fitted, found
-        if abs(found.value - last.value) < _CONVERGED:
+        if abs(found.value - last.value) < CONVERGED:
             break
     return fitted
 
@@ -279,11 +277,12 @@ def fit_about(
         starts += trajectory.width * len(problem.trials.of_object(name))
     own = int(model.own.sum())
     numbers = max(sum(problem.measured) - starts - own * len(factors), 1)
-    worth = np.inf if problem.noise_given else _NOISE_MEASUREMENTS * len(problem.noise)
+    worth = np.inf if problem.noise_given else NOISE_MEASUREMENTS * len(problem.noise)
     rows = SharedRows.of(factors, own, numbers, constant)
     price = float(np.log(sum(problem.measured))) if model_error else 0.0
     found = posterior(rows, model.factors, model.size, worth)
-    return FunctionFit(model, estimates, model_error, rows, worth, found, price)
+    deviance = sum(estimate.deviance for estimate in estimates)
+    return FunctionFit(model, estimates, model_error, rows, worth, found, price, deviance)
 
 
 def best(found: Sequence[FunctionFit]) -> FunctionFit:

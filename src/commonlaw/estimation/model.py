@@ -16,7 +16,7 @@ from commonlaw.law.parse import meanings_of, observation_equation
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in, is_bound, parts_of
 from commonlaw.library.equation import DERIVATIVE, split_equations
-from commonlaw.library.grammar import FUNCTIONS, columns_in, write
+from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
 from commonlaw.library.notation import quoted
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
@@ -151,6 +151,23 @@ class Model:
         """Return the states and rates, by index, whose initial values each trial of an object determines."""
         known = self.initial_of(owner)
         return [j for j, each in enumerate(self.initial) if each is None and np.isnan(known[j])]
+
+    def with_terms(
+        self, equation: int, terms: Sequence[str], properties: Sequence[str], weights: Sequence[str]
+    ) -> "Model":
+        """Return the model with terms in one equation, times weights; these and properties are further parameters."""
+        names, total = (*self.variables.names, *properties), len(self.variables.names) + len(properties) + len(terms)
+        rows, row = [*self.expressions[: self.width]], highest_columns(self.order, len(self.schema.states))[equation]
+        added = (f"v{len(names) + i}*({write(read(text, names))})" for i, text in enumerate(terms))
+        rows[row] = " + ".join([rows[row], *added])
+        return replace(
+            self,
+            variables=replace(self.variables, parameters=(*self.parameters, *properties, *weights)),
+            rates=_program(rows, total),
+            switched=_with_switches(rows, total),
+            outputs=self.outputs.with_variables(len(properties) + len(terms)),
+            expressions=(*rows, *self.expressions[self.width :]),
+        )
 
     def point(self, states: Floats, inputs: Floats, times: Floats, parameters: Floats) -> Floats:
         """Return the variables at n times, shape (n, variables)."""

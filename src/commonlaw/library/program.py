@@ -91,6 +91,16 @@ class Program:
             tuple(calls),
         )
 
+    def with_variables(self, more: int) -> "Program":
+        """Return the program over so many more variables behind the others, which it does not use."""
+
+        def moved(registers: NDArray[np.int64]) -> NDArray[np.int64]:
+            return np.where(registers < self.variables, registers, registers + more)
+
+        code = np.column_stack([self.code[:, :1], moved(self.code[:, 1:])])
+        calls = tuple((function, tuple(moved(np.array(operands)).tolist())) for function, operands in self.calls)
+        return Program(self.variables + more, self.constants, code, moved(self.outputs), calls)
+
     def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return the terms as the columns of a matrix in Fortran order, shape (n, terms), at rows of variables."""
         matrix = np.empty((len(values), len(self.outputs)), order="F") if out is None else out

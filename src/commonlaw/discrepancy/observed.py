@@ -1,0 +1,199 @@
+"""The discrepancy of a law with observation equations, by the likelihood of its solutions (single shooting)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import compress
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.discrepancy.residuals import untested
+from commonlaw.discrepancy.setting import AbstractSetting, Visited
+from commonlaw.discrepancy.smooth_basis import SmoothBasis
+from commonlaw.discrepancy.trajectories import (
+    CONVERGED,
+    MAX_ROUNDS,
+    NOISE_MEASUREMENTS,
+    FunctionFit,
+    FunctionModel,
+    SharedRows,
+    posterior,
+)
+from commonlaw.errors import CommonlawError
+from commonlaw.estimation.fitting import Fitted, refit
+from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.inference.fit.fit import NO_ERROR
+from commonlaw.law import Law
+from commonlaw.law.alignment import measured_noise
+from commonlaw.law.parameters import left_hand_sides
+from commonlaw.library import Variables, highest_columns
+from commonlaw.library.notation import quoted
+from commonlaw.trials import Trials
+from commonlaw.trials.trial import property_names
+
+_MAX_HALVINGS = 10
+"""How often a step is halved after which solutions are not finite, or fit worse."""
+
+_MAX_INCREASE = 0.01
+"""Share by which the sum of squares may grow in a step, as the function is shrunk."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedSetting(AbstractSetting):
+    """A law with observation equations that was fitted to the trials again.
+
+    Its unknowns are parameters and initial values of all objects, which may share some. The rows of the likelihood
+    linearized about them are those of one object, and residuals those of the measured quantities in units of the noise
+    of this fit. `points` are the variables of the model at all samples, shape (n, variables).
+    """
+
+    law: Law
+    trials: Trials
+    fitted: Fitted
+    visited: Visited
+    points: Floats
+
+    @classmethod
+    def of(cls, law: Law, trials: Trials, noise: Mapping[str, float] | None) -> "ObservedSetting":
+        """Return the setting, with states at the samples by the fit, and the numeric properties of objects."""
+        fitted = refit(law, trials, noise=noise, progress=lambda _: None)
+        problem, unknowns, law = fitted.begun.problem, fitted.optimum.unknowns, law.select(trials.objects)
+        names, owners = law.terms.variables.measured, [trials.properties.get(name, {}) for name in trials.objects]
+        more = [
+            name for name in property_names(trials.properties) if all(type(own.get(name)) is float for own in owners)
+        ]
+        parts, points = list[list[Floats]](), list[Floats]()
+        for owner, own in zip(trials.objects, owners, strict=True):
+            parts.append([])
+            for data in (each for each in problem.trials if each.trial.object == owner):
+                times, parameters = data.times[data.rows], data.parameters(unknowns)
+                states, inputs = problem.predicted(data, unknowns, False).states, data.inputs.at(times, parameters)
+                points.append(problem.model.point(states, inputs, times, parameters))
+                known = [np.full(len(times), own[name]) for name in more]
+                parts[-1].append(np.column_stack([points[-1][:, : len(names)], *known]))
+        return cls(law, trials, fitted, Visited.of((*names, *more), parts), np.concatenate(points))
+
+    @property
+    def variables(self) -> Variables:
+        """The variables of the law, and the properties that may be in functions."""
+        known = self.law.terms.variables
+        more = [name for name in self.visited.names if name not in known.names]
+        return replace(known, parameters=(*known.parameters, *more))
+
+    @property
+    def own(self) -> Bools:
+        """Which coefficients are in equations with an unknown parameter, shape (equations, terms)."""
+        unknown = [self.directions(j)[1].any() for j in range(len(self.law.schema.states))]
+        return np.asarray(self.law.support & np.array(unknown)[:, np.newaxis])
+
+    def directions(self, equation: int) -> tuple[tuple[str, ...], Floats]:
+        """Return the derivatives of a rate by parameters."""
+        begun, model, left = self.fitted.begun, self.fitted.begun.model, left_hand_sides(self.law)[equation]
+        known = np.min(begun.unknowns.parameters, axis=0) < 0
+        row = highest_columns(model.order, len(model.schema.states))[equation]
+        slopes = model.rates.jacobian(self.points)[:, row, model.first_parameter :]
+        names = [f"d({left})/d({name})" for name in model.parameters]
+        return tuple(compress(names, ~known)), slopes[:, ~known]
+
+    def rates(self, equation: int) -> Floats:
+        """Return the highest derivative of a state by the law."""
+        model = self.fitted.begun.model
+        row = highest_columns(model.order, len(model.schema.states))[equation]
+        return np.asarray(model.rates.evaluate(self.points)[:, row])
+
+    def resolving(self, basis: SmoothBasis) -> "ObservedSetting":
+        """Return the same, as steps of solutions are as fine as they have to be."""
+        return self
+
+    @property
+    def _free(self) -> list[int]:
+        """The unknowns of the law that are not at a bound, by index."""
+        return np.flatnonzero(~self.fitted.optimum.at_bound).tolist()
+
+    def _with_weights(self, model: FunctionModel) -> Problem:
+        """Return the likelihood with weights of the functions as further unknowns, that all objects share."""
+        problem, known, law = self.fitted.begun.problem, self.variables, self.law
+        functions = model.terms.terms[len(law.terms) :]
+        if not functions:
+            return problem
+        names, weights = [quoted(name) for name in known.names], [f"weight {i}" for i in range(1, len(functions) + 1)]
+        properties = [name for name in known.names if name not in problem.model.variables.names]
+        equation = int(np.flatnonzero(model.shared.any(axis=1))[0])
+        wider = problem.model.with_terms(equation, [each.text(names) for each in functions], properties, weights)
+        indices, trials = np.arange(len(weights)) + problem.unknowns, list[TrialData]()
+        for data in problem.trials:
+            given = [self.trials.properties[data.trial.object][name] for name in properties]
+            parameter = np.concatenate([data.parameter, np.full(len(given), -1), indices])
+            values = np.concatenate([data.values, np.array(given, dtype=np.float64), np.zeros(len(weights))])
+            trials.append(replace(data, parameter=parameter, values=values))
+        return replace(problem, model=wider, trials=tuple(trials), unknowns=problem.unknowns + len(weights))
+
+    def _about(self, model: FunctionModel, problem: Problem, unknowns: Floats) -> FunctionFit:
+        """Return the posterior of the likelihood linearized about unknowns, those of the law and then the weights.
+
+        Standardized residuals ``r + J (p - p0)`` are rows ``J p = J p0 - r``.
+        """
+        noise, own = self.fitted.optimum.noise, len(self._free)
+        residuals, slopes = problem.residuals(unknowns, noise)
+        if slopes is None or not np.isfinite(slopes).all():
+            raise CommonlawError("discrepancy-fit-failed")
+        order = [*self._free, *range(self.fitted.begun.problem.unknowns, problem.unknowns)]
+        columns = slopes[:, order]
+        target = columns @ unknowns[order] - residuals
+        factor = np.asarray(np.linalg.qr(np.column_stack([columns, target]), mode="r"))
+        rows = SharedRows.of([factor], own, max(len(residuals) - own, 1), 0.0)
+        worth = np.inf if problem.known_noise.all() else NOISE_MEASUREMENTS * len(noise)
+        found = posterior(rows, model.factors, model.size, worth)
+        return FunctionFit(model, (), NO_ERROR, rows, worth, found, 0.0, float(residuals @ residuals))
+
+    def _mean(self, found: FunctionFit) -> Floats:
+        """Return the unknowns at the mean of a posterior."""
+        result = self.fitted.optimum.unknowns.copy()
+        result[self._free] = found.posterior.coefficients[0]
+        return np.append(result, found.posterior.weights)
+
+    def annealed(self, model: FunctionModel) -> list[FunctionFit]:
+        """Return the fit about solutions that have followed the posterior, in steps that do not fit worse."""
+        problem, noise = self._with_weights(model), self.fitted.optimum.noise
+        unknowns = self.fitted.optimum.unknowns
+        point = np.append(unknowns, np.zeros(problem.unknowns - len(unknowns)))
+        found = self._about(model, problem, point)
+        for _ in range(MAX_ROUNDS):
+            step, last = self._mean(found) - point, found
+            for halvings in range(_MAX_HALVINGS):
+                moved = point + step / 2**halvings
+                residuals = problem.residuals(moved, noise, False)[0]
+                if residuals @ residuals < (1 + _MAX_INCREASE) * found.deviance:  # Nor where it is not finite
+                    point, found = moved, self._about(model, problem, moved)
+                    break
+            if abs(found.value - last.value) < CONVERGED:
+                break
+        return [found]
+
+    def converged(self, fitted: FunctionFit) -> FunctionFit:
+        """Return the same."""
+        return fitted
+
+    def value(self, alone: FunctionFit, model: FunctionModel) -> float:
+        """Return the value about the solutions of the law alone."""
+        problem, unknowns = self._with_weights(model), self.fitted.optimum.unknowns
+        return self._about(model, problem, np.append(unknowns, np.zeros(problem.unknowns - len(unknowns)))).value
+
+    def given_deviance(self) -> float:
+        """Return the squares of residuals of the law as it was given."""
+        residuals = untested(self.law, self.trials, measured_noise(self.fitted.law(())))[0]
+        return float(sum(np.nansum(own**2) for own in residuals.standardized))
+
+    def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law | None]:
+        """Return a law with coefficients as they are with the function."""
+        begun, known, free = self.fitted.begun, found.posterior, self._free
+        count = begun.problem.unknowns
+        unknowns, covariance = self._mean(found)[:count], np.zeros((count, count))
+        factor = known.follow[0] @ known.shared_factor
+        covariance[np.ix_(free, free)] = known.own_covariance[0] + factor @ factor.T
+        noise = self.fitted.optimum.noise * np.where(begun.problem.known_noise, 1.0, known.noise_factor)
+        likelihood = begun.problem.log_likelihood(unknowns, noise)
+        optimum = replace(
+            self.fitted.optimum, unknowns=unknowns, noise=noise, log_likelihood=likelihood, covariance=covariance
+        )
+        return Fitted(begun, optimum, ()).law(()), None

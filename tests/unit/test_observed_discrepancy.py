@@ -1,0 +1,146 @@
+"""What laws with observation equations leave unexplained, against laws of measured states and simulated data."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+from commonlaw.plots import plot_discrepancy, plot_residuals, render
+from tests.refusals import refused
+
+NOISE = 0.02
+TIMES = np.linspace(0.0, 6.0, 40)
+
+
+def decays(seed, missing=0.0, name="y", observed=lambda x: x, noise=None, starts=(1.0, 2.0)):
+    """Return trials of ``x' = -k x + missing x^2`` of two objects."""
+    random, made = np.random.default_rng(seed), []
+    for owner, k in {"A": 0.6, "B": 0.9}.items():
+        for i, start in enumerate(starts):
+            x = solve_ivp(lambda _, x: -k * x + missing * x**2, (0, 6), [start], t_eval=TIMES, rtol=1e-9).y[0]  # noqa: B023
+            white = random.standard_normal(len(TIMES))
+            y = observed(x) + NOISE * white if noise is None else noise(observed(x), white)
+            made.append(cl.Trial(owner, str(i), TIMES, y))
+    return cl.Trials(tuple(made), cl.Schema((name,)))
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.1])
+def test_the_function_is_that_of_a_law_whose_states_are_measured(missing):
+    """The states are fitted by collocation there, and by shooting here."""
+    plain = cl.fit("x' = -k x", decays(1, missing, "x"), noise={"x": NOISE}, errors="white")
+    one = plain.discrepancy(decays(1, missing, "x"), "x", noise={"x": NOISE})
+    seen = cl.fit("x' = -k x; y = x", decays(1, missing), noise={"y": NOISE})
+    other = seen.discrepancy(decays(1, missing), "x", noise={"y": NOISE})
+    grid = np.linspace(0.1, 2.0, 6)
+    assert (np.abs(other(grid) - one(grid)) < 0.2 * one.std(grid)).all()
+    assert other.std(grid) == pytest.approx(one.std(grid), rel=0.2)
+    assert one.claimed == other.claimed == bool(missing)
+    if not missing:  # Else random forces explain some of it where states are measured
+        assert other.evidence == pytest.approx(one.evidence, abs=0.05)
+    for column in ("estimate", "standard error"):
+        assert other.law.params[column].to_numpy() == pytest.approx(one.law.params[column].to_numpy(), rel=0.2)
+
+
+def affine(x):
+    return 3 * x + 0.5
+
+
+AFFINE = "x' = -k x; y = s x + b; x(0) = 2"
+
+
+def test_a_missing_term_is_found_where_there_is_one_and_only_there():
+    """Where there is none, 2 log B exceeds 6 in at most one case of twenty."""
+    evidence = []
+    for seed in range(12):
+        trials = decays(seed, observed=affine, starts=(2.0,))
+        law = cl.fit(AFFINE, trials, shared=["s", "b"], noise={"y": NOISE})
+        evidence.append(law.discrepancy(trials, noise={"y": NOISE}).evidence)
+    assert sum(each > 6 for each in evidence) <= 2
+    assert np.mean(np.exp(np.array(evidence) / 2)) < 3  # On average 1 under the law
+    trials = decays(0, 0.05, observed=affine, starts=(2.0,))
+    law = cl.fit(AFFINE, trials, shared=["s", "b"], noise={"y": NOISE})
+    found = law.discrepancy(trials, noise={"y": NOISE})
+    assert found.claimed
+    assert (found.equation, found.basis.coordinate) == ("x'", "x")
+    assert found.shares["shared discrepancy"] > 0.3
+    assert any("x^2" in each.terms for each in found.descriptions)
+    assert "d(x')/d(k)" in found.holds_nothing_of
+
+
+def test_a_missing_force_is_a_function_of_the_velocity():
+    """Of an oscillator that is seen by the square of its deflection, drag ``-c v abs(v)`` is missing."""
+    times, random, made = np.linspace(0, 10, 80), np.random.default_rng(0), []
+    for i, start in enumerate((1.0, 1.5)):
+        x = solve_ivp(
+            lambda _, z: (z[1], -2 * z[0] - 0.15 * z[1] * abs(z[1])), (0, 10), [start, 0], t_eval=times, rtol=1e-9
+        ).y[0]
+        made.append(cl.Trial("A", str(i), times, x**2 + 0.01 * random.standard_normal(80)))
+    trials = cl.Trials(tuple(made), cl.Schema(("y",)))
+    law = cl.fit("x'' = -k x; y = x^2; x'(0) = 0; x(0) = a", trials, shared={"a": "trial"}, guesses={"k": 2, "a": 1})
+    found = law.discrepancy(trials, "v")
+    assert found.claimed
+    grid = np.linspace(-1.2, 1.2, 7)
+    assert found(grid) == pytest.approx(-0.15 * grid * abs(grid), abs=0.04)
+
+
+def test_functions_may_be_of_properties_that_stand_in_no_equation():
+    """The growth of two cultures has a term in ``x size``."""
+    random, made, sizes = np.random.default_rng(2), [], {"A": 0.4, "B": 1.0, "C": 1.6}
+    for owner, size in sizes.items():
+        x = solve_ivp(lambda _, x: 0.5 - 0.4 * x - 0.1 * x**2 * size, (0, 6), [0.1], t_eval=TIMES, rtol=1e-9).y[0]  # noqa: B023
+        made.append(cl.Trial(owner, "1", TIMES, 2 * x + NOISE * random.standard_normal(len(TIMES))))
+    trials = cl.Trials(tuple(made), cl.Schema(("y",)), {owner: {"size": size} for owner, size in sizes.items()})
+    law = cl.fit("x' = a - k x; y = 2 x", trials, shared=["a", "k"])
+    by_size, alone = (law.discrepancy(trials, of).evidence for of in ("x^2*size", "x"))
+    assert by_size > 10
+    assert by_size > alone
+
+
+def test_residuals_are_those_of_the_measured_quantities_by_their_logarithms():
+    trials = decays(4, observed=affine, noise=lambda y, white: y * np.exp(0.03 * white), starts=(2.0,))
+    law = cl.fit(AFFINE, trials, shared=["s", "b"], log_states=["y"])
+    found, params = law.residuals(trials), law.params.set_index(["object", "parameter"])["estimate"]
+    for trial, residuals in zip(trials, found.standardized, strict=True):
+        k, s, b = (params[trial.object, name] for name in "ksb")
+        expected = np.log(trial.states[:, 0] / (s * 2 * np.exp(-k * TIMES) + b)) / law.observation.noise["y"]
+        assert residuals[:, 0] == pytest.approx(expected, abs=1e-5)
+    assert not found.significant
+    assert not law.discrepancy(trials).claimed
+
+
+@pytest.mark.parametrize(
+    ("noise", "pattern"),
+    [
+        (lambda y, white: y + NOISE * np.convolve(white, [1, 0.9, 0.8, 0.7, 0.6])[: len(y)], "autocorrelation"),
+        (lambda y, white: y * (1 + 0.05 * white), "heteroscedasticity"),
+    ],
+)
+def test_patterns_of_residuals_are_found_through_observations(noise, pattern):
+    trials = decays(5, observed=lambda x: 3 * x + 0.2, noise=noise)
+    law = cl.fit("x' = -k x; y = 3 x + b", trials, shared=["b"])
+    assert pattern in {each.pattern for each in law.residuals(trials).significant}
+
+
+def test_trends_are_tested_with_states_that_were_not_measured():
+    trials = decays(6, 0.1, observed=affine, starts=(2.0,))
+    found = cl.fit(AFFINE, trials, shared=["s", "b"]).residuals(trials)
+    assert {"trend with y", "trend with x"} <= {each.pattern for each in found.significant}
+    assert render(plot_residuals(found), "svg").startswith(b"<?xml")
+
+
+def test_the_command_line_finds_and_draws_a_discrepancy(tmp_path, run):
+    trials = decays(0, 0.1, observed=affine, starts=(2.0,))
+    law = cl.fit(AFFINE, trials, shared=["s", "b"])
+    trials.to_frame().to_csv(tmp_path / "decays.csv", index=False)
+    law.save(tmp_path / "law.json")
+    files = [str(tmp_path / name) for name in ("decays.csv", "law.json", "better.json")]
+    code, out, err = run("discrepancy", *files[:2], "--save", files[2], "--json")
+    assert code == 0, err
+    assert json.loads(out)["claimed"]
+    better, found = cl.Law.load(files[2]), law.discrepancy(trials)
+    assert better.params["estimate"].to_numpy() == pytest.approx(found.law.params["estimate"].to_numpy())
+    assert render(plot_discrepancy(found), "svg").startswith(b"<?xml")
+    with refused("not-with-observation", settings=["huber_threshold"]):
+        law.discrepancy(trials, huber_threshold=2.0)
