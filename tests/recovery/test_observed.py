@@ -6,6 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from commonlaw.discovery.method import ModelStructure
 from commonlaw.discovery.observed import _begun, _WeakSearch
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import PolynomialLibrary
@@ -25,12 +26,13 @@ def animals(x, z):
     return SCALE * (x + z) + OFFSET
 
 
-def table(noise=0.01, samples=60, objects=4, seed=3, observed=animals):
-    """Return prey x and what else is seen, y, with the coefficients of each object."""
+def table(noise=0.01, samples=60, objects=4, seed=3, observed=animals, eaten=None):
+    """Return prey x and what else is seen, y, with the coefficients of each object, of which that of z' may be given."""
     rng = np.random.default_rng(seed)
     rows, truth = [], []
     for number in range(objects):
         k = rng.uniform((0.7, 0.7, 0.5, 0.6), (1.3, 1.3, 1.0, 1.2))
+        k[2] = k[2] if eaten is None else eaten
         truth.append(k)
         times = np.linspace(0, 12, samples)
         first = rng.uniform(0.5, 1.5, 2)
@@ -72,7 +74,7 @@ def test_the_law_is_found_through_a_product():
 
 def test_squares_with_all_terms_are_those_of_noise_for_any_parameters(lakes):
     trials, _ = lakes
-    search = _WeakSearch(_begun(trials, OBSERVE, ("x", "z"), None), trials, PolynomialLibrary(2))
+    search = _WeakSearch(_begun(trials, OBSERVE, ("x", "z"), None), trials, ModelStructure(1, PolynomialLibrary(2)))
     assert search.whiten(np.array([SCALE, OFFSET]))
     whole = np.ones(search.width, dtype=bool)
     rows = sum(len(target) for _, target in search.white) - search.objects * search.width
@@ -83,11 +85,42 @@ def test_squares_with_all_terms_are_those_of_noise_for_any_parameters(lakes):
 
 def test_states_follow_from_a_nonlinear_observation(lakes):
     trials, _ = lakes
-    search = _WeakSearch(_begun(trials, {"y": "s (x + z + z^2)"}, ("x", "z"), None), trials, PolynomialLibrary(2))
+    search = _WeakSearch(
+        _begun(trials, {"y": "s (x + z + z^2)"}, ("x", "z"), None), trials, ModelStructure(1, PolynomialLibrary(2))
+    )
     point, slopes = search.states(search.values, np.array([2.0]))
     x, z = point[:, :2].T
     np.testing.assert_allclose(np.column_stack([x, 2 * (x + z + z**2)]), search.values, rtol=1e-8)
     np.testing.assert_allclose(slopes[:, 1, 1], 2 * (1 + 2 * z), rtol=1e-12)
+
+
+def test_fixed_coefficients_stay_and_the_others_are_those_of_a_fit_with_these():
+    frame, truth = table(eaten=0.75)
+    trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
+    law = cl.discover(trials, observe=OBSERVE, latent_states="z", known={("z", "x*z"): 0.75}, cache=False)
+    assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+0.75xz"]
+    named = named_parameters(law)
+    expected = np.column_stack([truth[:, [0, 1, 3]], np.tile([SCALE, OFFSET], (len(truth), 1))])
+    places = [named.names.index(name) for name in ("a", "c", "d", "s", "b")]
+    assert np.abs((named.values[:, places] - expected) / named.errors[:, places]).max() < 4
+    fitted = cl.fit("x' = a x - c x z; z' = -d z + 0.75 x z", trials, observe=OBSERVE, shared=["s", "b"])
+    assert law.observation.log_likelihood == pytest.approx(fitted.observation.log_likelihood, abs=1e-3)
+    free = cl.discover(trials, observe=OBSERVE, latent_states="z", cache=False)
+    errors = [named_parameters(each).errors[0, named_parameters(each).names.index("d")] for each in (law, free)]
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_known_physics_are_equations_or_a_law_of_the_states():
+    frame, _ = table(eaten=0.75)
+    trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
+    numbers = cl.Law.from_text("x' = 0; z' = f x z", {"f": 0.75})
+    seen = cl.fit("x' = 0; z' = 0.75 x z; y = s (x + z)", trials.until(2))
+    for known in ("x' = 0; z' = 0.75 x z", numbers, seen):
+        law = cl.discover(trials, observe=OBSERVE, latent_states="z", known=known, library="poly:2", cache=False)
+        assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+0.75xz"]
+    owners = dict(zip(trials.objects, (0.7, 0.8, 0.9, 1.0), strict=True))
+    with refused("known-by-object-with-observation", objects=trials.objects):
+        cl.discover(trials, observe=OBSERVE, latent_states="z", known={("z", "x*z"): owners}, cache=False)
 
 
 def test_what_the_law_does_not_determine_is_named(lakes):

@@ -798,11 +798,15 @@ def test_the_command_line_compares_and_refines_laws_with_observation_equations(t
     assert one.restrictions.shared == other.restrictions.shared == {"c": "all"}
 
 
-def test_what_takes_columns_for_states_refuses_a_law_with_an_observation():
-    trials = trials_of({"A": (T, 5 * (1 - np.exp(-0.7 * T)) + 0.01 * np.sin(9 * T))})
-    law = cl.fit("y' = a - k y", trials, initial_values={"y": 0})
-    with refused("law-with-observation"):
-        cl.discover(trials, known=law)
+def test_a_law_with_known_initial_values_may_be_known_physics():
+    """Of ``y' = 1 - k y - 0.5 y^2`` the first is known by a law that was fitted from y(0) = 0."""
+    first = trials_of({"A": (T, (1 - np.exp(-0.5 * T)) / 0.5)})
+    known = cl.fit("y' = 1 - k y", first, initial_values={"y": 0})
+    y = solve_ivp(lambda _, y: 1 - 0.5 * y - 0.5 * y**2, (0, 6), [0.0], t_eval=T, rtol=1e-9).y[0]
+    trials = trials_of({"A": (T, y + 1e-3 * np.random.default_rng(0).standard_normal(len(T)))})
+    law = cl.discover(trials, order=1, library="poly:2", known=known, cache=False)
+    assert law.structure == ("y' = 1 - 0.5 y + a y^2",)
+    assert estimates(law)["a"][0] == pytest.approx(-0.5, abs=4 * estimates(law)["a"][1])
 
 
 def test_files_of_version_4_have_initial_values_by_state_and_no_restrictions():

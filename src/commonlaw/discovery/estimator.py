@@ -150,7 +150,7 @@ class LawDiscovery:
         if isinstance(trials, TrialStream):
             raise CommonlawError("not-for-streams")
         given = self.get_params(deep=False)
-        refused = [name for name in ("known", "shared") if given[name]]
+        refused = ["shared"] * bool(self.shared)
         refused += ["latent_states"] * (bool(self.latent_states) and not latent)
         refused += ["x_dot"] * (derivatives is not None)
         settings = dict[str, Any]()
@@ -167,16 +167,18 @@ class LawDiscovery:
         if own.functions:
             raise CommonlawError("function-with-observation", function=own.functions[0].text)
         trials = with_properties_in([own], trials)
+        is_text = isinstance(self.known, Mapping | str | None)  # Laws and functions are none
         with one_blas_thread():
             return discover_observed(
                 trials,
                 observe,
                 latent,
                 None if library == "auto" else own,
+                self.known or {},
                 noise=settings.get("noise"),
                 seed=settings.get("seed", 0),
                 progress=progress,
-                calls=(call(LawDiscovery, given, "cl.discover", "trials"),),
+                calls=(call(LawDiscovery, given, "cl.discover", "trials"),) if is_text else (),
             )
 
     def _found(
@@ -214,7 +216,7 @@ class LawDiscovery:
             if isinstance(trials, TrialStream):
                 raise CommonlawError("known-of-stream")
             if isinstance(known, Law) and known.schema.states == trials.schema.states:
-                trials = matched(known, trials, inputs="any")
+                trials = matched(replace(known, observation=None), trials, inputs="any")
             if self.order == "auto" and not by_equation:
                 own = order_of_base(known, trials)
                 possible = tuple((each,) for each in order_of_each(own, len(trials.schema.states)))
@@ -434,8 +436,8 @@ def discover(
         Observation equations: what was measured in place of states, by column, as expressions of states, inputs and
         parameters: ``observe={"y": "s (x + z) + b"}, latent_states="z"`` in a table of x and y. There have to be as
         many states as measured quantities. Parameters of observations are estimated with the law, of first
-        order, and are the same for all objects; what the law does not determine, such as the scale of a state that is
-        seen through ``"s x"`` alone, is an error that names it. Of `TrajectoryLikelihood` noise and seed go with it;
+        order, and are the same for all objects, like known coefficients; what the law does not determine, such as the
+        scale of a state that is seen through ``"s x"`` alone, is an error that names it. Of `TrajectoryLikelihood` noise and seed go with it;
         ``"auto"`` as the library is polynomials of degree 2, and of degree 3 where these show lack of fit.
     progress
         Takes the text of each step. Default: it is written to the terminal after two seconds.

@@ -72,14 +72,16 @@ def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
         raise CommonlawError(
             "known-physics-order", order=own, known_states=law.schema.states, sought=sought, states=states
         )
-    if law.terms.parameters:
+    rates = [k for k, term in enumerate(law.terms.terms) if law.observation is None or term.parameter is None]
+    if any(column >= len(law.terms.variables.measured) for k in rates for column in law.terms.terms[k].columns()):
         raise CommonlawError("known-physics-parameters")
     law, names = with_objects_of(law, trials)[0], law.terms.variables.names
-    texts = [term.expression(names) for term in law.terms.terms]
     return {
-        (state, text): {name: float(law.coefficients[object_index(law, name)][j, k]) for name in trials.objects}
+        (state, law.terms.terms[k].expression(names)): {
+            name: float(law.coefficients[object_index(law, name)][j, k]) for name in trials.objects
+        }
         for j, state in enumerate(law.schema.states)
-        for k, text in enumerate(texts)
+        for k in rates
         if law.support[j, k]
     }
 

@@ -16,6 +16,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import SmoothingSpline, noise_level
+from commonlaw.discovery.known_physics import Base, with_base
+from commonlaw.discovery.method import ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.fitting import Beginning, begin, fit_model
 from commonlaw.estimation.model import ModelText
@@ -28,7 +30,7 @@ from commonlaw.law.text import free_letters
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.progress import ProgressCallback
-from commonlaw.trials import Trials
+from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import property_names
 
 _STARTS = 12
@@ -124,9 +126,12 @@ class _Candidate:
 class _WeakSearch:
     """The weak form of all trials as a function of the parameters of observations."""
 
-    def __init__(self, begun: Beginning, trials: Trials, library: AbstractLibrary) -> None:
+    def __init__(self, begun: Beginning, trials: Trials, structure: ModelStructure) -> None:
         self.model, self.problem = begun.model, begun.problem
-        self.terms: Terms = library.bind(replace(begun.model.variables, parameters=()))
+        self.terms: Terms = structure.terms(begun.model.schema)
+        known = structure.known_coefficients(begun.model.schema, trials.objects).reshape(len(trials.objects), -1)
+        self.open: Bools = np.asarray(np.isnan(known).any(axis=0))
+        self.fixed = np.nan_to_num(known)
         owners = {name: i for i, name in enumerate(trials.objects)}
         self.owners = [owners[trial.trial.object] for trial in begun.problem.trials]
         self.rows = [_Rows.of(trial) for trial in begun.problem.trials]
@@ -178,10 +183,9 @@ class _WeakSearch:
         """Whiten rows by their covariance at the law with all terms; return whether rates are finite there."""
         size = len(self.model.observables)
         self.white = [row.whitened(np.zeros((len(row.values), size, size))) for row in self.rows]
-        whole = np.ones(self.width, dtype=np.bool_)
         for _ in range(_SWEEPS):
             self.last = None
-            squares, coefficients, _ = self.fitted(p, whole)
+            squares, coefficients, _ = self.fitted(p, self.open)
             if not np.isfinite(squares):
                 return False
             own = np.repeat(coefficients.reshape(self.objects, self.model.width, -1)[self.owners], self.lengths, axis=0)
@@ -194,18 +198,23 @@ class _WeakSearch:
                 slopes[:, :, k] = (high - low) / (2 * step)
             self.white = [row.whitened(slopes[part]) for row, part in zip(self.rows, self.parts, strict=True)]
         self.last = None
-        freedom = sum(len(target) for _, target in self.white) - self.objects * self.width
-        self.scale = max(1.0, self.fitted(p, whole)[0] / max(freedom, 1))
+        freedom = sum(len(target) for _, target in self.white) - self.objects * int(self.open.sum())
+        self.scale = max(1.0, self.fitted(p, self.open)[0] / max(freedom, 1))
         return True
 
     def normal(self, p: Floats) -> tuple[Floats, Floats, float]:
-        """Return Gram matrices of the white rows, their products with targets, by object, and the targets' squares."""
+        """Return Gram matrices of the white rows, their products with targets, by object, and the targets' squares.
+
+        With fixed coefficients k the targets are those of the others, ``y - X k``.
+        """
         if self.last is None or self.last[0] != p.tobytes():
             gram, right = np.zeros((self.objects, self.width, self.width)), np.zeros((self.objects, self.width))
             total = 0.0
             columns = self.columns(self.values, p)
             for owner, part, (white, target) in zip(self.owners, self.parts, self.white, strict=True):
                 rows = white @ columns[part].transpose(1, 0, 2, 3).reshape(-1, self.width)
+                if self.fixed.any():
+                    target = target - rows @ self.fixed[owner]
                 gram[owner] += rows.T @ rows
                 right[owner] += rows.T @ target
                 total += float(target @ target)
@@ -213,10 +222,13 @@ class _WeakSearch:
         return self.last[1]
 
     def fitted(self, p: Floats, support: Bools) -> tuple[float, Floats, Floats]:
-        """Return the sum of squares, coefficients by object, and how it grows without each of the terms, shape (k,)."""
+        """Return the sum of squares, coefficients by object, and how it grows without each of the terms, shape (k,).
+
+        Those of fixed coefficients are in every support.
+        """
         gram, right, total = self.normal(p)
         gram, right = gram[:, support][:, :, support], right[:, support]
-        result, count = np.zeros((self.objects, self.width)), int(support.sum())
+        result, count = self.fixed.copy(), int(support.sum())
         if not np.isfinite(gram).all():
             return np.inf, result, np.zeros(count)
         with np.errstate(divide="ignore"):
@@ -236,7 +248,7 @@ class _WeakSearch:
         Here a is the cost of the term whose loss costs least, all in what a term has to be worth. Terms too many cost
         nothing, so parameters with the fewest terms have the least sum, and near them it decreases toward them.
         """
-        squares = self.fitted(p, np.ones(self.width, dtype=np.bool_))[0]
+        squares = self.fitted(p, self.open)[0]
         if not np.isfinite(squares):
             return _INFINITE
         unit = self.scale * self.price
@@ -248,7 +260,7 @@ class _WeakSearch:
 
     def path(self, p: Floats) -> tuple[list[Bools], list[float]]:
         """Return supports from all terms to none, each without the term whose loss costs least, and these costs."""
-        result, costs = [np.ones(self.width, dtype=np.bool_)], list[float]()
+        result, costs = [self.open], list[float]()
         while result[-1].any():
             growth, support = self.fitted(p, result[-1])[2], result[-1].copy()
             least = int(np.argmin(growth))
@@ -323,6 +335,7 @@ def discover_observed(
     observe: Mapping[str, str],
     latent: Sequence[str],
     library: AbstractLibrary | None,
+    known: Base,
     *,
     noise: Mapping[str, float] | None,
     seed: int,
@@ -331,9 +344,10 @@ def discover_observed(
 ) -> Law:
     """Return the law of first order of states that are measured and latent ones, see `commonlaw.discover`.
 
-    Without a library polynomials of degree 2 are its terms, and of degree 3 where these show lack of fit. Raises
-    `CommonlawError` if there are not as many states as measured quantities, if no parameters give finite states, or if
-    the best laws cannot be fitted.
+    Without a library polynomials of degree 2 are its terms, and of degree 3 where these show lack of fit.
+
+    Raises `CommonlawError` if there are not as many states as measured quantities, fixed coefficients differ between
+    objects, no parameters give finite states, or the best laws cannot be fitted.
     """
     for name in observe:
         check_choice("measured quantity", name, trials.schema.states)
@@ -341,9 +355,17 @@ def discover_observed(
     if len(set(states)) != len(trials.schema.states):
         raise CommonlawError("observed-states", states=states, measured=trials.schema.states)
     begun = _begun(trials, observe, states, noise)
-    ends = list[Floats]()
+    ends, schema = list[Floats](), begun.model.schema
+    rests = [
+        Trial(name, "1", np.zeros(1), np.zeros((1, len(states))), np.zeros((1, len(schema.inputs))))
+        for name in trials.objects
+    ]
+    of_states = Trials(tuple(rests), schema, trials.properties)
     for each in (PolynomialLibrary(2), PolynomialLibrary(3)) if library is None else (library,):
-        search = _WeakSearch(begun, trials, each)
+        structure = ModelStructure(1, *with_base(each, known, 1, of_states))
+        search = _WeakSearch(begun, trials, structure)
+        if (search.fixed != search.fixed[0]).any():
+            raise CommonlawError("known-by-object-with-observation", objects=trials.objects)
         starts = first_values(begun.first, begun.guessed, begun.bounds, seed)[:, search.free]
         progress("looking for parameters of observations with which the law has few terms")
         if not any(search.whiten(start) for start in starts):
@@ -373,7 +395,9 @@ def discover_observed(
     others = [each for each in found if each.support != found[0].support]
     apart = f"; the score of the next law is {others[0].score - found[0].score:.3g} larger" if others else ""
     step = Step(
-        "terms", f"{sum(found[0].support)} of {search.width}", f"the fewest for any parameters of observations{apart}"
+        "terms",
+        f"{sum(found[0].support)} of {search.open.sum()}",
+        f"the fewest for any parameters of observations{apart}",
     )
     return replace(law, provenance=replace(law.provenance, history=(step, *law.history)))
 
@@ -401,19 +425,21 @@ def _exact(
     calls: tuple[str, ...],
 ) -> Law:
     """Return the law of a candidate with the largest likelihood, searched from what is known of it."""
-    p, support = np.array(found.parameters), np.array(found.support)
+    p, support, fixed = np.array(found.parameters), np.array(found.support), search.fixed[0]
     variables, shared = search.terms.variables, [begun.unknowns.names[i] for i in search.free]
     names = [quoted(name) for name in variables.names]
     used = (*variables.names, *begun.model.parameters, *trials.schema.states, *property_names(trials.properties))
     letters = free_letters(int(support.sum()), used)
     coefficients, rates = search.fitted(p, support)[1][:, support], dict[int, str]()
-    signs = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0)
-    places = np.argwhere(support.reshape(search.model.width, -1)).tolist()
-    for (j, term), letter, sign in zip(places, letters, signs, strict=True):
+    signs, states = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0), search.model.schema.states
+    numbers, sides = [f"{abs(each)!r}" for each in fixed.tolist()], np.where(fixed < 0, -1.0, 1.0)
+    for place, letter, sign in zip(np.flatnonzero(support).tolist(), letters, signs, strict=True):
+        numbers[place], sides[place] = letter, sign
+    for place in np.flatnonzero(support | (fixed != 0)).tolist():
+        j, term = divmod(place, len(search.terms))
         before = rates.get(j, "")
-        joint = ("-" if sign < 0 else "") if not before else " - " if sign < 0 else " + "
-        rates[j] = f"{before}{joint}{letter} {search.terms.terms[term].text(names)}"
-    states = search.model.schema.states
+        joint = ("-" if sides[place] < 0 else "") if not before else " - " if sides[place] < 0 else " + "
+        rates[j] = f"{before}{joint}{numbers[place]} {search.terms.terms[term].text(names)}"
     text = "; ".join(f"{quoted(name)}' = {rates.get(j, '0')}" for j, name in enumerate(states))
     first = dict(zip(shared, p.tolist(), strict=True))
     for owner, values in zip(trials.objects, signs * coefficients, strict=True):
