@@ -135,7 +135,7 @@ def test_what_does_not_fit_is_refused(lakes):
         cl.discover(trials, observe=OBSERVE, cache=False)
     with refused("unknown-name"):
         cl.discover(trials, observe={"w": "s z"}, latent_states="z", cache=False)
-    with refused("not-with-observation", settings=["order"]):
+    with refused("observed-order", order=2):
         cl.discover(trials, order=2, observe=OBSERVE, latent_states="z", cache=False)
     with refused("observation-not-invertible"):
         cl.discover(trials, observe={"y": "s sqrt(x) + b"}, latent_states="z", cache=False)

@@ -144,3 +144,5 @@ def test_the_command_line_finds_and_draws_a_discrepancy(tmp_path, run):
     assert render(plot_discrepancy(found), "svg").startswith(b"<?xml")
     with refused("not-with-observation", settings=["huber_threshold"]):
         law.discrepancy(trials, huber_threshold=2.0)
+    with refused("discrepancy-forecast-observed"):
+        found.law.predict(trials, discrepancy=True)

@@ -157,8 +157,9 @@ class LawDiscovery:
         if isinstance(self.method, TrajectoryLikelihood):
             settings = changed_settings("discover", vars(self.method))
         refused += ["method"] * (self.method is not None and not isinstance(self.method, TrajectoryLikelihood))
-        refused += ["order"] * (self.order not in ("auto", 1))
         refused += [name for name in settings if name not in ("noise", "seed", "n_jobs")]
+        if self.order not in ("auto", 1):
+            raise CommonlawError("observed-order", order=self.order)
         library = self.library
         if refused or isinstance(library, Mapping):
             given_too = ["library"] if isinstance(library, Mapping) else []

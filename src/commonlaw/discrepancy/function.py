@@ -52,7 +52,8 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
     Parameters
     ----------
     law
-        With coefficients fitted together with the function; ``law.predict(trials, discrepancy=True)`` uses both.
+        With coefficients fitted together with the function; ``law.predict(trials, discrepancy=True)`` uses both, but not
+        of laws with observation equations.
     equation
         Left-hand side of the equation that the function is in.
     basis, weights, covariance

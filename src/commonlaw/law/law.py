@@ -477,7 +477,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
         if self.observation is not None:
             if discrepancy:
-                raise CommonlawError("discrepancy-missing")
+                raise CommonlawError("discrepancy-forecast-observed")
             known = self, self.observation, trials
             return cast("Forecast", _call("estimation:predict_observed", *known, times=times, **options))
         return cast("Forecast", _call("forecast:predict", self, trials, times=times, **options, **how))
