@@ -27,7 +27,7 @@ def animals(x, z):
 
 
 def table(noise=0.01, samples=60, objects=4, seed=3, observed=animals, eaten=None):
-    """Return prey x and what else is seen, y, with the coefficients of each object, of which that of z' may be given."""
+    """Return prey x and what else is seen, y, with the coefficients of each object; that of x z in z' may be given."""
     rng = np.random.default_rng(seed)
     rows, truth = [], []
     for number in range(objects):

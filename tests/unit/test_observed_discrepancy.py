@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.stats import f
 
 import commonlaw as cl
 from commonlaw.plots import plot_discrepancy, plot_residuals, render
@@ -121,6 +122,26 @@ def test_patterns_of_residuals_are_found_through_observations(noise, pattern):
     trials = decays(5, observed=lambda x: 3 * x + 0.2, noise=noise)
     law = cl.fit("x' = -k x; y = 3 x + b", trials, shared=["b"])
     assert pattern in {each.pattern for each in law.residuals(trials).significant}
+
+
+def test_trials_that_differ_are_noted_by_the_f_test_of_straight_lines():
+    """Each trial is a line ``y = 2 x(0) + 2 a t``, whose slopes are compared by least squares."""
+    decisions = []
+    for seed in range(12):
+        random, times = np.random.default_rng(seed), np.linspace(0, 2, 15)
+        y = [2 * (1 + i + 0.5 * a * times) + 0.1 * random.standard_normal(15) for i, a in enumerate((1.0, 1.0, 1.1))]
+        trials = cl.Trials(tuple(cl.Trial("A", str(i), times, each) for i, each in enumerate(y)), cl.Schema(("y",)))
+        centred, shifted = times - times.mean(), [each - each.mean() for each in y]
+        common = np.mean(shifted, axis=0) @ centred / (centred @ centred)
+        together = sum(np.sum((each - common * centred) ** 2) for each in shifted)
+        apart = sum(each @ each - (each @ centred) ** 2 / (centred @ centred) for each in shifted)
+        p_value = f.sf((together - apart) / 2 / (apart / (45 - 6)), 2, 45 - 6)
+        noted = {each.kind for each in cl.fit("x' = a; y = 2 x", trials).diagnostics}
+        assert ("trials differ" in noted) == (p_value < 0.01)
+        decisions.append(p_value < 0.01)
+    assert 0 < sum(decisions) < 12
+    varying = cl.fit("x' = a; y = 2 x", trials, shared={"a": "trial"})
+    assert "trials differ" not in {each.kind for each in varying.diagnostics}
 
 
 def test_trends_are_tested_with_states_that_were_not_measured():

@@ -436,9 +436,10 @@ def discover(
     observe
         Observation equations: what was measured in place of states, by column, as expressions of states, inputs and
         parameters: ``observe={"y": "s (x + z) + b"}, latent_states="z"`` in a table of x and y. There have to be as
-        many states as measured quantities. Parameters of observations are estimated with the law, of first
-        order, and are the same for all objects, like known coefficients; what the law does not determine, such as the
-        scale of a state that is seen through ``"s x"`` alone, is an error that names it. Of `TrajectoryLikelihood` noise and seed go with it;
+        many states as measured quantities. Parameters of observations are estimated with the law, of first order, and
+        are the same for all objects, like known coefficients; what the law does not determine, such as the scale of a
+        state that is seen through ``"s x"`` alone, is an error that names it. Of `TrajectoryLikelihood` noise and seed
+        go with it;
         ``"auto"`` as the library is polynomials of degree 2, and of degree 3 where these show lack of fit.
     progress
         Takes the text of each step. Default: it is written to the terminal after two seconds.

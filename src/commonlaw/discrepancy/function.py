@@ -52,8 +52,8 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
     Parameters
     ----------
     law
-        With coefficients fitted together with the function; ``law.predict(trials, discrepancy=True)`` uses both, but not
-        of laws with observation equations.
+        With coefficients fitted together with the function; ``law.predict(trials, discrepancy=True)`` uses both, if the
+        states were measured themselves.
     equation
         Left-hand side of the equation that the function is in.
     basis, weights, covariance

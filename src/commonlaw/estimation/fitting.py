@@ -25,9 +25,10 @@ from commonlaw.law.text import with_error
 from commonlaw.library import Term, Terms
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.sizes import likely_sizes
+from commonlaw.likelihood.heterogeneity import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.progress import ProgressCallback
-from commonlaw.text import counted
+from commonlaw.text import counted, shown
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
 from commonlaw.trials.trial import Start, has_sparse_states, property_names
@@ -36,6 +37,8 @@ FREE = "free"
 """The initial value of each trial that the measurements determine."""
 _ROUNDING = 1e-13
 """Of a correlation between unknowns."""
+_EXPLAINED = 1e-9
+"""Share of the slopes by a parameter below which those by others, such as initial values, explain them."""
 _TINY = 1e-300
 """The size of a state that is always zero."""
 
@@ -683,6 +686,7 @@ def _law(fitted: Fitted, calls: tuple[str, ...]) -> Law:
             *_at_bounds(model, unknowns, begun.bounds, optimum),
             *limitless,
             *((note("residuals-exceed-noise", residuals=fitted.lack_of_fit),) if fitted.lack_of_fit else ()),
+            *((note("trials-differ", objects=shown(differing)),) if (differing := _differing_trials(fitted)) else ()),
         ),
         history=steps,
         equations=given.texts,
@@ -701,6 +705,33 @@ def _law(fitted: Fitted, calls: tuple[str, ...]) -> Law:
         properties=properties,
         observation=observation,
     )
+
+
+def _differing_trials(fitted: Fitted) -> list[str]:
+    """Return the objects whose parameters differ between trials, but for initial values and what may differ."""
+    begun, optimum, p_values = fitted.begun, fitted.optimum, dict[str, float]()
+    shared, names = begun.restrictions.shared, begun.unknowns.names
+    may = np.array([by_trial(shared.get(name, OBJECT), begun.trials.schema) for name in names])
+    for owner in begun.trials.objects:
+        own = [data for data in begun.problem.trials if data.trial.object == owner]
+        factors, measurements = list[Floats](), 0
+        for data in own if len(own) > 1 else ():
+            used = np.isin(np.arange(len(names)), data.parameter) & ~may & ~optimum.at_bound
+            free = np.isin(np.arange(len(names)), [*data.initial, *data.parameter]) & ~used & ~optimum.at_bound
+            residuals, slopes = replace(begun.problem, trials=(data,), priors=()).residuals(
+                optimum.unknowns, optimum.noise
+            )
+            assert slopes is not None
+            rows = np.column_stack([slopes[:, used], slopes[:, used] @ optimum.unknowns[used] - residuals])
+            basis, sizes, _ = np.linalg.svd(slopes[:, free], full_matrices=False)
+            basis = basis[:, sizes > _EXPLAINED * sizes.max(initial=0.0)]
+            left = rows - basis @ (basis.T @ rows)
+            left *= np.linalg.norm(left, axis=0) > _EXPLAINED * np.linalg.norm(rows, axis=0)
+            factors.append(np.asarray(np.linalg.qr(left, mode="r")))
+            measurements += len(rows) - basis.shape[1]
+        if factors:
+            p_values[owner] = heterogeneity_p_value(factors, measurements)
+    return [owner for owner, each in p_values.items() if each < HETEROGENEITY_LEVEL / len(p_values)]
 
 
 def _lack_of_fit(trials: Trials, noise: Mapping[str, float]) -> list[str]:
