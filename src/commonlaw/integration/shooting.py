@@ -21,16 +21,20 @@ from commonlaw.library.program import Program
 
 _ABSOLUTE = 1e-3
 """Absolute tolerance over the relative one, in scales of the states."""
+_MOST_CROSSINGS, _SHORTEST, _NEARLY = 2000, 1e-6, 1e-12
+"""Crossings of a solution; time between two occurrences of an event, and times that are one, in that of the solution."""
 
 
 class Solution(NamedTuple):
     """States at n times, shape (n, D), NaN after the end of the solution, and their derivatives.
 
-    Derivatives are by the parameters, and then by the initial values, shape (n, D, P + D).
+    Derivatives are by the parameters, and then by the initial values, shape (n, D, P + D). A solution is endless if it
+    ends where its switches or events are infinitely many.
     """
 
     states: Floats
     derivatives: Floats | None
+    is_endless: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +85,18 @@ def shoot(
 ) -> Solution:
     """Solve ``x' = f(x, u, t, p)`` from the initial values at the first of the times.
 
+    Where the condition of an event, ``g(x, u, t, p) > 0``, becomes true, x becomes ``r(x, u, t, p)``, and derivatives S by
+    parameters and initial values q become ``r_x S + r_q + (dr/dt - f) dt/dq``, with f after the event and
+    ``dt/dq = -(g_x S + g_q) / (dg/dt)`` (Galán, Feehery and Barton 1999, Appl. Numer. Math. 31, 17). An event
+    that is brought about by another one, or by a jump of the inputs, has the time of that. A condition that is true at
+    first is no event before it has been false. States at the time of an event are those before it.
+
     Parameters
     ----------
     program
         f over the variables states, inputs, time, parameters and K switches, followed by the K switching functions: a
-        switch is 1 where its function is positive, else 0. Their roots are located, and f is smooth between them.
+        switch is 1 where its function is positive, else 0. Their roots are located, and f is smooth between them. The
+        last E of these are the g of events, whose r, D functions each, follow.
     parameters, initial, sizes
         Values of the P parameters, of the D states at the first time, and scales of the states, for the tolerance.
     times
@@ -121,10 +132,10 @@ def shoot(
         address(states),
         0 if slopes is None else address(slopes),
     )
-    states[reached:] = np.nan
+    states[abs(reached) :] = np.nan
     if slopes is not None:
-        slopes[reached:] = np.nan
-    return Solution(states, slopes)
+        slopes[abs(reached) :] = np.nan
+    return Solution(states, slopes, reached < 0)
 
 
 def _by_scipy(
@@ -141,16 +152,18 @@ def _by_scipy(
     from scipy.integrate import solve_ivp
 
     count, width = len(sizes), len(sizes) + len(parameters)
-    switches = np.zeros(len(program.outputs) - count)
+    switches = np.zeros(program.variables - len(inputs.column) - 1 - width)
+    resets = np.arange(count + len(switches), len(program.outputs)).reshape(-1, count)
+    regular, derivative_of = len(switches) - len(resets), lambda y: y[count:].reshape(count, width)
     knots = [inputs.inputs.knots + delay for delay in {*inputs.delays(parameters).tolist()}]
-    inner = np.unique(np.concatenate([times[:0], *knots]))
+    inner, same = np.unique(np.concatenate([times[:0], *knots])), _NEARLY * max(abs(times[0]), times[-1] - times[0])
     edges = np.concatenate([times[:1], inner[(inner > times[0]) & (inner < times[-1])], times[-1:]])
 
     def point(t: float, x: Floats) -> Floats:
         return np.concatenate([x, inputs.at(np.array([t]), parameters)[0], [t], parameters, switches])[np.newaxis]
 
     def switching(t: float, y: Floats) -> Floats:
-        return np.asarray(program.evaluate(point(t, y[:count]))[0, count:])
+        return np.asarray(program.evaluate(point(t, y[:count]))[0, count : count + len(switches)])
 
     def rates(t: float, y: Floats, first: float, last: float) -> Floats:
         t = min(max(t, np.nextafter(first, last)), np.nextafter(last, first))
@@ -158,7 +171,7 @@ def _by_scipy(
         return np.asarray(derivatives) if slopes is None else np.concatenate([derivatives, total(t, y)[:count].ravel()])
 
     def total(t: float, y: Floats) -> Floats:
-        """Return the total derivatives of f and of the switching functions by parameters and initial values."""
+        """Return the total derivatives of all outputs by parameters and initial values."""
         jacobian = program.jacobian(point(t, y[:count]))[0]
         first = count + len(inputs.column) + 1
         by = jacobian[:, first : first + len(parameters)].copy()
@@ -169,23 +182,49 @@ def _by_scipy(
         whole[:, : len(parameters)] += by
         return np.asarray(whole)
 
-    def switching_rates(t: float, y: Floats) -> Floats:
-        """Return the time derivatives of the switching functions."""
+    def along(t: float, y: Floats) -> Floats:
+        """Return the derivatives of all outputs by time."""
         at = point(t, y[:count])
-        jacobian, moving = program.jacobian(at)[0, count:], np.zeros(at.shape[1])
+        moving = np.zeros(at.shape[1])
         moving[:count] = program.evaluate(at)[0, :count]
         moving[count : count + len(inputs.column)] = [inputs.rate(u, t, parameters) for u in range(len(inputs.column))]
         moving[count + len(inputs.column)] = 1.0
-        return np.asarray(jacobian @ moving)
+        return np.asarray(program.jacobian(at)[0] @ moving)
 
-    def switch(k: int, t: float, y: Floats) -> None:
-        """Change a switch, with the saltation ``(f_before - f_after) dt/dp`` of sensitivities at the crossing."""
-        before = program.evaluate(point(t, y[:count]))[0, :count]
-        shift = None if slopes is None else total(t, y)[count + k] / (switching_rates(t, y)[k] or np.inf)
-        switches[k] = 1 - switches[k]
-        if shift is not None:
-            after = program.evaluate(point(t, y[:count]))[0, :count]
-            y[count:].reshape(count, width)[:] -= np.outer(before - after, shift)
+    def set_switches(t: float, y: Floats) -> None:
+        for _ in switches:  # Switching functions may depend on other switches
+            value, speed = switching(t, y), along(t, y)[count : count + len(switches)]
+            on = (value > 0) | ((value == 0) & (speed > 0))
+            switches[:regular], switches[regular:] = on[:regular], switches[regular:] * (value[regular:] > 0)
+
+    def switch(k: int, t: float, y: Floats) -> int:
+        """Change a switch, and what an event or its saltation changes; return how many changes there were."""
+        if k >= regular and switches[k]:
+            switches[k] = 0.0
+            return 0
+        changes, shift, speed = 0, np.zeros(width), along(t, y)[count + k]
+        before, after = (switching(t + side * same, y)[k] for side in (-1, 1))
+        if slopes is not None and speed != 0 and abs(after - before) < 1e3 * same * abs(speed):  # Else an input jumps
+            shift = -total(t, y)[count + k] / speed
+        while k >= 0 and changes < _MOST_CROSSINGS:
+            occurs, before = k >= regular, switching(t, y)[k]
+            outputs = resets[k - regular] if occurs else range(count)
+            if slopes is not None:
+                moved = (total(t, y)[outputs] if occurs else derivative_of(y)) + np.outer(
+                    along(t, y)[outputs] if occurs else program.evaluate(point(t, y[:count]))[0, :count], shift
+                )
+            switches[k] = 1 - switches[k]
+            if occurs:
+                y[:count] = program.evaluate(point(t, y[:count]))[0, outputs]
+                set_switches(t, y)
+                # At the root itself the sign is one of rounding
+                switches[k] = switches[k] or (switching(t, y)[k] == before and along(t, y)[count + k] > 0)
+            if slopes is not None:
+                after = program.evaluate(point(t, y[:count]))[0, :count]
+                derivative_of(y)[:] = moved - np.outer(after, shift)
+            due = regular + np.flatnonzero((switching(t, y) > 0)[regular:] & (switches[regular:] == 0))
+            k, changes = int(due[-1]) if occurs and len(due) else -1, changes + 1
+        return changes
 
     def delayed_knot(t: float, y: Floats, gap: float) -> None:
         """Add the jump of sensitivities to a delay at a delayed knot of the inputs."""
@@ -205,10 +244,9 @@ def _by_scipy(
     if slopes is not None:
         slopes[0] = np.eye(count, width, len(parameters))
     absolute = tolerance * _ABSOLUTE * (sizes if slopes is None else np.append(sizes, np.repeat(sizes, width)))
-    for _ in switches:  # Switching functions may depend on other switches
-        value = switching(times[0], y)
-        switches[:] = (value > 0) | ((value == 0) & (switching_rates(times[0], y) > 0))
-    pieces, crossings = [*pairwise(edges.tolist())][::-1], 0
+    switches[regular:] = 1.0
+    set_switches(times[0], y)
+    pieces, crossings, occurred, endless = [*pairwise(edges.tolist())][::-1], 0, (-1, 0.0), False
     while pieces:
         first, last = pieces.pop()
         wanted = np.flatnonzero((times > first) & (times <= last))
@@ -224,12 +262,21 @@ def _by_scipy(
             slopes[inside] = reached[count:, : len(inside)].T.reshape(-1, count, width)
         occurrences = [*zip(solution.t_events or (), solution.y_events or (), strict=True)][1:]
         changed = next((k for k, (when, _) in enumerate(occurrences) if solution.status == 1 and len(when)), None)
-        crossings += changed is not None
-        if solution.status < 0 or not np.isfinite(reached).all() or crossings > 2000:  # Or a sliding mode
+        if solution.status < 0 or not np.isfinite(reached).all():
             break
         if changed is not None:
             (when, *_), (y, *_) = occurrences[changed]
-            switch(changed, float(when), y)
+            for row in np.flatnonzero((times >= when) & (times - when <= same)):
+                when, states[row] = times[row], y[:count]
+                if slopes is not None:
+                    slopes[row] = derivative_of(y)
+            if changed >= regular and not switches[changed]:
+                endless = occurred[0] == changed and when - occurred[1] < _SHORTEST * (times[-1] - times[0])
+                occurred = changed, float(when)
+            crossings += switch(changed, float(when), y)
+            endless |= crossings > _MOST_CROSSINGS  # Or a sliding mode
+            if endless:
+                break
             pieces += [(float(when), last)] if when < last else []
             continue
         if solution.status == 1:
@@ -237,14 +284,15 @@ def _by_scipy(
         y = reached[:, -1].copy()
         if slopes is not None and last < times[-1]:
             delayed_knot(float(last), y, 1e-9 * float(last - first))
-    return Solution(states, slopes)
+    return Solution(states, slopes, endless)
 
 
 def _crossing(switching: Callable[[float, Floats], Floats], k: int, on: float) -> Callable[..., float]:
-    """Return the event in which a switch changes."""
+    """Return the event in which a switch changes; at first it has the sign of the switch, whatever rounding does."""
+    at_first = np.finfo(float).tiny * (1 if on else -1)
 
-    def event(t: float, y: Floats, *_: float) -> float:
-        return float(switching(t, y)[k])
+    def event(t: float, y: Floats, first: float, _: float) -> float:
+        return float(switching(t, y)[k]) if t > first else at_first
 
     vars(event).update(terminal=True, direction=-1 if on else 1)
     return event

@@ -3,10 +3,11 @@
    course. Each step is solved by Newton's method with exact Jacobians; derivatives are those of the step itself.
 
    Switches are variables of the program, 0 or 1 and constant in a step, which ends where one of them changes: where the
-   value that says whether it is 1 crosses zero. There, derivatives jump as f does, times how the crossing moves.
+   value that says whether it is 1 crosses zero. There, derivatives jump as f does, times how the crossing moves. The last
+   switches are events, which give the states new values when they turn on.
 
-   D states, U inputs, P parameters, K switches, V = D + U + 1 + P + K variables of the program, whose outputs are the
-   rates and then what decides the switches; Q = P + D columns of derivatives. */
+   D states, U inputs, P parameters, K switches, E of them events, V = D + U + 1 + P + K variables of the program, whose
+   outputs are the rates, what decides the switches, and the D states after each event; Q = P + D columns of derivatives. */
 #include "kernel.h"
 
 #include <math.h>
@@ -14,6 +15,8 @@
 #include <string.h>
 
 enum { STAGES = 3, MOST_ROUNDS = 10, MOST_CROSSINGS = 2000 };
+
+static const double SHORTEST = 1e-6; /* Time between two occurrences of an event, in that of the solution */
 
 static const double FAR = 1e15; /* Of a state, in absolute over relative tolerances */
 
@@ -23,7 +26,7 @@ static const double ROOT = 2.449489742783178; /* of 6 */
 
 typedef struct {
     const Program *program;
-    int64_t D, U, P, K, V, Q;
+    int64_t D, U, P, K, E, V, Q;
     const double *parameters;
     int64_t pieces, powers, columns; /* of inputs */
     const double *knots, *polynomials;
@@ -206,70 +209,99 @@ static void cross_stop(Shooting *s, double time, double step, const double *stat
 
 static double *switch_at(const Shooting *s, int64_t k) { return s->registers + (s->D + s->U + 1 + s->P + k) * LANES; }
 
-/* How fast what decides a switch changes, the program being run with slopes. */
-static double speed_of_switch(const Shooting *s, int64_t k, int lane, const double *rates) {
-    double found = slope_of(s, s->D + k, s->D + s->U, lane);
-    for (int64_t i = 0; i < s->D; ++i) found += slope_of(s, s->D + k, i, lane) * value_of(s, i, lane);
-    for (int64_t u = 0; u < s->U; ++u)
-        found += slope_of(s, s->D + k, s->D + u, lane) * rates[u * LANES + lane];
+static bool is_event(const Shooting *s, int64_t k) { return k >= s->K - s->E; }
+
+/* The derivative of an output by time along the solution, the program being run with slopes. */
+static double along(const Shooting *s, int64_t output, const double *rates) {
+    double found = slope_of(s, output, s->D + s->U, 0);
+    for (int64_t i = 0; i < s->D; ++i) found += slope_of(s, output, i, 0) * value_of(s, i, 0);
+    for (int64_t u = 0; u < s->U; ++u) found += slope_of(s, output, s->D + u, 0) * rates[u * LANES];
     return found;
 }
 
-/* Set the switches at the first time, or where the solution is afterwards; what decides one may depend on others. */
+/* The derivative of an output by parameter or start q, through the states whose derivatives are given, too. */
+static double total(const Shooting *s, int64_t output, int64_t q, const double *by, const double *rates) {
+    double found = q < s->P ? by_parameter(s, output, q, 0, rates) : 0.0;
+    for (int64_t i = 0; i < s->D; ++i) found += slope_of(s, output, i, 0) * by[i * s->Q + q];
+    return found;
+}
+
+/* Set the switches where the solution is at the first time and afterwards, or after an event; what decides one may depend
+   on others. Events turn off only: what turns one on is that it occurs. */
 static void set_switches(Shooting *s, double time, double until, const double *states, double *rates) {
     for (int64_t round = 0; round < s->K + 1; ++round) {
         set_lane(s, 0, (time + until) / 2, time, states, rates);
         run_program(s, true);
         for (int64_t k = 0; k < s->K; ++k) {
             double value = value_of(s, s->D + k, 0);
-            bool on = value > 0 || (value == 0 && speed_of_switch(s, k, 0, rates) > 0);
+            bool on = value > 0 || (value == 0 && along(s, s->D + k, rates) > 0);
+            if (is_event(s, k)) on = value > 0 && switch_at(s, k)[0] > 0;
             EACH_LANE switch_at(s, k)[l] = on;
         }
     }
 }
 
-/* Whether a switch has changed at the end of a step, and by which share of the step, at a first guess. */
-static int64_t crossed_switch(Shooting *s, double time, double step, const double *states, const double *change,
-                              double *rates, double *point, double *share) {
+/* Which switch has changed at the end of a step, and by which share of the step, at a first guess; or -1. It has `jumped` if
+   an input made it change before the step. */
+static int64_t crossed_switch(Shooting *s, double time, double end, const double *states, const double *change,
+                              double *rates, double *point, double *share, bool *jumped) {
     int64_t found = -1;
     *share = 1;
-    set_lane(s, 0, time + step / 2, time, states, rates);
+    set_lane(s, 0, (time + end) / 2, time, states, rates);
     for (int64_t i = 0; i < s->D; ++i) point[i] = states[i] + change[i];
-    set_lane(s, 1, time + step / 2, time + step, point, rates);
+    set_lane(s, 1, (time + end) / 2, end, point, rates);
     run_program(s, false);
     for (int64_t k = 0; k < s->K; ++k) {
         double before = value_of(s, s->D + k, 0), after = value_of(s, s->D + k, 1);
         bool on = switch_at(s, k)[0] > 0;
         if (on ? after > 0 : after <= 0) continue;
         double own = on == (before > 0) && before != after ? before / (before - after) : 0;
-        if (found < 0 || own < *share) *share = own, found = k;
+        if (found < 0 || own < *share) *share = own, found = k, *jumped = on ? before < 0 : before > 0;
     }
     return found;
 }
 
-/* Change a switch where its value crosses zero, and the derivatives by (f before - f after) dt/dq. */
-static void cross_switch(Shooting *s, int64_t k, double time, double step, const double *states, double *by,
-                         double *rates, double *change, double *shift) {
-    double on = switch_at(s, k)[0] > 0 ? 0.0 : 1.0;
-    if (by) {
-        set_lane(s, 0, time - step / 2, time, states, rates);
-        set_lane(s, 1, time - step / 2, time, states, rates);
-        switch_at(s, k)[1] = on;
-        run_program(s, true);
-        double speed = speed_of_switch(s, k, 0, rates);
-        for (int64_t i = 0; i < s->D; ++i) change[i] = value_of(s, i, 0) - value_of(s, i, 1);
-        for (int64_t q = 0; q < s->Q; ++q) {
-            shift[q] = q < s->P ? by_parameter(s, s->D + k, q, 0, rates) : 0.0;
-            for (int64_t i = 0; i < s->D; ++i) shift[q] += slope_of(s, s->D + k, i, 0) * by[i * s->Q + q];
-        }
-        for (int64_t i = 0; i < s->D && speed != 0; ++i)
-            for (int64_t q = 0; q < s->Q; ++q) by[i * s->Q + q] -= change[i] * shift[q] / speed;
+/* Change a switch where its value g crosses zero. There x becomes r(x, u, t, p), which is x itself but in events, and the
+   derivatives S become r_x S + r_q + (dr/dt - f_after) dt/dq, where dt/dq = -(g_x S + g_q) / (dg/dt), or zero for a jump.
+   Events that the new states bring about occur at once; returns how many changes there were. An event turns off without one. */
+static int64_t cross_switch(Shooting *s, int64_t k, bool jumped, double time, double step, double *states, double *by,
+                            double *rates, double *after, double *shift, double *moved) {
+    int64_t D = s->D, Q = s->Q, count = 0;
+    double middle = time - step / 2;
+    bool on = switch_at(s, k)[0] > 0, occurs = is_event(s, k) && !on;
+    if (on && is_event(s, k)) {
+        EACH_LANE switch_at(s, k)[l] = 0.0;
+        return 0;
     }
-    EACH_LANE switch_at(s, k)[l] = on;
+    for (; k >= 0 && count < MOST_CROSSINGS; ++count) {
+        int64_t first = D + s->K + (k - s->K + s->E) * D;
+        set_lane(s, 0, middle, time, states, rates);
+        run_program(s, true);
+        double speed = along(s, D + k, rates);
+        for (int64_t q = 0; q < Q && by && count == 0; ++q)
+            shift[q] = jumped || speed == 0 ? 0.0 : -total(s, D + k, q, by, rates) / speed;
+        for (int64_t i = 0; i < D; ++i) {
+            after[i] = occurs ? value_of(s, first + i, 0) : states[i];
+            double rate = occurs ? along(s, first + i, rates) : value_of(s, i, 0);
+            for (int64_t q = 0; q < Q && by; ++q)
+                moved[i * Q + q] = (occurs ? total(s, first + i, q, by, rates) : by[i * Q + q]) + rate * shift[q];
+        }
+        memcpy(states, after, sizeof(double) * (size_t)D);
+        EACH_LANE switch_at(s, k)[l] = !on;
+        k = -1;
+        if (occurs) set_switches(s, time, time - step, states, rates);
+        set_lane(s, 0, middle, time, states, rates);
+        run_program(s, false);
+        for (int64_t i = 0; i < D && by; ++i)
+            for (int64_t q = 0; q < Q; ++q) by[i * Q + q] = moved[i * Q + q] - value_of(s, i, 0) * shift[q];
+        for (int64_t e = s->K - s->E; e < s->K && occurs; ++e)
+            if (value_of(s, D + e, 0) > 0 && switch_at(s, e)[0] == 0) k = e;
+    }
+    return count;
 }
 
 /* Fill the states at increasing times, n x D, from those at the first, and unless `by` is empty their derivatives by
-   parameters and starts, n x D x Q; returns how many times were reached. */
+   parameters and starts, n x D x Q; returns how many times were reached, or minus that before infinitely many crossings. */
 EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t inputs, int64_t parameters,
                                  const double *values, int64_t count, const double *times, int64_t pieces, int64_t powers,
                                  int64_t columns, const double *knots, const double *polynomials, const int64_t *column,
@@ -277,8 +309,8 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
                                  double *solution, double *by) {
     Shooting own = {0}, *s = &own;
     s->program = program;
-    s->D = states, s->U = inputs, s->P = parameters, s->K = program->terms - states;
-    s->V = program->variables, s->Q = parameters + states;
+    s->D = states, s->U = inputs, s->P = parameters, s->V = program->variables, s->Q = parameters + states;
+    s->K = s->V - states - inputs - 1 - parameters, s->E = states ? (program->terms - states - s->K) / states : 0;
     s->parameters = values;
     s->pieces = pieces, s->powers = powers, s->columns = columns;
     s->knots = knots, s->polynomials = polynomials, s->column = column, s->delay = delay;
@@ -294,7 +326,7 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
     const double slow = 1 / ((6 + cbrt(81.0) - cbrt(9.0)) / 30); /* the real eigenvalue of the inverse of the weights */
     const double errors[STAGES] = {-(13 + 7 * ROOT) / 3, (-13 + 7 * ROOT) / 3, -1.0 / 3};
 
-    int64_t doubles = registers * LANES * (1 + V) + inputs * LANES + 8 * D + 4 * n + n * n + D * D + n * Q + D * Q + Q;
+    int64_t doubles = registers * LANES * (1 + V) + inputs * LANES + 8 * D + 4 * n + n * n + D * D + n * Q + 2 * D * Q + Q;
     double *memory = malloc(sizeof(double) * (size_t)(doubles > 0 ? doubles : 1));
     uint8_t *depends = calloc((size_t)(registers * V), 1);
     int64_t *pivots = malloc(sizeof(int64_t) * (size_t)n);
@@ -316,6 +348,7 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
     double *small = at; at += D * D;
     double *right = at; at += n * Q;
     double *derivatives = at; at += D * Q;
+    double *moved = at; at += D * Q;
     double *shift = at;
     s->depends = depends;
     for (int64_t v = 0; v < V; ++v) {
@@ -343,8 +376,10 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
     }
     double time = times[0], step = 0, last_step = 0, before_crossing = INFINITY;
     double span = fmax(fabs(time), times[count - 1] - time);
-    int64_t crossings = 0;
-    bool stopped = false;
+    int64_t crossings = 0, last_event = -1;
+    double last_occurrence = 0;
+    bool stopped = false, endless = false;
+    for (int64_t k = s->K - s->E; k < s->K; ++k) EACH_LANE switch_at(s, k)[l] = 1.0;
     if (s->K && count > 1) set_switches(s, time, times[1], here, rates);
     for (int64_t taken = 0, k = 1; k < count && taken < most_steps; ++taken) {
         double stop = next_stop(s, time, times[k]);
@@ -440,9 +475,10 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
             continue;
         }
         int64_t crossed = -1;
+        bool jumped = false;
         if (s->K) {
             double share;
-            crossed = crossed_switch(s, time, length, here, stages + 2 * D, rates, point, &share);
+            crossed = crossed_switch(s, time, full ? stop : time + length, here, stages + 2 * D, rates, point, &share, &jumped);
             if (crossed >= 0 && (1 - share) * length > nearly * span) { /* It should end there: regula falsi, bisection */
                 before_crossing = length * (taken % 4 == 3 ? 0.5 : share) + 0.5 * nearly * span;
                 last_step = 0;
@@ -480,9 +516,14 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
         double factor_of_step = fmin(8.0, 0.9 * pow(fmax(ratio, 1e-10), -0.25));
         if (!full || factor_of_step < 1 || length * factor_of_step > step) step = length * fmax(0.2, factor_of_step);
         if (crossed >= 0) {
-            cross_switch(s, crossed, time, length, here, by ? derivatives : NULL, rates, point, shift);
+            bool occurs = is_event(s, crossed) && switch_at(s, crossed)[0] == 0;
+            endless = occurs && crossed == last_event && time - last_occurrence < SHORTEST * (times[count - 1] - times[0]);
+            if (occurs) last_event = crossed, last_occurrence = time;
+            crossings += cross_switch(s, crossed, jumped, time, length, here, by ? derivatives : NULL, rates, point, shift,
+                                      moved);
             step = last_step = 0;
-            if (++crossings > MOST_CROSSINGS) break; /* It slides along the switch */
+            endless |= crossings > MOST_CROSSINGS; /* It slides along the switch */
+            if (endless) break;
         }
         if (full && stop < times[k]) {
             stopped = true;
@@ -501,5 +542,5 @@ end:
     free(memory);
     free(depends);
     free(pivots);
-    return reached;
+    return endless ? -reached : reached;
 }
