@@ -155,7 +155,7 @@ def test_events_are_those_that_scipy_locates(case):
     def event(t, x):
         return all_of(t, x)[outputs[case]]
 
-    event.terminal, event.direction = True, 1
+    vars(event).update(terminal=True, direction=1)
     states, x, t, count = np.full((len(times), len(initial)), np.nan), np.array(initial), times[0], 0
     while t < times[-1]:
         wanted = (times > t) | (times == t)

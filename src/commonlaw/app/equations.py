@@ -17,13 +17,13 @@ from commonlaw.estimation.fitting import Beginning, InitialGiven, begin
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.law.models import named_models
+from commonlaw.law.observation import written as written_of
 from commonlaw.law.parse import latex_summands, read_equations
-from commonlaw.law.text import Addend, aligned, latex_left_hand_sides
+from commonlaw.law.text import Addend, aligned, latex_left_hand_sides, latex_observed
 from commonlaw.library import with_rates
 from commonlaw.library.bounds import parts_of as parts_of_text
 from commonlaw.library.equation import split_equations
 from commonlaw.library.grammar import FUNCTIONS
-from commonlaw.library.notation import latex_name
 from commonlaw.report.markup import formula, parts_of
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import with_doses
@@ -160,11 +160,10 @@ def _formulas(begun: Beginning) -> list[list[str]]:
     lefts = latex_left_hand_sides(model.schema.states, model.order)
     second = [model.schema.states[j] for j in with_rates(model.order, len(lefts))]
     rates = list(zip(second, model.variables.states[len(lefts) :], strict=True))
-    starts = {f"{name}(0)": start for name, start in model.text.initial.items() if isinstance(start, str)}
-    others = {**model.text.observed, **starts}
+    others = written_of(model.text.observed, model.text.initial, model.text.events)
     written = latex_summands(model.text.equations, model.schema, model.variables, rates, others)
     rows = [[Addend(negative, "", latex) for negative, latex in row] for row in written]
-    lefts = (*lefts, *(latex_name(each.removesuffix("(0)")) + "(0)" * each.endswith("(0)") for each in others))
+    lefts = (*lefts, *latex_observed(others))
     try:
         return [[formula(part) for part in parts] for parts in parts_of(aligned(zip(lefts, rows, strict=True)))]
     except CommonlawError:

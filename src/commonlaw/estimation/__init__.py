@@ -5,7 +5,7 @@ nonlinear least squares from several first values.
 """
 
 from commonlaw.estimation.fitting import fit_model, needs_model
-from commonlaw.estimation.prediction import predict_observed
+from commonlaw.estimation.prediction import predict_observed, simulate_observed
 from commonlaw.estimation.profile import Profile, likelihood_profile
 
-__all__ = ["Profile", "fit_model", "likelihood_profile", "needs_model", "predict_observed"]
+__all__ = ["Profile", "fit_model", "likelihood_profile", "needs_model", "predict_observed", "simulate_observed"]

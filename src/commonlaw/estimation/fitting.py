@@ -13,7 +13,7 @@ from commonlaw.differentiation.noise import noise_level
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
-from commonlaw.estimation.search import DRAWS, GROWING_SHARES, REACH, Bounds, Optimum, maximize
+from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Bounds, Optimum, maximize
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise, measured_schema
 from commonlaw.law.law import object_index, shares_terms
@@ -186,7 +186,13 @@ def beginning_of(
             raise CommonlawError("restrictions-not-recorded")
         restrictions = observation.restrictions
         bounds = bounds_in(restrictions.bounds)
-        text = replace(text, observed=observation.equations, initial=observation.initial, bounds=bounds)
+        text = replace(
+            text,
+            observed=observation.equations,
+            initial=observation.initial,
+            bounds=bounds,
+            events=observation.events,
+        )
         free = [name for name in law.terms.variables.states if name not in observation.initial]
     begun = begin(
         text,
@@ -289,7 +295,7 @@ class Beginning:
         search = partial(
             maximize, self.problem, self.first, self.guessed, self.bounds, None, seed, progress, draws=draws
         )
-        optimum = search()
+        optimum = search(shares=EVENT_SHARES if self.problem.event_unknowns and draws > 1 else (1.0,))
         lacking = self._lack_of_fit(optimum)
         if draws > 1 and lacking:
             optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood)
@@ -526,12 +532,15 @@ def _sizes(
                 known.update({i: abs(float(each))} if float(each) else {})
             except ValueError:
                 continue
-    said: list[tuple[str, float | int]] = [
+    said: list[tuple[str, float | int | None]] = [
         (expression, i) for i, expression in enumerate(model.expressions[: model.width])
     ]
     for name, expression in zip(model.observables, model.expressions[model.width :], strict=True):
         said.append((expression, measured[name]))
     said += [(each, known[i]) for i, each in enumerate(model.initial) if each is not None and i in known]
+    for condition, after in model.events:
+        changes = [(f"v{j}", new) for j, new in enumerate(after) if new != f"v{j}"]
+        said += [(condition, None), *((f"{state} - ({new})", None) for state, new in changes)]
     found = likely_sizes(said, known, len(columns), span)
     initial_values = {f"{name}(0)": found[i] for i, name in enumerate(model.variables.states)}
     by_name = {**{name: found[i] for name, i in columns.items()}}
@@ -663,12 +672,13 @@ def _law(fitted: Fitted, calls: tuple[str, ...]) -> Law:
         optimum.log_likelihood,
         noise_of,
         begun.restrictions,
+        model.text.events,
     )
     steps = (
         Step("equations", "; ".join(given.texts), "as given"),
         *(Step("observation", f"{name} = {right}", "as given") for name, right in model.text.observed.items()),
         *(
-            Step("start" if "(0) = " in line else "parameters", line, "as given")
+            Step("event" if ": " in line else "start" if "(0) = " in line else "parameters", line, "as given")
             for line in observation.lines[len(model.text.observed) :]
         ),
         Step(

@@ -2,8 +2,8 @@
 
 import ast
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,11 +14,12 @@ from commonlaw.formulation import law_variables
 from commonlaw.law.observation import STEADY, Initial
 from commonlaw.law.parse import meanings_of, observation_equation
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
-from commonlaw.library.bounds import Bound, bounds_in, is_bound, parts_of
-from commonlaw.library.equation import DERIVATIVE, split_equations
+from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of
+from commonlaw.library.equation import DERIVATIVE, Equation, split_equations
 from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
 from commonlaw.library.notation import quoted
 from commonlaw.library.program import Program
+from commonlaw.library.switches import split_at_commas, with_steps
 from commonlaw.library.term import Factor
 from commonlaw.trials import Schema
 
@@ -28,42 +29,53 @@ _NAMED = re.compile(r"`((?:[^`]|``)+?)(\(t - (?:`(?:[^`]|``)+`|\w+)\))`")
 _CALLED = re.compile(rf"{_DELAYED.pattern}|(?P<step>step)\s*\(")
 _INITIAL = re.compile(rf"(?P<name>{_NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)")
 _OBSERVED = re.compile(rf"(?P<name>{_NAME})\s*=(?P<right>.*)")
+_CHANGED = re.compile(rf"(?P<name>{_NAME})(?P<rate>'?)\s*=(?P<right>.+)")
 
 
 @dataclass(frozen=True)
 class ModelText:
-    """What is written of a model: differential equations, observation equations, initial values and bounds.
+    """What is written of a model: differential equations, observation equations, initial values, events and bounds.
 
-    Initial values are as in `Observation.initial`.
+    Initial values and events are as in `Observation`.
     """
 
     equations: tuple[str, ...]
     observed: Mapping[str, str]
     initial: Mapping[str, Initial]
     bounds: tuple[Bound, ...] = ()
+    events: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, texts: str | Sequence[str], observe: Mapping[str, str] | None = None) -> "ModelText":
         """Return what equations, in one text or several, and observation equations by name say together."""
         equations, bounds, observed, known = list[str](), list[str](), dict(observe or {}), dict[str, Initial]()
+        events = dict[str, dict[str, str]]()
         for part in parts_of(texts):
             if is_bound(part) and not DERIVATIVE.search(part):
                 bounds.append(part)
                 continue
-            if found := _INITIAL.fullmatch(part):
+            if found := EVENT.fullmatch(part):
+                changes = events.setdefault(found["condition"].strip(), {})
+                for each in split_at_commas(found["changes"]):
+                    changed = _CHANGED.fullmatch(with_steps(each.strip()))
+                    name = _plain(changed["name"]) + changed["rate"] if changed else ""
+                    if changed is None or name in changes:
+                        raise CommonlawError("equation-event-syntax", text=part)
+                    changes[name] = changed["right"].strip()
+            elif found := _INITIAL.fullmatch(part):
                 known[_plain(found["name"]) + (found["rate"] or "")] = found["right"].strip()
             elif found := _OBSERVED.fullmatch(part):
                 observed[_plain(found["name"])] = found["right"].strip()
             else:
                 equations.append(part)
-        return cls(tuple(equations), observed, known, bounds_in(bounds))
+        return cls(tuple(equations), observed, known, bounds_in(bounds), events)
 
     @property
     def is_plain(self) -> bool:
-        """Whether there are differential equations and bounds alone, without delays and switches."""
+        """Whether there are differential equations and bounds alone, without delays, switches and events."""
         found = (each for text in self.equations for each in _CALLED.finditer(text))
         special = any(each["step"] or each["name"] == "step" or each["name"] not in FUNCTIONS for each in found)
-        return not (self.observed or self.initial or special)
+        return not (self.observed or self.initial or self.events or special)
 
 
 def _plain(name: str) -> str:
@@ -85,8 +97,8 @@ class Model:
     variables
         States, rates of those of second order, inputs and time, followed by the parameters.
     rates
-        The derivatives of states and rates of the variables, shape (n, D); and `switched` the same with switches as
-        further variables, followed by what decides them, see `commonlaw.integration.shooting.shoot`.
+        The derivatives of states and rates of the variables, shape (n, D); and `switched` the same with switches and
+        events as further variables, followed by what decides them, see `commonlaw.integration.shooting.shoot`.
     observables, outputs
         Names of what is measured, and their values.
     initial
@@ -96,6 +108,9 @@ class Model:
     steady
         The states and rates, by index, that begin in the steady state; and under which inputs, by index, each as an
         expression like an initial value.
+    expressions, events
+        Of the derivatives and outputs; and of each event what is positive where its condition is true, and the states
+        and rates after it.
     column, delay
         For each input of the schema the column of the trials, and the parameter by which it comes later, or -1.
     """
@@ -114,6 +129,7 @@ class Model:
     steady: tuple[int, ...]
     steady_inputs: Mapping[int, str]
     expressions: tuple[str, ...]
+    events: tuple[tuple[str, tuple[str, ...]], ...]
     column: tuple[int, ...]
     delay: tuple[int, ...]
 
@@ -164,7 +180,7 @@ class Model:
             self,
             variables=replace(self.variables, parameters=(*self.parameters, *properties, *weights)),
             rates=_program(rows, total),
-            switched=_with_switches(rows, total),
+            switched=_with_switches(rows, self.events, total),
             outputs=self.outputs.with_variables(len(properties) + len(terms)),
             expressions=(*rows, *self.expressions[self.width :]),
         )
@@ -194,11 +210,22 @@ class _Switches(ast.NodeTransformer):
         return ast.Name(f"v{self.first + self.deciding.index(written)}", ast.Load())
 
 
-def _with_switches(expressions: Sequence[str], variables: int) -> Program:
-    """Return the program of rates, with unit steps as further variables, and of what decides these."""
+def _with_switches(expressions: Sequence[str], events: Sequence[tuple[str, Sequence[str]]], variables: int) -> Program:
+    """Return the program of rates, of what decides unit steps and events, variables of their own, and of changes."""
     switches = _Switches(variables)
-    rates = [write(switches.visit(ast.parse(expression, mode="eval").body)) for expression in expressions]
-    return _program([*rates, *switches.deciding], variables + len(switches.deciding))
+
+    def without_steps(parts: Iterable[str]) -> list[str]:
+        return [write(switches.visit(ast.parse(part, mode="eval").body)) for part in parts]
+
+    rates, conditions = without_steps(expressions), without_steps(condition for condition, _ in events)
+    changes = without_steps(change for _, states in events for change in states)
+    count = variables + len(switches.deciding) + len(events)
+    return _program([*rates, *switches.deciding, *conditions, *changes], count)
+
+
+def _condition(text: str) -> Equation:
+    """Return the equation of an event that is one where its condition is true."""
+    return observation_equation("event", with_steps(f"event = {text}").partition("=")[2].strip())
 
 
 def _steady_inputs(written: set[str], measured: Schema) -> dict[str, str]:
@@ -281,6 +308,13 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     before = _steady_inputs({starts.pop(name) for name in steady}, measured)
     others = {**{f"{name}(0)": start for name, start in starts.items()}, **before}
     written = [*left, *observed, *(observation_equation(name, right) for name, right in others.items())]
+    changes = [{rate_of.get(name, name): new for name, new in own.items()} for own in text.events.values()]
+    for condition, own in zip(text.events, changes, strict=True):
+        if any(_DELAYED.search(each) for each in (condition, *own.values())):
+            raise CommonlawError("equation-event-delay", text=condition)
+        for name in own:
+            check_choice("state of the equations", name, variables.states)
+        written += [_condition(condition), *(observation_equation(name, new) for name, new in own.items())]
     found = dict.fromkeys(name for each in written for name in each.expression(variables, state_rates, meanings)[1])
     found |= dict.fromkeys(delay for *_, delay in delays)
     variables = replace(variables, parameters=tuple(found))
@@ -291,7 +325,16 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         rows[j] = f"v{len(states) + i}"
     for j, expression in zip(highest_columns(order, len(states)), expressions, strict=False):
         rows[j] = expression
-    texts = dict(zip((*starts, *before), expressions[len(left) + len(observed) :], strict=True))
+    texts = dict(zip((*starts, *before), expressions[len(left) + len(observed) :], strict=False))
+    events, following = list[tuple[str, tuple[str, ...]]](), iter(expressions[len(left) + len(observed) + len(texts) :])
+    for condition, own in zip(text.events, changes, strict=True):
+        match ast.parse(next(following), mode="eval").body:
+            case ast.UnaryOp(ast.UAdd(), ast.Call(ast.Name("step"), [decided])):
+                new = dict(zip(own, following, strict=False))
+                after = tuple(new.get(name, f"v{j}") for j, name in enumerate(variables.states))
+                events.append((write(decided), after))
+            case _:
+                raise CommonlawError("equation-event-syntax", text=condition)
     parameters, first = variables.parameters, len(variables.measured)
     if any(min(columns_in(each), default=first) < first for each in texts.values()):
         raise CommonlawError("initial-value-of-variables")
@@ -310,7 +353,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         order,
         variables,
         _program(rows, len(variables.names)),
-        _with_switches(rows, len(variables.names)),
+        _with_switches(rows, events, len(variables.names)),
         measured.states,
         _program(outputs, len(variables.names)),
         initial,
@@ -319,6 +362,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         tuple(variables.states.index(name) for name in steady),
         {i: texts[measured.inputs[j]] for i, j in enumerate(column) if measured.inputs[j] in before},
         (*rows, *outputs),
+        tuple(events),
         column,
         delay,
     )

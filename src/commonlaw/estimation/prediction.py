@@ -1,8 +1,8 @@
 """Fitted curves and forecasts of what was measured, by a law with an observation."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +13,10 @@ from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
 from commonlaw.estimation.search import Bounds, maximize, rough_noise
 from commonlaw.forecast.forecast import Forecast
+from commonlaw.forecast.prediction import initial_value_problems
 from commonlaw.integration import Trajectory
 from commonlaw.integration.problem import diverged
+from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, shoot
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
@@ -57,8 +59,7 @@ def predict_observed(
     measured = replace(
         observation.measured, input_interpolation=input_interpolation or observation.measured.input_interpolation
     )
-    text = ModelText(law.provenance.equations, observation.equations, observation.initial)
-    model = read_model(text, measured, property_names(trials.properties))
+    model = read_model(_text(law, observation), measured, property_names(trials.properties))
     more = np.zeros(0) if times is None else np.atleast_1d(np.asarray(times, dtype=np.float64))
     curves = [
         _Curve.of(law, observation, model, trials, trial, start, from_time)
@@ -66,6 +67,10 @@ def predict_observed(
     ]
     points = trials.with_trials([_with_times(trial, more) for trial in trials])
     return _Curves(observation, points, curves, from_time, return_std).forecast()
+
+
+def _text(law: Law, observation: Observation) -> ModelText:
+    return ModelText(law.provenance.equations, observation.equations, observation.initial, events=observation.events)
 
 
 def _with_times(trial: Trial, more: Floats) -> Trial:
@@ -175,8 +180,8 @@ class _Curve:
         covariance = covariance[np.ix_(others, others)]
         return cls(both, problem, unknowns, others, free, covariance, inverse, sensitivity, until)
 
-    def at(self, times: Floats, return_std: bool) -> tuple[Floats, Floats, Floats]:
-        """Return observables, their standard deviations, shape (n, m) each, and the states, shape (n, D).
+    def at(self, times: Floats, return_std: bool) -> tuple[Floats, Floats, Floats, bool]:
+        """Return observables, their standard deviations, shape (n, m) each, states, shape (n, D), and if it is endless.
 
         Observables that are log-scaled are given by their logarithms.
         """
@@ -184,13 +189,13 @@ class _Curve:
         data = replace(self.data, times=grid, rows=np.searchsorted(grid, times))
         found = self.problem.predicted(data, self.unknowns, return_std)
         if found.slopes is None:
-            return found.values, np.zeros(found.values.shape), found.states
+            return found.values, np.zeros(found.values.shape), found.states, found.is_endless
         by_initial = found.slopes[:, :, self.free]
         by_parameters = found.slopes[:, :, self.known] + by_initial @ self.sensitivity
         with np.errstate(all="ignore"):
             variance = np.einsum("nmp,pq,nmq->nm", by_parameters, self.parameter_covariance, by_parameters)
             variance += np.einsum("nmp,pq,nmq->nm", by_initial, self.covariance, by_initial)
-            return found.values, np.sqrt(np.maximum(variance, 0.0)), found.states
+            return found.values, np.sqrt(np.maximum(variance, 0.0)), found.states, found.is_endless
 
 
 def _used(trial: Trial, start: int | Literal["all"] | None, from_time: float | None) -> Bools:
@@ -216,6 +221,53 @@ def _parameters(law: Law, model: Model, trials: Trials, owner: str) -> tuple[Flo
     return np.array(values), covariance
 
 
+def simulate_observed(
+    law: Law,
+    times: ArrayLike,
+    initial: ArrayLike | Mapping[str, ArrayLike],
+    *,
+    tolerance: float,
+    doses: Mapping[str, Mapping[float, float]] | None,
+    inputs: Any,
+    method: str,
+    **settings: Any,
+) -> dict[str, Trajectory]:
+    """Integrate a law with the events of its observation for every object, see `Law.simulate`."""
+    observation, known, found = law.observation, named_parameters(law), dict[str, Trajectory]()
+    assert observation is not None
+    if method not in ("auto", "scipy") or any(settings.values()):
+        refused = [name for name, value in settings.items() if value]
+        raise CommonlawError("simulate-with-events", settings=refused or [f"method={method!r}"])
+    model = read_model(_text(law, observation), observation.measured, ())
+    sizes = np.array([observation.sizes[name] for name in model.variables.states])
+    for name, problem in initial_value_problems(law, times, initial, doses, inputs, tolerance).items():
+        own = dict(zip(known.names, known.values[object_index(law, name)].tolist(), strict=True))
+        values = [own[each] if each in own else float(law.properties[name][each]) for each in model.parameters]
+        driven, count = problem.field.inputs, len(law.schema.inputs)
+        delayed = NO_INPUTS if driven is None else DelayedInputs(driven, tuple(range(count)), (-1,) * count)
+        states, _, is_endless = shoot(
+            model.switched,
+            np.array(values),
+            problem.initial,
+            problem.times,
+            sizes,
+            delayed,
+            derivatives=False,
+            tolerance=tolerance,
+        )
+        found[name] = _trajectory(problem.times, states, states, is_endless, name)
+    return found
+
+
+def _trajectory(times: Floats, values: Floats, shown: Floats, is_endless: bool, where: str) -> Trajectory:
+    """Return a trajectory that ends where its values, or the logarithms that are shown of them, are not finite."""
+    finite = np.isfinite(shown).all(axis=1)
+    ended = None if finite.all() else float(times[int(np.argmin(finite))])
+    reason = "events repeat infinitely often" if is_endless else "a state is not finite"
+    outcome = None if ended is None else diverged(ended, reason, where, "ends" if is_endless else "ran away")
+    return Trajectory(times, values, outcome, ended, method="shooting")
+
+
 @dataclass(frozen=True, eq=False)
 class _Curves:
     """The curves of trials, and the times that they are wanted at."""
@@ -230,11 +282,9 @@ class _Curves:
         """Return the curves at the times of the trials."""
         trajectories, deviations, latent = list[Trajectory](), list[Floats](), list[Floats]()
         for trial, curve in zip(self.trials, self.curves, strict=True):
-            shown, std, states = curve.at(trial.times, self.return_std)
-            values, finite = natural(shown, self.observation.measured), np.isfinite(shown).all(axis=1)
-            ended = None if finite.all() else float(trial.times[int(np.argmin(finite))])
-            outcome = None if ended is None else diverged(ended, "a state is not finite", trial.label)
-            trajectories.append(Trajectory(trial.times, values, outcome, ended))
+            shown, std, states, is_endless = curve.at(trial.times, self.return_std)
+            values = natural(shown, self.observation.measured)
+            trajectories.append(_trajectory(trial.times, values, shown, is_endless, trial.label))
             deviations.append(np.where(curve.problem.logarithmic, std * values, std))
             latent.append(states)
         levels = self.observation.noise_levels

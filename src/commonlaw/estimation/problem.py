@@ -12,6 +12,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.estimation.model import Model
 from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, Solution, shoot
 from commonlaw.integration.vector_field import Inputs
+from commonlaw.library.grammar import columns_in
 from commonlaw.trials import Trial
 
 _TINY = 1e-300
@@ -79,11 +80,15 @@ class TrialData:
 
 
 class Predicted(NamedTuple):
-    """Observables at the samples of a trial, shape (n, m), their derivatives by the unknowns, and the solution."""
+    """Observables at the samples of a trial, shape (n, m), their derivatives by the unknowns, and the solution.
+
+    A solution is endless as in `commonlaw.integration.shooting.Solution`.
+    """
 
     values: Floats
     slopes: Floats | None
     states: Floats
+    is_endless: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +162,7 @@ class Problem:
         with np.errstate(all="ignore"):
             shown = np.where(self.logarithmic, np.log(np.where(self.logarithmic, values, 1.0)), values)
         if solution.derivatives is None:
-            return Predicted(shown, None, states)
+            return Predicted(shown, None, states, solution.is_endless)
         by = solution.derivatives[data.rows]
         outer = model.outputs.jacobian(point)
         assert start_by is not None
@@ -174,7 +179,7 @@ class Problem:
                 found[:, :, k] += by_initial[:, :, j]
         with np.errstate(all="ignore"):
             found /= np.where(self.logarithmic, values, 1.0)[:, :, np.newaxis]
-        return Predicted(shown, found, states)
+        return Predicted(shown, found, states, solution.is_endless)
 
     def _steady(
         self, data: TrialData, parameters: Floats, initial: Floats, by: Floats | None
@@ -238,6 +243,16 @@ class Problem:
             derivatives=slopes,
             tolerance=self.tolerance,
         )
+
+    @cached_property
+    def event_unknowns(self) -> list[int]:
+        """The unknowns in conditions of events and in what these change, by index."""
+        first, texts = (
+            self.model.first_parameter,
+            (each for event in self.model.events for each in (event[0], *event[1])),
+        )
+        columns = {column - first for text in texts for column in columns_in(text) if column >= first}
+        return sorted({int(trial.parameter[i]) for trial in self.trials for i in columns} - {-1})
 
     @cached_property
     def known_noise(self) -> Bools:

@@ -16,15 +16,20 @@ from commonlaw.estimation.problem import Problem, TrialData
 
 DRAWS = 128
 """First values whose likelihood is computed."""
-_IMPROVED = 12
+_IMPROVED, _IMPROVED_WITH_EVENTS = 12, 6
 """Of these, how many are improved roughly, and then how many to the end."""
 _FINISHED = 4
 GROWING_SHARES = (0.2, 0.5, 1.0)
-"""Of the duration of trials, see `maximize`."""
+EVENT_SHARES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
+"""Of the duration of trials, see `maximize`; the latter for models with events, the first of which may be early."""
 _SPREAD = 2.0
 """Standard deviation of the logarithm of a first value."""
 REACH = 16.0
 """How far from its likely size the logarithm of a parameter is looked for."""
+_RESAMPLINGS, _RESAMPLED_SPREAD = 4, 2.0
+"""How often the surroundings of an estimate are sampled in models with events, and how far, in its standard errors."""
+_SCANNED = 64
+"""Sizes of a parameter in events that are tried, with both signs."""
 _ROUGH_STEPS, _BOUNDED_STEPS, _LM_STEPS = 60, 100, 200
 _NOISE_ROUNDS = 60
 _HOPELESS = 1.0
@@ -264,6 +269,8 @@ def maximize(
     noise = rough_noise(problem) if noise is None else noise
     starts = first_values(sizes, guessed, bounds, seed)[: draws if problem.unknowns else 1]
     unsolved = CommonlawError("no-finite-start", draws=len(starts))
+    if problem.model.events:
+        unsolved = CommonlawError("no-finite-start-with-events", draws=len(starts))
     if problem.model.steady:
         names = [problem.model.variables.states[j] for j in problem.model.steady]
         unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
@@ -273,15 +280,21 @@ def maximize(
     costs = np.array([_cost(parts[0], start, noise) for start in starts])
     if not np.isfinite(costs).any():
         raise unsolved
-    ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: _IMPROVED if problem.unknowns else 1]
-    rough = list[tuple[float, Floats]]()
+    improved = _IMPROVED_WITH_EVENTS if problem.event_unknowns else _IMPROVED
+    ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: improved if problem.unknowns else 1]
+    rough, random = list[tuple[float, Floats]](), np.random.default_rng(seed)
     for i in ranked:
         progress(f"improving parameters, start {len(rough) + 1} of {len(ranked)}")
         if not np.isfinite(costs[i]):
             continue
         point = starts[i]
         for part in parts:
-            cost, point = _roughly(part, point, noise, bounds, sizes)
+            if not problem.event_unknowns:
+                cost, point = _roughly(part, point, noise, bounds, sizes)
+                continue
+            cost, point = _roughly(part, _scanned(part, point, noise, bounds, sizes), noise, bounds, sizes)
+            near = _resampled(part, point, noise, bounds, random)
+            cost, point = min((cost, point), _roughly(part, near, noise, bounds, sizes), key=lambda found: found[0])
         rough.append((cost, point))
     rough = sorted((each for each in rough if np.isfinite(each[0])), key=lambda each: each[0])
     if not rough:
@@ -296,6 +309,11 @@ def maximize(
             score, unknowns, noise = end, values, levels
     if not np.isfinite(score):
         raise unsolved
+    for _ in range(_RESAMPLINGS if problem.event_unknowns else 0):
+        start = _resampled(problem, unknowns, noise, bounds, random)
+        end, values, levels = _finished(problem, start, noise, bounds, given, np.inf)
+        if end < score:
+            score, unknowns, noise = end, values, levels
     alike = sum(end - score < 0.01 for end in ends)
     return _summary(problem, unknowns, noise, bounds, given, alike)
 
@@ -334,6 +352,36 @@ def _roughly(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, siz
     low, high = np.minimum(low, high - 1e-6), high
     point, cost = _improved(_Objective(problem, noise, signs), middle, Bounds(low, high), _ROUGH_STEPS)
     return cost, signs * np.exp(point)
+
+
+def _scanned(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, sizes: Floats) -> Floats:
+    """Return values of which those in events are the best of many about their sizes, one after the other.
+
+    Where an event moves over a sample the likelihood jumps, and searches along its slope end there.
+    """
+    from scipy.special import ndtri
+
+    point, least = start, _cost(problem, start, noise)
+    for k in problem.event_unknowns:
+        values = np.abs(sizes[k]) * np.exp(_SPREAD * ndtri((np.arange(_SCANNED) + 0.5) / _SCANNED))
+        values = np.append(values, -values)
+        for value in values[(values >= bounds.low[k]) & (values <= bounds.high[k])]:
+            moved = np.where(np.arange(len(point)) == k, value, point)
+            cost = _cost(problem, moved, noise)
+            if cost < least:
+                least, point = cost, moved
+    return point
+
+
+def _resampled(problem: Problem, point: Floats, noise: Floats, bounds: Bounds, random: np.random.Generator) -> Floats:
+    """Return the best of values that are drawn about an estimate, with a multiple of its standard errors."""
+    rows = problem.information(point, noise)
+    if not np.isfinite(rows).all():
+        return point
+    scale = np.sqrt(np.sum(rows**2, axis=0)) + _TINY
+    root = _RESAMPLED_SPREAD * np.linalg.pinv(rows / scale, rcond=1e-8).T / scale
+    near = np.clip(point + random.standard_normal((DRAWS, len(rows))) @ root, bounds.low, bounds.high)
+    return np.asarray(min(near, key=lambda drawn: _cost(problem, drawn, noise)))
 
 
 def _finished(

@@ -47,6 +47,22 @@ def simulate_law(
     inputs: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction] | None" = None,
 ) -> dict[str, Trajectory]:
     """Integrate a law for every object, see `Law.simulate`."""
+    problems = initial_value_problems(law, times, initial, doses, inputs, tolerance)
+    found = simulate(
+        problems.values(), method=method, tolerance=tolerance, events=events, dense=dense, sensitivities=sensitivities
+    )
+    return dict(zip(problems, found, strict=True))
+
+
+def initial_value_problems(
+    law: Law,
+    times: ArrayLike,
+    initial: "ArrayLike | Mapping[str, ArrayLike]",
+    doses: Mapping[str, Mapping[float, float]] | None,
+    inputs: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction] | None",
+    tolerance: float,
+) -> dict[str, InitialValueProblem]:
+    """Return the initial value problem of every object, see `Law.simulate`."""
     for name in doses or {}:
         check_choice("dose", name, law.schema.doses)
     natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
@@ -64,10 +80,7 @@ def simulate_law(
             raise CommonlawError("initial-state-size", where=name, given=state.size, expected=width, names=wanted)
         field = replace(vector_field(law, name), terms=natural, inputs=driven)
         problems[name] = InitialValueProblem(field, state, grid, name)
-    found = simulate(
-        problems.values(), method=method, tolerance=tolerance, events=events, dense=dense, sensitivities=sensitivities
-    )
-    return dict(zip(problems, found, strict=True))
+    return problems
 
 
 def _given_inputs(

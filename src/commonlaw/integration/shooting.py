@@ -22,7 +22,7 @@ from commonlaw.library.program import Program
 _ABSOLUTE = 1e-3
 """Absolute tolerance over the relative one, in scales of the states."""
 _MOST_CROSSINGS, _SHORTEST, _NEARLY = 2000, 1e-6, 1e-12
-"""Crossings of a solution; time between two occurrences of an event, and times that are one, in that of the solution."""
+"""Most crossings of a solution; least time between two occurrences of an event, and of two times, in that of all."""
 
 
 class Solution(NamedTuple):
@@ -85,11 +85,11 @@ def shoot(
 ) -> Solution:
     """Solve ``x' = f(x, u, t, p)`` from the initial values at the first of the times.
 
-    Where the condition of an event, ``g(x, u, t, p) > 0``, becomes true, x becomes ``r(x, u, t, p)``, and derivatives S by
-    parameters and initial values q become ``r_x S + r_q + (dr/dt - f) dt/dq``, with f after the event and
-    ``dt/dq = -(g_x S + g_q) / (dg/dt)`` (Galán, Feehery and Barton 1999, Appl. Numer. Math. 31, 17). An event
-    that is brought about by another one, or by a jump of the inputs, has the time of that. A condition that is true at
-    first is no event before it has been false. States at the time of an event are those before it.
+    Where the condition of an event, ``g(x, u, t, p) > 0``, becomes true, x becomes ``r(x, u, t, p)``, and derivatives S
+    by parameters and initial values q become ``r_x S + r_q + (dr/dt - f) dt/dq``, with f after the event and
+    ``dt/dq = -(g_x S + g_q) / (dg/dt)`` (Galán, Feehery and Barton 1999, Appl. Numer. Math. 31, 17). An event that
+    another one or a jump of the inputs brings about has the time of that. A condition that is true at first is no event
+    before it has been false. States at the time of an event are those before it.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def _by_scipy(
     count, width = len(sizes), len(sizes) + len(parameters)
     switches = np.zeros(program.variables - len(inputs.column) - 1 - width)
     resets = np.arange(count + len(switches), len(program.outputs)).reshape(-1, count)
-    regular, derivative_of = len(switches) - len(resets), lambda y: y[count:].reshape(count, width)
+    regular = len(switches) - len(resets)
     knots = [inputs.inputs.knots + delay for delay in {*inputs.delays(parameters).tolist()}]
     inner, same = np.unique(np.concatenate([times[:0], *knots])), _NEARLY * max(abs(times[0]), times[-1] - times[0])
     edges = np.concatenate([times[:1], inner[(inner > times[0]) & (inner < times[-1])], times[-1:]])
@@ -210,7 +210,7 @@ def _by_scipy(
             occurs, before = k >= regular, switching(t, y)[k]
             outputs = resets[k - regular] if occurs else range(count)
             if slopes is not None:
-                moved = (total(t, y)[outputs] if occurs else derivative_of(y)) + np.outer(
+                moved = (total(t, y)[outputs] if occurs else y[count:].reshape(count, width)) + np.outer(
                     along(t, y)[outputs] if occurs else program.evaluate(point(t, y[:count]))[0, :count], shift
                 )
             switches[k] = 1 - switches[k]
@@ -221,7 +221,7 @@ def _by_scipy(
                 switches[k] = switches[k] or (switching(t, y)[k] == before and along(t, y)[count + k] > 0)
             if slopes is not None:
                 after = program.evaluate(point(t, y[:count]))[0, :count]
-                derivative_of(y)[:] = moved - np.outer(after, shift)
+                y[count:].reshape(count, width)[:] = moved - np.outer(after, shift)
             due = regular + np.flatnonzero((switching(t, y) > 0)[regular:] & (switches[regular:] == 0))
             k, changes = int(due[-1]) if occurs and len(due) else -1, changes + 1
         return changes
@@ -269,7 +269,7 @@ def _by_scipy(
             for row in np.flatnonzero((times >= when) & (times - when <= same)):
                 when, states[row] = times[row], y[:count]
                 if slopes is not None:
-                    slopes[row] = derivative_of(y)
+                    slopes[row] = y[count:].reshape(count, width)
             if changed >= regular and not switches[changed]:
                 endless = occurred[0] == changed and when - occurred[1] < _SHORTEST * (times[-1] - times[0])
                 occurred = changed, float(when)

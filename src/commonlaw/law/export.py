@@ -91,6 +91,7 @@ def _system(law: Law, name: str | None, initial: ArrayLike | None) -> _System:
         ("discrete time", law.order == 0),
         ("doses", bool(law.schema.doses)),
         ("dead times", bool(delayed)),
+        ("events", law.observation is not None and bool(law.observation.events)),
     ):
         if found:
             raise CommonlawError("export-unsupported", problem=problem)

@@ -392,6 +392,9 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
     ) -> dict[str, Trajectory]:
         """Integrate the law for every object; a divergence is an outcome of its trajectory.
 
+        A law that was fitted with events changes its states there; it takes no other events, dense output and
+        sensitivities.
+
         Raises `CommonlawError` if an input is not given, or the law lacks an object, or has not as many states as an
         initial state.
 
@@ -413,7 +416,9 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
         how["inputs"] = inputs
-        found = _call("forecast:simulate_law", self, times, initial, sensitivities=sensitivities, **how)
+        has_events = self.observation is not None and self.observation.events
+        function = "estimation:simulate_observed" if has_events else "forecast:simulate_law"
+        found = _call(function, self, times, initial, sensitivities=sensitivities, **how)
         return cast(dict[str, Trajectory], found)
 
     @with_renamed_arguments

@@ -67,6 +67,15 @@ def by_trial(by: str, schema: Schema) -> bool:
     return by == TRIAL or by in schema.inputs
 
 
+def written(
+    equations: Mapping[str, str], initial: Mapping[str, Initial], events: Mapping[str, Mapping[str, str]]
+) -> dict[str, str]:
+    """Return the right-hand sides of what stands beside differential equations, see `Observation.written`."""
+    starts = {f"{name}(0)": start for name, start in initial.items() if isinstance(start, str)}
+    changes = {f"{condition}: {name}": new for condition, own in events.items() for name, new in own.items()}
+    return {**equations, **starts, **changes}
+
+
 @dataclass(frozen=True)
 class Observation:
     """How the states of a law were measured.
@@ -95,6 +104,8 @@ class Observation:
         Standard deviations by measured quantity and object, of quantities that objects have been measured differently.
     restrictions
         Of the parameters; None for laws that were saved before these were recorded.
+    events
+        By condition the values that states and rates take where it becomes true, by name, as expressions.
 
     Raises
     ------
@@ -112,6 +123,7 @@ class Observation:
     log_likelihood: float
     noise_of: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     restrictions: Restrictions | None = None
+    events: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in (*self.equations, *self.noise, *self.noise_of):
@@ -123,13 +135,12 @@ class Observation:
 
     @property
     def written(self) -> dict[str, str]:
-        """Right-hand sides of observation equations, and of initial values that are expressions, by left-hand side."""
-        starts = {f"{name}(0)": start for name, start in self.initial.items() if isinstance(start, str)}
-        return {**self.equations, **starts}
+        """Right-hand sides of observation equations, expressions of initial values, and events, by left-hand side."""
+        return written(self.equations, self.initial, self.events)
 
     @property
     def lines(self) -> list[str]:
-        """The observation equations and initial values, as they are printed, and what differs between trials."""
+        """Observation equations, initial values and events, as they are printed, and what differs between trials."""
         priors = {f"{name}(0)": f"{s[0]:g} ± {s[1]:g}" for name, s in self.initial.items() if isinstance(s, tuple)}
         shared = {} if self.restrictions is None else self.restrictions.shared
         apart = [f"{name} by {by}; means are shown" for name, by in shared.items() if by_trial(by, self.measured)]
@@ -144,7 +155,7 @@ class Observation:
     def place_of(self, parameter: str) -> str:
         """Return the left-hand side of the equation in which a parameter stands first; empty if in none of these."""
         word = re.compile(rf"(?<!\w){re.escape(parameter)}(?!\w)")
-        return next((name for name, text in self.written.items() if word.search(text)), "")
+        return next((name for name, text in self.written.items() if word.search(f"{name} = {text}")), "")
 
     def to_frame(self) -> "pd.DataFrame":
         """Return what was estimated by trial: object, trial, parameter, estimate, standard error."""

@@ -82,7 +82,7 @@ def latex_lefts(law: Law) -> tuple[str, ...]:
     """Return the left-hand sides of `latex_structure` in LaTeX."""
     lefts = text.latex_left_hand_sides(law.schema.states, law.order)
     observed = () if law.observation is None else law.observation.written
-    return (*lefts, *(latex_name(each.removesuffix("(0)")) + "(0)" * each.endswith("(0)") for each in observed))
+    return (*lefts, *text.latex_observed(observed))
 
 
 def to_latex(law: Law, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:

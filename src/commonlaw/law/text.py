@@ -185,6 +185,19 @@ def latex_left_hand_sides(states: Sequence[str], order: Order) -> tuple[str, ...
     return tuple(forms[each].format(latex_name(state)) for state, each in zip(states, orders, strict=True))
 
 
+def latex_observed(names: Iterable[str]) -> tuple[str, ...]:
+    """Return left-hand sides of observation equations, initial values and events as LaTeX, see `Observation.written`.
+
+    >>> latex_observed(["x(0)", "t > 5: v"])
+    ('x(0)', '\\\\mathrm{t\\\\ >\\\\ 5}:\\\\ v')
+    """
+    lefts = []
+    for condition, colon, name in (each.rpartition(": ") for each in names):
+        latex = latex_name(name.removesuffix("(0)")) + "(0)" * name.endswith("(0)")
+        lefts.append(rf"{latex_name(condition)}:\ {latex}" if colon else latex)
+    return tuple(lefts)
+
+
 def order_in_words(order: Order, states: Sequence[str]) -> str:
     """Return the order of a law, or that of each state.
 

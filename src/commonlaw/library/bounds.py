@@ -11,6 +11,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.library.switches import with_steps
 
 _SIGN = re.compile(r"\s*([<>])=?\s*")
+_OUTSIDE_QUOTES = r"(?:[^`:]|`[^`]*`)*"
+EVENT = re.compile(rf"(?P<condition>{_OUTSIDE_QUOTES}[<>]{_OUTSIDE_QUOTES}):(?P<changes>.*)")
+"""A condition and what changes where it becomes true: ``x < 0: v = -c v``."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +37,15 @@ def limits_of(name: str, bounds: Sequence[Bound]) -> tuple[float, float]:
 
 
 def parts_of(texts: str | Sequence[str]) -> list[str]:
-    """Return the equations, without switches, and bounds, between semicolons or lines of a text or several."""
+    """Return equations, without switches, bounds and events, between semicolons or lines of a text or several."""
     listed = [texts] if isinstance(texts, str) else texts
-    return [with_steps(each.strip()) for text in listed for each in re.split(r"[;\n]", text) if each.strip()]
+    parts = [each.strip() for text in listed for each in re.split(r"[;\n]", text) if each.strip()]
+    return [each if EVENT.fullmatch(each) else with_steps(each) for each in parts]
 
 
 def is_bound(part: str) -> bool:
-    """Return whether a part of a text is a bound, and no equation."""
-    return _SIGN.search(part) is not None
+    """Return whether a part of a text is a bound, and neither an equation nor an event."""
+    return _SIGN.search(part) is not None and not EVENT.fullmatch(part)
 
 
 def bounds_in(texts: str | Sequence[str]) -> tuple[Bound, ...]:

@@ -9,7 +9,7 @@ from typing import NamedTuple, NoReturn
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.library.bounds import is_bound, parts_of
+from commonlaw.library.bounds import EVENT, is_bound, parts_of
 from commonlaw.library.expansion import NotAFactorError, Product, multiplied_out
 from commonlaw.library.grammar import FUNCTIONS, MAX_CHARACTERS, MAX_DEPTH, OTHER_NAMES, read, with_names, write
 from commonlaw.library.notation import expression_latex, quoted
@@ -204,6 +204,8 @@ def only_product(coefficients: Sequence[tuple[str, int]]) -> Diagnostic:
 
 
 def _left(text: str) -> Equation:
+    if EVENT.fullmatch(text):
+        raise CommonlawError("equation-with-event", text=text)
     left, sign, _ = text.partition("=")
     match = _LEFT.fullmatch(left.strip())
     if sign and re.fullmatch(r"\w+|`[^`]+`", name := left.strip()):

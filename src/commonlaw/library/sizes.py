@@ -65,14 +65,15 @@ class _Sizes:
 
 
 def likely_sizes(
-    equations: Sequence[tuple[str, float | int]], known: Mapping[int, float], variables: int, span: float
+    equations: Sequence[tuple[str, float | int | None]], known: Mapping[int, float], variables: int, span: float
 ) -> Floats:
     """Return a size for each of the variables, shape (variables,).
 
     Parameters
     ----------
     equations
-        Expressions over ``v<i>``, each with what its size is: a number, or the column of the state whose rate it is.
+        Expressions over ``v<i>``, each with what its size is: a number, the column of the state whose rate it is, or
+        None if only its parts have sizes.
     known
         Sizes of variables by column.
     variables
@@ -93,7 +94,7 @@ def likely_sizes(
         if isinstance(size, int):
             own = columns[size]
             sizes.equal(whole, _Size(own.known - np.log(span), own.unknown))
-        else:
+        elif size is not None:
             sizes.equal(whole, _Size(np.log(size), np.zeros(len(unknown))))
     rows = [*sizes.rows, *((_WEAK * each, 0.0) for each in np.eye(len(unknown)))]
     matrix, right = np.array([row for row, _ in rows]), np.array([value for _, value in rows])

@@ -64,7 +64,7 @@ def _rewritten(text: str, whole: str) -> str:
 
 
 def _call(name: str, inner: str, whole: str) -> str:
-    arguments = [_rewritten(each.strip(), whole) for each in _split(inner)]
+    arguments = [_rewritten(each.strip(), whole) for each in split_at_commas(inner)]
     if len(arguments) != (3 if name == "where" else 2) or not all(arguments):
         raise CommonlawError("switch-arguments", name=name, expression=whole)
     if name == "where":
@@ -80,8 +80,8 @@ def _factor(text: str) -> str:
     return text if _SIMPLE.fullmatch(text) else f"({text})"
 
 
-def _split(text: str) -> list[str]:
-    """Return the arguments of a call."""
+def split_at_commas(text: str) -> list[str]:
+    """Return the parts of a text between commas that are not inside of parentheses, such as the arguments of a call."""
     result, depth = [""], 0
     for character in text:
         depth += (character == "(") - (character == ")")
