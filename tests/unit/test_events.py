@@ -1,0 +1,192 @@
+"""Models whose states change at events, against simulations by hand and SciPy."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from scipy.optimize import least_squares
+
+import commonlaw as cl
+from commonlaw.cli.main import commonlaw
+from commonlaw.law import from_json, to_json, to_latex, to_script
+from tests.refusals import refused
+
+BALL = "x'' = -g; x < 0: x = 0, v = -c v"
+TIMES = np.linspace(0, 2, 60)
+
+
+def heights(times, g, c, x, v):
+    """Return the heights of a ball that bounces, from parabola to parabola."""
+    result, begin = np.empty(len(times)), 0.0
+    for i, time in enumerate(times):
+        while time > (end := begin + (v + np.sqrt(v**2 + 2 * g * x)) / g):
+            x, v, begin = 0.0, c * (g * (end - begin) - v), end
+        result[i] = x + v * (time - begin) - g * (time - begin) ** 2 / 2
+    return result
+
+
+def masses(times, rate, threshold, first):
+    """Return the masses of a cell that grows steadily and divides where it has a mass."""
+    cycle, begun = threshold / 2 / rate, (threshold - first) / rate
+    since = np.where(times <= begun, times + first / rate, threshold / 2 / rate + (times - begun) % cycle)
+    return rate * since
+
+
+def fitted(model, start, data):
+    """Return estimates and standard errors of least squares, from the true values."""
+    found = least_squares(lambda p: model(p) - data, start, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    variance = 2 * found.cost / (len(data) - len(start))
+    return found.x, np.sqrt(variance * np.diagonal(np.linalg.inv(found.jac.T @ found.jac)))
+
+
+def table(columns):
+    return pd.concat([pd.DataFrame({"object": name, "t": t, "y": y}) for name, (t, y) in columns.items()])
+
+
+def trials(columns, **roles):
+    return cl.Trials.from_frame(table(columns), object="object", time="t", **({"states": ["y"]} | roles))
+
+
+@pytest.fixture(scope="module")
+def ball():
+    height = heights(TIMES, 9.81, 0.75, 1.2, 0.5) + 0.01 * np.random.default_rng(0).standard_normal(len(TIMES))
+    measured = cl.Trials.from_arrays(TIMES, height, names=["x"])
+    return measured, cl.fit(BALL, measured)
+
+
+def test_a_ball_that_bounces_has_the_estimates_of_least_squares(ball):
+    measured, law = ball
+    (trial,) = measured
+    expected, errors = fitted(lambda p: heights(TIMES, *p), [9.81, 0.75, 1.2, 0.5], trial.states[:, 0])
+    found = law.observation.estimated
+    values = [*law.params["estimate"], *(each.value for each in found)]
+    assert values == pytest.approx(expected, rel=1e-5)
+    own = [*law.params["standard error"], *(each.error for each in found)]
+    assert own == pytest.approx(errors, rel=1e-3)
+
+
+def test_cells_that_divide_have_the_estimates_of_least_squares():
+    random, times = np.random.default_rng(3), np.linspace(0, 10, 81)
+    true = {"A": (0.5, 2.0, 1.3), "B": (0.7, 2.4, 1.3)}
+    noise = {name: 0.03 * random.standard_normal(len(times)) for name in true}
+    cells = {name: (times, masses(times, *own) + noise[name]) for name, own in true.items()}
+    law = cl.fit("y' = k; y > top: y = y/2", trials(cells))
+
+    def model(p):
+        return np.concatenate([masses(times, *p[:3]), masses(times, *p[3:])])
+
+    data = np.concatenate([y for _, y in cells.values()])
+    estimates = law.params["estimate"].to_numpy().reshape(2, 2)
+    starts = [each.value for each in law.observation.estimated]
+    own = np.column_stack([estimates, starts]).ravel()
+    expected, errors = fitted(model, own, data)
+    assert own == pytest.approx(expected, rel=1e-5)
+    assert law.params["standard error"].to_numpy() == pytest.approx(errors[[0, 1, 3, 4]], rel=1e-3)
+    # The likelihood jumps where a division moves over a sample; that of the true values is no larger
+    assert np.sum((model(own) - data) ** 2) <= np.sum((model(np.concatenate([*true.values()])) - data) ** 2)
+    assert np.all(np.abs(estimates - [[0.5, 2.0], [0.7, 2.4]]) < 4 * errors[[0, 1, 3, 4]].reshape(2, 2))
+
+
+def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_priors():
+    random, times = np.random.default_rng(0), np.linspace(0, 12, 49)
+
+    def course(k, tau):
+        return 5 * np.exp(-k * times) + np.where(times > tau, 3 * np.exp(-k * (times - tau)), 0.0)
+
+    taus = {"A": 5.13, "B": 7.3}
+    noise = {name: 0.05 * random.standard_normal(len(times)) for name in taus}
+    measured = trials({name: (times, course(0.4, tau) + noise[name]) for name, tau in taus.items()})
+    settings = {"universal": "k", "starts": {"y": 5.0}}
+    law = cl.fit("y' = -k y; t > tau: y = y + 3; 0 < tau < 12", measured, **settings)
+    data = np.concatenate([trial.states[:, 0] for trial in measured])
+    expected, errors = fitted(
+        lambda p: np.concatenate([course(p[0], p[1]), course(p[0], p[2])]), [0.4, *taus.values()], data
+    )
+    found = law.params[law.params["parameter"] == "tau"]
+    assert found["estimate"].to_numpy() == pytest.approx(expected[1:], rel=1e-5)
+    assert found["standard error"].to_numpy() == pytest.approx(errors[1:], rel=1e-3)
+    near = cl.fit("y' = -k y; t > tau: y = y + 3", measured, priors={"tau": (6.0, 1e-4)}, **settings)
+    found = near.params[near.params["parameter"] == "tau"]
+    assert found["estimate"].to_numpy() == pytest.approx(6.0, abs=1e-2)
+
+
+def test_a_law_with_events_is_printed_saved_and_followed(ball):
+    measured, law = ball
+    assert [line for line in str(law).splitlines() if ":" in line] == ["x < 0: x = 0", "x < 0: v = -c v"]
+    assert r"\mathrm{x\ <\ 0}:\ v &= -c v" in to_latex(law)
+    again = from_json(to_json(law))
+    assert again.observation == law.observation
+    assert to_json(law) == to_json(again)
+    assert BALL in to_script(law, "ball.csv")
+    assert again.predict(measured).metric("rmse") == pytest.approx(0.01, rel=0.2)
+    g, c = law.params["estimate"]
+    (path,) = again.simulate(np.linspace(0, 1.5, 40), [1.0, 0.2]).values()
+    assert path.states[:, 0] == pytest.approx(heights(path.times, g, c, 1.0, 0.2), abs=1e-6)
+    assert path.outcome is None
+
+
+def test_events_without_end_end_a_forecast_with_an_outcome(ball):
+    measured, law = ball
+    g, c = law.params["estimate"]
+    end = np.sqrt(2 / g) * (1 + 2 * c / (1 - c))
+    (path,) = law.simulate(np.linspace(0, 6, 601), [1.0, 0.0]).values()
+    assert path.outcome.code == "diverged"
+    assert path.ended == pytest.approx(end, abs=0.02)
+    forecast = law.predict(measured, times=np.linspace(2.5, 10, 20))
+    assert [path.outcome.code for path in forecast.trajectories] == ["diverged"]
+
+
+def test_laws_with_events_are_refined_and_compared(ball):
+    measured, law = ball
+    again = cl.refine(law, measured)
+    assert again.params["estimate"].to_numpy() == pytest.approx(law.params["estimate"].to_numpy(), rel=1e-6)
+    assert again.observation.events == law.observation.events
+    other = cl.fit("x'' = -g; x < 0: x = 0, v = -c v^2", measured)
+    assert cl.compare({"other": other, "law": law}, measured)["law"].tolist() == ["law", "other"]
+
+
+def test_the_command_line_takes_events(ball, tmp_path):
+    measured, law = ball
+    path, saved = tmp_path / "ball.csv", tmp_path / "law.json"
+    measured.to_frame().to_csv(path, index=False)
+    done = CliRunner().invoke(commonlaw, ["fit", str(path), BALL, "--save", str(saved)], catch_exceptions=False)
+    assert done.exit_code == 0
+    assert "x < 0: v = -c v" in done.output
+    assert cl.Law.load(saved).params["estimate"].to_numpy() == pytest.approx(
+        law.params["estimate"].to_numpy(), rel=1e-6
+    )
+    done = CliRunner().invoke(commonlaw, ["compare", str(path), BALL, "x'' = -g"], catch_exceptions=False)
+    assert done.output.startswith(f"{BALL} is the most probable")
+
+
+@pytest.mark.parametrize(
+    ("code", "text"),
+    [
+        ("equation-event-syntax", "x'' = -g; 0 < x < 1: v = -c v"),
+        ("equation-event-syntax", "x'' = -g; x < 0: v"),
+        ("equation-event-syntax", "x'' = -g; x < 0: v = 1, v = 2"),
+        ("condition-syntax", "x'' = -g; x < 0 and v < 0: v = -c v"),
+        ("unknown-name", "x'' = -g; x < 0: w = 1"),
+        ("equation-event-delay", "x'' = -g; x(t - d) < 0: v = -c v"),
+        ("observation-of-discrete-time", "x[k+1] = a x; x < 0: x = 1"),
+    ],
+)
+def test_events_that_cannot_be_read_are_refused(ball, code, text):
+    with refused(code):
+        cl.fit(text, ball[0])
+
+
+def test_what_cannot_have_events_refuses_them(ball, tmp_path):
+    measured, law = ball
+    with refused("equation-with-event"):
+        cl.Law.from_text(BALL, {"g": 9.81})
+    with refused("simulate-with-events"):
+        law.simulate([0.0, 1.0], [1.0, 0.0], dense=True)
+    with refused("export-unsupported"):
+        law.export(tmp_path / "law.xml")
+    with refused("no-finite-start-with-events"):  # At rest on the ground
+        cl.fit("x'' = -9.81; x < 0: x = 0, v = 0; x(0) = 1; v(0) = 0", measured)
+    # A time that later values do not depend on but by which samples are before it
+    halves = trials({"A": (TIMES, np.where(TIMES < 1.01, 1.0, 0.5) * np.exp(TIMES))})
+    with refused("parameters-not-identified"):
+        cl.fit("y' = k y; t > tau: y = y/2", halves)
