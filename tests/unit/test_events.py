@@ -96,7 +96,7 @@ def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_pri
     taus = {"A": 5.13, "B": 7.3}
     noise = {name: 0.05 * random.standard_normal(len(times)) for name in taus}
     measured = trials({name: (times, course(0.4, tau) + noise[name]) for name, tau in taus.items()})
-    settings = {"universal": "k", "starts": {"y": 5.0}}
+    settings = {"shared": "k", "initial_values": {"y": 5.0}}
     law = cl.fit("y' = -k y; t > tau: y = y + 3; 0 < tau < 12", measured, **settings)
     data = np.concatenate([trial.states[:, 0] for trial in measured])
     expected, errors = fitted(

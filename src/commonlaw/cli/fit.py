@@ -127,9 +127,9 @@ def fit(
     EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
     dP/dt = c H P - d P", "s' = -V s/(K + s)". Letters are coefficients and constants to be found, numbers are known;
     v is the rate of x. Unless --state says otherwise, columns with an equation are states, and others that occur are
-    inputs. Observation equations and initial values may stand among them. In place of equations, the name of a model
-    that `commonlaw models` lists: logistic. The law is checked like one of `commonlaw discover`. With --cluster Parquet
-    files are fitted one by one.
+    inputs. Observation equations, initial values and events may stand among them. In place of equations, the name of a
+    model that `commonlaw models` lists: logistic. The law is checked like one of `commonlaw discover`. With --cluster
+    Parquet files are fitted one by one.
 
     \b
     Examples:
@@ -138,6 +138,7 @@ def fit(
       commonlaw fit mice.csv logistic:x=weight
       commonlaw fit doses.csv "d' = -a d; c' = b d - k c" --initial-value d=dose
       commonlaw fit cells.csv "x' = -k x; signal = c x (1 + x); x(0) = 1"
+      commonlaw fit ball.csv "x'' = -g; x < 0: x = 0, v = -c v"
       commonlaw fit dataset:linear-drag:noise=0.05 "x'' = -g - c v"
     """
     import commonlaw as cl

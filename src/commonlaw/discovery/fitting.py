@@ -98,9 +98,9 @@ def fit(
     fitted to the next samples by least squares and take no settings.
 
     Models with observation equations, initial values of measured states, priors, parameters shared by property, inputs
-    with a dead time ``u(t - d)``, switches, or values below a limit of quantification are fitted under white noise, by
-    nonlinear least squares of their solutions from many first values: parameters within bounds are exact maximum
-    likelihood estimates, jointly over all objects; see `commonlaw.estimation`.
+    with a dead time ``u(t - d)``, switches, events, or values below a limit of quantification are fitted under white
+    noise, by nonlinear least squares of their solutions from many first values: parameters within bounds are exact
+    maximum likelihood estimates, jointly over all objects; see `commonlaw.estimation`.
 
     Parameters
     ----------
@@ -123,6 +123,9 @@ def fit(
 
         Switches are ``"x' = -k x + a (t > t0)"``, ``where(x > c, a, b)``, ``max(a, b)``, ``min(a, b)`` and ``step(x)``,
         which is one above zero and otherwise zero.
+
+        Events give states and rates new values, of those before, where a condition becomes true:
+        ``"x'' = -g; x < 0: x = 0, v = -c v"``, ``"t > tau: conc = f conc + d"``.
     trials
         What was measured: trials, or a table as `Trials.from_frame` takes it. Each object has its own coefficients. A
         stream is fitted file by file, see `refine`; such a

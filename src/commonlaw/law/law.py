@@ -759,7 +759,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         one. Inputs are arguments or, in SBML and workbooks, zero until they are set. Observation equations stay here.
 
         Raises `CommonlawError` if the ending is another, the file cannot be written, SBML is asked for several objects,
-        or the law is in discrete time, or has doses or dead times.
+        or the law is in discrete time, or has doses, dead times or events.
 
         Parameters
         ----------
