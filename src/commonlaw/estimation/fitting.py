@@ -295,7 +295,7 @@ class Beginning:
         search = partial(
             maximize, self.problem, self.first, self.guessed, self.bounds, None, seed, progress, draws=draws
         )
-        optimum = search(shares=EVENT_SHARES if self.problem.event_unknowns and draws > 1 else (1.0,))
+        optimum = search(shares=EVENT_SHARES if self.problem.events_move and draws > 1 else (1.0,))
         lacking = self._lack_of_fit(optimum)
         if draws > 1 and lacking:
             optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood)

@@ -245,6 +245,12 @@ class Problem:
         )
 
     @cached_property
+    def events_move(self) -> bool:
+        """Whether the time of an event depends on more than numbers."""
+        time = self.model.first_parameter - 1
+        return any(set(columns_in(condition)) - {time} for condition, _ in self.model.events)
+
+    @cached_property
     def event_unknowns(self) -> list[int]:
         """The unknowns in conditions of events and in what these change, by index."""
         first, texts = (

@@ -280,7 +280,7 @@ def maximize(
     costs = np.array([_cost(parts[0], start, noise) for start in starts])
     if not np.isfinite(costs).any():
         raise unsolved
-    improved = _IMPROVED_WITH_EVENTS if problem.event_unknowns else _IMPROVED
+    improved = _IMPROVED_WITH_EVENTS if problem.events_move else _IMPROVED
     ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: improved if problem.unknowns else 1]
     rough, random = list[tuple[float, Floats]](), np.random.default_rng(seed)
     for i in ranked:
@@ -289,7 +289,7 @@ def maximize(
             continue
         point = starts[i]
         for part in parts:
-            if not problem.event_unknowns:
+            if not problem.events_move:
                 cost, point = _roughly(part, point, noise, bounds, sizes)
                 continue
             cost, point = _roughly(part, _scanned(part, point, noise, bounds, sizes), noise, bounds, sizes)
@@ -309,7 +309,7 @@ def maximize(
             score, unknowns, noise = end, values, levels
     if not np.isfinite(score):
         raise unsolved
-    for _ in range(_RESAMPLINGS if problem.event_unknowns else 0):
+    for _ in range(_RESAMPLINGS if problem.events_move else 0):
         start = _resampled(problem, unknowns, noise, bounds, random)
         end, values, levels = _finished(problem, start, noise, bounds, given, np.inf)
         if end < score:

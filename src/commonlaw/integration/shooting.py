@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
 from commonlaw.integration.vector_field import Inputs
-from commonlaw.kernel import ProgramStructure, address, kernel
+from commonlaw.kernel import CONSTANTS, ProgramStructure, address, kernel
 from commonlaw.library.program import Program
 
 _ABSOLUTE = 1e-3
 """Absolute tolerance over the relative one, in scales of the states."""
-_MOST_CROSSINGS, _SHORTEST, _NEARLY = 2000, 1e-6, 1e-12
-"""Most crossings of a solution; least time between two occurrences of an event, and of two times, in that of all."""
+(_MAX_CROSSINGS,), (_MIN_INTERVAL,), (_CROSSING,) = (
+    CONSTANTS[name] for name in ("MAX_CROSSINGS", "MIN_INTERVAL", "CROSSING")
+)
 
 
 class Solution(NamedTuple):
@@ -156,7 +157,7 @@ def _by_scipy(
     resets = np.arange(count + len(switches), len(program.outputs)).reshape(-1, count)
     regular = len(switches) - len(resets)
     knots = [inputs.inputs.knots + delay for delay in {*inputs.delays(parameters).tolist()}]
-    inner, same = np.unique(np.concatenate([times[:0], *knots])), _NEARLY * max(abs(times[0]), times[-1] - times[0])
+    inner, same = np.unique(np.concatenate([times[:0], *knots])), _CROSSING * max(abs(times[0]), times[-1] - times[0])
     edges = np.concatenate([times[:1], inner[(inner > times[0]) & (inner < times[-1])], times[-1:]])
 
     def point(t: float, x: Floats) -> Floats:
@@ -206,7 +207,7 @@ def _by_scipy(
         before, after = (switching(t + side * same, y)[k] for side in (-1, 1))
         if slopes is not None and speed != 0 and abs(after - before) < 1e3 * same * abs(speed):  # Else an input jumps
             shift = -total(t, y)[count + k] / speed
-        while k >= 0 and changes < _MOST_CROSSINGS:
+        while k >= 0 and changes < _MAX_CROSSINGS:
             occurs, before = k >= regular, switching(t, y)[k]
             outputs = resets[k - regular] if occurs else range(count)
             if slopes is not None:
@@ -271,10 +272,10 @@ def _by_scipy(
                 if slopes is not None:
                     slopes[row] = y[count:].reshape(count, width)
             if changed >= regular and not switches[changed]:
-                endless = occurred[0] == changed and when - occurred[1] < _SHORTEST * (times[-1] - times[0])
+                endless = occurred[0] == changed and when - occurred[1] < _MIN_INTERVAL * (times[-1] - times[0])
                 occurred = changed, float(when)
             crossings += switch(changed, float(when), y)
-            endless |= crossings > _MOST_CROSSINGS  # Or a sliding mode
+            endless |= crossings > _MAX_CROSSINGS  # Or a sliding mode
             if endless:
                 break
             pieces += [(float(when), last)] if when < last else []

@@ -17,4 +17,13 @@
 /* Columns of mean square one over objects that are smaller than this in one of them do not identify its coefficient. */
 #define MIN_COLUMN 1e-6
 
+/* Crossings of switches and events after which a solution ends. */
+#define MAX_CROSSINGS 2000
+
+/* Time between two occurrences of an event, in that of the solution, below which these have no end. */
+#define MIN_INTERVAL 1e-6
+
+/* How exactly the time of a crossing is located, in that of the solution. */
+#define CROSSING 1e-12
+
 #endif

@@ -14,9 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { STAGES = 3, MOST_ROUNDS = 10, MOST_CROSSINGS = 2000 };
-
-static const double SHORTEST = 1e-6; /* Time between two occurrences of an event, in that of the solution */
+enum { STAGES = 3, MOST_ROUNDS = 10 };
 
 static const double FAR = 1e15; /* Of a state, in absolute over relative tolerances */
 
@@ -273,7 +271,7 @@ static int64_t cross_switch(Shooting *s, int64_t k, bool jumped, double time, do
         EACH_LANE switch_at(s, k)[l] = 0.0;
         return 0;
     }
-    for (; k >= 0 && count < MOST_CROSSINGS; ++count) {
+    for (; k >= 0 && count < MAX_CROSSINGS; ++count) {
         int64_t first = D + s->K + (k - s->K + s->E) * D;
         set_lane(s, 0, middle, time, states, rates);
         run_program(s, true);
@@ -315,7 +313,6 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
     s->pieces = pieces, s->powers = powers, s->columns = columns;
     s->knots = knots, s->polynomials = polynomials, s->column = column, s->delay = delay;
     int64_t D = s->D, V = s->V, Q = s->Q, n = STAGES * D;
-    const double nearly = 1e-12;
     int64_t registers = program->variables + program->constants + program->operations;
     const double weights[STAGES][STAGES] = {
         {(88 - 7 * ROOT) / 360, (296 - 169 * ROOT) / 1800, (-2 + 3 * ROOT) / 225},
@@ -479,8 +476,8 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
         if (s->K) {
             double share;
             crossed = crossed_switch(s, time, full ? stop : time + length, here, stages + 2 * D, rates, point, &share, &jumped);
-            if (crossed >= 0 && (1 - share) * length > nearly * span) { /* It should end there: regula falsi, bisection */
-                before_crossing = length * (taken % 4 == 3 ? 0.5 : share) + 0.5 * nearly * span;
+            if (crossed >= 0 && (1 - share) * length > CROSSING * span) { /* It should end there: regula falsi, bisection */
+                before_crossing = length * (taken % 4 == 3 ? 0.5 : share) + 0.5 * CROSSING * span;
                 last_step = 0;
                 continue;
             }
@@ -517,12 +514,12 @@ EXPORTED int64_t commonlaw_shoot(const Program *program, int64_t states, int64_t
         if (!full || factor_of_step < 1 || length * factor_of_step > step) step = length * fmax(0.2, factor_of_step);
         if (crossed >= 0) {
             bool occurs = is_event(s, crossed) && switch_at(s, crossed)[0] == 0;
-            endless = occurs && crossed == last_event && time - last_occurrence < SHORTEST * (times[count - 1] - times[0]);
+            endless = occurs && crossed == last_event && time - last_occurrence < MIN_INTERVAL * (times[count - 1] - times[0]);
             if (occurs) last_event = crossed, last_occurrence = time;
             crossings += cross_switch(s, crossed, jumped, time, length, here, by ? derivatives : NULL, rates, point, shift,
                                       moved);
             step = last_step = 0;
-            endless |= crossings > MOST_CROSSINGS; /* It slides along the switch */
+            endless |= crossings > MAX_CROSSINGS; /* It slides along the switch */
             if (endless) break;
         }
         if (full && stop < times[k]) {

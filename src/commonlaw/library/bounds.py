@@ -11,8 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.library.switches import with_steps
 
 _SIGN = re.compile(r"\s*([<>])=?\s*")
-_OUTSIDE_QUOTES = r"(?:[^`:]|`[^`]*`)*"
-EVENT = re.compile(rf"(?P<condition>{_OUTSIDE_QUOTES}[<>]{_OUTSIDE_QUOTES}):(?P<changes>.*)")
+EVENT = re.compile(r"(?P<condition>(?:[^`:<>]|`[^`]*`)*+[<>](?:[^`:]|`[^`]*`)*+):(?P<changes>.*)")
 """A condition and what changes where it becomes true: ``x < 0: v = -c v``."""
 
 
