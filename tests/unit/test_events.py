@@ -123,6 +123,24 @@ def test_a_state_changes_at_a_known_time():
     assert law.params["standard error"].to_numpy() == pytest.approx(errors[:2], rel=1e-3)
 
 
+def test_events_go_with_doses():
+    times = np.arange(0, 24, 0.5)
+
+    def course(k, f, first):
+        course = first * np.exp(-k * times) + 4 * np.exp(-k * (times - 6)) * (times > 6)
+        return np.where(times > 10, f, 1.0) * course
+
+    data = course(0.2, 0.5, 5.0) + 0.02 * np.random.default_rng(0).standard_normal(len(times))
+    given = pd.DataFrame({"t": times, "y": data, "dose": np.where(times == 6, 4.0, 0.0)})
+    measured = cl.Trials.from_frame(given, time="t", states=["y"], inputs=["dose"])
+    law = cl.fit("y' = -k y + dose; t > 10: y = f y", measured, doses="dose")
+    expected, _ = fitted(lambda p: course(*p), [0.2, 0.5, 5.0], data)
+    k, f = law.params["estimate"]
+    assert [k, f] == pytest.approx(expected[:2], rel=1e-4)
+    (path,) = law.simulate(times, [5.0], doses={"dose": {6.0: 4.0}}).values()
+    assert path.states[:, 0] == pytest.approx(course(k, f, 5.0), abs=1e-3)
+
+
 def test_a_law_with_events_is_printed_saved_and_followed(ball):
     measured, law = ball
     assert [line for line in str(law).splitlines() if ":" in line] == ["x < 0: x = 0", "x < 0: v = -c v"]

@@ -283,6 +283,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         measured.time,
         units,
         input_interpolation=measured.input_interpolation,
+        doses=measured.doses,
         rates=rates,
     )
     order = one_order([each.order for each in left])

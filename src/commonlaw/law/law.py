@@ -392,7 +392,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
     ) -> dict[str, Trajectory]:
         """Integrate the law for every object; a divergence is an outcome of its trajectory.
 
-        A law that was fitted with events changes its states there; it takes no other events, dense output and
+        A law that was fitted with events changes its states there; it takes no other events, no dense output and no
         sensitivities.
 
         Raises `CommonlawError` if an input is not given, or the law lacks an object, or has not as many states as an
