@@ -41,7 +41,7 @@ class ObservedLaw:
             return None
         initial = {name: start for name, start in observation.initial.items() if rates.get(name, name) not in chosen}
         measured, restrictions = observation.measured, observation.restrictions or Restrictions()
-        text = ModelText(law.provenance.equations, observation.equations, initial)
+        text = ModelText(law.provenance.equations, observation.equations, initial, events=observation.events)
         model = read_model(text, measured, property_names(law.properties))
         sizes = np.array([observation.sizes[name] for name in model.variables.states])
         logarithmic = np.array([name in measured.logarithmic for name in model.observables])
