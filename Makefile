@@ -60,7 +60,7 @@ pictures: $(STAMP) ## Draw the pictures of the README and the documentation agai
 	$(BIN)/python docs/pictures.py
 	$(BIN)/python docs/app_pictures.py
 
-docs: $(DOCS_STAMP) ## Build the documentation in build/docs, with all its examples run: three minutes
+docs: $(DOCS_STAMP) ## Build the documentation in build/docs, with all its examples run: three minutes of CPU
 	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -b html -d build/doctrees docs build/docs
 	$(BIN)/pytest -q tests/reference/built_docs.py
 

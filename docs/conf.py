@@ -24,7 +24,9 @@ from commonlaw.cli.command import ALL_OPTIONS
 from commonlaw.cli.main import commonlaw as command
 from commonlaw.diagnostics import kinds, notes, sentences, template, topic_of, topics
 from commonlaw.law.quantities import forms
+from commonlaw.plots import render
 from commonlaw.report.markup import formula
+from commonlaw.report.write import within
 from commonlaw.runtime.fit_options import FitOptions, setting_rows
 
 project = "commonlaw"
@@ -60,6 +62,7 @@ nb_execution_mode = "auto"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+nb_code_prompt_show, nb_code_prompt_hide = "Show the code", "Hide the code"
 # The measured drops are not part of the project; where they cannot be had their page has no outputs, and says so
 nb_execution_excludepatterns = []
 try:
@@ -83,11 +86,10 @@ class PublicNames(SphinxDirective):
     final_argument_whitespace = True
 
     def run(self) -> list[nodes.Node]:
-        """Return the list, and the hidden table of contents of their pages."""
+        """Return the list."""
         module, *names = self.arguments[0].split()
         rows = [(f":doc:`{name} <api/{name}>`", resolve_name(f"{module}:{name}")) for name in names]
-        pages = [".. toctree::", "   :hidden:", "", *(f"   api/{name}" for name in names), ""]
-        return self.parse_text_to_nodes("\n".join(_table(rows) + pages))
+        return self.parse_text_to_nodes("\n".join(_table(rows)))
 
 
 def _table(rows: list[tuple[str, object]]) -> list[str]:
@@ -125,11 +127,15 @@ _MAX_RELATED = 12
 
 
 def _page(module: str, name: str, others: Sequence[str]) -> str:
-    """Return the page of a public name with references to related ones."""
+    """Return the page of a public name with references to related ones, unless its docstring has them.
+
+    It is in no table of contents: that of every page would list all names.
+    """
     found, full = resolve_name(f"{module}:{name}"), f"{module}.{name}"
-    lines = [name, "=" * len(name), "", *_used_in(name)]
-    related = [each for each in others if each != name][:_MAX_RELATED]
-    lines += [f"See also: {', '.join(f':doc:`{each} </api/{each}>`' for each in related)}", ""] if related else []
+    lines = [":orphan:", "", name, "=" * len(name), "", *_used_in(name)]
+    related = [] if "See Also\n" in (found.__doc__ or "") else [each for each in others if each != name][:_MAX_RELATED]
+    links = [*(f":doc:`{each} </api/{each}>`" for each in related), ":doc:`all names </api>`"]
+    lines += [f"See also: {', '.join(links)}", ""]
     if not isinstance(found, type):
         return "\n".join([*lines, f".. autofunction:: {full}", ""])
     if len(members := _members(found)) > 3:
@@ -196,6 +202,19 @@ class FitSettings(SphinxDirective):
             own = f"; {given[name] or 'none'} in `fit` and `refine`" if given.get(name, default) != default else ""
             lines += [f"   * - ``{name}``", f"     - {default or 'none'}{own}", f"     - {text}"]
         return self.parse_text_to_nodes("\n".join([*lines, ""]))
+
+
+class Drawing(SphinxDirective):
+    """Draws the ``figure`` that its lines of Python make, in this process, as starting a kernel takes longer."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        """Return the figure as a part of the page."""
+        names = dict[str, Any]()
+        exec("\n".join(self.content), names)
+        drawing = within(render(names["figure"], ".svg", text=True), Path(self.env.docname).name)
+        return [nodes.raw("", f"<div class='drawing'>{drawing}</div>", format="html")]
 
 
 class NamedModels(SphinxDirective):
@@ -322,6 +341,7 @@ def setup(app: Sphinx) -> None:
     app.add_directive("public-names", PublicNames)
     app.add_directive("command-help", CommandHelp)
     app.add_directive("messages", Messages)
+    app.add_directive("drawing", Drawing)
     app.add_directive("named-models", NamedModels)
     app.add_directive("quantities", Quantities)
     app.add_directive("fit-options", FitSettings)
