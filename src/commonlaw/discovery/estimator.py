@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 
 class LawDiscovery:
-    """Finds the law that objects share, in scikit-learn's conventions.
+    """Estimator of scikit-learn for `discover`.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class LawDiscovery:
     Attributes
     ----------
     law_
-        The law that was found.
+        The discovered law.
 
     Examples
     --------
@@ -398,29 +398,30 @@ def discover(
     client: "Client | None" = None,
     x_dot: GivenDerivatives | None = None,
 ) -> Law:
-    """Find the law that the objects of these trials share.
+    """Discover the law that the objects of trials share.
+
+    Candidate laws are fitted by maximum likelihood and ranked by their evidence.
 
     Parameters
     ----------
     trials
-        What was measured: trials, or a table as `Trials.from_frame` takes it.
+        Measurements: trials, a stream, or a table that `Trials.from_frame` accepts.
     order
-        Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time,
-        ``x[k+1] = f(x[k])``. By state where equations differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 where such a law
-        fits within the noise, otherwise 1 or 2 for each state, whichever has the law of larger evidence; `Law.history`
-        says by how much. States measured together with their rates are of order 2, and known physics is of its own
-        order. Where no evidence compares laws, in streams and by the regressions, ``"auto"`` is 1, and the law says so.
-        Discrete time is never tried; a note suggests it where samples at whole numbers follow from the ones before,
-        but not by the law.
+        Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time, ``x[k+1] =
+        f(x[k])``. By state if orders differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 if such a law fits within the
+        noise, otherwise 1 or 2 for each state, by the larger evidence (see `Law.history`). States measured together
+        with their rates are of order 2; known physics keeps its order. For streams and regressions, which have no
+        evidence, ``"auto"`` is 1, with a note. Discrete time is never tried; a note suggests it if each sample follows
+        from the one before, but not by the law.
     library
-        Candidate terms, or their text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, or
+        Candidate terms, as text such as ``"poly:3"``, ``"poly:2 + saturating"``, ``"ratio(poly:2, poly:2)"``, or
         a list of terms, libraries and functions of Python, ``["poly:2", "x^2/K", drag]``, see `parse_library` and
         `ExpressionLibrary`; or plain terms by state, ``{"x": "poly:2", "y": "poly:1"}``, for laws of order 1 unless
         another is named. Properties of the objects may stand in terms and are inputs of the law.
         ``"auto"``: polynomials of degree 3, and richer terms where these show lack of fit, see
         `AutoLibrary`; in streams and regressions only polynomials.
     method
-        The way from trials to a law: `TrajectoryLikelihood`, `DerivativeRegression`, `WeakRegression`, or
+        Method of estimation: `TrajectoryLikelihood`, `DerivativeRegression`, `WeakRegression`, or
         `DiscreteTimeRegression`. Default: see `default_method`.
     known
         Known coefficients: term to number (``{"1": -9.8}``), or to numbers by object; with several states the term is
@@ -442,22 +443,31 @@ def discover(
         go with it;
         ``"auto"`` as the library is polynomials of degree 2, and of degree 3 where these show lack of fit.
     progress
-        Takes the text of each step. Default: it is written to the terminal after two seconds.
+        Called with the text of each step. Default: the terminal shows it after two seconds.
     cache
-        Whether the law is kept in the user's cache folder, and taken from there if the same was asked of the same
-        trials before. The environment variable ``COMMONLAW_CACHE`` names another folder, or with ``off`` keeps none.
+        Whether to keep the law in the user's cache folder, and to return it from there if the same call was made before
+        with the same trials. The environment variable ``COMMONLAW_CACHE`` names another folder; ``off`` disables it.
     client
-        A ``distributed.Client``, whose workers read the files of a `TrialStream` and compress them. The law is the same
-        for any number of workers, to rounding.
+        A ``distributed.Client`` whose workers read and compress the files of a `TrialStream`. The law does not depend
+        on the number of workers, up to rounding.
     x_dot
-        Derivatives of the states at the samples, where they were measured or computed: an array of shape (n, states)
+        Measured or computed derivatives of the states at the samples: an array of shape (n, states)
         for each trial, or by state an array or the name of a column, ``{"x": "speed"}``. `DerivativeRegression`, the
         default then, takes them in place of its own, for laws of order 1.
 
     Raises
     ------
     CommonlawError
-        If the trials cannot be used as they are, or parameters do not fit; the message says where and what to do.
+        If the trials or an argument cannot be used; the message states where and what to do.
+
+    See Also
+    --------
+    fit : Fit given equations.
+    compare : Compare laws by their evidence.
+    refine : Refit a law to other trials.
+    bounds : Limits of coefficients of absent terms.
+    Law.assess : Check forecasts on held-out trials.
+    LawDiscovery : The same as a scikit-learn estimator.
 
     Examples
     --------

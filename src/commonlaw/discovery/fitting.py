@@ -92,7 +92,7 @@ def fit(
     progress: ProgressCallback | None = None,
     client: "Client | None" = None,
 ) -> Law:
-    """Fit a law that you have in mind: exactly these terms, their coefficients found in trials.
+    """Fit given equations to trials: estimate their parameters for each object.
 
     The way is that of `refine`, maximum likelihood of whole trajectories; laws in discrete time, which have none, are
     fitted to the next samples by least squares and take no settings.
@@ -107,75 +107,82 @@ def fit(
     equations
         One for each state, in one text between semicolons or in several, see `Law.from_text`; or the name of one of
         `commonlaw.named_models`: ``"logistic"``, with the columns of its variables where these are not clear,
-        ``"logistic:x=weight"``. Coefficients are found, numbers are known and stay, and so do pi, and properties of the
-        objects by their names, wherever they stand: ``"x'' = -9.81 - c v"``, ``"n' = r n (1 - n/K)"`` of objects with a
-        capacity K; v is the rate of x, as is ``x'``; t is time, whatever its column is called.
+        ``"logistic:x=weight"``. Other names are parameters to be estimated. Numbers, pi, and properties of the objects
+        are fixed: ``"x'' = -9.81 - c v"``, or ``"n' = r n (1 - n/K)"`` if K is a property. v is the rate of x, as is
+        ``x'``; t is time, whatever the name of its column.
 
-        Parentheses with coefficients are multiplied out: ``"T' = -k (T - a)"`` is fitted as ``-k T + k a``, and k and a
-        follow from these, their standard errors to first order. There have to be as many terms as coefficients, which
-        determine them one by one.
+        Parentheses with parameters are expanded: ``"T' = -k (T - a)"`` is fitted as ``-k T + k a``, from which k and a
+        follow, with standard errors to first order. The number of terms must equal the number of parameters.
 
-        Coefficients inside functions, powers and sums below a line are parameters of their terms and fitted as such:
-        ``"s' = -V s/(K + s)"``, ``"x'' = -k abs(v)^p sign(v)"``, ``"i' = a (exp(u/U) - 1) - b i"``,
-        ``"x'' = -k x + A cos(w t + p)"``. The fit begins from a bank of values about the sizes of what they are
-        added to, within bounds among the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``. A coefficient whose
-        best value is outside is at its bound, which an outcome says with a one-sided interval.
+        Parameters inside functions, powers and denominators are nonlinear: ``"s' = -V s/(K + s)"``, ``"x'' = -k
+        abs(v)^p sign(v)"``, ``"i' = a (exp(u/U) - 1) - b i"``, ``"x'' = -k x + A cos(w t + p)"``. The fit starts from a
+        grid of values, within the bounds that follow the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``. An
+        estimate at its bound is noted, with a one-sided interval.
 
-        Switches are ``"x' = -k x + a (t > t0)"``, ``where(x > c, a, b)``, ``max(a, b)``, ``min(a, b)`` and ``step(x)``,
-        which is one above zero and otherwise zero.
+        Switches: ``"x' = -k x + a (t > t0)"``, ``where(x > c, a, b)``, ``max(a, b)``, ``min(a, b)``, and the unit step
+        ``step(x)``.
 
-        Events give states and rates new values, of those before, where a condition becomes true:
-        ``"x'' = -g; x < 0: x = 0, v = -c v"``, ``"t > tau: conc = f conc + d"``.
+        Events give states and rates new values where a condition becomes true: ``"x'' = -g; x < 0: x = 0, v = -c v"``,
+        ``"t > tau: conc = f conc + d"``.
     trials
-        What was measured: trials, or a table as `Trials.from_frame` takes it. Each object has its own coefficients. A
-        stream is fitted file by file, see `refine`; such a
-        law has no parameters inside terms, and no latent states.
+        Measurements: trials, or a table that `Trials.from_frame` accepts. A stream is fitted file by file, see
+        `refine`, without nonlinear parameters and latent states.
     initial_values
         Initial values of states in the first sample of each trial, by name: a number, the name of a property of the
         objects, such as a dose, an expression of parameters and properties, a number for each object, a mean and a
-        standard deviation, or None (the text ``"free"``) for what each trial determines. States that have one need no
+        standard deviation, or None (or ``"free"``) to estimate it for each trial. States with an initial value need no
         column: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, initial_values={"depot": "dose"})``.
-        Those of measured states are estimated by default. Among the equations they are ``"x(0) = 1"``.
+        Those of measured states are estimated by default. In the equations: ``"x(0) = 1"``.
     initial_time
-        The time of these initial_values, such as that of an injection, where it comes before the first sample. What was
-        measured is fitted there too.
+        Time of the initial values, such as that of an injection, if it precedes the first sample.
     doses
-        Inputs that hold amounts which are added at once, at the times of their rows and after what was measured there;
-        zero elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A trial whose first dose is before
+        Inputs that are amounts added at once, at the times of their rows and after the measurements there; zero
+        elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A trial whose first dose is before
         its first measurement begins there, and the state counts as measured there: zero.
     shared
-        Coefficients by their letters that all objects have in common, ``shared="k2"``; the others are each
-        object's own. Their common value is the mean that is weighted by the information
-        of each object's trials (generalised least squares), which a fit of all objects together gives to first order.
-        A mapping names what has one value of a parameter: ``shared={"k2": "strain"}`` objects with the same value of
-        a property, or trials with the same value of an input that is constant in each, ``{"c": "all"}`` all trials, and
-        ``{"b": "trial"}`` each trial. Of what differs between trials of an object, the law has the object's mean,
-        ``law.observation.estimated`` the values, and `Law.predict` estimates it from each trial like initial values.
+        Parameters that all objects share, ``shared="k2"``; the others are object-specific. The shared value is the mean
+        over objects weighted by their information (generalized least squares), a joint fit to first order. A mapping
+        names groups: with ``shared={"k2": "strain"}`` objects of the same strain share k2 (a property, or an input that
+        is constant in each trial), ``{"c": "all"}`` is one value for all trials, and ``{"b": "trial"}`` one for each.
+        If a parameter differs between trials, the law has its mean for each object, ``law.observation.estimated`` the
+        values, and `Law.predict` estimates it from each trial like an initial value.
     guesses
-        Where the fit begins with parameters inside terms, by their letters, ``guesses={"w": 0.3}``, in place of the
-        values that are tried. Coefficients that stand before terms need none, as they follow by least squares.
+        Initial guesses of nonlinear parameters, ``guesses={"w": 0.3}``, in place of the grid.
     observe
-        What was measured, by column, as expressions of states, rates, inputs, time and parameters:
-        ``cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"})``; other columns are states. They may stand
-        among the equations, too: ``"x' = -k x; signal = c x"``.
+        Observation equations by column, as expressions of states, rates, inputs, time and parameters:
+        ``cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"})``; other columns are states. They may
+        also follow the equations: ``"x' = -k x; signal = c x"``.
     priors
         Mean and standard deviation of parameters with a normal prior, by name: ``priors={"k": (0.5, 0.1)}``.
     functions
-        Functions of Python that the equations call by name, from arrays to an array: ``cl.fit("x'' = -k x - drag(v)",
+        Python functions that the equations call by name, from arrays to an array: ``cl.fit("x'' = -k x - drag(v)",
         trials, functions=[drag])``, see `commonlaw.library.ExpressionLibrary`.
-    log_states, input_interpolation, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
-        Settings of the fit, see `FitOptions`. In place of a standard deviation, `noise` may have the name of a property
-        of the objects, ``noise={"signal": "lab"}``: that of each of its values is estimated. With `doses` inputs are on
-        lines between samples by default.
+    log_states
+        See `FitOptions`.
+    input_interpolation
+        See `FitOptions`. With `doses` the default is linear.
+    noise
+        Standard deviations by state, see `FitOptions`; with the name of a property of the objects,
+        ``{"signal": "lab"}``, one is estimated for each of its values.
+    errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
+        See `FitOptions`.
     progress, client
         See `refine`.
 
     Raises
     ------
     CommonlawError
-        If the text cannot be read, the message says at which character and lists the variables; if a state has neither
-        a column nor an initial value, or its scale or a coefficient is not identifiable; if a setting does not fit; or
-        if the trials cannot be used as they are.
+        If the equations cannot be parsed (the message names the character and lists the variables), a state has neither
+        a column nor an initial value, a scale or parameter is not identifiable, or a setting or the trials cannot be
+        used.
+
+    See Also
+    --------
+    discover : Search for the equations.
+    compare : Compare laws by their evidence.
+    refine : Refit a law to other trials.
+    NamedModel : Textbook models with a name.
+    Law.from_text : A law with given coefficients.
 
     Examples
     --------

@@ -56,14 +56,13 @@ def design(
     points: int = POINTS,
     progress: ProgressCallback | None = None,
 ) -> Design:
-    """Return the experiments that are expected to be most informative for their cost.
+    """Return the experiments of largest expected information for their cost (Bayesian optimal design).
 
-    Every plausible law predicts the measured quantities, with the errors of its coefficients, of the measurements and
-    of the law itself, so that laws which can imitate each other by other coefficients or initial conditions are not
-    distinguished. The expected information is averaged over these laws (Box and Hill 1967; Lindley 1956), each
-    linearized about its coefficients; experiments that discriminate best are simulated, and all laws are fitted to
-    their measurements. Predictions of a law with observation equations have the derivatives by its parameters p and
-    initial values, dy/dp = dh/dx dx/dp + dh/dp.
+    Each plausible law predicts the measured quantities with the errors of its coefficients, of the measurements and of
+    the law. The expected information is averaged over the laws (Lindley 1956; Box and Hill 1967), each linearized about
+    its coefficients; for the most discriminating experiments it is simulated, with all laws refitted. Predictions of a
+    law with observation equations have the derivatives by its parameters p and initial values, dy/dp = dh/dx dx/dp +
+    dh/dp.
 
     Raises `CommonlawError` if a law has no noise or covariance, laws do not match, a setting is unknown, or no
     experiment is within the budget.
@@ -71,7 +70,7 @@ def design(
     Parameters
     ----------
     law
-        With its `Law.models` rivals; or several laws of the same objects and variables, equally probable.
+        A law with its plausible alternatives, `Law.models`; or several equally probable laws of the same objects.
     vary
         What can be set, by name. A pair or text ``"5..60"`` is a range, a list gives choices, one value is fixed. Names
         are the states and rates where trials start; ``duration``; ``rate``, ``samples`` or ``times`` (lists of sample
@@ -80,35 +79,40 @@ def design(
         and square, ``u.period`` the period of the last two. A dose of amount ``u`` is given at ``u.at`` after the first
         sample (default 0), and again after every ``u.every``.
     trials
-        Defaults of what is not in `vary`: initial conditions within theirs, typical duration and number of samples.
+        Trials that give the defaults of settings not in `vary`: initial conditions, duration and number of samples.
     within
         Ranges of states and rates, such as ``{"x": "0..100"}``: a trial ends where the most probable law leaves them.
-        With `trials` the default is what they visited.
+        With `trials` the default is their range.
     start_std
         Standard deviation of a trial's initial condition about its setting, by state or rate: 0 where it is exact,
         ``{"x": 0.005, "v": 0}``. All others are estimated from the measurements.
     cost
-        Prices of a ``trial``, a ``sample``, a unit of any setting, and a trial of an object by name. Default: 1 a
+        Cost of a ``trial``, a ``sample``, a unit of any setting, and a trial of an object by name. Default: 1 for each
         trial.
     budget
         The largest total cost.
     experiments
-        The largest number; each is chosen given those before it, then exchanged for better ones. Fewer where the right
-        law is found with a chance of 0.95.
+        Maximum number; each is chosen given those before it, then exchanged for better ones. Fewer if the true law is
+        identified with probability 0.95.
     about
         ``"law"``, the default if the law is in doubt; ``"coefficients"``, all together (D-optimality); one of them,
         ``"c"`` or ``"c of Ball 3"``; or a forecast, ``"x at t=10 from 100, 0"``, perhaps of one object.
     seed
-        Of random numbers.
+        Seed of the random numbers.
     points
-        How many experiments are examined over the ranges, besides their corners.
+        Number of candidate experiments within the ranges, besides their corners.
     progress
-        Takes the text of each step.
+        Called with the text of each step.
 
     Returns
     -------
     Design
-        It prints as text.
+        The experiments; prints as text.
+
+    See Also
+    --------
+    bounds : Limits of coefficients of absent terms.
+    commonlaw.plots.plot_design
 
     Examples
     --------

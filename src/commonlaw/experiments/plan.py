@@ -98,18 +98,18 @@ class Design(ShownInNotebooks):
     Parameters
     ----------
     laws
-        The plausible ones, with their probabilities.
+        Plausible laws with their probabilities.
     experiments
-        Each given those before it.
+        The experiments, each chosen given those before it.
     repeats
-        How often all must be made for the right law to be found with a chance of 0.95; None if 100 times do not
-        suffice, or the law is not the aim.
+        Number of repetitions after which the true law is identified with probability 0.95; None if 100 do not suffice,
+        or the law is not the aim.
     limit
-        The largest chance that one experiment gives if it is made 100 times, where repeats are None.
+        Largest probability of identifying the law with 100 repetitions of one experiment, if `repeats` is None.
     aim
-        What was to be learned.
+        Law, coefficients or quantity that the design is about.
     gains
-        Of each coefficient of the most probable law, the largest first.
+        Standard errors of the coefficients of the most probable law, now and after, the largest gain first.
     """
 
     laws: tuple[PlausibleLaw[Law], ...]
@@ -121,17 +121,17 @@ class Design(ShownInNotebooks):
 
     @property
     def chance_now(self) -> float:
-        """How probable it is that the most probable law is the right one."""
+        """Probability that the most probable law is the true one, now."""
         return float(self.aim.prior.max())
 
     @property
     def chance(self) -> float:
-        """The same after all experiments."""
+        """Expected probability of the true law after all experiments."""
         return self.experiments[-1].chance
 
     @property
     def cost(self) -> float:
-        """What all experiments cost."""
+        """Cost of all experiments."""
         return sum(experiment.experiment.cost for experiment in self.experiments)
 
     @property
@@ -141,7 +141,7 @@ class Design(ShownInNotebooks):
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What is to be expected, in words."""
+        """The expected results, in sentences."""
         sentences = []
         if self.aim.of_law or self.chance_now < SETTLED:
             sentences += self._of_laws()
@@ -209,7 +209,7 @@ class Design(ShownInNotebooks):
         return "\n".join([*lines, "", *self.sentences])
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a table: a row for each experiment, with its settings, cost, and what is known after it."""
+        """Return a table with a row for each experiment: settings, cost and expected results."""
         import pandas as pd
 
         rows = []

@@ -254,7 +254,7 @@ def _alternative(value: Any) -> Any:
 
 
 def to_json(law: Law) -> str:
-    """Return the law as JSON of a versioned schema; terms are expressions such as ``x**2*v``."""
+    """Return the law as JSON in a versioned schema, with terms as expressions such as ``x**2*v``."""
     return msgspec.json.format(msgspec.json.encode(document_of(law)), indent=1).decode() + "\n"
 
 
@@ -367,10 +367,16 @@ def _read_relation(saved: RelationDocument) -> Relation:
 
 
 def from_json(content: str | bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
-    """Return the law that `to_json` wrote, which may call these functions of Python.
+    """Return the law in JSON that was written by `to_json`; its terms may call the given Python functions.
 
-    Raises `CommonlawError` if the text is damaged, or written by another version of the schema, or if a function is
-    missing.
+    Raises `CommonlawError` if the text is damaged or of a newer schema, or if a function is missing.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> law = cl.Law.from_text("T' = -k T", {"k": 0.5})
+    >>> cl.law.from_json(cl.law.to_json(law)) == law
+    True
     """
     try:
         raw = read_json(content.encode() if isinstance(content, str) else content, dict[str, Any])

@@ -47,23 +47,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
-    """Equations that several objects share, with each object's own coefficients.
+    """Differential equations that several objects share, with object-specific coefficients.
 
-    A law is a value, equal to another if all is but how they were found. What follows from it is computed when it is
-    asked for, by the packages above this one.
+    ``x_j' = sum_k c_ojk phi_k(x, u, t)`` for object o, or ``x_j''`` in equations of second order. A law is immutable;
+    two laws are equal if all but their provenance is.
 
-    Raises `CommonlawError` if there is no object or term, the terms are not over the variables of schema and order, or
-    an array has another shape or a value that it cannot have.
+    Raises `CommonlawError` if there is no object or term, if the terms do not match schema and order, or if an array
+    has a wrong shape or an invalid value.
 
     Parameters
     ----------
     terms
         Candidate terms over the states, the rates of those of second order, inputs and time.
     schema
-        Names and units of what was measured; equation j gives the highest derivative of ``schema.states[j]``.
+        Names and units of the variables; equation j gives the highest derivative of ``schema.states[j]``.
     order
-        1 or 2, or where equations differ that of each, as ``(2, 1)``; 0 in discrete time, where equations give the
-        next sample's states.
+        1 or 2, or one for each equation, ``(2, 1)``; 0 in discrete time, where the equations give the states of the
+        next sample.
     objects
         Names of the objects.
     coefficients
@@ -73,9 +73,16 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
     provenance
         How the law was found.
     properties
-        Of the objects, by object and name; the units stand in ``schema.units``.
+        Of the objects, by object and name; their units are in ``schema.units``.
     observation
-        How the states were measured, if not directly, see `commonlaw.fit`.
+        Observation equations, if the states were not measured directly, see `commonlaw.fit`.
+
+    See Also
+    --------
+    discover : Discover the law of trials.
+    fit : Fit given equations to trials.
+    refine : Refit a law to other trials.
+    compare : Compare laws by their evidence.
     """
 
     terms: Terms
@@ -159,23 +166,23 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
 
     @cached_property
     def support(self) -> Bools:
-        """Which terms are in which equation for at least one object, shape (equations, terms)."""
+        """Terms with a nonzero coefficient for at least one object, shape (equations, terms)."""
         return np.asarray(np.any(self.coefficients != 0, axis=0))
 
     @cached_property
     def structure(self) -> Structure:
-        """Each equation with names for its parameters, ``x'' = a + b v``, or as it was given.
+        """Equations with names for the parameters: ``x'' = a + b v``; given equations as they were written.
 
-        Known coefficients that all objects share are numbers: ``x'' = -9.81 + a v``.
+        Known shared coefficients are numbers: ``x'' = -9.81 + a v``.
         """
         return Structure(_call("law.printing:structure", self))
 
     def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:
         """Return the equations of one object as text: ``x'' = -9.34 ± 0.12 + (0.047 ± 0.010) v``.
 
-        A law of given equations is written as these, with numbers for its parameters: ``N' = 0.8 N (1 - N/1.4)``.
+        Given equations keep their form, with numbers for the parameters: ``N' = 0.8 N (1 - N/1.4)``.
 
-        Raises `CommonlawError` if no object is named of several, or errors are asked for that are not known.
+        Raises `CommonlawError` if the law has several objects and none is named, or if standard errors are not known.
 
         Parameters
         ----------
@@ -198,7 +205,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast(str, _call("law.printing:printed", self))
 
     def summary(self) -> str:
-        """Return the law as it prints, its table of `params`, its `quantities`, and the best rows of its `comparison`.
+        """Return the law, its `params`, its `quantities` and the best rows of its `comparison` as text.
 
         Examples
         --------
@@ -223,12 +230,16 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
 
     @property
     def params(self) -> "pd.DataFrame":
-        """The parameters of every object, one row each, with standard errors and 95 % intervals.
+        """Table of the parameters of all objects with standard errors and 95 % intervals.
 
-        Columns are object, equation, term, parameter, estimate, standard error, low, high and unit, and where terms
-        were chosen by evidence the inclusion probability. A row is a coefficient of a term, with its name in
-        `structure`; in a law of given equations a parameter, with its first term. Intervals are averaged over `models`,
-        see `conf_int`. What is not known is NaN or empty.
+        Columns: object, equation, term, parameter, estimate, standard error, low, high and unit; for terms chosen by
+        evidence also the inclusion probability. Parameters have their names in `structure`; a parameter of given
+        equations has its first term. Intervals are averaged over `models`, see `conf_int`. Unknown values are NaN or
+        empty.
+
+        See Also
+        --------
+        conf_int, cov_params, sample, quantities
 
         Examples
         --------
@@ -243,11 +254,11 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("pd.DataFrame", _call("law.tables:parameter_frame", self, level))
 
     def conf_int(self, level: float = 0.95, averaged: bool = True) -> "pd.DataFrame":
-        """Return `params` with intervals of another level, or given the terms of this law.
+        """Return `params` with intervals of another level, or conditional on the terms of this law.
 
-        Averaged over `models`, a coefficient is zero where its term is not in the law, so that the interval of a
-        doubtful term tends to include zero. Errors follow Student's t distribution, with the degrees of freedom of the
-        estimated noise.
+        In the average over `models` a coefficient is zero where its term is absent, so that the interval of a doubtful
+        term tends to include zero. Quantiles are those of Student's t distribution with the degrees of freedom of the
+        noise estimate.
 
         Raises `CommonlawError` if the covariance is not known, or the level is not between 0 and 1.
         """
@@ -255,9 +266,9 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("pd.DataFrame", _call("law.tables:parameter_frame", self, level, averaged))
 
     def cov_params(self, name: str | None = None) -> "pd.DataFrame":
-        """Return the covariance of one object's parameters, by their names in rows and columns, to first order.
+        """Return the covariance matrix of the parameters of one object, with their names as rows and columns.
 
-        Raises `CommonlawError` if it is not known, or the object is not named and there are several.
+        Raises `CommonlawError` if it is not known, or if there are several objects and none is named.
 
         Examples
         --------
@@ -269,20 +280,19 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("pd.DataFrame", _call("law.tables:covariance_frame", self, name))
 
     def sample(self, n: int = 1000, seed: int = 0, averaged: bool = True) -> "pd.DataFrame":
-        """Return draws of the parameters from their posterior, to propagate their uncertainty.
+        """Return posterior draws of the parameters, to propagate their uncertainty.
 
-        Each is drawn from one of `models`, by their probabilities, with the covariance of that law over all objects,
-        and is zero for terms that are not in it. The distribution is normal, or Student's t where the noise was
-        estimated.
+        Each draw is from one of `models`, chosen with its probability, with the covariance of that law over all
+        objects; absent terms are zero. The distribution is normal, or Student's t if the noise was estimated.
 
-        Raises `CommonlawError` if the covariance is not known, or no draw is asked for.
+        Raises `CommonlawError` if the covariance is not known, or if `n` is not positive.
 
         Parameters
         ----------
         n
-            Draws of each object, the same for the same seed.
+            Number of draws for each object.
         averaged
-            Whether to draw from all models, or from this one only.
+            Whether to draw from all `models`, or only from this law.
 
         Returns
         -------
@@ -304,22 +314,22 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("pd.DataFrame", _call("law.tables:sample_frame", self, n, seed, averaged))
 
     def quantities(self, level: float = 0.95, initial: Mapping[str, float] | None = None) -> "pd.DataFrame":
-        """Return what is quoted of laws of a known form: half-lives, carrying capacities, periods, terminal speeds.
+        """Return derived quantities of laws of a known form: half-life, carrying capacity, period, terminal speed.
 
-        Columns are object, form, quantity, symbol, estimate, standard error, low, high and unit. Forms are recognised
-        by the terms of the equations, whatever their names, see the documentation for a list of them; the modes of
-        other linear laws and the equilibria of laws without inputs follow. Errors are those of the delta method;
-        intervals have all values in the confidence ellipsoid of the coefficients, which for ratios are those of
-        Fieller (1954), infinite where a denominator may be zero. They are NaN without covariance.
+        Columns: object, form, quantity, symbol, estimate, standard error, low, high and unit. The form is recognized by
+        the terms of the equations, see the documentation for a list; then come the modes of other linear laws and the
+        equilibria of laws without inputs. Standard errors are those of the delta method. An interval has all values
+        within the confidence ellipsoid of the coefficients; for ratios it is that of Fieller (1954), infinite where the
+        denominator may be zero. Without a covariance both are NaN.
 
-        Raises `CommonlawError` if a state is not known, or the level is not between 0 and 1.
+        Raises `CommonlawError` if there is no such state, or the level is not between 0 and 1.
 
         Parameters
         ----------
         level
-            Of the intervals.
+            Probability of the intervals.
         initial
-            Initial values by state, for what depends on them, such as the lag of a growth curve.
+            Initial values by state, for quantities that depend on them, such as the lag of a growth curve.
 
         Examples
         --------
@@ -336,44 +346,44 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
 
     @property
     def models(self) -> "tuple[PlausibleLaw[Law], ...]":
-        """All laws with a posterior probability above 1 %, this one first; the probabilities add up to one.
+        """Plausible laws with their posterior probabilities above 1 %, this law first; they add up to one.
 
-        The others have coefficients and covariance of their own, and no record of how they were found.
+        Each has its coefficients and their covariance; only this law has its provenance.
         """
         others = self.uncertainty.other_laws
         return PlausibleLaw(1.0 - sum(each.probability for each in others), self), *others
 
     @property
     def comparison(self) -> "pd.DataFrame":
-        """The candidates of each equation, from the best to the worst, with the difference of each from the best.
+        """Table of the candidates of each equation, ranked by their score.
 
-        Columns are equation, rank, terms, size, measure, score, difference, weight, further measures, proven (no other
-        support of the size fits better) and chosen. The measure, lower is better, is ``2 log B``, twice the log Bayes
-        factor of the best over the candidate (Kass and Raftery 1995), with the posterior probability as weight; ``log
-        score difference`` where forecasts of held-out data chose the law; or the criterion of a regression. Empty for a
-        law whose terms were given.
+        Columns: equation, rank, terms, size, measure, score, difference from the best, weight, further measures, proven
+        (no other support of this size fits better) and chosen. The measure, lower is better, is ``2 log B``, twice the
+        log Bayes factor of the best over the candidate (Kass and Raftery 1995), with the posterior probability as
+        weight; ``log score difference`` where forecasts of held-out data chose the law; or the criterion of a
+        regression. Empty for a law whose terms were given.
         """
         return cast("pd.DataFrame", _call("law.tables:comparison_frame", self.provenance.alternatives))
 
     @property
     def diagnostics(self) -> tuple[Outcome, ...]:
-        """What a user should know of the law and of how it was found."""
+        """Notes on the law, such as lack of fit or confounded variables, each with a code."""
         return self.provenance.outcomes
 
     @property
     def history(self) -> History:
-        """Every choice on the way to the law; it prints as a table."""
+        """Choices of the search in order, with their reasons; prints as a table."""
         return History(self.provenance.history)
 
     # Right-hand side, simulation, forecasts
 
     def rhs(self, name: str, values: ArrayLike) -> Floats:
-        """Return the right-hand side of one object as forecasts follow it: the highest derivatives, (n, equations).
+        """Return the highest derivatives of one object, shape (n, equations).
 
-        Coefficients are the pooled ones of the law if it has any, as these err less. Values are states, rates, inputs
-        and time, shape (n, variables); without time where no term depends on it.
+        The coefficients are those of forecasts: partially pooled, if the law is. `values` are states, rates, inputs and
+        time, shape (n, variables), without time if no term depends on it.
 
-        Raises `CommonlawError` if there is no such object, or the values are not those of the variables.
+        Raises `CommonlawError` if there is no such object, or the values do not match the variables.
         """
         return cast(Floats, _call("law.parameters:right_hand_side", self, name, values))
 
@@ -390,29 +400,30 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         doses: Mapping[str, Mapping[float, float]] | None = None,
         inputs: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction] | None" = None,
     ) -> dict[str, Trajectory]:
-        """Integrate the law for every object; a divergence is an outcome of its trajectory.
+        """Integrate the law of every object from given initial states.
 
-        A law that was fitted with events changes its states there; it takes no other events, no dense output and no
-        sensitivities.
+        A trajectory that diverges has an outcome and NaN from there on. A law that was fitted with events changes its
+        states there; it takes no other events, no dense output and no sensitivities.
 
-        Raises `CommonlawError` if an input is not given, or the law lacks an object, or has not as many states as an
-        initial state.
+        Raises `CommonlawError` if an input is missing, an object is not in the law, or an initial state has another
+        number of states.
 
         Parameters
         ----------
         times
-            When the states are wanted, shape (n,); the first is the time of the initial state.
+            Output times, shape (n,); the first is that of the initial state.
         initial
-            Initial states, then initial rates of those of second order: one vector for all objects, or by object.
+            Initial states, then initial rates of states of second order: one vector for all objects, or by object.
         method, tolerance, events, dense
             See `commonlaw.integration.simulate`.
         sensitivities
-            Whether to give the derivatives of states by coefficients in the support, row by row, and by initial states.
+            Whether to compute the derivatives of the states by the coefficients in the support and by the initial
+            states.
         doses
-            Amounts by their times, of inputs that are doses: ``{"dose": {3.0: 60.0}}``.
+            Amounts by time, for inputs that are doses: ``{"dose": {3.0: 60.0}}``.
         inputs
-            Other inputs: at the times, shape (n,) or (n, inputs), between which they are as in the trials that the law
-            was found in; as a function of time; or by name: ``{"voltage": lambda t: np.sin(t), "load": 2.0}``.
+            Other inputs: values at the times, shape (n,) or (n, inputs), interpolated as in the training data; a
+            function of time; or either by name: ``{"voltage": lambda t: np.sin(t), "load": 2.0}``.
         """
         how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
         how["inputs"] = inputs
@@ -437,39 +448,45 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         discrepancy: bool = False,
         averaged: bool = True,
     ) -> "Forecast":
-        """Forecast each trial from its own initial state.
+        """Forecast each trial from its initial state, estimated from its first samples.
 
-        Raises `CommonlawError` if the variables are not those of the law, an initial state cannot be fitted, or
-        covariance, noise or discrepancy are asked for that the law does not have.
+        Raises `CommonlawError` if the variables do not match the law, an initial state cannot be fitted, or the law
+        lacks the covariance, noise or discrepancy that an option needs.
 
         Parameters
         ----------
         trials
-            What to forecast, at all samples, measured or not. Unknown objects get coefficients from their properties,
-            if `explain` found how, else mean ones, with wider intervals.
+            Trials to forecast, at all samples, measured or not. New objects get coefficients from their properties, if
+            the law is from `explain`, else the mean ones, with wider intervals.
         times
-            More times to forecast at after a trial's first sample, shape (m,). Inputs keep their last value.
+            Further forecast times after a trial's first sample, shape (m,). Inputs keep their last value.
         start
-            How many of each trial's first measured samples determine its initial state. 1: states as measured, rates by
-            the law's differentiation. 2 or more: the law is fitted to them by likelihood, coefficients fixed; this
-            needs its noise, and states may be missing. ``"all"``: fits to whole trials, no forecasts. Default: 1; with
-            known noise all that were measured where others follow, or as many as rates or latent states need.
+            Number of first samples of each trial that determine its initial state. 1: states as measured, rates by the
+            law's differentiation. 2 or more: maximum likelihood with fixed coefficients, which needs the noise of the
+            law; states may be missing. ``"all"``: a fit to whole trials, not a forecast. Default: 1; with known noise
+            all measured samples if later ones follow, or as many as rates or latent states need.
         from_time
-            When forecasts begin: all samples before, or the last `start` of them, determine the initial state. Trials
-            without samples on both sides are left out, see `Forecast.trials.notes`.
+            Time at which forecasts begin: all samples before it, or the last `start` of them, determine the initial
+            state. Trials without samples on both sides are left out, see `Forecast.trials.notes`.
         return_std
             Whether to compute intervals, from the covariances of coefficients and initial state to first order.
         method, tolerance
             See `commonlaw.integration.simulate`.
         seed
-            Of the noise that shows how accurate estimated initial rates are.
+            Of the simulated noise from which the error of estimated initial rates follows.
         input_interpolation
             The interpolation of inputs: ``"held"`` at the earlier value, ``"linear"`` or ``"cubic"``; default as the
             law was learned.
         discrepancy
             Whether to include the discrepancy that was found with the law, see `discrepancy`.
         averaged
-            Whether to average over `models`: forecasts are weighted medians, intervals those of the mixture.
+            Whether to average over `models`: weighted medians, and intervals of the mixture.
+
+        See Also
+        --------
+        simulate : Integrate from given initial states.
+        assess : Forecast error, horizon and coverage on held-out trials.
+        update : Update the coefficients by new trials.
         """
         if start not in (None, "all") and (not isinstance(start, Integral) or start < 1):
             raise CommonlawError("forecast-start", start=start)
@@ -490,31 +507,37 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
     # Comparison with measurements
 
     def score(self, trials: Trials, metric: "Metric" = "r2", *, start: int | None = None) -> float:
-        """Return how well trials are forecast, the mean over states of a metric of scikit-learn.
+        """Return the score of forecasts by a metric of scikit-learn, averaged over states.
 
         Raises `CommonlawError` if there is no such metric, or the trials cannot be forecast.
 
         Parameters
         ----------
         trials
-            What was measured; missing values do not count.
+            Measurements; missing values do not count.
         metric
             ``"r2"``, 1 - sum (y - f)^2 / sum (y - mean y)^2; ``"rmse"`` or ``"mae"``, in the unit of the state; or a
             function of measurements and forecasts of a state, shape (n,) each.
         start
-            How many first samples of each trial determine its initial state, see `predict`.
+            Number of first samples that determine the initial state, see `predict`.
         """
         return self.predict(trials, start=start).metric(metric)
 
     def residuals(self, trials: Trials) -> "Residuals":
-        """Return the residuals of trials about the law's trajectories, with tests for their patterns.
+        """Return the residuals of trials about the trajectories of the law, with tests for patterns.
 
-        Each trial's initial state is fitted to all of its samples; coefficients stay fixed. Tests compare residuals
-        with the noise, with time, states, rates and inputs, and look for autocorrelation, heteroscedasticity and
-        non-normality (Ljung and Box, Spearman, Shapiro and Wilk, F tests). P-values are adjusted for their number
-        (Benjamini and Yekutieli 2001).
+        The initial state of each trial is fitted to all of its samples; coefficients are fixed. F tests compare the
+        size with the noise and look for trends with time, states, rates and inputs; others for autocorrelation (Ljung
+        and Box), heteroscedasticity (Spearman) and non-normality (Shapiro and Wilk). P-values are adjusted for the
+        number of tests (Benjamini and Yekutieli 2001).
 
-        Raises `CommonlawError` if the law is of discrete time, or the trials cannot be used.
+        Raises `CommonlawError` if the law is in discrete time, or the trials do not match it.
+
+        See Also
+        --------
+        discrepancy : Estimate the missing function.
+        assess : Forecast error, horizon and coverage.
+        commonlaw.plots.plot_residuals
 
         Examples
         --------
@@ -526,10 +549,15 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("Residuals", _call("discrepancy:residuals", self, trials))
 
     def assess(self, trials: Trials, learned: Trials | None = None) -> "LawVerdict":
-        """Assess the law's forecasts: their error, reliable horizon and coverage, and what is uncertain.
+        """Assess the forecasts of the law: error, reliable horizon, coverage of the bands, uncertain coefficients.
 
-        Trials are forecast from their first samples over all that follows, and compared with persistence. Where the
-        part is given that the law was `learned` from, such as ``trials.until(70)``, only the rest is assessed.
+        Trials are forecast from their first samples and compared with a constant forecast (persistence). If `learned`,
+        the training part of the trials such as ``trials.until(70)``, is given, only the rest is assessed.
+
+        See Also
+        --------
+        predict : Forecast trials.
+        residuals : Tests of the fit.
 
         Examples
         --------
@@ -552,32 +580,37 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         noise: Mapping[str, float] | None = None,
         huber_threshold: float = HUBER_THRESHOLD,
     ) -> "Discrepancy[Law]":
-        """Estimate the discrepancy: the residuals as a smooth function of a coordinate, the same for all objects.
+        """Estimate the discrepancy: what an equation lacks, as a smooth function of a coordinate, for all objects.
 
-        The function is a Gaussian process in the likelihood of the trajectories, fitted with the coefficients and all
-        initial states; its amplitude and length scale are integrated out. Departures that differ between trials are a
-        random walk, if the evidence supports it. The function is zero where the coordinate is, if that was nearly
-        visited, and orthogonal over the samples to the law's other terms in the coordinate, so that these keep their
-        meaning.
+        ``x_j' = law + g(q)``, with a Gaussian process g that is fitted together with the coefficients and all initial
+        states; its amplitude and length scale are integrated out. Errors that differ between trials are a random walk,
+        if the evidence supports it. ``g(0) = 0`` if the data come near q = 0, and g is orthogonal over the samples to
+        the terms of the law in q, so that these keep their meaning.
 
-        Raises `CommonlawError` if the law is of discrete time, its objects do not share their terms, or a coordinate
-        cannot be read, is not finite or does not change.
+        Raises `CommonlawError` if the law is in discrete time, its objects do not share their terms, or a coordinate
+        cannot be parsed, is not finite or is constant.
 
         Parameters
         ----------
         trials
-            Of objects of the law.
+            Measurements of objects of the law.
         of
             The coordinate: a state, its rate, an input, time, or an expression of these and of the objects' properties
             such as ``abs(v)*diameter/1.5e-5``. Default: the variable of largest evidence, penalized for the choice.
         times
-            A term that multiplies the function, such as ``v*abs(v)*diameter^2/mass``.
+            Factor of the function, such as ``v*abs(v)*diameter^2/mass``.
         equation
-            The state in whose equation the function stands. Default: that of largest evidence.
+            State whose equation has the function. Default: that of largest evidence.
         zero_at
             Where the function is zero, instead of the rule above; None for nowhere.
         noise, huber_threshold
             See `commonlaw.refine`.
+
+        See Also
+        --------
+        residuals : Tests for patterns in residuals.
+        bounds : Limits of absent terms.
+        commonlaw.plots.plot_discrepancy
 
         Examples
         --------
@@ -594,12 +627,13 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
     def report(
         self, trials: Trials | TrialStream, learned: Trials | TrialStream | None = None, client: "Client | None" = None
     ) -> "Page":
-        """Return the page of `commonlaw report` on the law, to save it or to show it in a notebook.
+        """Return a report on the law and its forecasts as a self-contained page, to save or to show in a notebook.
 
-        See `assess` for what the law was `learned` from: ``law.report(*stream.split(trial=3))``. All of a stream is
-        forecast, by the workers of a dask client if one is given, and the page shows few objects that stand for all.
+        `learned` is the training part of the trials, see `assess`: ``law.report(*stream.split(trial=3))``. All trials
+        of a stream are forecast, by the workers of a dask client if one is given; the page shows representative
+        objects.
 
-        Raises `CommonlawError` if law and trials have other variables.
+        Raises `CommonlawError` if the trials do not match the law.
 
         Examples
         --------
@@ -613,15 +647,20 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
     # Laws that follow from this one
 
     def update(self, trials: Trials) -> "Law":
-        """Return the law of the objects of new trials, with coefficients updated by these trials.
+        """Return the law of the objects in new trials, with coefficients updated by these trials (Bayes).
 
-        The prior of an object's coefficients is what `predict` would take: its own, or those that follow from its
-        properties or are typical, with their covariance. The likelihood of the trials, with free initial states,
-        updates it to first order. Trials that the law was learned from would count twice. Of laws with observation
-        equations the parameters are updated, with those of the law, of its own objects, as a normal prior.
+        The prior is that of forecasts: the coefficients of the object, or those that follow from its properties, or the
+        population mean, with their covariance. The likelihood of the trials, with free initial states, updates it to
+        first order. Do not use training trials again: they would count twice. For laws with observation equations the
+        prior of the parameters is normal, and the objects must be in the law.
 
-        Raises `CommonlawError` if covariance or noise is not known, the law has errors other than white noise or is of
-        discrete time; or the trials cannot be used.
+        Raises `CommonlawError` if the covariance or noise is not known, the errors are not white, the law is in
+        discrete time, or the trials do not match the law.
+
+        See Also
+        --------
+        refine : Refit to trials, without a prior.
+        predict : Forecast trials.
 
         Examples
         --------
@@ -634,14 +673,14 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("Law", _call("inference:adapt", self, trials))
 
     def simplify(self, tolerance: float = 2.0) -> "Simplification[Law]":
-        """Return the law in its simplest form: numbers that are nearly zero, one, a ratio, or each other replaced.
+        """Return the simplest form of the law that is consistent with the coefficients and their errors.
 
-        A number is replaced by zero, a ratio of small whole numbers, or another number of the law or its opposite,
-        where that is shorter to write than its known digits (minimum description length; Rissanen 1983): 0.667 ± 0.001
-        becomes 2/3, and 0.67 ± 0.05 stays. Numbers with units become zero or each other. The remaining numbers follow
-        by the covariance. Equations are in the shortest of their equivalent forms; a part of a fraction that vanishes
-        within its error is left out. The mean over objects may be `tolerance` standard errors off; all replacements
-        together may be as improbable, of the mean and of all objects, by chi-square tests.
+        A number is replaced by zero, a ratio of small integers, or plus or minus another number of the law, if that is
+        shorter to write than its significant digits (minimum description length; Rissanen 1983): 0.667 ± 0.001 becomes
+        2/3, and 0.67 ± 0.05 stays. Numbers with units become zero or each other. The remaining numbers are adjusted by
+        the covariance, and equations take the shortest of their equivalent forms. Each replacement may be `tolerance`
+        standard errors from the mean over objects; chi-square tests of all together, of the mean and of all objects,
+        have the same significance level.
 
         Raises `CommonlawError` if the covariance is not known, objects have terms of their own, or SymPy is not
         installed.
@@ -656,20 +695,25 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("Simplification[Law]", _call("law.simplify:simplified", self, tolerance))
 
     def explain(self, properties: Any = None) -> "Law":
-        """Return the law with its coefficients as functions of the objects' properties, or the same for all objects.
+        """Return the law with coefficients that are shared or functions of properties of the objects.
 
-        Each coefficient is universal, a power law of properties with small rational exponents (``0.25
-        diameter^2/mass``), an affine function of properties where signs differ, or object-specific; objects may scatter
-        about it. The evidence decides, with a prior against properties. Coefficients become what their relations give.
+        Each coefficient is shared, a power law of properties with small rational exponents (``0.25 diameter^2/mass``),
+        an affine function of properties if signs differ, or object-specific, with a between-object variance. The
+        evidence decides, with a prior against properties. The coefficients become those of the relations.
 
-        Raises `CommonlawError` if a property is not known or no number, objects have terms of their own, there is only
-        one, or the covariance is not known.
+        Raises `CommonlawError` if a property is unknown or not a number, objects do not share their terms, there is
+        only one object, or the covariance is not known.
 
         Parameters
         ----------
         properties
-            Names of known properties; or a mapping from object to values by name; or a table (a file, a frame) with a
-            row for each object. Default: all numbers that are known of every object; ``[]`` for none.
+            Names of properties of the law; or a mapping from object to values by name; or a table (a file, a frame)
+            with a row for each object. Default: all numeric properties that every object has; ``[]`` for none.
+
+        See Also
+        --------
+        commonlaw.law.contrasts : Differences between groups of objects.
+        commonlaw.law.relations_frame : The relations as a table.
 
         Examples
         --------
@@ -685,9 +729,9 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("Law", _call("law.pooling:explained", self, properties))
 
     def select(self, objects: Sequence[str]) -> "Law":
-        """Return the law of these objects only.
+        """Return the law of a subset of the objects.
 
-        Raises `CommonlawError` if the law has no such object.
+        Raises `CommonlawError` if there is no such object.
         """
         indices = [object_index(self, name) for name in objects]
         others = self.uncertainty.map_other_laws(lambda law: law.select(objects))
@@ -719,21 +763,24 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         values: Mapping[str, float | Mapping[str, float]] | None = None,
         **names: Unpack[Names],
     ) -> "Law":
-        """Return the law that equations state, for instance to simulate it; `commonlaw.fit` finds coefficients instead.
+        """Return the law of equations with given coefficients, for instance to simulate it.
 
-        Raises `CommonlawError` if the text cannot be read, the message says at which character; or if a coefficient has
-        no value.
+        Raises `CommonlawError` if the text cannot be parsed (the message names the character), or a coefficient has no
+        value.
 
         Parameters
         ----------
         equations
-            As they print, one for each state, in one text between semicolons or in several: ``"x'' = -9.81 - c v"``.
-            Left-hand sides may be ``dT/dt`` and ``d2T/dt2`` too. What is neither a variable nor a number and multiplies
-            or divides a term is a coefficient.
+            One for each state, as a list or separated by semicolons: ``"x'' = -9.81 - c v"``. Left-hand sides may also
+            be ``dT/dt`` and ``d2T/dt2``. A name that is not a variable is a coefficient.
         values
-            Of these coefficients by name: one number, or one for each object by its name.
+            Values of the coefficients by name: a number, or a number for each object by its name.
         **names
-            Of inputs and time, and units, see `Schema`.
+            Names of inputs and time, and units, see `Schema`.
+
+        See Also
+        --------
+        fit : Estimate the coefficients from trials.
 
         Examples
         --------
@@ -744,21 +791,22 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cls(*stated_law(equations, values or {}, **names))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the law, whole or not at all: as JSON, or if the file is named ``.parquet`` with a row for each object.
+        """Save the law as JSON, or as Parquet with a row for each object if the file is named ``.parquet``.
 
-        Raises `CommonlawError` if the file cannot be written, is read-only, a folder or one of several names of a file;
-        or if the law could not be read again, for too many objects in JSON, or numbers whose squares are infinite.
+        The file is written completely or not at all. Raises `CommonlawError` if it cannot be written, is read-only, a
+        folder or a hard link; or if the law could not be read again, as with too many objects for JSON.
         """
         write_whole(path, _call("law.io:law_bytes", self, path))
 
     def export(self, path: str | os.PathLike[str], name: str | None = None, initial: "ArrayLike | None" = None) -> None:
-        """Write the law as a program of another language, by the ending of the file.
+        """Export the law as a program in another language, by the file extension.
 
         ``.c`` C, ``.py`` Python, ``.m`` MATLAB, ``.mo`` Modelica, ``.xml`` or ``.sbml`` SBML (level 3, rate rules), and
         ``.xlsx`` a workbook whose formulas integrate the law. Files hold the parameters of all objects, SBML those of
-        one. Inputs are arguments or, in SBML and workbooks, zero until they are set. Observation equations stay here.
+        one. Inputs are arguments or, in SBML and workbooks, zero until they are set. Observation equations are left
+        out.
 
-        Raises `CommonlawError` if the ending is another, the file cannot be written, SBML is asked for several objects,
+        Raises `CommonlawError` if the extension is another, the file cannot be written, SBML has more than one object,
         or the law is in discrete time, or has doses, dead times or events.
 
         Parameters
@@ -772,10 +820,9 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], functions: Iterable[Callable[..., Any]] = ()) -> "Law":
-        """Read a law that `save` wrote; the functions of Python that its terms call have to be given again.
+        """Load a law that was written by `save`; Python functions in its terms have to be given again.
 
-        Raises `CommonlawError` if the file cannot be read or is no law, or a function is missing; the message names the
-        file.
+        Raises `CommonlawError` if the file cannot be read or is not a law, or if a function is missing.
         """
         content = read_file(path)
         try:
@@ -785,9 +832,16 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
 
 
 def average_law(law: Law) -> Law:
-    """Return the law of one object, "average", whose coefficients are the mean over all objects.
+    """Return the law of one object, "average", whose coefficients are the means over all objects.
 
-    Their covariance is that of a mean, of objects that are independent unless they were partially pooled.
+    Their covariance is that of the mean of independent objects, or of partially pooled ones if the law is pooled.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> law = cl.Law.from_text("T' = -k T", {"k": {"cup": 0.1, "mug": 0.05}})
+    >>> cl.law.average_law(law).equations()
+    ("T' = -0.075 T",)
     """
     mean = law.coefficients.mean(axis=0, keepdims=True)
     others = law.uncertainty.map_other_laws(average_law)

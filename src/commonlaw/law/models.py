@@ -26,24 +26,24 @@ from commonlaw.trials import Schema
 
 @dataclass(frozen=True)
 class NamedModel:
-    """A model of a textbook, which `commonlaw.fit` takes by its name in place of equations.
+    """Textbook model that `commonlaw.fit` takes by name in place of equations.
 
     Parameters
     ----------
     name
         Such as ``logistic``.
     title
-        What it is called: ``Logistic growth``.
+        Such as ``Logistic growth``.
     field
-        Heading under which models are listed: ``Growth``.
+        Such as ``Growth``.
     equations
         As `commonlaw.fit` takes them, with bounds, and initial values where these are known.
     variables
-        What each state, input and property in the equations is, by name, states first.
+        Meaning of each state, input and property in the equations, by name, states first.
     parameters
-        What each parameter is, by name.
+        Meaning of each parameter, by name.
     source
-        Where it was published.
+        Publication.
     inputs, properties, doses
         Variables that are inputs or properties of the objects, and inputs that are amounts given at once.
 

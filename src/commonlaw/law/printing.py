@@ -86,7 +86,7 @@ def latex_lefts(law: Law) -> tuple[str, ...]:
 
 
 def to_latex(law: Law, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
-    """Return `Law.equations`, with the same arguments and errors, as an ``aligned`` block of LaTeX without dollars."""
+    """Return the equations as a LaTeX ``aligned`` block without dollars, with the arguments of `Law.equations`."""
     lefts = text.latex_left_hand_sides(law.schema.states, law.order)
     terms = law.terms.latex_factors(law.terms.variables.names)
     parameters = [latex_name(parameter) for parameter in law.terms.variables.parameters]
@@ -105,9 +105,15 @@ def to_latex(law: Law, name: str | None = None, digits: int = 4, errors: bool | 
 
 
 def to_sympy(law: Law, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
-    """Return the equations of one object: left-hand side, such as ``Symbol("x''")``, to right-hand side.
+    """Return the equations of one object in SymPy: a mapping from ``Symbol("x''")`` to the right-hand side.
 
-    Raises `CommonlawError` if no object is named of several, or SymPy is not installed.
+    Raises `CommonlawError` if there are several objects and none is named, or if SymPy is not installed.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> cl.law.to_sympy(cl.Law.from_text("T' = -k T", {"k": 0.5}))
+    {T': -0.5*T}
     """
     sympy = optional_import("sympy", "the SymPy form of a law", "symbolic")
     symbols = [sympy.Symbol(each, real=True) for each in law.terms.variables.names]
@@ -188,13 +194,13 @@ def printed(law: Law) -> str:
 
 
 def relations_frame(law: Law) -> "pd.DataFrame":
-    """Return a table of what decides each coefficient: its kind, the properties it follows, its factor, scatter.
+    """Return a table of the relations of coefficients to properties, found by `Law.explain`.
 
-    Columns are equation, term, kind, follows, factor, standard error, unit, scatter, its error and the probability of
-    the relation. Scatter is relative where all objects have the same sign; the factor of an affine function is its
-    constant.
+    Columns: equation, term, kind, follows (the properties), factor, standard error, unit, scatter (the between-object
+    standard deviation, relative if all objects have the same sign), its error, and the probability of the relation. The
+    factor of an affine function is its constant.
 
-    Raises `CommonlawError` if the law was not explained, see `Law.explain`.
+    Raises `CommonlawError` if the law is not from `Law.explain`.
     """
     import pandas as pd
 

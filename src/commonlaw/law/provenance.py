@@ -187,28 +187,26 @@ class History(ShownInNotebooks, tuple[Step, ...]):
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a law comes from.
+    """Record of how a law was found: data range, candidates, choices and notes.
 
     Parameters
     ----------
     differentiation
-        How derivatives were estimated; a forecast from measurements estimates the initial derivatives in the same way.
-        None if they were not, or if it is not known.
+        Differentiation method, also used for initial rates of forecasts; None if there was none or it is not known.
     outcomes
-        What a user should know about how the law was found.
+        Notes on the law, see `Law.diagnostics`.
     alternatives
-        The candidates that it was chosen from, if it was chosen.
+        Candidates that the law was chosen from.
     history
-        Every choice on the way to the law, in order.
+        Choices of the search, in order.
     equations
-        The equations as they were given, if they were; letters in them name the coefficients.
+        The equations as given, with their names of the parameters; None for a discovered law.
     calls
-        The calls that made it of ``trials``, one after the other, as Python: ``cl.discover(trials, order=2)``; none if
-        they are not known.
+        Calls that made the law from ``trials``, as Python: ``cl.discover(trials, order=2)``; none if not known.
     domain
-        What it was learned from, and how far ahead its forecasts are good.
+        Range of the training data, and reliable forecast horizon.
     with_discrepancy
-        The same law with a discrepancy as further terms, if `Law.discrepancy` found these coefficients.
+        The law with the discrepancy as further terms, if `Law.discrepancy` estimated these coefficients.
     """
 
     differentiation: AbstractDifferentiator | None = None

@@ -225,11 +225,11 @@ def written(value: Any) -> str:
 
 
 def to_script(law: Law, path: str | Source = "trials.csv") -> str:
-    """Return a Python program that finds a law again in the table of its trials.
+    """Return a Python script that repeats the analysis of a law from the table of its trials.
 
-    It holds calls of commonlaw with plain values only, as a law's file may come from a stranger, and a line for each
-    recorded step that is something else; without recorded steps it fits the equations. A `Source` in place of the path
-    says what was selected.
+    It has only calls of commonlaw with plain values, since a saved law may come from an untrusted source, and a comment
+    for every other recorded step; without recorded steps it fits the equations. A `Source` in place of the path states
+    which trials were selected.
 
     Examples
     --------

@@ -118,12 +118,21 @@ def sample_frame(law: Law, n: int, seed: int, averaged: bool) -> pd.DataFrame:
 
 
 def to_frame(law: Law, errors: bool = False) -> pd.DataFrame:
-    """Return the coefficients in a wide table: a row for each object, a column for each term in the law.
+    """Return the coefficients as a wide table: a row for each object, a column for each term.
 
-    With several equations the columns have two levels, the equation and the term. A law of given equations has a column
-    for each parameter. With `errors`, a column of standard errors, ``"v ±"``, follows each column.
+    With several equations the columns have two levels, equation and term. Given equations have a column for each
+    parameter. With `errors` each column is followed by its standard errors, ``"v ±"``.
 
-    Raises `CommonlawError` if errors are asked for that are not known.
+    Raises `CommonlawError` if `errors` is set and standard errors are not known.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> print(cl.law.to_frame(cl.Law.from_text("T' = -k (T - 20)", {"k": {"cup": 0.1, "mug": 0.05}})))
+              k
+    object
+    cup    0.10
+    mug    0.05
     """
     if errors:
         law.uncertainty.known_covariance()

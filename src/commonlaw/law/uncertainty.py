@@ -82,14 +82,14 @@ LawType = TypeVar("LawType")
 
 
 class PlausibleLaw(NamedTuple, Generic[LawType]):
-    """What a law could be, and how probable that is.
+    """Plausible law with its posterior probability.
 
     Parameters
     ----------
     probability
-        Between 0 and 1, among all that remains plausible.
+        Posterior probability among all plausible laws, between 0 and 1.
     law
-        Of the same objects and states. Terms, and parameters inside them, that both laws have are of the same name.
+        A law of the same objects and states. Common terms, and parameters inside them, have the same names.
     """
 
     probability: float
@@ -132,36 +132,34 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """What is known of the accuracy of a law; None stands for "not known".
+    """Uncertainty of a law: covariance, noise and plausible alternatives; unknown parts are None.
 
-    Its parameters are the coefficients in the support of the law, in the order of ``numpy.argwhere(law.support)``.
+    Parameters are the coefficients in the support of the law, in the order of ``numpy.argwhere(law.support)``.
 
     Parameters
     ----------
     covariance
-        Of each object's parameters, shape (objects, parameters, parameters); zero for those that are known or that the
-        object does not have.
+        Of each object's parameters, shape (objects, parameters, parameters); zero for fixed or absent parameters.
     shared_factor
-        What the errors of different objects have in common after partial pooling: the covariance of two objects'
-        parameters is the product of one's matrix with the other's transposed, shape (objects, parameters, columns).
-        None if objects do not depend on each other.
+        Dependence between objects after partial pooling, shape (objects, parameters, columns): the covariance of the
+        parameters of objects i and j is ``F_i F_j^T``. None if objects are independent.
     noise
         Standard deviation of the measurement noise of each state, shape (states,).
     inclusion_probabilities
-        Probability that a term is in the law, shape (equations, terms).
+        Posterior probability of each term, shape (equations, terms).
     error_model
         Errors besides white noise, of the measurements and of the law itself.
     unpooled
-        Each object's own estimates, where partial pooling or `Law.explain` has drawn them to others.
+        Estimates from each object's own trials, if the coefficients are pooled or from `Law.explain`.
     pooled
-        The estimates drawn to their means over objects, by which forecasts go; None where they go by the parameters.
+        Partially pooled estimates for forecasts; None if forecasts use the coefficients of the law.
     degrees_of_freedom
-        Of the estimate of each state's noise, shape (states,): errors in units of it follow Student's t distribution
-        with so many. None if the noise was given, for normal errors.
+        Of the noise estimate of each state, shape (states,), for Student's t distribution. None if the noise was given,
+        for the normal distribution.
     widening
-        By how much intervals of forecasts are wider than all this says, as forecasts of what was left out asked for.
+        Inflation of forecast intervals, calibrated on held-out data (conformal).
     explanation
-        What decides the coefficients, if `Law.explain` was asked.
+        Relations of the coefficients to properties, from `Law.explain`.
     other_laws
         Plausible laws besides this one, with posterior probabilities, see `Law.models`.
     """

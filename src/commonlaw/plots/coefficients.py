@@ -262,9 +262,9 @@ _NAMED = 50
 
 @styled()
 def plot_intervals(law: Law) -> Figure:
-    """Plot every coefficient of every object as a dot, with its 95 % interval where that is known.
+    """Plot the coefficients of all objects as dots with 95 % intervals (a forest plot).
 
-    Objects have a line each; more than fifty are sorted by each coefficient, without names.
+    Each object has a line; more than fifty objects are sorted by each coefficient, without names.
     """
     dots = DotPlot(law)
     if len(law.objects) > _NAMED:  # Each coefficient in the order of its size
@@ -325,19 +325,18 @@ def _draw_in_order(panel: Axes, each: Coefficient) -> None:
 
 @styled()
 def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Figure:
-    """Plot the magnitude of every coefficient, objects by terms, one panel for each equation.
+    """Plot a heat map of the magnitudes of the coefficients, objects by terms, for each equation.
 
-    Colours are logarithmic, grey cells are absent terms, and values are printed where they fit (the founding paper's
-    heat maps of learned coefficients).
+    Colours are logarithmic, grey cells are absent terms, and values are printed if they fit (de Silva et al. 2020).
 
-    Raises `CommonlawError` if the choice of terms is not one of these.
+    Raises `CommonlawError` if `terms` is neither of these.
 
     Parameters
     ----------
     law
         The law.
     terms
-        ``"all"`` candidate terms, or the ``"support"``: those that are in one of the law's equations.
+        ``"all"`` candidate terms, or the ``"support"``: terms in one of the equations.
     """
     if terms not in ("all", "support"):
         raise unknown("choice of terms", terms, ("all", "support"))
@@ -480,8 +479,8 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
     """Plot the profile likelihood of a parameter of one object, with its 95 % interval.
 
     ``2 (log L(best) - log L(value))``, all other parameters and initial conditions fitted again to the object's trials,
-    under white noise. A parabola is that of the standard error: where the profile is flatter on a side, the interval is
-    longer there, and where it stays below 3.84, the data do not bound the parameter.
+    under white noise. The parabola corresponds to the standard error. If the profile is flatter on one side, the
+    interval is longer there; if it stays below 3.84, the parameter is not identifiable on that side.
 
     Raises `CommonlawError` if there is no such object or parameter, the objects do not share their equations, or time
     is discrete.
@@ -489,11 +488,11 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
     Parameters
     ----------
     law, trials
-        A law, and the trials that it was fitted to.
+        A law, and the trials to which it was fitted.
     parameter
-        Its name in `Law.structure`.
+        Name of the parameter in `Law.structure`.
     name
-        The object; not needed if there is one.
+        The object; optional if there is only one.
     """
     profile = likelihood_profile(law, trials, parameter, name)
     figure = Figure(figsize=(5.4, 4.0), layout="constrained")

@@ -48,21 +48,20 @@ _POINTS: Mapping[str, Any] = {"markersize": 3, "alpha": 0.45, "markeredgewidth":
 
 @styled()
 def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> Figure:
-    """Plot measured points and curves of a law, and below them residuals, two panels for each object and state.
+    """Plot forecasts or fits with the measurements, and below them the errors, for each object and state.
 
-    Residuals are measured minus fitted states, errors of a forecast forecast minus measured states. Curves and bands
-    are drawn at more times than were measured. A diverged curve ends at a cross; axes follow the measurements. Bands
-    hold a measurement with a probability of 95 %, its noise included if it is known, and around errors are drawn about
-    zero.
+    Residuals of a fit are measured minus fitted states, errors of a forecast are forecast minus measured states. The 95
+    % bands are those of a measurement, with its noise if it is known; in the panels of errors they are centred at zero.
+    A diverged curve ends at a cross.
 
     Raises `CommonlawError` if there is no such object.
 
     Parameters
     ----------
     forecast
-        What `Law.predict` returned; with ``start="all"`` it is the fit.
+        From `Law.predict`; with ``start="all"`` it is the fit.
     objects
-        Some of its objects; by default all of them, but of many those evenly spaced by the rank of their RMS error.
+        Objects to show. Default: all, or if there are many, those evenly spaced by the rank of their RMS error.
     """
     names = representative(forecast) if objects is None else objects
     shown = of_objects(forecast, names)
@@ -311,10 +310,11 @@ _MAX_DRAWN = 4
 
 @styled()
 def plot_design(design: Design) -> Figure:
-    """Plot each plausible law's forecast of the first trials of the design, with 95 % bands of the measurements.
+    """Plot the forecasts of all plausible laws for the experiments of a design, with 95 % bands.
 
-    Shown are differences from the forecast of the most probable law, or ratios on a logarithmic scale. Where bands
-    part, one measurement distinguishes the laws. Of an experiment with every object, the first one is drawn.
+    The y axis is the difference from the forecast of the most probable law, or the ratio on a logarithmic scale. Where
+    bands do not overlap, one measurement discriminates between the laws. Only the first object of an experiment is
+    drawn.
     """
     drawn, schema = design.experiments[:_MAX_DRAWN], measured_schema(design.laws[0].law)
     states = drawn[0].forecasts.states

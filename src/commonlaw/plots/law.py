@@ -23,11 +23,11 @@ from commonlaw.trials import Trials
 
 @styled()
 def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> Figure:
-    """Plot a law: above its equations, then its fit to trials, and below its coefficients.
+    """Plot a law: its equations, its fit to trials with residuals, and its coefficients.
 
-    Curves start at initial conditions estimated from all samples of each trial, with residuals below. Where the law has
-    a covariance, coefficients have 95 % intervals and curves 95 % bands. Of laws in discrete time forecasts are drawn.
-    Of many objects those are shown that are evenly spaced by the rank of their RMS error; `plot_forecast` shows others.
+    Curves start at initial conditions estimated from all samples of each trial. If the covariance is known,
+    coefficients have 95 % intervals and curves 95 % bands. Laws in discrete time are shown by forecasts. If there are
+    many objects, those shown are evenly spaced by the rank of their RMS error; `plot_forecast` shows others.
 
     Raises `CommonlawError` if the law cannot be fitted to the trials, see `Law.predict`.
 
@@ -36,9 +36,9 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     law
         The law.
     trials
-        Measurements to fit; or a forecast, which is then drawn in place of the fit.
+        Measurements to fit, or a forecast to draw instead.
     truth
-        The law that the data were simulated with; its coefficients are open markers.
+        The true law of simulated data; its coefficients are open markers.
     """
     if isinstance(trials, Forecast):
         forecast = trials

@@ -38,16 +38,16 @@ if TYPE_CHECKING:
 
 @styled()
 def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[str, str] | None = None) -> Figure:
-    """Plot every candidate function along one trial, one panel each (the founding paper's figure of the library).
+    """Plot the candidate functions along one trial, a panel for each (de Silva et al. 2020).
 
     Raises `CommonlawError` if the trial is too short or a term is not finite on it.
 
     Parameters
     ----------
     trial, form, terms
-        The trial, how it becomes library rows, and the candidate functions.
+        The trial, the form of its regression rows, and the candidate functions.
     units
-        Of the states, inputs and time by name: ``trials.schema.units``; terms get theirs where it follows.
+        Units of states, inputs and time by name: ``trials.schema.units``.
     """
     values, _ = form.samples(trial)
     rows, _ = form.rows(trial, terms)
@@ -78,9 +78,9 @@ _ERROR, _DEVIATION = "held-out error", "standard error"
 
 @styled()
 def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str, float] | None = None) -> Figure:
-    """Plot the number of terms and the held-out error against the solver's hyperparameter, for each equation.
+    """Plot the regularization path: number of terms and held-out error against the hyperparameter of the solver.
 
-    A band shows one standard error to both sides; the interval of the chosen equation is shaded.
+    The band is one standard error on both sides; the interval of the chosen equation is shaded.
 
     Raises `CommonlawError` if the law was not chosen from the path of one solver.
 
@@ -89,9 +89,9 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     law
         A law that was chosen from the path of one solver.
     hyperparameter
-        Its name on the axis.
+        Name of the hyperparameter on the axis.
     marks
-        Values to be marked by a line, by name.
+        Values to mark by a line, by name.
     """
     path = law.provenance.path()
     marks, columns = marks or {}, len(law.schema.states)

@@ -30,13 +30,13 @@ Limits = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class ForecastPanels:
-    """Forecasts of trials, drawn object by object, see `plot_forecast`; figures fit a phone, and have no legend."""
+    """Panels of `plot_forecast`, one figure for each object, without a legend, in the width of a phone."""
 
     forecast: Forecast
 
     @styled()
     def draw(self, name: str) -> Figure:
-        """Return the figure of an object."""
+        """Return the figure of one object."""
         schema = self.forecast.trials.schema
         states, lower = schema.states, difference_of(self.forecast)
         height = _HEIGHT * len(states) + _FOOT
@@ -120,9 +120,9 @@ def plot_trials(
     trials
         The measurements.
     state, objects
-        One state, and some of the objects, in their colours among all; default: all.
+        The state and the objects to show; default: all.
     references
-        Curves to compare with: times and values by label, each of shape (n,); black lines in every panel.
+        Reference curves by label, times and values of shape (n,); black lines in every panel.
     """
     schema = trials.schema
     if state is not None and state not in schema.states:

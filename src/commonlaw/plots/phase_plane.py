@@ -34,20 +34,19 @@ def plot_phase_plane(
 ) -> Figure:
     """Plot the phase plane of one object: flow, nullclines, fixed points with their stability, and fitted trajectories.
 
-    For laws of two first-order states, or of one state of second order, whose plane is that of the state and its rate.
-    With observation equations it is the plane of the states, not of what was measured. Where both states were
-    measured, points are measurements.
+    For laws of two states of first order, or of one of second order (state and rate). With observation equations it is
+    the plane of the states. If both states were measured, points are measurements.
 
     Raises `CommonlawError` if the law has other states, or time in its terms.
 
     Parameters
     ----------
     law, trials
-        A law, and trials to fit; or a forecast, whose trajectories are then drawn.
+        A law, and trials to fit, or a forecast whose trajectories are drawn.
     name
-        The object; not needed if there is one.
+        The object; optional if there is only one.
     inputs
-        Values of inputs, zero by default.
+        Values of the inputs, by default zero.
     """
     owner, schema = only_object(law, name), law.schema
     held = {signal: (inputs or {}).get(signal, 0.0) for signal in schema.inputs}

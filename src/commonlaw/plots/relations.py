@@ -69,14 +69,13 @@ class _Coefficient:
 
 @styled()
 def plot_relations(law: Law) -> Figure:
-    """Plot each coefficient against the properties that it depends on, one row each, with 95 % intervals.
+    """Plot the coefficients against the properties on which they depend, with 95 % intervals.
 
-    Coefficients are object-specific estimates before pooling. Relations of a power law have logarithmic axes, and of
-    several properties also a panel on which objects collapse onto one line. The grey band holds 95 % of the objects by
-    their scatter. Shared and object-specific coefficients stand next to the objects' names, which more than forty
-    objects do not have.
+    Coefficients are object-specific estimates before pooling. Power laws have logarithmic axes; those of several
+    properties also have a panel in which the objects collapse onto one line. The grey band contains 95 % of the
+    objects, by the between-object variance. Up to forty objects have names.
 
-    Raises `CommonlawError` if the law has no relations.
+    Raises `CommonlawError` if the law is not from `Law.explain`.
 
     Parameters
     ----------

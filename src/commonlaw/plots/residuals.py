@@ -28,10 +28,10 @@ _AT_ENDS = 50
 
 @styled()
 def plot_residuals(residuals: Residuals) -> Figure:
-    """Plot residuals over noise, one row for each state.
+    """Plot standardized residuals, one row for each state.
 
-    Against time since the trial's start, states, rates and inputs, with binned means and their 95 % intervals; against
-    other states' residuals; the autocorrelation, with its 95 % range for white noise; and normal quantiles.
+    Panels: residuals against elapsed time, states, rates and inputs, with binned means and their 95 % intervals;
+    against residuals of other states; autocorrelation, with the 95 % range of white noise; and a normal quantile plot.
     """
     states = residuals.trials.schema.states
     rows = [_panels(residuals, j) for j in range(len(states))]
@@ -127,9 +127,9 @@ def _quantiles(panel: Axes, own: Floats) -> None:
 
 @styled()
 def plot_errors(forecast: Forecast) -> Figure:
-    """Plot forecast minus measured states against time, a panel for each state, all trials together.
+    """Plot forecast errors (forecast minus measured states) of all trials against time, a panel for each state.
 
-    Errors outside of 95 % bands are orange; axes leave out outliers among the largest hundredth.
+    Errors outside the 95 % bands are orange; the axes exclude outliers among the largest 1 %.
     """
     schema = forecast.trials.schema
     states, curves = schema.states, curves_of(forecast, forecast)
@@ -167,9 +167,9 @@ def _errors(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @styled()
 def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
-    """Plot the function of a discrepancy with its 95 % band, and below it the density of samples.
+    """Plot a discrepancy as a function of its coordinate, with a 95 % band and the density of samples.
 
-    Beyond what was visited, between the dotted lines, the band is that of a forecast.
+    Outside the dotted lines, the range of the data, it is an extrapolation.
     """
     basis, more = found.basis, 0.15 * found.basis.range
     along = np.linspace(basis.low - more, basis.high + more, 200)

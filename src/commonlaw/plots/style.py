@@ -211,7 +211,7 @@ _METADATA: Mapping[str, Mapping[str, Any]] = {
 
 
 def figure_format(path: str | os.PathLike[str]) -> str:
-    """Return the format of a path or suffix: ``"png"``, ``"svg"`` or ``"pdf"``."""
+    """Return the figure format of a path or suffix: ``"png"``, ``"svg"`` or ``"pdf"``."""
     name = Path(path)
     kind = (name.suffix or name.name).lstrip(".").lower()
     if kind not in _METADATA:
@@ -220,10 +220,10 @@ def figure_format(path: str | os.PathLike[str]) -> str:
 
 
 def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> bytes:
-    """Return the figure as the content of a file of that name or suffix; the same data give the same bytes.
+    """Return the content of a figure file in the format of a name or suffix; the same data give the same bytes.
 
-    With `text` an SVG holds its text as text, in the fonts of the reader; else as curves. Raises `CommonlawError` if
-    the suffix is not ``.png``, ``.svg`` or ``.pdf``.
+    With `text` the text of an SVG is kept as text, in the fonts of the reader, instead of curves. Raises
+    `CommonlawError` if the suffix is not ``.png``, ``.svg`` or ``.pdf``.
     """
     kind = figure_format(path)
     content = BytesIO()
@@ -233,5 +233,5 @@ def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> 
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write the figure in the format of the path's suffix, whole or not at all."""
+    """Save a figure in the format of the suffix of the path, completely or not at all."""
     write_whole(path, render(figure, path))

@@ -35,16 +35,18 @@ class NotInMemoryError(CommonlawError, AttributeError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrialStream:
-    """Trials that are made while they are gone through, each time anew.
+    """Trials of files that may exceed memory, read one after the other.
+
+    Most are made by `from_parquet`.
 
     Parameters
     ----------
     schema
         Names and units of the variables.
     source
-        Returns an iterator over the trials; or `Trials`, which may have properties.
+        A function that returns an iterator over the trials; or `Trials`.
     parts
-        Streams of single files, one after the other; each can be pickled.
+        Streams of the single files, in order; each can be pickled.
     """
 
     schema: Schema
@@ -65,9 +67,9 @@ class TrialStream:
         raise NotInMemoryError("not-in-memory")
 
     def read(self) -> Trials:
-        """Return the trials in memory, with the properties of their objects.
+        """Read all trials into memory, with the properties of their objects.
 
-        Raises `CommonlawError` if they are too many.
+        Raises `CommonlawError` if there are too many.
         """
         if isinstance(self.source, _TrialsOfFile | _Kept):
             return self.source.read()
@@ -87,17 +89,17 @@ class TrialStream:
         return found if isinstance(found, Trials) else Trials(tuple(found), self.schema)
 
     def select(self, /, object: object = None, trial: object = None) -> "TrialStream":
-        """Return the stream of the trials that fit both conditions, a name or a list of names, see `Trials.select`.
+        """Return the stream of selected objects and trials, see `Trials.select`.
 
-        The stream is gone through once, to see which files have such trials. Raises `CommonlawError` if a name is not
-        there, or nothing fits.
+        The stream is read once, to find the files with such trials. Raises `CommonlawError` if a name is unknown, or
+        nothing is selected.
         """
         return self._divided(object, trial)[0]
 
     def split(self, /, object: object = None, trial: object = None) -> tuple["TrialStream", "TrialStream"]:
-        """Return the streams of the trials that `select` keeps, and of all others.
+        """Return the stream that `select` returns for these conditions, and that of all other trials.
 
-        Raises `CommonlawError` if a name is not there, nothing fits, or everything does.
+        Raises `CommonlawError` if a name is unknown, or if one of the two parts is empty.
         """
         chosen, rest = self._divided(object, trial)
         if not rest.parts:
@@ -105,9 +107,9 @@ class TrialStream:
         return chosen, rest
 
     def until(self, time: float) -> "TrialStream":
-        """Return the stream of the samples up to a time; trials that begin later are left out.
+        """Return the stream of the samples up to a time, without trials that begin later.
 
-        Raises `CommonlawError` if no trial begins by then.
+        Raises `CommonlawError` if no trial begins by that time.
         """
         parts = self.parts or (self,)
         kept = [TrialStream(self.schema, _Kept(part, Until(time))) for part in parts]
@@ -117,7 +119,7 @@ class TrialStream:
         return self._of([*compress(kept, begun)])
 
     def joined(self, other: "TrialStream") -> "TrialStream":
-        """Return the stream of the trials of this one and then of another with the same variables."""
+        """Return the concatenation with another stream of the same variables."""
         return self._of([*(self.parts or (self,)), *(other.parts or (other,))])
 
     def _divided(self, name: object, trial: object) -> tuple["TrialStream", "TrialStream"]:
@@ -145,20 +147,20 @@ class TrialStream:
 
     @classmethod
     def from_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
-        """Return the trials of Parquet files in which the rows of each trial follow each other.
+        """Return the stream of Parquet files in which the rows of each trial are contiguous.
 
-        Rows without a measured state are left out, but for those with inputs after the first measured one, and with
-        them trials that have no other row. A trial lies in one file: what goes on in the next counts as a further one.
+        Rows without a measured state are left out, except those with inputs after the first measurement. Each trial
+        must lie in one file.
 
-        Raises `CommonlawError` if pyarrow is not installed, there is no such file, it cannot be read, a role is
-        missing, or, while the trials are gone through, a value cannot be used, a state was measured in too few samples,
-        or the rows of a trial do not follow each other.
+        Raises `CommonlawError` if pyarrow is not installed, a file is missing or cannot be read, or a role is missing;
+        and while reading, if a value is invalid, a state was measured in too few samples, or the rows of a trial are
+        not contiguous.
 
         Parameters
         ----------
         path
             A file; a folder, with all its ``*.parquet``; or a pattern such as ``"runs/*.parquet"``. Folders named
-            ``object=ball``, as Hive partitions tables, stand for a column ``object``.
+            ``object=ball`` (Hive partitions) are read as a column ``object``.
         **roles
             See `Roles`; object, trial, time and states must be named here or in the first file, by `Trials.to_parquet`.
             Properties are those of columns that are named.

@@ -30,9 +30,9 @@ and the rest is left for the size of the states."""
 
 @dataclass(frozen=True)
 class Schema:
-    """Names and units of the columns of a table of trials.
+    """Names, roles and units of the columns of a table of trials.
 
-    Raises `CommonlawError` if there is no state, a name stands for two columns, or a state or input is not there.
+    Raises `CommonlawError` if there is no state, two columns have the same name, or a named column is missing.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class Schema:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One run of one object.
+    """One experiment on one object: times, states and inputs.
 
     Raises `CommonlawError` if there is no sample or no label, shapes disagree, a value is not finite, the first sample
     has no measured state, a measurement lacks its standard deviation, times go back, or inputs differ at one time; the

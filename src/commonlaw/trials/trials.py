@@ -80,26 +80,26 @@ def listed(value: object) -> list[Any]:
 
 @dataclass(frozen=True, eq=False)
 class Trials(ShownInNotebooks):
-    """An immutable collection of trials with their objects' properties, variable names and units.
+    """Immutable collection of trials, with variable names, units and properties of the objects.
 
-    A collection is indexed like a NumPy array of trials: ``trials[0]`` is a `Trial`, ``trials[[0, 2]]`` and
-    ``trials[:3]`` are `Trials`; so scikit-learn's splitters work on it. Collections are equal if their trials, schemas
-    and properties are.
+    It is indexed like a NumPy array of trials: ``trials[0]`` is a `Trial`, ``trials[[0, 2]]`` and ``trials[:3]`` are
+    `Trials`, so that splitters of scikit-learn work on it. Collections are equal if their trials, schemas and
+    properties are.
 
-    Raises `CommonlawError` if there is no trial, a trial's columns do not match the schema, one object has two trials
-    of the same name, or a property has no value that can be used or belongs to an object without trials.
+    Raises `CommonlawError` if there is no trial, the columns of a trial do not match the schema, an object has two
+    trials of the same name, or a property has an invalid value or an object without trials.
 
     Parameters
     ----------
     trials, schema
-        The trials, in order, and the names and units of their variables.
+        The trials, and the names and units of their variables.
     properties
-        Values by object and property name: ``{"Golf Ball": {"radius": 0.022}}``, numbers for all objects that have it
-        or texts for all; units stand in ``schema.units``.
+        Values by object and property name: ``{"Golf Ball": {"radius": 0.022}}``, all numbers or
+        all texts; units are in ``schema.units``.
     notes
-        What was done to the data on the way in (sorted, clipped), in words.
+        What was inferred from the table and done to the data (roles, sorting, clipping), in words.
     nameless
-        Whether no object was named, so that the only one has the name of its file, or ``object``.
+        Whether the table had no column of objects, so that the only one is named after the file, or ``object``.
     """
 
     trials: tuple[Trial, ...]
@@ -130,41 +130,63 @@ class Trials(ShownInNotebooks):
 
     @classmethod
     def read(cls, path: TablePath, *, sheet: str | None = None, **roles: Unpack[Reading]) -> "Trials":
-        """Return the trials in a table with a row for each sample: CSV, TSV, Parquet or Excel, by its content.
+        """Read trials from a table with a row for each sample: CSV, TSV, Parquet or Excel, recognized by its content.
 
-        An empty cell in a column of a state is a missing measurement. Rows without any measured state are left out, but
-        for those after the last one, which are to be forecast; `notes` says which.
+        The role of each column is inferred unless it is given; `notes` lists the roles. An empty cell of a state is a
+        missing measurement. Rows without any measured state are left out, except those after the last measurement,
+        which can be forecast.
 
-        Raises `CommonlawError` if the file or a column is not there, a value cannot be used, or a state was measured in
+        Raises `CommonlawError` if the file or a column does not exist, a value is invalid, or a state was measured in
         too few samples; the message names the column and the row, counted from 1 below the header.
 
         Parameters
         ----------
         path
-            The file, which gzip, bzip2 or xz may have compressed; or several files with the same columns, a folder of
-            them or a pattern such as ``"runs/*.csv"``, whose names are those of objects: ``golf_1.csv`` and
-            ``golf_2.csv`` are trials of one, if there are others besides. Columns of text are separated by commas,
+            The file, optionally compressed by gzip, bzip2 or xz; or several files with the same columns, a folder of
+            them or a pattern such as ``"runs/*.csv"``. Objects and trials are then named after the files: ``golf_1.csv``
+            and ``golf_2.csv`` are trials of one object if there are other objects. Text is separated by commas,
             semicolons, tabs or blanks; comments, rows above and below the table, and a row of units are recognized. A
-            Parquet file written by `to_parquet` has its roles in it.
+            Parquet file written by `to_parquet` contains its roles.
         sheet
-            The sheet of a workbook. Default: all, if they have the same header; each is an object of the sheet's name
-            unless there is a column ``object``.
+            The sheet of a workbook. Default: all sheets with the same header; each is an object with the name of the
+            sheet, unless there is a column ``object``.
         **roles
-            See `Roles` and `Reading`. Without a column of objects there is one object, named after the file.
+            Roles of columns and rules for reading: `object`, `trial`, `time`, `states`, `inputs`, `properties`,
+            `noise_columns`, `units`, `wide`, `missing`, `decimal`, `dates`, ...; the page "Data format" describes them.
+            Without a column of objects there is one object, named after the file.
+
+        See Also
+        --------
+        from_frame : From a data frame in memory.
+        from_arrays : From NumPy arrays.
+        check : Check the data for irregularities.
+        commonlaw.TrialStream.from_parquet : Files that exceed memory.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> with TemporaryDirectory() as folder:
+        ...     path = Path(folder, "cup.csv")
+        ...     rows = "cup,time [min],T [degC]", "A,0,80", "A,5,62", "B,0,79", "B,5,70"
+        ...     _ = path.write_text(chr(10).join(rows))
+        ...     trials = Trials.read(path, object="cup")
+        >>> trials, trials.schema.units["T"]
+        (<Trials: 2 trials of 2 objects, 4 samples of T>, 'degC')
         """
         name = as_text(name_of_table(path)) if isinstance(path, str | os.PathLike) else "object"
         return cls(*rows_of(read_table(path, sheet), name, **roles).data)
 
     @classmethod
     def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
-        """Return the trials in a table with a row for each sample, see `Reading`.
+        """Return the trials in a data frame with a row for each sample.
 
-        It is a frame of pandas, polars or pyarrow, a mapping from names to columns, a structured array of NumPy, or an
-        xarray Dataset, whose dimensions and coordinates become columns. Columns that are quantities of pint have
-        their unit. Dates are times since the earliest, which `notes` says.
+        The frame is from pandas, polars or pyarrow, a mapping from names to columns, a structured NumPy array, or an
+        xarray Dataset, whose dimensions and coordinates become columns. Columns of pint quantities keep their units.
+        Dates become times since the earliest. Roles of columns are those of `read`.
 
-        Without a column of objects there is one object, named ``object``. Raises `CommonlawError` if a column is not
-        there, or a value cannot be used; the message names the column and the row, counted from 1.
+        Without a column of objects there is one object, named ``object``. Raises `CommonlawError` if a column does not
+        exist, or a value is invalid; the message names the column and the row, counted from 1.
         """
         return cls(*rows_of(frame_table(frame), "object", **roles).data)
 
@@ -184,16 +206,16 @@ class Trials(ShownInNotebooks):
     ) -> "Trials":
         """Return the trials in arrays: one trial, or lists with an entry for each trial.
 
-        Raises `CommonlawError` if shapes or numbers of trials disagree, a value cannot be used, or a state was measured
-        in too few samples; the message names trial and sample.
+        Raises `CommonlawError` if shapes or numbers of trials disagree, a value is invalid, or a state was measured in
+        too few samples; the message names trial and sample.
 
         Parameters
         ----------
         times, states, inputs, noise
             Sample times, shape (n,), states, inputs and standard deviations, shape (n,) or (n, variables); or lists of
-            such arrays. Times of one trial are those of all; a number is the time step. Quantities of pint have their
-            unit, and dates are times since the earliest. NaN is a missing measurement; samples without any measured
-            state but the last are left out, which `notes` says.
+            such arrays. One array of times serves all trials; a number is the time step. Pint quantities keep their
+            units, and dates become times since the earliest. NaN is a missing measurement; samples without any measured
+            state are left out, except the last ones.
         object, trial
             The object's name and the trial's label, or lists of them. Default: the trials of each object count from 1.
         names
@@ -230,7 +252,7 @@ class Trials(ShownInNotebooks):
 
     @property
     def shape(self) -> tuple[int]:
-        """The number of trials, as scikit-learn's splitters ask for it."""
+        """Number of trials in a tuple, for splitters of scikit-learn."""
         return (len(self.trials),)
 
     def __len__(self) -> int:
@@ -263,14 +285,14 @@ class Trials(ShownInNotebooks):
         return f"<Trials: {of}, {counted(sum(map(len, self.trials)), 'sample')} of {', '.join(self.schema.states)}>"
 
     def with_trials(self, trials: Sequence[Trial], note: str | None = None) -> "Trials":
-        """Return a collection of `trials` with this one's schema, properties of their objects, and notes."""
+        """Return a collection of `trials` with the schema, notes and properties of this one."""
         names = {trial.object for trial in trials}
         properties = {name: values for name, values in self.properties.items() if name in names}
         notes = self.notes if note is None else (*self.notes, note)
         return Trials(tuple(trials), self.schema, properties, notes, self.nameless)
 
     def with_properties(self, values: ObjectProperties) -> "Trials":
-        """Return the trials with these properties of their objects, in addition to those that they have.
+        """Return the trials with further properties of their objects.
 
         Parameters
         ----------
@@ -280,7 +302,7 @@ class Trials(ShownInNotebooks):
         Raises
         ------
         CommonlawError
-            If an object has no trial here, or a value cannot be used.
+            If an object has no trial, or a value is invalid.
         """
         given = {name: {**self.properties.get(name, {}), **value} for name, value in values.items()}
         return replace(self, properties={**self.properties, **given})
@@ -290,9 +312,9 @@ class Trials(ShownInNotebooks):
         return self._by_object.get(name, ())
 
     def until(self, time: float) -> "Trials":
-        """Return the samples up to a time; trials that begin later are left out.
+        """Return the samples up to a time, without trials that begin later.
 
-        Raises `CommonlawError` if no trial begins by then.
+        Raises `CommonlawError` if no trial begins by that time.
         """
         kept = [each for each in map(Until(time), self.trials) if each is not None]
         if not kept:
@@ -300,12 +322,12 @@ class Trials(ShownInNotebooks):
         return self.with_trials(kept)
 
     def exclude(self, /, *, between: tuple[float, float] | None = None, **conditions: object) -> "Trials":
-        """Return the trials without the measurements of those that fit every condition, see `select`.
+        """Return the trials without those that meet all conditions of `select`.
 
-        With `between` only measurements from its first to its last time are left out; the inputs at these times stay.
-        Trials without any measurement left are left out.
+        With `between` only their measurements between two times are removed; the inputs stay. Trials without
+        measurements are dropped.
 
-        Raises `CommonlawError` if a name is not known, nothing fits, or no measurement is left.
+        Raises `CommonlawError` if a name is unknown, nothing is selected, or no measurement remains.
 
         Examples
         --------
@@ -333,12 +355,12 @@ class Trials(ShownInNotebooks):
         return self.with_trials(kept)
 
     def subtract_blanks(self, *blanks: str) -> "Trials":
-        """Return the other objects' trials less the mean of the blanks: objects without a sample, as wells with medium.
+        """Return the trials of all other objects minus the mean of the blanks, such as wells with medium only.
 
-        ``y(t) - b(t)``, where b is the mean of all measurements of the blanks at a time, on straight lines between
-        their times, and constant beyond. Limits of quantification are lowered in the same way.
+        ``y(t) - b(t)``, where b is the mean of the blanks at each time, with linear interpolation and constant
+        extrapolation. Limits of quantification are lowered in the same way.
 
-        Raises `CommonlawError` if a name is not known, or all objects are blanks.
+        Raises `CommonlawError` if a name is unknown, or all objects are blanks.
 
         Examples
         --------
@@ -368,12 +390,11 @@ class Trials(ShownInNotebooks):
         return self.with_trials(changed, f"subtracted as blanks: {', '.join(labels(blanks))}")
 
     def clip_irregular(self, tolerance: float | None = None) -> "Trials":
-        """Return the trials, each clipped at its last irregular frame; a note says which and how far.
+        """Return the trials clipped at their last irregular time step (de Silva et al. 2020); a note lists them.
 
-        The rule is that of de Silva et al. (2020), "Discovery of physics from data: universal laws and discrepancies".
-        It sees the end of a trial only: an irregular frame in the middle takes everything behind it along. Steps may be
-        off the trial's median step by a tolerance in the unit of the times, by default 7.5 %: 5 ms for video at 15
-        frames a second.
+        A step is irregular if it differs from the median step of the trial by more than `tolerance`, in the unit of
+        time; the default is 7.5 % of the median, 5 ms for video at 15 frames a second. All samples after it are
+        removed.
 
         Raises `CommonlawError` if the tolerance is not positive.
         """
@@ -386,46 +407,46 @@ class Trials(ShownInNotebooks):
         return replace(self, trials=bare, schema=replace(self.schema, noise_columns={}))
 
     def check(self, tolerance: float | None = None, *, order: int | None = None, library: Any = None) -> Report:
-        """Return figures of every trial, what data checks find, and which variables trials cannot distinguish.
+        """Check the data: summary of each trial, irregularities, outliers, copies, and confounded variables.
 
         Parameters
         ----------
         tolerance
-            Deviation from the median step from which `clip_irregular` would clip.
+            Deviation from the median step beyond which `clip_irregular` would clip.
         order, library
-            Of laws for which variables are to be distinguished, see `discover`; order 0 looks for none. Default: order
-            2 for a single state, 1 for several; polynomials of degree 3, or lower for few samples.
+            Order and library of the laws in which variables may be confounded, see `discover`; order 0 skips this.
+            Default: order 2 for a single state, 1 for several; polynomials of degree 3, or lower for few samples.
         """
         found = resolve_name("commonlaw.discovery.hints:confounded_variables")(self, order, library)
         report = check(self._data, tolerance)
         return replace(report, found=(*report.found, *found))
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a pandas frame with a row for each sample, and columns by the names of the schema."""
+        """Return a pandas data frame with a row for each sample and the column names of the schema."""
         return to_frame(self._data)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write a CSV file with the columns of `to_frame`, their units in the headers: ``height [m]``.
+        """Write a CSV file with the columns of `to_frame` and units in the headers: ``height [m]``.
 
-        Numbers are written so that they come back bit for bit. Reading the file with the same roles gives the same
-        trials; only a property in text that looks like a number comes back as a number, as CSV knows no difference.
+        Numbers are written without loss, so that reading the file with the same roles gives the same trials; only a
+        text property that looks like a number is read as a number.
 
         Raises `CommonlawError` if pint does not know a unit, or the file cannot be written.
         """
         to_csv(self._data, path)
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
-        """Write a Parquet file that holds the roles of its columns and so comes back exactly without a keyword.
+        """Write a Parquet file that includes the roles of its columns, so that `read` needs no keywords.
 
         Raises `CommonlawError` if pyarrow is not installed, pint does not know a unit, or the file cannot be written.
         """
         to_parquet(self._data, path)
 
     def select(self, /, object: object = None, trial: object = None, **properties: object) -> "Trials":
-        """Return the trials that fit every condition.
+        """Return the trials that meet all conditions.
 
-        Objects and trials are a name or a list of names, ``trial=1`` the same as ``"1"``; properties a value, a list of
-        values, or a function of the value. Raises `CommonlawError` if a name is not known or nothing fits.
+        `object` and `trial` are a name or a list of names, ``trial=1`` the same as ``"1"``; a property is a value, a
+        list of values, or a function of the value. Raises `CommonlawError` if a name is unknown or nothing is selected.
         """
         conditions = {"object": object, "trial": trial, **properties}
         tests = {name: self._test(name, wanted) for name, wanted in conditions.items() if wanted is not None}
@@ -435,9 +456,9 @@ class Trials(ShownInNotebooks):
         return self.with_trials(kept)
 
     def split(self, /, **conditions: object) -> tuple["Trials", "Trials"]:
-        """Return the trials that `select` keeps with these conditions, and all others.
+        """Return the trials that `select` returns for these conditions, and all others.
 
-        Raises `CommonlawError` if a name is not known, nothing fits, or everything does.
+        Raises `CommonlawError` if a name is unknown, or if one of the two parts is empty.
         """
         chosen = self.select(**conditions)
         inside = {id(each) for each in chosen}

@@ -129,9 +129,22 @@ def bounds(
     level: float = 0.95,
     progress: ProgressCallback | None = None,
 ) -> Bounds:
-    """Return upper limits of the coefficients of absent terms, by default all of the library: see `Bounds`.
+    """Return upper limits of the coefficients of absent terms, by default all terms of the library, see `Bounds`.
 
-    Raises `CommonlawError` if there are more than 30 such terms, or one is named that is in the law or cannot be read.
+    Raises `CommonlawError` if there are more than 30 terms, or one is already in the law or cannot be parsed.
+
+    See Also
+    --------
+    compare : Compare laws with and without a term.
+    design : An experiment that reduces the limit.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> limits = cl.bounds(cl.fit("x'' = -g - c v", drops), drops, ["v^2"])
+    >>> limits.to_frame()["object"].tolist()
+    ['Ball 1', 'Ball 2', 'Ball 3', 'Ball 4', 'Ball 5']
     """
     two_sided(level)
     progress = on_terminal() if progress is None else progress

@@ -45,25 +45,25 @@ def compare(
     n_jobs: int = -1,
     client: "Client | None" = None,
 ) -> "pd.DataFrame":
-    """Return how probable the measurements make each of several laws, whatever found them.
+    """Compare laws by their evidence for the same measurements.
 
-    The coefficients of all laws are fitted again, to these trials; known ones stay. All have one noise, if that
-    explains what the best of them leaves; else each has the kind of errors, and their levels, of its largest evidence,
-    as in `discover`. What was to choose from when a law was found costs it nothing here.
+    The coefficients of all laws are fitted to these trials; known ones are fixed. All laws have the same noise, if it
+    explains the residuals of the best of them; else each has the error model of its largest evidence, as in `discover`.
+    There is no penalty here for the library from which a law was chosen.
 
     If one of the laws has observation equations or known initial values, all are fitted as by `cl.fit` with these,
     under white noise, each with its own observation equations, shared parameters, priors and bounds; laws without them
-    are of states that were measured. Their evidence is the Bayesian information criterion: ``-2 log L`` with ``log n``
-    for each unknown number, n being the measurements of the trials that it is of, and priors integrated out.
+    are laws of the measured states. Their evidence is the Bayesian information criterion: ``-2 log L`` plus ``log n``
+    for each unknown, where n is the number of measurements that depend on it, with priors integrated out.
 
     Parameters
     ----------
     laws
-        By names of your own, or a list of laws, which are then called ``law 1``, ``law 2``; of order 1 or 2, and of the
-        trials' objects. They need not use all inputs of the trials.
+        Laws by name, or a list of laws, which are then called ``law 1``, ``law 2``; of order 1 or 2, with the objects
+        of the trials. They need not use all inputs of the trials.
     trials
-        What was measured. Of a stream evidences are added over files, under white noise if nothing else is named; each
-        file has its own level of noise and scales of coefficients, and its objects need not be in the laws.
+        Measurements. For a stream the evidence is added over files, by default with white noise; each file has separate
+        noise levels and scales of coefficients, and its objects need not be in the laws.
     noise, errors, huber_threshold, n_jobs
         Settings of the fit, see `FitOptions`.
     client
@@ -72,14 +72,20 @@ def compare(
     Returns
     -------
     pandas.DataFrame
-        One row for each law, the most probable first: its name, its equations, the number of coefficients that were
-        found for each object, the errors that it has, whether these are of the law itself and not of the measurements
-        alone, 2 log B (Kass and Raftery 1995) against the first, and its probability if one of these laws holds.
+        One row for each law, the most probable first: name, equations, number of coefficients of each object, error
+        model, whether that includes model error, 2 log B relative to the first (Kass and Raftery 1995), and the
+        probability if one of these laws is true.
 
     Raises
     ------
     CommonlawError
-        If the laws are of different states or on different scales, or `refine` would not take one of them.
+        If the laws have different states or scales, or `refine` would refuse one of them.
+
+    See Also
+    --------
+    discover : Search for the law of largest evidence.
+    bounds : Limits of coefficients of absent terms.
+    Law.comparison : The candidates of a search.
 
     Examples
     --------

@@ -74,39 +74,42 @@ def refine(
     progress: ProgressCallback | None = None,
     client: "Client | None" = None,
 ) -> Law:
-    """Fit a law's coefficients, and the states of each trial, to what was measured: maximum likelihood.
+    """Refit the coefficients of a law to trials by maximum likelihood.
 
-    The terms stay, whatever method found them; the law gets standard errors. Initial states are free, chaotic laws are
-    welcome, and values may be missing (multiple shooting with a shot for each step, see `commonlaw.likelihood`).
-    A law with observation equations keeps these, its given initial values, shared parameters, priors and bounds, and is
-    fitted as by `commonlaw.fit`, from its parameters and other first values.
+    The terms are fixed; the law gets standard errors. Initial states are free, the law may be chaotic, and values may
+    be missing (multiple shooting with a shot for each step, see `commonlaw.likelihood`). A law with observation
+    equations keeps these, its given initial values, shared parameters, priors and bounds, and is fitted as by
+    `commonlaw.fit`.
 
     Parameters
     ----------
     law
-        Of order 1 or 2. Coefficients whose standard error is zero are known and stay.
+        A law of order 1 or 2. Coefficients with a standard error of zero are fixed.
     trials
-        Of objects of the law. A stream is fitted file by file, under white noise if nothing else is named, each file
-        with noise of its own level; objects that are not in the law begin as its typical one.
+        Measurements of objects of the law. A stream is fitted file by file, by default with white noise of a separate
+        level for each file; objects that are not in the law start from its mean coefficients.
     log_states, input_interpolation, noise, errors, huber_threshold, covariance, partial_pooling, seed, n_jobs
-        Settings of the fit, see `FitOptions`; `log_states` and `input_interpolation` are those of the law by default.
-        With ``errors="white"`` the coefficients are those of least squares, with ``"auto"`` they are unless there is
-        very strong evidence (2 log B > 10) for other errors or for outliers.
+        See `FitOptions`; the defaults of `log_states` and `input_interpolation` are those of the law.
     progress
-        Takes what is being done, step by step. Default: it is written to the terminal after two seconds.
+        Called with the text of each step. Default: the terminal shows it after two seconds.
     client
-        A dask client, whose workers fit the files of a stream.
+        A dask client whose workers fit the files of a stream.
 
     Returns
     -------
     Law
-        Of the objects of the trials.
+        The law of the objects in the trials.
 
     Raises
     ------
     CommonlawError
-        If the law is of discrete time, its objects do not share their terms, an object or a variable is not in it, a
-        setting does not exist, or a trial cannot be used; the message says which.
+        If the law is in discrete time, its objects do not share their terms, an object or variable is not in it, or a
+        setting or trial cannot be used.
+
+    See Also
+    --------
+    fit : Fit given equations.
+    Law.update : Use the law as prior of its coefficients.
 
     Examples
     --------
