@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 @AS_JSON
 @with_cluster
 def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, cluster: str | None) -> None:
-    """Say how well LAW.json fits TABLE: what its trajectories leave of the measurements, and which patterns that has.
+    """Check how well LAW.json fits TABLE: test the residuals for patterns.
 
-    Each trial's start is fitted, the coefficients stay. Residuals are compared with the noise, and held against time,
-    states, rates, inputs and each other; tests look for memory, growing scatter, and errors that are not normal. Of a
-    folder of Parquet files, or a pattern in quotes, all trials are tested together, file by file, and objects whose
-    residuals are larger than the noise are named.
+    The initial condition of each trial is fitted, the coefficients are fixed. The residuals are compared with the
+    noise, and tested for trends with time, states, rates and inputs, autocorrelation, heteroscedasticity and
+    non-normality. For a folder of Parquet files, or a pattern in quotes, all trials are tested together, and objects
+    whose residuals exceed the noise are named.
 
     \b
     Example:
@@ -138,10 +138,10 @@ def discrepancy(
     save: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Find what LAW.json leaves unexplained in TABLE, as a smooth function that all objects share.
+    """Estimate what LAW.json leaves unexplained in TABLE, as a smooth function that all objects share.
 
-    The function is fitted together with the law's coefficients. Evidence says whether there is any; a table says which
-    terms would do the same.
+    The function is fitted together with the coefficients of the law. The evidence decides whether there is a
+    discrepancy; a table lists terms that could replace it.
 
     \b
     Examples:
@@ -212,8 +212,8 @@ def bounds(
 ) -> None:
     """Limit the coefficients of terms that are not in LAW.json by TABLE.
 
-    Each term is fitted together with those of the law. The limit is what the size of its coefficient stays below at
-    95 %; the contribution is what the term then adds to the equation at most.
+    Each term is fitted together with those of the law. The limit is the 95 % upper limit of the absolute value of its
+    coefficient; the contribution is the largest that the term then makes to the equation.
 
     \b
     Examples:

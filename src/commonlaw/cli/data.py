@@ -29,8 +29,8 @@ def data() -> None:
 def check(source: Source, order: int | None, library: str | None, save: tuple[str, ...], as_json: bool) -> None:
     """Summarize TABLE, run the data checks, and list what --clip would cut.
 
-    Variables are confounded where trials visit little more than one curve: laws in either fit equally well. The check
-    lists them, with the initial values that would separate them.
+    The check also lists confounded variables: in these trials one determines the other, so that laws in either fit
+    equally well; and initial values that would separate them.
 
     \b
     Example:
@@ -62,7 +62,7 @@ def check(source: Source, order: int | None, library: str | None, save: tuple[st
 
 @data.command(name="list")
 def list_() -> None:
-    """List data sets, which stand for a table as dataset:NAME, with their options and their sources."""
+    """List the data sets that can be used as a table, dataset:NAME, with their options and sources."""
     from inspect import signature
 
     from commonlaw.datasets import DATASETS
@@ -78,7 +78,7 @@ def list_() -> None:
 @with_table(*WITH_LAW)
 @saving(table="the table", required=True)
 def export(source: Source, save: tuple[str, ...]) -> None:
-    """Write trials as a table that commonlaw and others read without loss.
+    """Write trials as a table, without loss.
 
     \b
     Example:

@@ -81,7 +81,7 @@ def design(
 ) -> None:
     """Find the most informative experiment: on which law is right, on its coefficients, or on a quantity of interest.
 
-    Each plausible law predicts the measurements with all errors; differences that refitting a law removes do not count.
+    Each plausible law predicts the measurements with all errors; differences that refitting would remove do not count.
     With TABLE, settings that are not varied are those of its trials.
 
     \b

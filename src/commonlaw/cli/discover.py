@@ -251,12 +251,12 @@ def _found_in_file(piece: Piece) -> FileResult:
 @with_batch
 @with_cluster
 def discover(source: Source, question: Question, outputs: Outputs, batch: Batch, cluster: str | None) -> None:
-    """Find the law that the objects in TABLE share.
+    """Discover the law that the objects in TABLE share.
 
     TABLE has one row for each sample (CSV, TSV, Parquet, Excel). Several tables, or a folder of them, are read as
-    one, and named after objects and trials: golf_1.csv, golf_2.csv, tennis_1.csv. The law is checked by forecasting:
-    the trials that --where leaves out or --hold-out names, or if there are none, those that it was learned from.
-    Parquet files in a folder or of a pattern in quotes are streamed one by one, with --cluster by workers.
+    one, and named after objects and trials: golf_1.csv, golf_2.csv, tennis_1.csv. The law is checked by forecasts of
+    the trials that --hold-out names or --where leaves out, or if there are none, of its training data. Parquet files
+    in a folder or a quoted pattern are streamed one by one, with --cluster by its workers.
 
     \b
     Examples:

@@ -122,14 +122,14 @@ def fit(
     outputs: Outputs,
     cluster: str | None,
 ) -> None:
-    """Fit a law that you have in mind to the trials in TABLE.
+    """Fit given equations to the trials in TABLE.
 
     EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
-    dP/dt = c H P - d P", "s' = -V s/(K + s)". Letters are coefficients and constants to be found, numbers are known;
-    v is the rate of x. Unless --state says otherwise, columns with an equation are states, and others that occur are
-    inputs. Observation equations, initial values and events may stand among them. In place of equations, the name of a
-    model that `commonlaw models` lists: logistic. The law is checked like one of `commonlaw discover`. With --cluster
-    Parquet files are fitted one by one.
+    dP/dt = c H P - d P", "s' = -V s/(K + s)". Letters are parameters to be estimated, numbers are fixed; v is
+    the rate of x. By default, columns with an equation are states, and others that occur are inputs. Observation
+    equations, initial values, events and bounds may follow. In place of equations, the name of a model that `commonlaw
+    models` lists: logistic. Forecasts are checked as by `commonlaw discover`. With --cluster Parquet files are fitted
+    one by one.
 
     \b
     Examples:
@@ -209,10 +209,10 @@ _GRADES = (
 def compare(
     source: Source, laws: tuple[str, ...], settings: dict[str, Any], save: tuple[str, ...], as_json: bool
 ) -> None:
-    """Compare the evidence for several laws in TABLE.
+    """Compare laws by their evidence in TABLE.
 
-    A LAW is equations as for `commonlaw fit`, or a saved law, LAW.json. The coefficients of all are fitted to the same
-    trials under the same noise, so that what is compared is their form. The result has the most probable law first.
+    A LAW is equations as for `commonlaw fit`, or a saved law, LAW.json. All coefficients are fitted to the same
+    trials under the same noise, so that only the equations differ. The most probable law comes first.
     Saved laws keep their observation equations, shared parameters and bounds.
 
     \b
@@ -284,10 +284,10 @@ def _naming(law: str, work: Callable[..., T], *given: Any, **settings: Any) -> T
 def refine(
     source: Source, law_path: str, settings: dict[str, Any], save: tuple[str, ...], history: bool, cluster: str | None
 ) -> None:
-    """Fit the coefficients of LAW.json to TABLE.
+    """Refit the coefficients of LAW.json to TABLE.
 
-    They become those of maximum likelihood of the trajectories. The terms stay as they are, whatever found them; the
-    law gets standard errors. With --cluster Parquet files are fitted one by one; their objects need not be in the law.
+    They are estimated by maximum likelihood of the trajectories. The terms are fixed; the law gets standard errors.
+    With --cluster Parquet files are fitted one by one; their objects need not be in the law.
 
     \b
     Example:
@@ -314,7 +314,7 @@ def refine(
 @command
 @click.argument("names", nargs=-1, metavar="[NAME...]")
 def models(names: tuple[str, ...]) -> None:
-    """List models of textbooks, which `commonlaw fit` takes by name, or describe those that are named.
+    """List the textbook models that `commonlaw fit` takes by name, or describe some of them.
 
     \b
     Example:

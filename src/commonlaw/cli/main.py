@@ -128,10 +128,10 @@ def main() -> None:
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen at; 0 for any that is free.")
 @click.option("--browser/--no-browser", "open_browser", default=True, help="Whether to open a browser.")
 def app(path: str | None, port: int, open_browser: bool) -> None:
-    """Find laws in a browser, without code: open a table, choose, look, take away.
+    """Open the app in a browser: discover and fit laws without code.
 
-    The page is served to you alone, on this machine, and needs no network. The address that is printed opens it in any
-    browser of yours as long as it runs. Ctrl-C ends it, and all that it does.
+    The app runs on this machine, for you alone, and needs no network. The address that is printed opens it in any of
+    your browsers until Ctrl-C ends it.
 
     \b
     Example:
@@ -149,8 +149,8 @@ def app(path: str | None, port: int, open_browser: bool) -> None:
 def help(context: click.Context, names: tuple[str, ...]) -> None:
     """Explain a message by its code, or a command.
 
-    Every error and note ends in brackets with its code. The explanation has its sentence, what it means and what to
-    do; <names> stand for what the message names, and settings between backticks are Python.
+    Every error and note ends with its code in brackets. The explanation has the meaning and the remedy; <names> are
+    placeholders, and settings between backticks are Python.
 
     \b
     Example:

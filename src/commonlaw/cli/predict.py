@@ -82,7 +82,7 @@ def predict(
     cluster: str | None,
     **grid: float,
 ) -> None:
-    """Forecast every trial in TABLE with LAW.json, each from its own initial state.
+    """Forecast the trials in TABLE with LAW.json, each from its initial state.
 
     Columns are found by the names that the law was learned with; a schema names others. Rows without states
     after the measured ones are forecast. Where the law knows how accurate it is, the table that is written has the ends

@@ -41,7 +41,7 @@ from commonlaw.text import in_line
 @click.option("--average", is_flag=True, help="The mean of all objects' coefficients.")
 @click.option("--history", is_flag=True, help="Every choice on the way to the law, and why.")
 def show(law_path: str, latex: bool, name: str | None, average: bool, history: bool) -> None:
-    """Print LAW.json: the law, 95 % intervals of its coefficients and of what follows, and the range of its data."""
+    """Print LAW.json: equations, coefficients and derived quantities with 95 % intervals, range of the data."""
     import pandas as pd
 
     from commonlaw.law import Law
@@ -109,10 +109,10 @@ def explain(
     history: bool,
     as_json: bool,
 ) -> None:
-    """Say which coefficients of LAW.json are shared, follow properties, or are object-specific.
+    """Relate the coefficients of LAW.json to properties of the objects.
 
-    A coefficient is the same for all objects, a factor times powers of their properties (0.25 diameter^2/mass), an
-    affine function of these where signs differ, or each object's own about a typical value. Evidence decides.
+    Each coefficient is shared by all objects, a power law of properties (0.25 diameter^2/mass), an affine function of
+    properties if signs differ, or object-specific. The evidence decides.
 
     \b
     Examples:
@@ -163,12 +163,11 @@ def explain(
 def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | None) -> None:
     """Write a report on LAW.json and how it forecasts TABLE.
 
-    Of a folder of Parquet files, or a pattern in quotes, all trials are forecast, with --cluster by workers, and the
-    page shows few objects that stand for all. --hold-out and --learn-until say what the law did not learn from.
-
-    The page needs nothing else: it opens offline, on a phone too, and prints. It has the verdict and the law as a
-    formula, measurements and forecasts, coefficients, other probable laws, the discrepancy, the domain of the training
-    data, data checks, every choice, and the code that repeats it. `discover --save report.html` finds a law first.
+    The report is one self-contained page, also for phones and print: the law, the assessment of its forecasts,
+    measurements and forecasts, coefficients, plausible alternatives, the discrepancy, the range of the training data,
+    data checks, every choice of the search, and code to repeat it. --hold-out and --learn-until name data that were not
+    used for training. For a folder of Parquet files, or a pattern in quotes, all trials are forecast (with --cluster by
+    its workers), and the page shows representative objects. `discover --save report.html` discovers a law first.
 
     \b
     Examples:
