@@ -29,20 +29,27 @@ DE_SILVA_2020 = (
 
 @dataclass(frozen=True)
 class Dataset(Generic[P]):
-    """Trials that can be had by name; calling the data set loads or simulates them.
+    """Named data set; calling it loads or simulates its trials.
 
     Parameters
     ----------
     name
-        As the command line has it: ``"linear-drag"``.
+        Name on the command line: ``"linear-drag"``.
     summary
-        What it is, in a line.
+        Description in one line.
     citation
-        Where it comes from.
+        Source.
     load
-        Returns the trials; its parameters are the data set's options, and its docstring says what they mean.
+        Function that returns the trials; its parameters are the options of the data set.
     law
-        Returns the law behind the trials from those options that it depends on; None where it is not known.
+        Function that returns the true law for these options; None if it is not known.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drag = cl.datasets.DATASETS["linear-drag"]
+    >>> drag(noise=0.05), drag.truth(noise=0.05).structure
+    (<Trials: 10 trials of 5 objects, 490 samples of x>, ("x'' = a + b v",))
     """
 
     name: str

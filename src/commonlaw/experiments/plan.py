@@ -93,7 +93,7 @@ class Planned:
 
 @dataclass(frozen=True, eq=False)
 class Design(ShownInNotebooks):
-    """The most informative experiments; it prints as text.
+    """The most informative experiments, from `commonlaw.design`; prints as text.
 
     Parameters
     ----------
@@ -110,6 +110,14 @@ class Design(ShownInNotebooks):
         Law, coefficients or quantity that the design is about.
     gains
         Standard errors of the coefficients of the most probable law, now and after, the largest gain first.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05, trials=1))
+    >>> drop = {"object": "Ball 1", "x": 40, "v": 0, "duration": 2, "rate": 15}
+    >>> cl.design(law, drop, about="g of Ball 1").cost
+    1.0
     """
 
     laws: tuple[PlausibleLaw[Law], ...]

@@ -121,6 +121,13 @@ class LeastSquaresProblem:
         Number of library columns; the rest are targets, one for each equation.
     rows
         Number of rows that were compressed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> library, targets = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]]), np.array([[1.0], [3.0], [5.0]])
+    >>> LeastSquaresProblem.of(library, targets).least_squares(np.array([True, True]), target=0).round(6)
+    array([1., 2.])
     """
 
     factor: Floats

@@ -92,7 +92,16 @@ class StrongForm(AbstractSampledForm):
 
 @dataclass(frozen=True)
 class DiscreteForm(AbstractSampledForm):
-    """Rows of ``x[k+1] = f(x[k])``, or with inputs ``x[k+1] = f(x[k], u[k])``: one for each sample but the last."""
+    """Rows of ``x[k+1] = f(x[k])``, or with inputs ``x[k+1] = f(x[k], u[k])``: one for each sample but the last.
+
+    Examples
+    --------
+    >>> import numpy as np, commonlaw as cl
+    >>> generations = np.arange(20.0)
+    >>> colony = cl.Trials.from_arrays(generations, 5 * 0.8**generations, names=["n"])
+    >>> cl.discover(colony, order=0, library="poly:1").equations()
+    ('n[k+1] = 0.8 n',)
+    """
 
     @property
     def takes_missing(self) -> bool:

@@ -12,7 +12,7 @@ LawType = TypeVar("LawType")
 
 
 class Replacement(NamedTuple):
-    """A number of a law, by its letter in `Law.structure`, and the number or letter that replaces it.
+    """Replacement of a number of a law, by its name in `Law.structure`.
 
     The estimate is its mean over objects, with its standard error; `off` are standard errors between both.
     """
@@ -30,14 +30,14 @@ class Replacement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Simplification(Generic[LawType]):
-    """A law in its simplest form, what was replaced for that, and whether the measurements bear it.
+    """Simplest form of a law, from `Law.simplify`: equations, replacements and their chi-square test.
 
     Parameters
     ----------
     equations
-        The shortest form that was found of each, with letters for the numbers that remain.
+        Shortest form of each equation, with letters for the remaining numbers.
     replaced
-        Every number that was replaced.
+        The replaced numbers.
     chi_square, degrees_of_freedom
         Of all replacements of all objects together: the squared distance of the estimates from the nearest that obey
         them, in units of their covariance.
@@ -58,11 +58,11 @@ class Simplification(Generic[LawType]):
 
     @property
     def p_value(self) -> float:
-        """How probable it is that estimates are as far from the replacements or farther, if these are true."""
+        """P-value of the chi-square test of all replacements."""
         return p_value(self.chi_square, self.degrees_of_freedom)
 
     def fit(self, trials: Trials, **settings: Any) -> LawType:
-        """Return the law of this form, fitted to trials again, see `commonlaw.fit`; refused if no number is left."""
+        """Return this form fitted to trials, see `commonlaw.fit`; refused if no parameter remains."""
         law: LawType = resolve_name("commonlaw.discovery:fit")(self.equations, trials, **settings)
         return law
 

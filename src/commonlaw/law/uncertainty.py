@@ -90,6 +90,13 @@ class PlausibleLaw(NamedTuple, Generic[LawType]):
         Posterior probability among all plausible laws, between 0 and 1.
     law
         A law of the same objects and states. Common terms, and parameters inside them, have the same names.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> law = cl.Law.from_text("T' = -k T", {"k": 0.5})
+    >>> [(each.probability, each.law.structure) for each in law.models]
+    [(1.0, ("T' = -k T",))]
     """
 
     probability: float

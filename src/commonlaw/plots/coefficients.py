@@ -284,13 +284,21 @@ def plot_intervals(law: Law) -> Figure:
 
 @dataclass(frozen=True, eq=False)
 class IntervalPanels:
-    """The panels of `plot_intervals` for a law of several objects, each as a small figure."""
+    """Panels of `plot_intervals` for a law of several objects, each as a small figure.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> panels = IntervalPanels(cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05, trials=1)))
+    >>> panels.draw(0), len(panels.captions)
+    (<Figure size ...>, 2)
+    """
 
     law: Law
 
     @cached_property
     def captions(self) -> list[str]:
-        """What each panel shows."""
+        """Captions of the panels."""
         before = "" if self.law.provenance.equations and self.law.uncertainty.explanation is None else "before "
         return [f"{before}{coefficient.name} in {coefficient.left}" for coefficient in self._dots.coefficients]
 

@@ -48,17 +48,26 @@ def plot_residuals(residuals: Residuals) -> Figure:
 
 @dataclass(frozen=True, eq=False)
 class ResidualPanels:
-    """The panels of `plot_residuals`, each as a small figure."""
+    """Panels of `plot_residuals`, each as a small figure.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.05, trials=1)
+    >>> panels = ResidualPanels(cl.fit("x'' = -g - c v", drops).residuals(drops))
+    >>> panels.captions(0)[0]
+    'Against t since the start of the trial.'
+    """
 
     residuals: Residuals
 
     def captions(self, state: int) -> list[str]:
-        """Return what each panel of a state shows."""
+        """Return the captions of the panels of a state, by its index."""
         return [caption for caption, _ in _panels(self.residuals, state)]
 
     @styled()
     def draw(self, state: int, panel: int) -> Figure:
-        """Return the figure of a panel of a state."""
+        """Return the figure of one panel, by the indices of state and panel."""
         figure = Figure(figsize=(3.6, 2.4), layout="constrained")
         axes = figure.add_subplot()
         _panels(self.residuals, state)[panel][1](axes)

@@ -9,20 +9,20 @@ from commonlaw.runtime.files import write_whole
 
 @dataclass(frozen=True)
 class Page:
-    """A report as one page that needs nothing else; notebooks show it.
+    """Report as a self-contained HTML page; notebooks display it.
 
     Parameters
     ----------
     html
-        The page.
+        The HTML of the page.
     """
 
     html: str
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the page, whole or not at all.
+        """Save the page, completely or not at all.
 
-        Raises `CommonlawError` if the file cannot be written, or must not.
+        Raises `CommonlawError` if the file cannot be written or must not be overwritten.
         """
         write_whole(path, self.html.encode())
 

@@ -37,7 +37,7 @@ _SUMS = ["samples", "total", "squares", "pairs", "products", "sums"]
 
 @dataclass(frozen=True, eq=False)
 class StreamResiduals(AbstractPatterns):
-    """How well a law fits the trials of a stream; it prints as sentences.
+    """Tests of the residuals of a law in a stream of trials; prints as sentences.
 
     Parameters
     ----------
@@ -46,6 +46,14 @@ class StreamResiduals(AbstractPatterns):
         p-value, the p-value ``adjusted`` for all rows, and the ``autocorrelation``.
     patterns
         Tests of the residuals of all objects together.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> stream = cl.TrialStream(drops.schema, lambda: drops)
+    >>> print(cl.check_stream(cl.fit("x'' = -g - c v", drops), stream))
+    The residuals look like white noise: no pattern is significant.
     """
 
     objects: "pd.DataFrame"

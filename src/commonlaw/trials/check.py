@@ -29,17 +29,17 @@ _UNEVEN = 2.0  # ratio of the numbers of samples of an object's longest and shor
 
 @dataclass(frozen=True)
 class TrialCheck:
-    """Figures of one trial.
+    """Summary of one trial.
 
     Parameters
     ----------
     duration
-        From the first sample to the last, in the unit of the times.
+        Time from the first sample to the last.
     median_step, largest_deviation
         The median step between samples, and the largest deviation from it, zero if that is rounding; None for a single
         sample.
     clipped
-        The number of samples at the end that `clip_irregular` would take away.
+        Number of samples at the end that `clip_irregular` would remove.
     first, last
         First and last measured values by state; None for a state that never was measured.
     missing
@@ -74,7 +74,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Report:
-    """Figures of every trial, what the data checks found, and what was done to the trials before, in words."""
+    """Result of `Trials.check`: a summary of each trial, the findings, and notes on the data."""
 
     trials: tuple[TrialCheck, ...]
     found: tuple[Finding, ...]
@@ -82,7 +82,7 @@ class Report:
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What the data checks found, in sentences."""
+        """The findings as sentences."""
         return tuple(map(str, self.found))
 
     def kinds(self) -> dict[str, tuple[Finding, ...]]:
@@ -99,7 +99,7 @@ class Report:
         return lines
 
     def lines(self) -> tuple[str, ...]:
-        """Return the findings; of more than three of the same kind, how many there are, and one."""
+        """Return the findings; more than three of the same kind are counted, with one example."""
         return tuple(self.kinds())
 
     def to_frame(self) -> "pd.DataFrame":
@@ -117,7 +117,7 @@ class Report:
         return pd.DataFrame(rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report in values that JSON holds."""
+        """Return the report as JSON-compatible values."""
         held = asdict(self)
         return {"trials": held["trials"], "findings": self.findings, "notes": held["notes"]}
 

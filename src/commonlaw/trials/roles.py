@@ -47,17 +47,17 @@ _OPTIONS = {
 
 
 class Roles(TypedDict, total=False):
-    """Which column is what; a column is named by its header with or without the unit in it.
+    """Roles of columns, named by their headers with or without the unit.
 
-    What is not named is guessed; a line of `Trials.notes` says what was taken for what.
+    Other roles are inferred; `Trials.notes` lists them.
 
     Parameters
     ----------
     object
-        Column of the objects' names. Default: ``object``, or a column of repeated text, or of whole numbers with a name
-        such as ``subject``; else the table is of one object, as it is with ``""``.
+        Column of the names of objects. Default: ``object``, or a column of repeated text, or of whole numbers with a
+        name such as ``subject``; otherwise, or with ``""``, there is one object.
     object_name
-        Name of the one object of a table without such a column.
+        Name of the object in a table without such a column.
     trial
         Column of the trials' labels. Default: ``trial``, or a column with a name such as ``run``, or that of text or of
         counts without which the times of an object would go back; else every object has one trial, as with ``""``.
@@ -92,7 +92,7 @@ class Roles(TypedDict, total=False):
 
 
 class Reading(Roles, total=False):
-    """Which column is what, and how the rows of a whole table are to be read.
+    """Roles of columns, and rules for reading the rows of a table.
 
     Parameters
     ----------
@@ -102,20 +102,19 @@ class Reading(Roles, total=False):
         of the first time, with a name in place of the time, are properties. Default: True for columns that are named
         like wells or replicates, unless objects or states are named.
     restarts
-        What it means where times go back within a trial: ``"trials"``, a new trial begins; ``"sort"``, rows are out of
-        order. Default: rows in reverse or random order, and a few single ones out of place, are sorted; others refused.
+        Meaning of times that go back within a trial: ``"trials"``, a new trial begins; ``"sort"``, rows are out of
+        order. Default: rows in reverse or random order, and a few single ones, are sorted; other tables are refused.
     missing
         Marks of missing values, such as ``-999`` or ``["<0.5", "BLQ"]``, besides empty cells, NA, NaN, ``-``, n.d. and
         the like.
     below
-        Marks of values below a limit of quantification, with the limit, ``{"BLQ": 0.5}``, besides ``<0.5``. `fit` takes
-        them as such (left-censored); elsewhere they are missing.
+        Marks of values below a limit of quantification, with the limit, ``{"BLQ": 0.5}``, besides ``<0.5``. `fit`
+        treats them as left-censored; elsewhere they are missing.
     decimal
-        The decimal mark, ``"."`` or ``","``. Default: that by which the cells are numbers; refused where both are
-        possible, as in 1,000.
+        The decimal mark, ``"."`` or ``","``. Default: inferred; ambiguous columns, as of 1,000, are refused.
     dates
-        How dates are written, ``"dmy"``, ``"mdy"`` or ``"ymd"``, and times of day, ``"h:mm"`` or ``"m:ss"``, where that
-        is ambiguous. Default: that which is possible in all rows.
+        Format of ambiguous dates, ``"dmy"``, ``"mdy"`` or ``"ymd"``, and times of day, ``"h:mm"`` or ``"m:ss"``.
+        Default: the one that is possible in all rows.
     """
 
     wide: bool | str | None

@@ -44,7 +44,7 @@ class TrialStream:
     schema
         Names and units of the variables.
     source
-        A function that returns an iterator over the trials; or `Trials`.
+        A function that returns an iterator over the trials, or `Trials`, which may have properties.
     parts
         Streams of the single files, in order; each can be pickled.
     """
