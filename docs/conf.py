@@ -134,7 +134,7 @@ def _page(module: str, name: str, others: Sequence[str]) -> str:
     found, full = resolve_name(f"{module}:{name}"), f"{module}.{name}"
     lines = [":orphan:", "", name, "=" * len(name), "", *_used_in(name)]
     related = [] if "See Also\n" in (found.__doc__ or "") else [each for each in others if each != name][:_MAX_RELATED]
-    links = [*(f":doc:`{each} </api/{each}>`" for each in related), ":doc:`all names </api>`"]
+    links = [*(f":doc:`{each} </api/{each}>`" for each in related), ":doc:`Python reference </api>`"]
     lines += [f"See also: {', '.join(links)}", ""]
     if not isinstance(found, type):
         return "\n".join([*lines, f".. autofunction:: {full}", ""])
@@ -197,7 +197,7 @@ class FitSettings(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Return the table."""
         given = {name: default for name, default, _ in setting_rows(FitOptions, "fit")}
-        lines = [".. list-table::", "   :header-rows: 1", "", "   * - setting", "     - default", "     - what it says"]
+        lines = [".. list-table::", "   :header-rows: 1", "", "   * - setting", "     - default", "     - meaning"]
         for name, default, text in setting_rows(FitOptions):
             own = f"; {given[name] or 'none'} in `fit` and `refine`" if given.get(name, default) != default else ""
             lines += [f"   * - ``{name}``", f"     - {default or 'none'}{own}", f"     - {text}"]

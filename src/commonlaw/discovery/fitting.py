@@ -94,19 +94,19 @@ def fit(
 ) -> Law:
     """Fit given equations to trials: estimate their parameters for each object.
 
-    The way is that of `refine`, maximum likelihood of whole trajectories; laws in discrete time, which have none, are
-    fitted to the next samples by least squares and take no settings.
+    Trajectories are fitted by maximum likelihood, as by `refine`; laws in discrete time are fitted to the next sample
+    by least squares, without settings.
 
     Models with observation equations, initial values of measured states, priors, parameters shared by property, inputs
     with a dead time ``u(t - d)``, switches, events, or values below a limit of quantification are fitted under white
-    noise, by nonlinear least squares of their solutions from many first values: parameters within bounds are exact
-    maximum likelihood estimates, jointly over all objects; see `commonlaw.estimation`.
+    noise, by nonlinear least squares from many initial guesses (multi-start): exact maximum likelihood estimates within
+    bounds, jointly over all objects; see `commonlaw.estimation`.
 
     Parameters
     ----------
     equations
-        One for each state, in one text between semicolons or in several, see `Law.from_text`; or the name of one of
-        `commonlaw.named_models`: ``"logistic"``, with the columns of its variables where these are not clear,
+        One for each state, as a list or separated by semicolons, see `Law.from_text`; or the name of one of
+        `commonlaw.named_models`: ``"logistic"``, with the columns of its variables if these are ambiguous,
         ``"logistic:x=weight"``. Other names are parameters to be estimated. Numbers, pi, and properties of the objects
         are fixed: ``"x'' = -9.81 - c v"``, or ``"n' = r n (1 - n/K)"`` if K is a property. v is the rate of x, as is
         ``x'``; t is time, whatever the name of its column.
