@@ -181,6 +181,8 @@ def test_curves_of_twelve_objects_follow_a_slider_that_is_dragged(page, tmp_path
         first = float(page.execute_script("return document.querySelector('[data-name=a] input[type=number]').value"))
         delays, answer = page.execute_async_script(DRAG)
         print(f"slider to curves: {np.median(delays):.0f} ms, at most {max(delays):.0f} ms, {len(delays)} frames")
+        waits = page.execute_script(WAITS)
+        assert np.median(waits) < 20  # Or the body of each answer waits for the acknowledgement of its head, 40 ms
         assert answer["values"]["a"] == pytest.approx([first / 10 * 100**0.46] * 12, rel=1e-3)  # Where it was left
         equations = Equations(LOTKA, answer["values"])
         exact = solved(Table("pairs.csv", path.read_bytes()), Columns(), equations)["curves"]
@@ -191,19 +193,25 @@ def test_curves_of_twelve_objects_follow_a_slider_that_is_dragged(page, tmp_path
         assert [each for each in page.get_log("browser") if is_fault(each)] == []
 
 
+WAITS = """
+const answers = performance.getEntriesByType("resource").filter(each => each.name.endsWith("/equations"));
+return answers.map(each => each.responseEnd - each.responseStart);
+"""
+
 DRAG = """
 const done = arguments[arguments.length - 1], slider = document.getElementById("parameter_a");
 const delays = [], asked = window.fetch;
 let answer = null, place = 400;
-window.fetch = async (...given) => { const got = await asked(...given); answer = got.clone(); return got; };
+window.fetch = async (...given) => {
+  const got = await asked(...given);
+  got.clone().json().then(found => { answer = found.values ? found : answer; });  // That estimates initial values
+  return got;
+};
 const followed = () => delays.push(Number(document.body.dataset.followed));
 new MutationObserver(followed).observe(document.body, { attributes: true, attributeFilter: ["data-followed"] });
-const rest = async () => {
-  const found = answer && await answer.clone().json();
-  if (found?.values) done([delays, found]);  // The answer that estimates initial values
-  else setTimeout(rest, 50);
-};
+const rest = () => answer ? done([delays, answer]) : setTimeout(rest, 50);
 const move = () => {
+  answer = null;
   slider.value = ++place;
   slider.dispatchEvent(new Event("input"));
   setTimeout(place < 460 ? move : rest, place < 460 ? 16 : 300);

@@ -53,7 +53,7 @@ def serve(
     sessions, connections = Sessions(), ConnectionLimit()
     if path is not None:
         sessions.open_table(named(Path(path).name, read_file(path)))
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listening:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP) as listening:
         # What was served at this port before may still be on its way; on Windows this would share the port
         if sys.platform != "win32":
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
