@@ -76,7 +76,7 @@ def test_what_cannot_be_read_is_said_with_a_code(written, code):
 
 def test_fits_take_fixed_values_bounds_shared_parameters_and_priors():
     trials = _pairs(0.05).trials(Columns())
-    given = Equations(LOTKA, VALUES | {"b": (0.11, 0.11)}, fixed=("b",), bounds={"c": (None, 1.4)}, shared={"d": ""})
+    given = Equations(LOTKA, VALUES | {"b": (0.11, 0.11)}, fixed=("b",), bounds={"c": (None, 1.4)}, shared={"d": "all"})
     assert given.written == "x' = a x - 0.11 x y; y' = -c y + d x y; c < 1.4"
     law = given.fit(trials, {"errors": "white"})
     estimate = law.params.set_index(["object", "parameter"])["estimate"]
@@ -218,6 +218,49 @@ const move = () => {
 };
 move();
 """
+
+
+def test_a_parameter_of_each_trial_is_chosen_fitted_and_shown_by_trial(page, tmp_path):
+    times, rng = np.linspace(0.0, 4.0, 30), np.random.default_rng(0)
+    rates = {("A", "1"): 0.5, ("A", "2"): 0.9, ("B", "1"): 0.6, ("B", "2"): 1.1}
+    rows = [
+        f"{owner},{trial},{t},{3 * np.exp(-k * t) + 1 + noise}"
+        for (owner, trial), k in rates.items()
+        for t, noise in zip(times, rng.normal(0.0, 0.02, len(times)), strict=True)
+    ]
+    path = tmp_path / "decays.csv"
+    path.write_text("\n".join(["object,trial,t [h],x [mg]", *rows]))
+    with served(path) as app:
+        open_page(page, app)
+        wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
+        page.execute_script("document.getElementById('write').open = true")
+        page.find_element("id", "equations").send_keys("x' = -k (x - c)")
+        wait(page, "$('parameters').children.length === 2")
+        for name, by in (("k", "trial"), ("c", "all")):
+            line = page.find_element("css selector", f"#parameters [data-name={name}]")
+            line.find_element("css selector", "button").click()
+            offered = line.find_elements("css selector", "option")
+            assert [each.get_attribute("value") for each in offered] == ["object", "trial", "all"]
+            next(each for each in offered if each.get_attribute("value") == by).click()
+        assert serious(page) == []
+        page.find_element("id", "fit").click()
+        wait(page, "!$('result').hidden && $('going').hidden")
+        assert text(page, "command") == (
+            'commonlaw fit decays.csv "x\' = -k (x - c)" --universal k=trial --universal c'
+        )
+        rows = wait(page, "[...$('coefficients').rows].map(row => [...row.cells].map(cell => cell.textContent))")
+        shown = {row[0]: row[1 + ["k" in cell for cell in rows[0][1:]].index(True)] for row in rows[1:]}
+        for (owner, trial), k in rates.items():
+            value, error = map(float, shown[f"{owner}, trial {trial}"].split(" ± "))
+            assert abs(value - k) < 4 * error < 0.1
+        law = cl.fit("x' = -k (x - c)", cl.Trials.read(path), universal={"k": "trial", "c": "all"})
+        for owner, trial, _, value, _ in law.observation.to_frame().query("parameter == 'k'").values.tolist():
+            assert float(shown[f"{owner}, trial {trial}"].split(" ± ")[0]) == pytest.approx(value, 0.01)
+        page.refresh()
+        wait(page, "!$('result').hidden && $('parameters').children.length === 2")
+        kept = "[...document.querySelectorAll('#parameters select')].map(each => each.value).join()"
+        assert page.execute_script(f"return {kept}") == "trial,all"
+        assert [each for each in page.get_log("browser") if is_fault(each)] == []
 
 
 def test_groups_of_objects_are_compared_with_the_reference_that_is_chosen(page, tmp_path):

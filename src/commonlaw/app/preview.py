@@ -14,10 +14,12 @@ from commonlaw.experiments import suggestions
 from commonlaw.forecast import forecast_from
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.law.law import object_index
+from commonlaw.law.observation import ALL, TRIAL
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.check import Finding, Report
 from commonlaw.trials.columns import Codes, Table as Cells
 from commonlaw.trials.roles import GUESSED
+from commonlaw.trials.trial import property_names
 
 _CASES, _AROUND = 12, 3
 """Cases of the same kind that are shown, and rows before and after the one that is meant."""
@@ -145,9 +147,10 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
             "time": schema.time,
             "states": schema.states,
             "inputs": schema.inputs,
-            "properties": sorted({name for attribute in trials.properties.values() for name in attribute}),
+            "properties": sorted(property_names(trials.properties)),
         },
         "objects": trials.objects,
+        "groups": _groups(trials),
         "labels": list(dict.fromkeys(trial.name for trial in trials)),
         "count": len(trials),
         "samples": sum(map(len, trials)),
@@ -164,6 +167,17 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
             for trial in trials.trials[:60]
         ],
     }
+
+
+def _groups(trials: Trials) -> dict[str, str]:
+    """Return what may have one value of a parameter where objects need not, in words."""
+    inputs = trials.schema.inputs
+    constant = [name for i, name in enumerate(inputs) if not any(np.ptp(trial.inputs[:, i]) for trial in trials)]
+    groups = {TRIAL: "trial-specific"} if len(trials) > len(trials.objects) else {}
+    if len(trials.objects) > 1:
+        groups |= {ALL: "shared by all objects"}
+        constant = [*property_names(trials.properties), *constant]
+    return groups | {name: f"shared by {name}" for name in constant}
 
 
 def _every(samples: int) -> int:

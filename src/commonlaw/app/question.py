@@ -241,7 +241,8 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     bounds
         Lower and upper limit, None for none.
     shared
-        Parameters that objects share: all of them (an empty text), or those with one value of a property.
+        What has one value of a parameter, see ``shared`` of `commonlaw.fit`: all trials, each trial, or those
+        with one value of a property or an input.
     priors
         Mean and standard deviation.
     starts, initial_time, doses
@@ -294,8 +295,8 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             value, (low, high) = float(np.mean(own)), limits_of(name, text.bounds)
             if name not in self.fixed and value != 0 and low <= value <= high:
                 guesses[name] = value
-        groups = {name: by or ALL for name, by in self.shared.items() if name not in self.fixed}
-        shared = groups if any(self.shared.values()) else tuple(groups)
+        groups = {name: by for name, by in self.shared.items() if name not in self.fixed}
+        shared = tuple(groups) if {*groups.values()} <= {ALL} else groups
         is_model = needs_model(text, trials, self.initial, shared, self.priors)
         return fit(
             self.written,

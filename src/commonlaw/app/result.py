@@ -281,7 +281,10 @@ def _terms(law: Law, support: Bools) -> list[list[str]]:
 
 
 def _table(law: Law) -> dict[str, Any]:
-    """Return the coefficients of each object: ``0.447 ± 0.005``, and on a line the ends of a 95 % interval."""
+    """Return the coefficients of each object: ``0.447 ± 0.005``, and on a line the ends of a 95 % interval.
+
+    Below an object stand its trials, with what differs between them.
+    """
     parameters = named_parameters(law)
     if not shares_terms(law) or not parameters.names:
         return {"head": [], "rows": []}
@@ -290,7 +293,15 @@ def _table(law: Law) -> dict[str, Any]:
     units = [f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law)]
 
     every = zip(law.objects, values, np.nan_to_num(errors), low, high, strict=True)
-    rows = [[name, *(_cell(*numbers) for numbers in zip(*own, strict=True))] for name, *own in every]
+    by_trial = dict[str, dict[str, dict[str, str]]]()
+    for each in () if law.observation is None else law.observation.estimated:
+        by_trial.setdefault(each.object, {}).setdefault(each.trial, {})[each.name] = with_error(each.value, each.error)
+    rows = list[list[str]]()
+    for name, *own in every:
+        rows.append([name, *(_cell(*numbers) for numbers in zip(*own, strict=True))])
+        for trial, cells in by_trial.get(name, {}).items():
+            if not cells.keys().isdisjoint(parameters.names):
+                rows.append([f"{name}, trial {trial}", *(cells.get(each, "") for each in parameters.names)])
     return {"head": [law.schema.object, *units], "rows": rows}
 
 

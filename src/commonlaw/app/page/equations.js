@@ -8,14 +8,22 @@ const written = { values: {}, ranges: {}, kept: {}, starts: {}, doses: [] };
 
 /** What is given about a parameter; nothing by default. */
 function given(name) {
-  return written.kept[name] ??= { fixed: false, low: "", high: "", shared: null, mean: "", std: "" };
+  return written.kept[name] ??= { fixed: false, low: "", high: "", shared: "object", mean: "", std: "" };
+}
+
+/** Forget what was given about other equations. */
+function reset(starts = {}, doses = [], values = {}) {
+  Object.assign(written, { values, ranges: {}, kept: {}, starts, doses });
+  $("parameters").replaceChildren();
+  $("starts_given").value = Object.entries(starts).map(pair => pair.join("=")).join("; ");
+  for (const box of $("doses_part").querySelectorAll("input")) box.checked = doses.includes(box.value);
 }
 
 /** Begin with a table: a blank line, until a law is found. */
 export function beginEquations() {
   const { objects } = state.preview;
   if (written.table !== state.table) $("equations").value = "";
-  Object.assign(written, { table: state.table, values: {}, ranges: {}, kept: {}, starts: {}, doses: [] });
+  written.table = state.table;
   $("write_object").replaceChildren(element("option", "all objects", { value: "" }), ...objects.map(name => element("option", name, { value: name })));
   $("write_objects").hidden = objects.length < 2;
   const { inputs } = state.preview.roles;
@@ -26,15 +34,9 @@ export function beginEquations() {
     label.append(box, ` ${name} `);
     return label;
   }));
-  showGiven();
+  reset();
   offerStarts();
   read();
-}
-
-/** Show initial values and doses as they are given. */
-function showGiven() {
-  $("starts_given").value = Object.entries(written.starts).map(pair => pair.join("=")).join("; ");
-  for (const box of $("doses_part").querySelectorAll("input")) box.checked = written.doses.includes(box.value);
 }
 
 /** Take initial values of latent states from the form. */
@@ -59,7 +61,7 @@ export function offerStarts() {
 export function startFrom() {
   const from = $("write_from").value, law = from === "law" ? state.found.candidates[state.at].equations : null;
   const model = state.preview.models.find(each => `model:${each.name}` === from);
-  Object.assign(written, { values: {}, ranges: {}, kept: {}, starts: law?.starts ?? {}, doses: (law ?? model)?.doses ?? [] });
+  reset(law?.starts, (law ?? model)?.doses);
   if (law) {
     const at = state.preview.objects.map(name => state.found.objects.indexOf(name));
     for (const [name, values] of Object.entries(law.values)) {
@@ -70,20 +72,20 @@ export function startFrom() {
   $("equations").value = (law ?? model)?.text ?? "";
   $("initial_time").value = "";
   $("given").open = Boolean(Object.keys(written.starts).length || written.doses.length);
-  showGiven();
   read();
 }
 
 /** Put equations that were fitted before into the editor, with all that was given. */
 export function restoreEquations({ text, values, fixed, bounds, shared, priors, starts, initial_time, doses }) {
-  Object.assign(written, { values, ranges: {}, kept: {}, starts, doses });
+  reset(starts, doses, values);
   for (const name of Object.keys(values)) {
     const [low, high] = bounds[name] ?? [null, null], [mean, std] = priors[name] ?? ["", ""];
-    written.kept[name] = { fixed: fixed.includes(name), low: low ?? "", high: high ?? "", shared: shared[name] ?? null, mean, std };
+    written.kept[name] = { fixed: fixed.includes(name), low: low ?? "", high: high ?? "", shared: shared[name] ?? "object", mean, std };
   }
   $("equations").value = text;
   $("initial_time").value = initial_time ?? "";
-  showGiven();
+  $("parameters_part").hidden = false;
+  showParameters();
   $("write").open = true;
 }
 
@@ -105,7 +107,7 @@ function asked() {
     initial_time: $("initial_time").value === "" ? null : Number($("initial_time").value),
     fixed: kept.filter(([, each]) => each.fixed).map(([name]) => name),
     bounds: Object.fromEntries(kept.filter(([, each]) => each.low !== "" || each.high !== "").map(([name, { low, high }]) => [name, [number(low), number(high)]])),
-    shared: Object.fromEntries(kept.filter(([, each]) => each.shared !== null).map(([name, { shared }]) => [name, shared])),
+    shared: Object.fromEntries(kept.filter(([, each]) => each.shared !== "object").map(([name, { shared }]) => [name, shared])),
     priors: Object.fromEntries(kept.filter(([, each]) => each.mean !== "" && each.std !== "").map(([name, { mean, std }]) => [name, [Number(mean), Number(std)]])),
   };
 }
@@ -262,13 +264,12 @@ function about(name) {
   });
   number("Minimum", "low");
   number("Maximum", "high");
-  const { objects, roles } = state.preview;
-  if (objects.length > 1) {
+  const groups = Object.entries(state.preview.groups);
+  if (groups.length) {
     const shared = labelled("Value", element("select"));
-    const options = [["own", "object-specific"], ["", "shared by all objects"], ...roles.properties.map(each => [each, `shared by ${each}`])];
-    shared.append(...options.map(([value, text]) => element("option", text, { value })));
-    shared.value = kept.shared ?? "own";
-    shared.addEventListener("change", () => { kept.shared = shared.value === "own" ? null : shared.value; });
+    shared.append(...[["object", "object-specific"], ...groups].map(([value, text]) => element("option", text, { value })));
+    shared.value = kept.shared;
+    shared.addEventListener("change", () => { kept.shared = shared.value; });
   }
   number("Prior mean", "mean");
   number("Prior SD", "std");

@@ -42,13 +42,12 @@ export async function take(event) {
 
 /**
  * The command that finds the law, or fits the candidate that is shown. There is none for a law that was opened, and for a
- * candidate with known coefficients, which its equation does not say; nor for equations with priors, or with parameters that
- * objects of one property share.
+ * candidate with known coefficients, which its equation does not say; nor for equations with priors.
  */
 function command({ chosen, text }) {
   const { preview, asked, found } = state, { columns } = asked, known = Object.entries(asked.known);
   const { equations } = asked, given = chosen && equations;
-  if (given && (Object.keys(equations.priors).length || Object.values(equations.shared).some(Boolean) || equations.initial_time !== null)) return "";
+  if (given && (Object.keys(equations.priors).length || equations.initial_time !== null)) return "";
   if (asked.law || (!chosen && (known.length || !found.others))) return "";
   const roles = [], reading = [];
   // Excluded data have no option: the program law.py has them
@@ -65,7 +64,7 @@ function command({ chosen, text }) {
   if (given) {
     for (const [name, value] of Object.entries(equations.starts)) said.push("--initial-value", `${name}=${value}`);
     for (const name of equations.doses) said.push("--dose", name);
-    for (const name of Object.keys(equations.shared)) said.push("--shared", name);
+    for (const [name, by] of Object.entries(equations.shared)) said.push("--shared", by === "all" ? name : `${name}=${by}`);
   } else if (chosen) said.push("--order", String(asked.order), "--library", asked.library);
   for (const [name, value] of known) said.push("--known", `${name}=${value}`);
   for (const { name, of_fit } of state.settings) if ((chosen && !given) || of_fit) for (const value of asked.settings[name] ?? []) said.push("--set", `${name}=${value}`);
