@@ -245,15 +245,13 @@ def test_a_parameter_of_each_trial_is_chosen_fitted_and_shown_by_trial(page, tmp
         assert serious(page) == []
         page.find_element("id", "fit").click()
         wait(page, "!$('result').hidden && $('going').hidden")
-        assert text(page, "command") == (
-            'commonlaw fit decays.csv "x\' = -k (x - c)" --universal k=trial --universal c'
-        )
+        assert text(page, "command") == ('commonlaw fit decays.csv "x\' = -k (x - c)" --shared k=trial --shared c')
         rows = wait(page, "[...$('coefficients').rows].map(row => [...row.cells].map(cell => cell.textContent))")
         shown = {row[0]: row[1 + ["k" in cell for cell in rows[0][1:]].index(True)] for row in rows[1:]}
         for (owner, trial), k in rates.items():
             value, error = map(float, shown[f"{owner}, trial {trial}"].split(" ± "))
             assert abs(value - k) < 4 * error < 0.1
-        law = cl.fit("x' = -k (x - c)", cl.Trials.read(path), universal={"k": "trial", "c": "all"})
+        law = cl.fit("x' = -k (x - c)", cl.Trials.read(path), shared={"k": "trial", "c": "all"})
         for owner, trial, _, value, _ in law.observation.to_frame().query("parameter == 'k'").values.tolist():
             assert float(shown[f"{owner}, trial {trial}"].split(" ± ")[0]) == pytest.approx(value, 0.01)
         page.refresh()

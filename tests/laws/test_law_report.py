@@ -170,6 +170,17 @@ def test_a_law_that_was_explained_shows_its_relations():
     assert [panel.get_xlabel() for panel in intervals.draw().axes] == ["(m/s²)", "(1/s)"]
 
 
+def test_the_phase_plane_is_shown_of_laws_that_have_one(report):
+    (plane,) = [each for each in report.named_blocks() if each.name == "phase-plane"]
+    assert [(each.get_title(), each.get_ylabel()) for each in plane.draw().axes] == [
+        ("Ball 1", "$v$ (m/s)"),
+        ("Ball 2", ""),
+    ]
+    one = cl.Law.from_text("x' = -k x", {"k": 0.5})
+    trials = cl.Trials.from_arrays(np.arange(20.0), np.exp(-0.5 * np.arange(20.0)), names=["x"])
+    assert "phase-plane" not in [each.name for each in law_report(find(one, trials)).named_blocks()]
+
+
 def test_of_several_objects_many_coefficients_have_a_figure_each():
     names = ["one", "two"]
     law = cl.Law.from_text("x'' = a + b v + c x", {each: dict.fromkeys(names, 2.0) for each in "abc"})

@@ -54,9 +54,17 @@ def test_phase_planes_have_nullclines_fixed_points_and_trajectories():
     figure = plot_phase_plane(cl.datasets.lotka_volterra.truth(), pairs, "Pair 1")
     (panel,) = figure.axes
     shown = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert shown == ["$x$ constant", "$y$ constant", "fit", "saddle", "centre of its linearization"]
+    fit = "fit, from its initial state"
+    assert shown == ["$x$ constant", "$y$ constant", fit, "saddle", "centre of its linearization"]
     assert figure.get_figwidth() <= 9.0
     assert panel.get_title() == "Pair 1"
+    several = plot_phase_plane(cl.datasets.lotka_volterra.truth(), cl.datasets.lotka_volterra(trials=1))
+    assert [each.get_title() for each in several.axes] == [f"Pair {i}" for i in range(1, 6)]
+    assert len({(each.get_xlim(), each.get_ylim()) for each in several.axes}) == 1
+    for each, at in zip(several.axes, cl.datasets.lotka_volterra.truth().coefficients, strict=True):
+        (centre,) = (line.get_xydata()[0] for line in each.lines if line.get_marker() == "D")
+        a, b, c, d = at[0][at[0] != 0].tolist() + at[1][at[1] != 0].tolist()
+        np.testing.assert_allclose(centre, (-c / d, -a / b), rtol=1e-9)
     with refused("phase-plane-states"):
         plot_phase_plane(cl.datasets.lorenz.truth(), cl.datasets.lorenz())
     with refused("phase-plane-time"):

@@ -18,6 +18,7 @@ from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_law, compare, iterate_candidates
 from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands
+from commonlaw.law.equilibria import has_phase_plane
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors
 from commonlaw.law.pooling import comparable_groups, contrasts
@@ -359,7 +360,7 @@ def _figure_kinds(law: Law, has_forecast: bool) -> list[dict[str, Any]]:
     if shares_terms(law):
         found.append(("coefficients", "Coefficients by object"))
     of_object = []
-    if (law.order, len(law.schema.states)) in ((1, 2), (2, 1)):
+    if has_phase_plane(law):
         of_object.append(("phase-plane", "Phase plane with nullclines and fixed points", False))
     if shares_terms(law) and law.order != 0 and named_parameters(law).names:
         of_object.append(("profile", "Profile likelihood of a parameter", True))

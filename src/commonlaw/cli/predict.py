@@ -58,6 +58,7 @@ class _FirstSamples(click.types.IntParamType):
     "[default: as the law was learned]",
 )
 @click.option("--discrepancy", is_flag=True, help="Forecast with the discrepancy that `discrepancy --save` found.")
+@click.option("--phase-plane", is_flag=True, help="Draw the phase plane into the figure: nullclines and fixed points.")
 @saving(
     table="measured and forecast states; of several files the errors of each trial", figure="a figure of the forecasts"
 )
@@ -76,6 +77,7 @@ def predict(
     from_time: float | None,
     input_interpolation: str | None,
     discrepancy: bool,
+    phase_plane: bool,
     save: tuple[str, ...],
     folder: str | None,
     as_json: bool,
@@ -95,6 +97,7 @@ def predict(
       commonlaw predict drops.csv law.json --save forecast.csv --save forecast.png
       commonlaw predict drops.csv law.json --until 30 --step 0.1 --save forecast.csv
       commonlaw predict lynx.csv law.json --from 1920 --save forecast.png
+      commonlaw predict pairs.csv law.json --initial-samples all --phase-plane --save plane.svg
       commonlaw predict 'runs/*.parquet' law.json --folder forecasts --save errors.parquet --cluster local:4
     """
     from commonlaw.law import Law
@@ -106,7 +109,7 @@ def predict(
     if cluster or source.is_stream:
         given: dict[str, object] = {f"--save {each}": each for each in save if not is_of_kind(each, "table")}
         given |= {"--discrepancy": discrepancy, "--input-interpolation": input_interpolation}
-        given |= {"--until": grid["until"], "--step": grid["step"]}
+        given |= {"--phase-plane": phase_plane, "--until": grid["until"], "--step": grid["step"]}
         source.check_streams()
         if refused := [name for name, value in given.items() if value]:
             names = ", ".join(refused)
@@ -149,7 +152,13 @@ def predict(
         )
         errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")
         later = Artifacts()
-        later.save(save, table=forecast.to_frame, figure=lambda plots: plots.plot_forecast(forecast))
+        later.save(
+            save,
+            table=forecast.to_frame,
+            figure=lambda plots: (
+                plots.plot_phase_plane(law, forecast) if phase_plane else plots.plot_forecast(forecast)
+            ),
+        )
     if as_json:
         print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
     else:

@@ -45,7 +45,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     import pandas as pd
 
     from commonlaw.law import Law
-    from commonlaw.law.parameters import state_rates
+    from commonlaw.law.parameters import units_with_rates
 
     if name and average:
         raise click.UsageError("give --select or --average, not both")
@@ -64,9 +64,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
             print_frame(pd.DataFrame(rows, columns=["probability", "law"]))
         if law.provenance.domain.visited:
             say("\nRange of the training data (forecasts outside it are extrapolations):\n")
-            units, time = law.schema.units, law.schema.units.get(law.schema.time)
-            rates = {rate: f"{units[state]}/{time}" for state, rate in state_rates(law) if time and state in units}
-            print_frame(law.provenance.domain.to_frame({**units, **rates}))
+            print_frame(law.provenance.domain.to_frame(units_with_rates(law)))
         if law.provenance.domain.horizon is not None:
             say(f"\n{law.provenance.domain.horizon_sentence(law.schema.units.get(law.schema.time, ''))}")
         if history:

@@ -14,7 +14,7 @@ from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
 from commonlaw.law.alignment import measured_schema
-from commonlaw.law.parameters import state_rates
+from commonlaw.law.parameters import state_rates, units_with_rates
 from commonlaw.text import counted
 from commonlaw.trials import Schema
 
@@ -358,8 +358,7 @@ class Experiment:
 
     def described(self, law: Law) -> str:
         """Return the experiment in plain words."""
-        units, time = dict(law.schema.units), law.schema.units.get(law.schema.time, "")
-        units |= {rate: f"{units.get(state, '')}/{time}".strip("/") for state, rate in state_rates(law)}
+        units = units_with_rates(law)
 
         def valued(name: str, value: float) -> str:
             return f"{name} = {value:.3g} {units.get(name, '')}".rstrip()

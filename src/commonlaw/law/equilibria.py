@@ -112,6 +112,17 @@ class _System:
         return np.asarray(np.linalg.eigvals(result), dtype=np.complex128)
 
 
+def depends_on(law: Law, *names: str) -> bool:
+    """Return whether a term of a law has some variables in it."""
+    columns = {law.terms.variables.index(name) for name in names}
+    return any(law.terms.terms[k].columns() & columns for k in np.flatnonzero(law.support.any(axis=0)).tolist())
+
+
+def has_phase_plane(law: Law) -> bool:
+    """Return whether a law has two states of first order, or one of second order, and no time in its terms."""
+    return (law.order, len(law.schema.states)) in ((1, 2), (2, 1)) and not depends_on(law, law.terms.variables.time)
+
+
 def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: float) -> Iterator[Equilibrium]:
     r"""Yield the isolated equilibria near what was measured.
 
@@ -127,9 +138,7 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
     reach
         Standard errors from the estimate to the ends of intervals.
     """
-    variables, used = law.terms.variables, np.flatnonzero(law.support.any(axis=0)).tolist()
-    outer = {variables.index(name) for name in (*variables.inputs, variables.time)}
-    if any(law.terms.terms[k].columns() & outer for k in used):
+    if depends_on(law, *law.terms.variables.inputs, law.terms.variables.time):
         return
     system = _System(law)
     visited, sizes = law.provenance.domain.visited, {} if law.observation is None else law.observation.sizes

@@ -234,6 +234,12 @@ def state_rates(law: Law) -> tuple[tuple[str, str], ...]:
     return tuple(zip(second, rate_names(law), strict=True))
 
 
+def units_with_rates(law: Law) -> dict[str, str]:
+    """Return the units of the columns of a law, and of rates of which state and time have one."""
+    units, time = law.schema.units, law.schema.units.get(law.schema.time)
+    return {**units, **{rate: f"{units[name]}/{time}" for name, rate in state_rates(law) if time and units.get(name)}}
+
+
 def vector_field(law: Law, name: str) -> VectorField:
     """Return the right-hand side of one object as forecasts follow it, ready to integrate."""
     free = law.support if shares_terms(law) else None

@@ -17,13 +17,21 @@ from commonlaw.experiments import suggestions
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
 from commonlaw.law import Law, relations_frame, to_script
+from commonlaw.law.equilibria import depends_on, has_phase_plane
 from commonlaw.law.law import shares_terms
-from commonlaw.law.parameters import named_parameters, state_rates
+from commonlaw.law.parameters import named_parameters, state_rates, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import Source
 from commonlaw.law.tables import MEANINGS, readable_candidates, shown_quantities
-from commonlaw.plots import IntervalPanels, ResidualPanels, plot_discrepancy, plot_intervals, plot_relations
+from commonlaw.plots import (
+    IntervalPanels,
+    ResidualPanels,
+    plot_discrepancy,
+    plot_intervals,
+    plot_phase_plane,
+    plot_relations,
+)
 from commonlaw.plots.style import unit_text
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
 from commonlaw.report.markup import code, coefficient_names, literal
@@ -276,6 +284,11 @@ def coefficients(case: LawCase) -> Section:
             ends = "" if not known else "; an infinite end says that there is none"
             caption = f"Quantities that follow from the coefficients{', with 95 % intervals' if known else ''}{ends}."
             blocks.append(folded(Table("quantities", caption, quantities), "Quantities"))
+        if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
+            caption = (
+                "Phase plane: flow, nullclines, where one state is constant, fixed points and fitted trajectories."
+            )
+            blocks.append(Picture("phase-plane", caption, partial(plot_phase_plane, law, case.findings.fit)))
         blocks += _contrasts(case) if known else ()
     else:
         blocks.append(Text("The law has no term: all rates are zero."))
@@ -411,12 +424,9 @@ def ranges(case: LawCase) -> Section:
     schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
     columns = {**visited, "trial duration": (min(length), max(length))}
-    units, time = {name: schema.units.get(name, "") for name in columns}, schema.units.get(schema.time, "")
-    for name, rate in state_rates(law):
-        units[rate] = f"{units[name]}/{time}" if units[name] and time else ""
-    units["trial duration"] = time
+    units = units_with_rates(law) | {"trial duration": schema.units.get(schema.time, "")}
     rows = [
-        {"": name, "from": low, "to": high, "unit": unit_text(units[name]) or None}
+        {"": name, "from": low, "to": high, "unit": unit_text(units.get(name, "")) or None}
         for name, (low, high) in columns.items()
     ]
     learned = "The law was fitted in the ranges below and extrapolates outside them. "
