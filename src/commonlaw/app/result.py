@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import pandas as pd
 
 from commonlaw.app.question import message, text_in_page
 from commonlaw.array_types import Bools, Floats
@@ -20,13 +21,13 @@ from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.equilibria import has_phase_plane
 from commonlaw.law.law import shares_terms
-from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors
+from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
 from commonlaw.law.simplify import within_errors
-from commonlaw.law.tables import shown_quantities
-from commonlaw.law.text import rounded, said_within_errors, with_error
+from commonlaw.law.tables import coefficients_by_object, quantities_by_object, with_interval, with_unit
+from commonlaw.law.text import said_within_errors
 from commonlaw.library import order_of_each
-from commonlaw.report.markup import coefficient_names, equation_parts, formula
+from commonlaw.report.markup import equation_parts, formula
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.text import counted, r_squared
 from commonlaw.trials import Trials
@@ -106,7 +107,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         "objects": law.objects,
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.schema.states],
         "orders": order_of_each(law.order, len(law.schema.states)),
-        "rates": rate_names(law),
+        "rates": [{"name": name, "unit": units_with_rates(law).get(name, "")} for name in rate_names(law)],
         "inputs": schema.inputs,
         "terms": law.terms.names,
         "known": _terms(law, (standard_errors(law) == 0).all(axis=0)),
@@ -196,7 +197,7 @@ def compared_groups(found: Found, asked: Groups) -> dict[str, Any]:
     values = comparable_groups(law).get(asked.by, [])
     check_choice("index of the reference", asked.reference, range(len(values)))
     rows = [
-        [f"{name} ({unit})" if unit else name, _level(value), _cell(*numbers)]
+        [with_unit(name, unit), _level(value), with_interval(*numbers)]
         for name, value, _, *numbers, unit in contrasts(law, asked.by, values[asked.reference]).values.tolist()
     ]
     return {"head": ["parameter", asked.by, f"difference from {_level(values[asked.reference])}"], "rows": rows}
@@ -238,8 +239,8 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "equations": _editable(law),
         "figures": _figure_kinds(law, found.findings.forecast is not None),
         "terms": _terms(law, law.support),
-        "table": _table(law),
-        "quantities": _quantities(law),
+        "table": _table(coefficients_by_object(law)),
+        "quantities": _table(quantities_by_object(law)),
         "views": [_view(law, each, found.findings.start) for each in _views(found.findings)],
     }
     return ShownLaw(candidate, shown)
@@ -281,49 +282,9 @@ def _terms(law: Law, support: Bools) -> list[list[str]]:
     return [[name for name, there in zip(law.terms.names, row, strict=True) if there] for row in support]
 
 
-def _table(law: Law) -> dict[str, Any]:
-    """Return the coefficients of each object: ``0.447 ± 0.005``, and on a line the ends of a 95 % interval.
-
-    Below an object stand its trials, with what differs between them.
-    """
-    parameters = named_parameters(law)
-    if not shares_terms(law) or not parameters.names:
-        return {"head": [], "rows": []}
-    values, errors = parameters.values, parameters.errors
-    low, high = (values, values) if law.uncertainty.covariance is None else parameters.intervals()
-    units = [f"{name} ({unit})" if unit else name for name, unit in coefficient_names(law)]
-
-    every = zip(law.objects, values, np.nan_to_num(errors), low, high, strict=True)
-    by_trial = dict[str, dict[str, dict[str, str]]]()
-    for each in () if law.observation is None else law.observation.estimated:
-        by_trial.setdefault(each.object, {}).setdefault(each.trial, {})[each.name] = with_error(each.value, each.error)
-    rows = list[list[str]]()
-    for name, *own in every:
-        rows.append([name, *(_cell(*numbers) for numbers in zip(*own, strict=True))])
-        for trial, cells in by_trial.get(name, {}).items():
-            if not cells.keys().isdisjoint(parameters.names):
-                rows.append([f"{name}, trial {trial}", *(cells.get(each, "") for each in parameters.names)])
-    return {"head": [law.schema.object, *units], "rows": rows}
-
-
-def _cell(value: float, error: float, *ends: float) -> str:
-    interval = f"\n{' to '.join(rounded(end, error) for end in ends)}" if error > 0 else ""
-    return with_error(value, error) + interval
-
-
-def _quantities(law: Law) -> dict[str, Any]:
-    """Return what is quoted of a law of a known form, as its coefficients: a row for each object."""
-    found = shown_quantities(law)
-    columns: dict[str, dict[str, str]] = {}
-    for row in found.fillna({"unit": ""} if "unit" in found else {}).to_dict("records"):
-        unit = row.get("unit")
-        title = f"{row['quantity']} {row['symbol']}{f' ({unit})' if unit else ''}"
-        error = float(np.nan_to_num(row.get("standard error", 0.0)))
-        columns.setdefault(title, {})[row["object"]] = _cell(
-            row["estimate"], error, *(row[end] for end in ("low", "high") if end in row)
-        )
-    rows = [[name, *(cells.get(name, "") for cells in columns.values())] for name in law.objects]
-    return {"head": [law.schema.object, *columns], "rows": rows if columns else []}
+def _table(frame: pd.DataFrame) -> dict[str, Any]:
+    """Return a table as the page fills it."""
+    return {"head": list(frame), "rows": frame.to_numpy().tolist()}
 
 
 def _editable(law: Law) -> dict[str, Any] | None:

@@ -157,6 +157,7 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
         if covariance is not None:
             slopes = system.slopes(parameters, point)
             errors = np.sqrt(np.maximum(np.einsum("jp,pq,jq->j", slopes, covariance, slopes), 0.0))
+            errors[errors <= _TOLERANCE * width] = 0.0  # Of equilibria at the same place for all coefficients
             steps = np.sqrt(np.diagonal(covariance)) * 1e-3
             ahead, behind = (
                 [leading(parameters + sign * step, point + sign * slopes @ step) for step in np.diag(steps)]

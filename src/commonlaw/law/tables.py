@@ -1,13 +1,14 @@
 """Tables of a law, and letter values of the coefficients of very many objects."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import starmap
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from commonlaw.array_types import Floats
-from commonlaw.law.law import Law, object_index, only_object
+from commonlaw.law.law import Law, object_index, only_object, shares_terms
 from commonlaw.law.parameters import (
     coefficient_intervals,
     coefficient_units,
@@ -17,7 +18,7 @@ from commonlaw.law.parameters import (
     standard_errors,
 )
 from commonlaw.law.provenance import Alternative
-from commonlaw.law.text import MANY, Written, probability_text, rounded
+from commonlaw.law.text import MANY, Written, probability_text, rounded, with_error
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.text import counted
 
@@ -241,6 +242,67 @@ def summary(law: Law) -> str:
     if law.provenance.alternatives:
         tables.append(readable_candidates(law.provenance.alternatives))
     return "\n\n".join([str(law), *(table.to_string(index=False, na_rep="") for table in tables)])
+
+
+def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
+    """Yield what each coefficient is called, with its unit: its letter, or where relations took letters its term."""
+    parameters = named_parameters(law)
+    names = parameters.names
+    lefts = left_hand_sides(law)
+    if law.uncertainty.explanation is not None and not law.provenance.equations:
+        terms = [
+            (lefts[definition.equation], law.terms.names[definition.term]) for definition in parameters.definitions
+        ]
+        names = tuple(f"{term} in {left}" if len(law.schema.states) > 1 else f"of {term}" for left, term in terms)
+    return zip(names, parameters.units, strict=True)
+
+
+def coefficients_by_object(law: Law) -> pd.DataFrame:
+    """Return a row for each object: ``0.447 ± 0.005``, and on a line below the ends of a 95 % interval.
+
+    Below an object stand its trials, with what differs between them. The table is empty where objects have terms of
+    their own.
+    """
+    parameters = named_parameters(law)
+    if not shares_terms(law) or not parameters.names:
+        return pd.DataFrame()
+    known = law.uncertainty.covariance is not None
+    low, high = parameters.intervals() if known else (parameters.values, parameters.values)
+    by_trial = dict[str, dict[str, dict[str, str]]]()
+    for each in () if law.observation is None else law.observation.estimated:
+        by_trial.setdefault(each.object, {}).setdefault(each.trial, {})[each.name] = with_error(each.value, each.error)
+    rows = list[list[str]]()
+    for name, *own in zip(law.objects, parameters.values, np.nan_to_num(parameters.errors), low, high, strict=True):
+        rows.append([name, *(with_interval(*numbers) for numbers in zip(*own, strict=True))])
+        for trial, cells in by_trial.get(name, {}).items():
+            if not cells.keys().isdisjoint(parameters.names):
+                label = f"{name}, {law.schema.trial} {trial}"
+                rows.append([label, *(cells.get(each, "") for each in parameters.names)])
+    return pd.DataFrame(rows, columns=[law.schema.object, *starmap(with_unit, coefficient_names(law))])
+
+
+def quantities_by_object(law: Law) -> pd.DataFrame:
+    """Return what is quoted of a law of a known form, as `coefficients_by_object`; empty if there is nothing."""
+    found = shown_quantities(law)
+    columns: dict[str, dict[str, str]] = {}
+    for row in found.fillna({"unit": ""} if "unit" in found else {}).to_dict("records"):
+        title = with_unit(f"{row['quantity']} {row['symbol']}", row.get("unit"))
+        error = float(np.nan_to_num(row.get("standard error", 0.0)))
+        cell = with_interval(row["estimate"], error, *(row[end] for end in ("low", "high") if end in row))
+        columns.setdefault(title, {})[row["object"]] = cell
+    rows = [[name, *(cells.get(name, "") for cells in columns.values())] for name in law.objects if columns]
+    return pd.DataFrame(rows, columns=[law.schema.object, *columns])
+
+
+def with_interval(value: float, error: float, *ends: float) -> str:
+    """Return a value with its standard error, and on a line below the ends of its interval."""
+    interval = f"\n{' to '.join(rounded(end, error) for end in ends)}" if error > 0 else ""
+    return with_error(value, error) + interval
+
+
+def with_unit(name: str, unit: str | None) -> str:
+    """Return the head of a column of numbers."""
+    return f"{name} ({unit})" if unit else name
 
 
 def shown_quantities(law: Law) -> pd.DataFrame:

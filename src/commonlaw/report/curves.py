@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.forecast import Forecast
+from commonlaw.law.tables import with_unit
 from commonlaw.plots import ForecastPanels, plot_errors, plot_forecast
 from commonlaw.plots.forecast import omission, relative_errors, representative
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
@@ -71,10 +72,12 @@ class Curves:
         """Yield figures of objects, tables of what the curves are off, and a figure of all that."""
         yield from self._objects()
         word = "Residuals of the fit" if self.forecast.is_fit else "Errors of the forecasts"
-        yield Table(f"{self.kind}-by-state", f"{word} by state.", self._by_state().dropna(axis=1, how="all"))
+        yield Table(f"{self.kind}-by-state", f"{word} by state.", self._by_state().dropna(axis=1, how="all"), 3)
         errors = self.errors if self.forecast.outcomes else self.errors.drop(columns="diverged after")
-        caption = f"{word}, in the unit of the state."
-        yield folded(Table(f"{self.kind}-errors", caption, errors), f"{word}, trial by trial")
+        units, what = self.forecast.trials.schema.units, "residual" if self.forecast.is_fit else "error"
+        errors = errors.assign(state=[with_unit(state, units.get(state)) for state in errors["state"]])
+        errors.columns = [name.replace("rms", "RMS").replace("error", what) for name in map(str, errors)]
+        yield folded(Table(f"{self.kind}-errors", f"{word} by trial.", errors, 3), f"{word} by trial")
         yield Fold(
             f"{word} of all trials", (Picture(f"{self.kind}-all", f"{word}.", partial(plot_errors, self.forecast)),)
         )

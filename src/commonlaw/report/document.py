@@ -96,15 +96,19 @@ class Table(_Named):
         Columns of numbers or text, without the index. A missing value is an empty cell.
     digits
         Significant digits of the numbers on the page.
+    data
+        What the file holds, if the cells of the page are texts.
     """
 
     caption: str
     frame: "pd.DataFrame"
     digits: int = 4
+    data: "pd.DataFrame | None" = None
 
     def csv(self) -> bytes:
         """Return all cells as comma-separated values."""
-        return self.frame.to_csv(index=False, lineterminator="\n").encode()
+        data = self.frame if self.data is None else self.data
+        return data.to_csv(index=False, lineterminator="\n").encode()
 
 
 @dataclass(frozen=True, eq=False)

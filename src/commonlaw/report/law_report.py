@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import starmap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,13 +13,13 @@ from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.script import Source
-from commonlaw.law.tables import letter_values, outlying
+from commonlaw.law.tables import coefficient_names, letter_values, outlying, with_unit
 from commonlaw.law.text import MANY, with_error
 from commonlaw.plots import plot_intervals
 from commonlaw.report import curves, law_sections
 from commonlaw.report.document import Block, Picture, Report, Section, Table, Text
 from commonlaw.report.law_sections import LawCase, listed
-from commonlaw.report.markup import coefficient_names, law_markdown, literal
+from commonlaw.report.markup import law_markdown, literal
 from commonlaw.report.page import Page
 from commonlaw.report.write import check_packages, to_page
 from commonlaw.runtime.cluster import on_cluster, refuse_client
@@ -140,7 +141,7 @@ def _forecasts(found: ManyFindings) -> Iterator[Block]:
 
 
 def _coefficients(law: Law) -> Iterator[Block]:
-    heads = [f"{name} [{unit}]" if unit else name for name, unit in coefficient_names(law)]
+    heads = [*starmap(with_unit, coefficient_names(law))]
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
     differ = ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)  # What is universal is said above

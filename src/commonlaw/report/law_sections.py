@@ -18,12 +18,19 @@ from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
 from commonlaw.law import Law, relations_frame, to_script
 from commonlaw.law.equilibria import depends_on, has_phase_plane
-from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import named_parameters, state_rates, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import Source
-from commonlaw.law.tables import MEANINGS, readable_candidates, shown_quantities
+from commonlaw.law.tables import (
+    MEANINGS,
+    coefficient_names,
+    coefficients_by_object,
+    quantities_by_object,
+    readable_candidates,
+    shown_quantities,
+    with_unit,
+)
 from commonlaw.plots import (
     IntervalPanels,
     ResidualPanels,
@@ -34,9 +41,10 @@ from commonlaw.plots import (
 )
 from commonlaw.plots.style import unit_text
 from commonlaw.report.document import Block, Fold, Gallery, Picture, Section, Table, Text
-from commonlaw.report.markup import code, coefficient_names, literal
+from commonlaw.report.markup import code, literal
 from commonlaw.text import counted
-from commonlaw.trials import Trials
+from commonlaw.trials import Schema, Trials
+from commonlaw.trials.roles import GUESSED
 from commonlaw.verdict import Findings
 
 
@@ -90,18 +98,28 @@ def listed(lines: "list[str] | tuple[str, ...]") -> str:
 def data_checks(case: LawCase) -> Section:
     """Return the part on what the data checks found."""
     found = case.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
-    remarks = [*found.lines(), *dict.fromkeys(found.notes), *map(str, case.law.diagnostics)]
-    said = "Data checks: no problem found." if not remarks else listed([case.said(remark) for remark in remarks])
+    notes = [note for note in dict.fromkeys(found.notes) if not note.startswith(GUESSED)]
+    remarks = [*found.lines(), *notes, *map(str, case.law.diagnostics)]
+    said = " Data checks: no problem found." if not remarks else listed([case.said(remark) for remark in remarks])
     trials = case.trials
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
     learned, some = sum(map(len, case.findings.training)), counted(len(case.findings.training), "trial")
     held_out = "" if case.findings.training is trials else f" Training data: {learned} samples of {some}."
-    titles = {"median_step": "median step", "largest_deviation": "largest deviation"}
     frame = found.to_frame().drop(columns="clipped")
-    frame.columns = [titles.get(name, name) for name in frame.columns]
+    frame.columns = [_head(name, trials.schema) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
     return Section("data-checks", "Data checks", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))
+
+
+def _head(name: str, schema: Schema) -> str:
+    """Return the head of a column of figures of trials, in the words of the table and with its unit."""
+    state, _, kind = name.partition(" (")
+    if name in ("duration", "median_step", "largest_deviation"):
+        return with_unit(name.replace("_", " "), schema.units.get(schema.time))
+    if kind in ("first)", "last)"):
+        return with_unit(f"{kind[:-1]} {state}", schema.units.get(state))
+    return {"object": schema.object, "trial": schema.trial}.get(name, name)
 
 
 def choices(case: LawCase) -> Section:
@@ -280,10 +298,11 @@ def coefficients(case: LawCase) -> Section:
         if given:
             blocks.append(Text(f"Fixed: {literal(', '.join(given))}."))
         blocks.append(_intervals(law, what))
-        if len(quantities := shown_quantities(law)):
-            ends = "" if not known else "; an infinite end says that there is none"
-            caption = f"Quantities that follow from the coefficients{', with 95 % intervals' if known else ''}{ends}."
-            blocks.append(folded(Table("quantities", caption, quantities), "Quantities"))
+        if len(data := shown_quantities(law)):
+            ends = ", with 95 % intervals; an infinite end says that there is none" if known else ""
+            caption = f"Quantities that follow from the coefficients{ends}."
+            frame = quantities_by_object(law) if len(law.objects) > 1 else data
+            blocks.append(folded(Table("quantities", caption, frame, data=data), "Quantities"))
         if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
             caption = (
                 "Phase plane: flow, nullclines, where one state is constant, fixed points and fitted trajectories."
@@ -299,8 +318,12 @@ def values(law: Law) -> tuple[Block, ...]:
     """Return the numbers that follow the formula of a law: its coefficients, by object, with intervals."""
     if not named_parameters(law).names:
         return ()
-    ends = "" if law.uncertainty.covariance is None else " with 95 % intervals"
-    return (folded(Table("values", f"Coefficients{ends}.", _by_object(law)), "Coefficients by object"),)
+    known = law.uncertainty.covariance is not None
+    caption = "Coefficients ± standard errors, with 95 % intervals." if known else "Coefficients."
+    frame, data = coefficients_by_object(law), law.params.dropna(axis=1, how="all")
+    # Of one object without trials of their own a row for each coefficient
+    table = Table("values", caption, frame if len(frame) > 1 else data, data=data)
+    return (folded(table, "Coefficients by object"),)
 
 
 def _intervals(law: Law, caption: str) -> Block:
@@ -330,22 +353,6 @@ def _contrasts(case: LawCase) -> Iterator[Block]:
             frame.columns = [name if column == "value" else column for column in frame.columns]
             caption = f"{literal(title)}, with 95 % intervals of Student's t that contain the scatter between objects."
             yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
-
-
-def _by_object(law: Law) -> pd.DataFrame:
-    """Return a row for each object with its coefficients and intervals; for terms of their own, for each of these."""
-    if not shares_terms(law) or len(law.objects) == 1:
-        return law.params.dropna(axis=1, how="all")
-    columns: dict[str, Sequence[object]] = {law.schema.object: law.objects}
-    parameters = named_parameters(law)
-    values = parameters.values
-    low, high = parameters.intervals()
-    for (name, unit), own, *ends in zip(coefficient_names(law), values.T, low.T, high.T, strict=True):
-        head = f"{name} ({unit})" if unit else name
-        columns[head] = own.tolist()
-        if np.isfinite(ends).all() and np.ptp(ends, axis=0).any():
-            columns |= {f"{name} from": ends[0].tolist(), f"{name} to": ends[1].tolist()}
-    return pd.DataFrame(columns)
 
 
 def candidates(case: LawCase) -> Section:

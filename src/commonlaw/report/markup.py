@@ -11,7 +11,6 @@ from xml.etree.ElementTree import Element, fromstring, tostring
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, to_latex
 from commonlaw.law.law import shares_terms
-from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.printing import latex_lefts, latex_structure
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import aligned, said_within_errors
@@ -55,19 +54,6 @@ def parts_of(latex: str) -> list[list[str]]:
 
 def _latex(law: Law) -> str:
     return to_latex(law) if _has_numbers(law) else aligned(zip(latex_lefts(law), latex_structure(law), strict=True))
-
-
-def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
-    """Yield what each coefficient is called, with its unit: its letter, or where relations took letters its term."""
-    parameters = named_parameters(law)
-    names = parameters.names
-    lefts = left_hand_sides(law)
-    if law.uncertainty.explanation is not None and not law.provenance.equations:
-        terms = [
-            (lefts[definition.equation], law.terms.names[definition.term]) for definition in parameters.definitions
-        ]
-        names = tuple(f"{term} in {left}" if len(law.schema.states) > 1 else f"of {term}" for left, term in terms)
-    return zip(names, parameters.units, strict=True)
 
 
 def _has_numbers(law: Law) -> bool:

@@ -152,7 +152,7 @@ def _look(column: Sequence[str]) -> str:
     """Return how a column is set: its class in the style sheet."""
     if all(is_number(text) or not text for text in column):
         return "number"
-    return "prose" if max(map(len, column)) > 28 else "word"
+    return "prose" if max(len(line) for text in column for line in text.splitlines()) > 28 else "word"
 
 
 def write_report(

@@ -18,7 +18,7 @@ export function show({ found, asked, written }) {
   $("limits").hidden = !more.length;
   $("limits").replaceChildren($("limits").firstElementChild, ...more.map(each => element("p", each)));
   const second = found.states.filter((_, j) => found.orders[j] === 2);
-  const rates = found.rates.map((rate, i) => `${rate} is the rate of ${second[i].name}`);
+  const rates = found.rates.map(({ name }, i) => `${name} is the rate of ${second[i].name}`);
   $("terms_text").textContent = `Click a term to add or remove it${rates.length ? `; ${rates.join(", ")}` : ""}:`;
   $("evidence_text").hidden = found.candidates[0].evidence === null;
   showViews(found);
@@ -51,7 +51,7 @@ function showCandidates() {
   const before = (a, b) => a.map((each, i) => each - b[i]).find(Boolean) ?? 0;
   state.order = candidates.map((_, i) => i).sort((i, j) => before(key(candidates[i]), key(candidates[j])));
   $("slider").max = candidates.length - 1;
-  $("slider").disabled = candidates.length < 2;
+  for (const each of [$("slider"), ...$("slider").labels]) each.hidden = candidates.length < 2;
   showTerms();
 }
 

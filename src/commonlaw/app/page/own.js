@@ -9,10 +9,10 @@ export function showOwn(found) {
   $("own_properties").replaceChildren(...found.follows.flatMap((name, j) => [
     element("label", name, { for: `property_${j}` }), element("input", "", { id: `property_${j}`, type: "number", step: "any", value: 1, "data-name": name }),
   ]));
-  const names = [...found.states.map(each => each.name), ...found.rates], first = found.candidates.find(each => each.chosen).views[0]?.curves[0];
-  $("starts").replaceChildren(...names.flatMap((name, j) => {
-    const value = tidy(first?.states[j]?.[1]?.find(each => each !== null) ?? 0);
-    return [element("label", `Initial ${name}`, { for: `start_${j}` }), element("input", "", { id: `start_${j}`, type: "number", step: "any", value })];
+  const first = found.candidates.find(each => each.chosen).views[0]?.curves[0];
+  $("starts").replaceChildren(...[...found.states, ...found.rates].flatMap((each, j) => {
+    const value = tidy(first?.states[j]?.[1]?.find(number => number !== null) ?? 0);
+    return [element("label", `Initial ${withUnit(each)}`, { for: `start_${j}` }), element("input", "", { id: `start_${j}`, type: "number", step: "any", value })];
   }));
   $("duration_label").textContent = withUnit({ name: "Duration", unit: found.time.unit });
   $("duration").value = first ? tidy(first.t.at(-1) - first.t[0]) || 1 : 1;
