@@ -148,6 +148,10 @@ def check(data: TrialData, tolerance: float | None) -> Report:
     return Report(rows, (*found, *uneven, *copies, *([Finding(text)] if bare else [])), notes)
 
 
+def _unit(schema: Schema, name: str) -> str:
+    return f" {schema.units[name]}" if name in schema.units else ""
+
+
 def _in(trial: Trial, text: str, sample: int | None = None, column: str | None = None) -> Finding:
     return Finding(f"{trial.label}: {text}", trial.object, trial.name, sample, column)
 
@@ -182,7 +186,8 @@ def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | 
         text = f"irregular frame: `clip_irregular()` would keep {kept} of {row.samples} samples"
         yield _in(trial, text, kept, schema.time)
     elif row.median_step and row.largest_deviation and row.largest_deviation > _JITTER * row.median_step:
-        text = f"irregular sampling: steps are up to {row.largest_deviation:.3g} off their median {row.median_step:.3g}"
+        off, usual = (f"{step:.3g}{_unit(schema, schema.time)}" for step in (row.largest_deviation, row.median_step))
+        text = f"irregular sampling: steps are up to {off} off their median {usual}"
         late = int(np.argmax(np.abs(np.diff(trial.times) - row.median_step))) + 1
         yield _in(trial, text, late, schema.time)
     rounding = float(np.spacing(np.abs(trial.times).max()))
@@ -204,12 +209,13 @@ def _values(trial: Trial, schema: Schema, stop: int) -> Iterator[Finding]:
         measured = np.flatnonzero(~np.isnan(column))
         values = column[measured]
         if len(values) > 1 and np.all(values == values[0]):
-            yield _in(trial, f"{name} is constant, {values[0]:g} in every sample", int(measured[0]), name)
+            text = f"{name} is constant, {values[0]:g}{_unit(schema, name)} in every sample"
+            yield _in(trial, text, int(measured[0]), name)
         kept = measured < stop
         index = _jump(trial.times[measured[kept]], values[kept])
         if index is not None:
             jump, (before, after) = values[index + 1] - values[index], measured[index : index + 2].tolist()
-            text = f"{name} jumps by {jump:.3g} from sample {before + 1} to sample {after + 1}"
+            text = f"{name} jumps by {jump:.3g}{_unit(schema, name)} from sample {before + 1} to sample {after + 1}"
             yield _in(trial, text, after, name)
 
 
