@@ -253,7 +253,7 @@ def test_a_law_has_its_equation_above_and_the_true_coefficients_beside_its_own()
     np.testing.assert_array_equal(xy(drag, 1)[0], DRAG)
     np.testing.assert_array_equal(xy(constant, 1)[0], [-9.8] * 10)
     assert drag.get_lines()[1].get_markerfacecolor() == "none"
-    assert legend_of(figure)[:3] == ["learned", "true", "measured"]
+    assert legend_of(figure)[:3] == ["estimate", "true", "measured"]
 
 
 def test_a_true_term_that_the_law_misses_has_open_markers_only() -> None:
@@ -282,7 +282,7 @@ def test_coefficients_whose_errors_are_known_have_95_percent_intervals() -> None
         frame = law.conf_int()[k::2]
         for ends, low, high in zip(bars.get_segments(), frame["low"], frame["high"], strict=True):
             np.testing.assert_allclose(ends[:, 0], [low, high])
-    assert legend_of(figure)[:2] == ["learned", "95 % interval"]
+    assert legend_of(figure)[:2] == ["estimate", "95 % interval"]
     one = plot_law(unsure(law_of(drops(1))), drops(1))
     assert [text.get_text() for text in one.axes[0].texts] == ["−9.50 ± 0.38 m/s²", "−0.0900 ± 0.0036 1/s"]
     assert one.get_suptitle().startswith(r"$\ddot{x}$ $=$ $-$9.5 $-$ 0.09 $v$")

@@ -186,7 +186,7 @@ class DotPlot:
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
         learned, known = (
-            key("learned", **_DOT),
+            key("estimate", **_DOT),
             any(np.isfinite(coefficient.true).any() for coefficient in self.coefficients),
         )
         bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", color=COLORS[0])]
