@@ -3,21 +3,21 @@
 export const $ = id => document.getElementById(id);
 export const state = { table: null, search: null, preview: null, found: null, columns: {}, at: 0, written: null, excluding: false, session: null };
 
-/** What the server answers; where it does not, what has happened and what to do. */
+/** What the server answers; where it does not, or refuses, what has happened and what to do. */
 export async function reach(path, options = {}) {
-  try {
-    return await fetch(path, options);
-  } catch {
+  const answer = await fetch(path, options).catch(() => {
     throw new Error("The app no longer runs: its command was ended, or its computer sleeps. Start commonlaw app again and open the address that it prints; what this page shows stays to be read until it is closed.");
-  }
+  });
+  if (!answer.ok) throw new Error((await content(answer)).error ?? `the server refused this (${answer.status}): start the app again`);
+  return answer;
 }
 
 export async function ask(path, method = "GET", body = undefined) {
-  const answer = await reach(path, { method, body: body instanceof Blob || body === undefined ? body : JSON.stringify(body) });
-  const said = answer.headers.get("content-type")?.startsWith("application/json") ? await answer.json() : {};
-  if (!answer.ok) throw new Error(said.error ?? `the server refused this (${answer.status}): start the app again`);
-  return said;
+  return content(await reach(path, { method, body: body instanceof Blob || body === undefined ? body : JSON.stringify(body) }));
 }
+
+/** The JSON of an answer; an empty object if there is none. */
+const content = answer => answer.headers.get("content-type")?.startsWith("application/json") ? answer.json() : {};
 
 export function element(kind, text = "", attributes = {}) {
   const made = document.createElement(kind);
@@ -54,8 +54,8 @@ export function pretty(term) {
 
 /** What trials are called: by their object, and by their own label if an object has several. */
 export function labels(trials) {
-  const several = new Set(trials.map(each => each.object)).size < trials.length;
-  return trials.map(({ object, name }) => (/^[\d.]+$/.test(object) ? `object ${object}` : object) + (several ? `, trial ${name}` : ""));
+  const { trial } = state.preview.roles, several = new Set(trials.map(each => each.object)).size < trials.length;
+  return trials.map(({ object, name }) => (/^[\d.]+$/.test(object) ? `object ${object}` : object) + (several ? `, ${trial} ${name}` : ""));
 }
 
 /** A number as people write it: six digits, and none that is only rounding. */

@@ -42,9 +42,7 @@ export async function drawFigure() {
   $("drawn").hidden = true;
   $("drawing").textContent = "Drawing ...";
   await trying("figure_failed", async () => {
-    const answer = await reach(address("svg"));
-    if (!answer.ok) throw new Error((await answer.json()).error);
-    const drawn = await read(await answer.blob());
+    const drawn = await read(await (await reach(address("svg"))).blob());
     if (now !== serial) return;
     $("picture").src = drawn;
     $("picture").alt = [title, object ? $("figure_object").value : "", parameter ? $("figure_parameter").value : ""].filter(Boolean).join(", ");
