@@ -287,7 +287,7 @@ def test_roles_that_are_chosen_stay_and_a_file_whose_roles_are_not_recognised_is
         ),
         (
             "growth in columns",
-            "4 columns) of an object each",
+            "(4 columns), each of an object",
             {"Time": "time", "WT_1": "state", "WT_2": "state", "mut_1": "state", "mut_2": "state"},
         ),
         (

@@ -41,7 +41,7 @@ def test_a_column_for_each_object_gives_the_trials_of_a_row_for_each_sample():
 def test_a_plate_is_recognised_and_a_note_says_so():
     trials = Trials.from_frame(PLATE)
     assert (trials.objects, trials.schema.states) == (tuple(WELLS), ("value",))
-    assert "state: A1, A2, ..., B12 (4 columns) of an object each" in trials.notes[0]
+    assert "state: A1, A2, ..., B12 (4 columns), each of an object" in trials.notes[0]
     assert len(Trials.from_frame(PLATE, states=list(WELLS))) == 1
     assert Trials.from_frame(PLATE, wide=True).schema == trials.schema
 
@@ -166,7 +166,7 @@ def test_the_command_line_says_what_it_took_for_what_and_has_the_option(tmp_path
     guessed = CliRunner().invoke(commonlaw, ["data", "check", path])
     assert guessed.stdout.startswith(f"{path}: 4 trials of 4 objects, measured: value")
     assert (
-        "Note: columns recognized as time: time; state: A1, A2, ..., B12 (4 columns) of an object each"
+        "Note: columns recognized as time: time; state: A1, A2, ..., B12 (4 columns), each of an object"
         in guessed.stderr
     )
     assert "Correct them by --time ..., --state ..., --input ..., --wide ..." in guessed.stderr

@@ -45,7 +45,6 @@ _READING = {
     "dates": "the date format",
     "decimal": "the decimal mark",
     "missing": "a mark of missing values",
-    "units": "the unit",
     "wide": "the quantity measured",
 }
 """The same of other settings of how a table is read."""
@@ -55,6 +54,7 @@ _OTHERS = {
     "restarts='sort'": "the option --restarts sort of the command",
     "clip_irregular()": "the option --clip of the command",
     "order=0": "the option --order 0 of the command",
+    "units=...": "the option --unit of the command",
 }
 """Settings that the page has no field for."""
 
@@ -74,6 +74,8 @@ def in_page(code: str) -> str:
         return f"{_COLUMNS[name]!r} under Columns" if value in ("...", "[...]") else f"{_COLUMNS[name]} {value}"
     if name in _READING:
         return f"{_READING[name]} under Columns" if value == "..." else f"{value} as {_READING[name]} under Columns"
+    if name == "doses":
+        return f"{value.strip('[]')} as a dose under Latent states and doses"
     if name in (known := settings_of(FitOptions)):
         label = f"{known[name][1].label!r} under More choices"
         return label if value == "..." else f"{value} as {label}"
@@ -294,7 +296,7 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         for name, own in self.values.items():
             value, (low, high) = float(np.mean(own)), limits_of(name, text.bounds)
             if name not in self.fixed and value != 0 and low <= value <= high:
-                guesses[name] = value
+                guesses[name] = float(f"{value:.6g}")
         groups = {name: by for name, by in self.shared.items() if name not in self.fixed}
         shared = tuple(groups) if {*groups.values()} <= {ALL} else groups
         is_model = needs_model(text, trials, self.initial, shared, self.priors)

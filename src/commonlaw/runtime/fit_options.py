@@ -181,7 +181,7 @@ class FitOptions:
     log_states: Sequence[str] = field(
         default=(),
         metadata=shown(
-            label="Positive states",
+            label="Log-scaled states",
             metavar="STATE",
             of_given_law=None,
             text="States above zero that are modelled on a logarithmic scale, in laws of first order: their noise is a "
@@ -192,7 +192,7 @@ class FitOptions:
     input_interpolation: str = field(
         default="auto",
         metadata=shown(
-            label="Inputs between samples",
+            label="Input interpolation",
             of_given_law=None,
             choices={
                 "auto": "lines, unless the evidence for another is strong",
@@ -221,7 +221,7 @@ class FitOptions:
             label="Errors",
             functions=FUNCTIONS,
             choices={
-                "auto": "those with very strong evidence (2 log B > 10), if white noise does not explain the residuals",
+                "auto": "white noise, unless 2 log B > 10 for another kind",
                 "white": "white noise only; with an infinite `huber_threshold`, least squares",
                 "proportional": "heteroscedastic noise, which grows with the state",
                 "autocorrelated": "autocorrelated measurement errors",
@@ -275,7 +275,7 @@ class FitOptions:
     max_samples: int = field(
         default=50_000,
         metadata=shown(
-            label="Most samples",
+            label="Sample limit",
             metavar="NUMBER",
             functions=("discover",),
             check=lambda name, value: check_whole_number(name, value, 100, 10**9),

@@ -191,7 +191,7 @@ class ColumnRoles:
     @property
     def _by_role(self) -> dict[str, str]:
         """The columns of each role, and why they have it."""
-        states = [f"{shown_columns(self.states)} of an object each"] if self.wide else self.states
+        states = [f"{shown_columns(self.states)}, each of an object"] if self.wide else self.states
         roles: dict[str, Sequence[str | None]] = {
             "time": [self.time],
             "object": [self.object],

@@ -11,7 +11,7 @@ import { showBudget, suggest } from "./next.js";
 import { forecastOwn } from "./own.js";
 import { findPanels } from "./panels.js";
 import { makeSettings, showHeld, showLibraries, showQuestion, showSearch, start } from "./question.js";
-import { copyCoefficients, deleteSession, offerSessions, openSession, saveSession, undoSession } from "./sessions.js";
+import { copyCoefficients, deleteSession, offerSessions, openSession, saveSession, showSession, undoSession } from "./sessions.js";
 import { take } from "./take.js";
 
 const drop = $("drop");
@@ -73,6 +73,7 @@ await trying("failure", async () => {
   if (asked) Object.assign(state, { table: asked.table, columns: asked.columns });
   if (!state.table) return;
   await recognise();
+  showSession();
   remember();
   if (!asked) return;
   showQuestion(asked);

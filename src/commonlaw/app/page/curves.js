@@ -139,7 +139,7 @@ export function showCurves() {
   const what = written ? "Lines: your equations. Below: residuals, measured minus computed." : fit ? "Lines: fit of the law, initial conditions estimated from all samples. Below: residuals, measured minus fitted." : `Lines: ${title}. Below: errors, forecast minus measured.`;
   const bands = written ? "" : "Bands: 95 % of measurements expected. ";
   $("reading").textContent = `${modelled ? `Points: measurements. ${what} ${bands}` : ""}Drag to zoom, double-click to go back.`;
-  draw($("error_plot"), modelled ? shown.map(each => errors(each, fit)) : [], { x: withUnit(x), y: withUnit({ name: difference, unit: y.unit }), height: 130, points: difference, together: true, listed: false });
+  draw($("error_plot"), modelled ? shown.map(each => errors(each, fit)) : [], { x: withUnit(x), y: withUnit({ name: difference, unit: y.unit }), height: 160, points: difference, together: true, listed: false });
   $("pictures").hidden = !modelled || Boolean(written);
   for (const kind of ["svg", "png"]) $(kind).href = `searches/${state.search}/law.${kind}?candidate=${state.at}`;
   $("all").setAttribute("aria-pressed", String(shown.length === every.length));

@@ -10,7 +10,7 @@ const said = value => String(tidy(value));
 export function showEdits() {
   const { preview } = state, edits = state.columns.edits ?? [], objects = preview.objects ?? [];
   $("edit_object").replaceChildren(element("option", "all objects", { value: "" }), ...objects.map(name => element("option", name, { value: name })));
-  $("blanks").replaceChildren(...objects.map(name => element("option", name, { value: name })));
+  $("blanks").replaceChildren(...objects.map(name => new Option(name, name, false, /blank/i.test(name))));
   $("blanks_part").hidden = objects.length < 2;
   $("edits").replaceChildren(...edits.map(edit => element("li", inWords(edit))));
   $("edit").querySelector("summary").textContent = `Exclude data and subtract blanks${edits.length ? ` (${edits.length})` : ""}`;

@@ -13,7 +13,7 @@ function css(name) {
 }
 
 function axis(label) {
-  return { stroke: css("--ink"), grid: { stroke: css("--line"), width: 1 }, ticks: { stroke: css("--line") }, label, labelSize: 22 };
+  return { stroke: css("--ink"), grid: { stroke: css("--line"), width: 1 }, ticks: { stroke: css("--line") }, label, labelSize: 22, labelFont: "12px system-ui, sans-serif" };
 }
 
 /** How wide the numbers beside an axis are. */

@@ -6,7 +6,7 @@ import { saveAgain } from "./sessions.js";
 import { followFit, settle, show } from "./law.js";
 
 const LIBRARIES = [
-  ["auto", "automatic: polynomials; richer if these do not fit"],
+  ["auto", "automatic: polynomials, then richer terms"],
   ["poly:3", "polynomials up to degree 3: x, x², x² y"],
   ["poly:2", "polynomials up to degree 2: x, x², x y"],
   ["poly:1", "linear terms: x, y"],
