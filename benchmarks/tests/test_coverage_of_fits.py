@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.coverage_of_fits import experiment, holds, least_squares, main, stated
+from benchmarks.coverage_of_fits import experiment, holds, least_squares, main, stated, stated_of_terms
 from tests.refusals import refused
 
 
@@ -26,7 +26,8 @@ def test_intervals_of_few_samples_hold_the_truth_as_often_as_they_state(samples,
 def test_intervals_of_one_object_are_those_of_least_squares(family, samples, kind, seeds):
     for seed in seeds:
         drawn = experiment(family, samples, 1, seed)
-        found, (middle, half) = stated(drawn.fit(kind), drawn.family), least_squares(drawn, kind)
+        found = stated_of_terms(drawn.fit(kind), drawn.family, False)
+        middle, half = least_squares(drawn, kind, by_terms=True)
         np.testing.assert_allclose(found[0], middle, rtol=1e-3)
         np.testing.assert_allclose(found[1], half, rtol=0.02)
 
@@ -36,7 +37,8 @@ def test_residuals_without_degrees_of_freedom_give_no_intervals(objects):
     drawn = experiment("growth", 3, objects, 0)
     with refused("no-degrees-of-freedom", name="x"):
         drawn.fit("unknown")
-    found, expected = stated(drawn.fit("given", partial_pooling=False), drawn.family), least_squares(drawn, "given")
+    found = stated_of_terms(drawn.fit("given", partial_pooling=False), drawn.family, False)
+    expected = least_squares(drawn, "given", by_terms=True)
     np.testing.assert_allclose(found[1], expected[1], rtol=0.02)
 
 

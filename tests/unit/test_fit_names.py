@@ -135,6 +135,13 @@ def test_intervals_have_units(law):
     assert law.params["unit"].tolist() == ["1/min", "°C"] * 2
 
 
+def fieller(constant, slope, covariance, reach):
+    """Return the interval of the ratio -constant/slope of two coefficients (Fieller 1954)."""
+    errors = reach**2 * covariance * [[1, -1], [-1, 1]]
+    products = np.outer([-constant, slope], [-constant, slope]) - errors
+    return sorted(np.roots([products[1, 1], -2 * products[0, 1], products[0, 0]]))
+
+
 def test_letters_of_equations_are_in_every_form_of_the_law(law):
     from commonlaw.plots.coefficients import DotPlot
     from commonlaw.plots.equations import equation_lines
@@ -144,9 +151,13 @@ def test_letters_of_equations_are_in_every_form_of_the_law(law):
         assert table["parameter"].tolist() == ["k", "a"] * 2
         values, errors = named_parameters(each).values, named_parameters(each).errors
         np.testing.assert_array_equal(table["estimate"], values.ravel())
-        half = errors * each.uncertainty.reach(1)  # Of Student's t distribution
-        np.testing.assert_allclose(table["low"], (values - half).ravel())
-        np.testing.assert_allclose(table["high"], (values + half).ravel())
+        (reach,) = each.uncertainty.reach(1)  # Of Student's t distribution
+        ends = table[["low", "high"]].to_numpy().reshape(2, 2, 2)
+        np.testing.assert_allclose(ends[:, 0], values[:, :1] + errors[:, :1] * [-reach, reach])
+        for o, covariance in enumerate(each.uncertainty.covariance):
+            np.testing.assert_allclose(
+                ends[o, 1], fieller(*each.coefficients[o, 0, ::-1], covariance[::-1, ::-1], reach), rtol=1e-6
+            )
         assert to_frame(each).columns.tolist() == ["k", "a"]
         np.testing.assert_array_equal(coefficient_rows(each)["value"], table["estimate"])
         np.testing.assert_array_equal(to_frame(each, errors=True)["a ±"], errors[:, 1])

@@ -158,8 +158,9 @@ def test_a_missing_file_is_named_with_the_nearest_one(tmp_path):
         Trials.read(tmp_path / "drop.csv")
     with refused("folder-missing"):
         Trials.read(tmp_path / "nowhere" / "drops.csv")
+    (tmp_path / "empty").mkdir()
     with refused("file-is-folder"):
-        Trials.read(tmp_path)
+        Trials.read(tmp_path / "empty")
 
 
 def test_workbooks_that_cannot_be_used_are_refused(tmp_path):

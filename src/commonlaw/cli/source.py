@@ -272,7 +272,7 @@ class Source:
     def is_stream(self) -> bool:
         """Whether the file is a folder of Parquet files, or a pattern of them."""
         path = Path(self.path or "")
-        with suppress(OSError):  # As of a name that is too long, which is refused where it is read
+        with suppress(OSError):
             pattern = any(each in str(path) for each in "*?[")
             several = bool(self.path) and not self.more and not path.is_file() and (path.is_dir() or pattern)
             return several and not table_files(path)

@@ -123,9 +123,13 @@ def table_files(path: TablePath) -> list[Path]:
     if not isinstance(path, str | os.PathLike):
         return [Path(each) for each in path]
     given = Path(path)
-    if given.is_dir():
+    try:
+        is_folder, is_there = given.is_dir(), given.exists()
+    except OSError:  # As of a name that is too long, which is refused where it is read
+        return []
+    if is_folder:
         found = [each for each in given.rglob("*") if each.suffix.casefold() in _ENDINGS]
-    elif any(mark in str(path) for mark in "*?[") and not given.exists():
+    elif any(mark in str(path) for mark in "*?[") and not is_there:
         root = Path(given.anchor or ".")
         found = [each for each in root.glob(str(given.relative_to(root))) if each.suffix.casefold() != ".parquet"]
     else:
