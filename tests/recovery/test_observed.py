@@ -105,17 +105,13 @@ def test_fixed_coefficients_stay_and_the_others_are_those_of_a_fit_with_these():
     assert np.abs((named.values[:, places] - expected) / named.errors[:, places]).max() < 4
     fitted = cl.fit("x' = a x - c x z; z' = -d z + 0.75 x z", trials, observe=OBSERVE, shared=["s", "b"])
     assert law.observation.log_likelihood == pytest.approx(fitted.observation.log_likelihood, abs=1e-3)
-    free = cl.discover(trials, observe=OBSERVE, latent_states="z", cache=False)
-    errors = [named_parameters(each).errors[0, named_parameters(each).names.index("d")] for each in (law, free)]
-    assert errors[0] < 0.5 * errors[1]
 
 
 def test_known_physics_are_equations_or_a_law_of_the_states():
     frame, _ = table(eaten=0.75)
     trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
-    numbers = cl.Law.from_text("x' = 0; z' = f x z", {"f": 0.75})
     seen = cl.fit("x' = 0; z' = 0.75 x z; y = s (x + z)", trials.until(2))
-    for known in ("x' = 0; z' = 0.75 x z", numbers, seen):
+    for known in ("x' = 0; z' = 0.75 x z", seen):
         law = cl.discover(trials, observe=OBSERVE, latent_states="z", known=known, library="poly:2", cache=False)
         assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+0.75xz"]
     owners = dict(zip(trials.objects, (0.7, 0.8, 0.9, 1.0), strict=True))

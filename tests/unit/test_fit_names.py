@@ -155,9 +155,9 @@ def test_letters_of_equations_are_in_every_form_of_the_law(law):
         ends = table[["low", "high"]].to_numpy().reshape(2, 2, 2)
         np.testing.assert_allclose(ends[:, 0], values[:, :1] + errors[:, :1] * [-reach, reach])
         for o, covariance in enumerate(each.uncertainty.covariance):
-            np.testing.assert_allclose(
-                ends[o, 1], fieller(*each.coefficients[o, 0, ::-1], covariance[::-1, ::-1], reach), rtol=1e-6
-            )
+            slope, constant = each.coefficients[o, 0]
+            expected = fieller(constant, slope, covariance[::-1, ::-1], reach)
+            np.testing.assert_allclose(ends[o, 1], expected, rtol=1e-6)
         assert to_frame(each).columns.tolist() == ["k", "a"]
         np.testing.assert_array_equal(coefficient_rows(each)["value"], table["estimate"])
         np.testing.assert_array_equal(to_frame(each, errors=True)["a ±"], errors[:, 1])
