@@ -88,8 +88,8 @@ class Screened:
         return replace(self, kept=self.kept | missed) if missed.any() else None
 
 
-MAX_TERMS_OF_SIMPLE_LAW = 3
-"""An equation with more coefficients may approximate a latent state or richer terms, which have two numbers or more."""
+MAX_TERMS_OF_SIMPLE_LAW, MAX_TERMS_WITHOUT_LATENT_STATE = 3, 5
+"""An equation with more coefficients may approximate richer terms, of two numbers or more, or a latent state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,10 +340,9 @@ class CandidateSearch:
         """Return the pool with laws with a latent state, if one is requested or the law may lack one."""
         # With more objects it takes minutes; with one trial a latent state is hardly identifiable
         few = len(trials.objects) <= 10 and len(trials) > 1
-        seeks = (
-            screened.whole.library.seeks_latent_states and few and may_be_simpler(pool.best, MAX_TERMS_OF_SIMPLE_LAW)
-        )
-        if screened.whole.order != 1 or not (self.options.latent_states or seeks):
+        lacking = few and may_be_simpler(pool.best, MAX_TERMS_WITHOUT_LATENT_STATE)
+        seeks = self.options.latent_states or (lacking and screened.whole.library.seeks_latent_states)
+        if screened.whole.order != 1 or not seeks:
             return pool
         return with_latent_state(pool, trials, most_samples=self.options.max_samples, progress=self.progress)
 
