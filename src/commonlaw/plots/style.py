@@ -198,7 +198,12 @@ def add_legend(
     if place == "right":
         figure.legend(handles=list(keys), loc="outside right upper", ncols=ceil(len(keys) / 25), title=title or None)
         return
-    columns = min(len(keys), 5, max(1, int(figure.get_figwidth() / 1.55)))
+    widths, most = [0.5 + 0.068 * len(str(each.get_label())) for each in keys], min(len(keys), 5)  # Inches, roughly
+
+    def fits(columns: int) -> bool:
+        return sum(float(part.max()) for part in np.array_split(widths, columns)) < figure.get_figwidth()
+
+    columns = next((count for count in range(most, 1, -1) if fits(count)), 1)
     figure.legend(handles=list(keys), loc=_OUTSIDE[place], ncols=columns, title=title or None)
 
 
