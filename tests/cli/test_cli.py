@@ -361,7 +361,8 @@ def test_a_remark_that_holds_for_many_trials_is_made_once(run, tmp_path):
     (tmp_path / "trees.csv").write_text("\n".join(["object,age [day],girth [mm]", *rows]))
     _, out, _ = run("data", "check", "trees.csv")
     assert [line for line in out.splitlines() if line.startswith("Data check: ")] == [
-        "Data check: in 5 cases, such as 0, trial 1: irregular sampling: steps are up to 104 off their median 284"
+        "Data check: in 5 cases, such as 0, trial 1: irregular sampling: steps are up to 104 day off their median "
+        "284 day"
     ]
 
 

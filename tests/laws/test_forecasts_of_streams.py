@@ -161,7 +161,7 @@ def test_the_page_tells_of_all_objects(law, found):
     tables = {block.name: block.frame for block in blocks if isinstance(block, Table)}
     assert tables["worst"]["object"].tolist() == found.relative.index[:-11:-1].tolist()
     letters = tables["spread"].set_index("of 60 objects")
-    assert letters.loc["median", "c [1/s]"] == pytest.approx(np.median(named_parameters(law).values[:, 1]))
+    assert letters.loc["median", "c (1/s)"] == pytest.approx(np.median(named_parameters(law).values[:, 1]))
     assert [block.name for block in blocks if isinstance(block, Picture)] == ["coefficients-of-all"]
 
 

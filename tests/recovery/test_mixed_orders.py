@@ -295,4 +295,4 @@ def test_an_unmeasured_state_of_second_order_is_refused():
 
 def test_the_page_of_the_app_is_told_the_order_of_each_state(law):
     *_, last = results(law, motors(0.01), motors(0.01), lambda _: None)
-    assert (last.shown["orders"], last.shown["rates"]) == ((2, 1), ("v_theta",))
+    assert (last.shown["orders"], last.shown["rates"]) == ((2, 1), [{"name": "v_theta", "unit": "rad/s"}])

@@ -77,6 +77,7 @@ def test_of_states_without_measured_rates_the_evidence_says_the_order():
     assert law.structure == ("x' = a y", "y' = b y + c sin(x)", "z' = d z")
 
 
+@pytest.mark.slow
 def test_richer_terms_of_a_law_of_first_order_come_before_many_terms_of_second_order():
     switches = simulated(
         lambda _, x, a, b, c, k: a - b * x + c * x**2 / (k**2 + x**2),

@@ -172,7 +172,7 @@ def test_laws_with_events_are_refined_and_compared(ball):
     again = cl.refine(law, measured)
     assert again.params["estimate"].to_numpy() == pytest.approx(law.params["estimate"].to_numpy(), rel=1e-6)
     assert again.observation.events == law.observation.events
-    other = cl.fit("x'' = -g; x < 0: x = 0, v = -c v^2", measured)
+    other = cl.fit("x'' = -g; x < 0: x = 0, v = -0.95 v", measured)
     assert cl.compare({"other": other, "law": law}, measured)["law"].tolist() == ["law", "other"]
 
 
@@ -186,8 +186,6 @@ def test_the_command_line_takes_events(ball, tmp_path):
     assert cl.Law.load(saved).params["estimate"].to_numpy() == pytest.approx(
         law.params["estimate"].to_numpy(), rel=1e-6
     )
-    done = CliRunner().invoke(commonlaw, ["compare", str(path), BALL, "x'' = -g"], catch_exceptions=False)
-    assert done.output.startswith(f"{BALL} is the most probable")
 
 
 @pytest.mark.parametrize(

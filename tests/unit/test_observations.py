@@ -846,6 +846,7 @@ def test_files_with_observations_that_cannot_be_are_refused(change):
         from_json(json.dumps(document))
 
 
+@pytest.mark.slow
 def test_oscillations_over_many_cycles_are_fitted_from_their_first_ones_on():
     generator, times, truth = np.random.default_rng(3), np.linspace(0, 24, 90), (0.75, 0.84, 0.95, 0.9)
 

@@ -54,11 +54,11 @@ AFFINE = "x' = -k x; y = s x + b; x(0) = 2"
 def test_a_missing_term_is_found_where_there_is_one_and_only_there():
     """Where there is none, 2 log B exceeds 6 in at most one case of twenty."""
     evidence = []
-    for seed in range(12):
+    for seed in range(4):
         trials = decays(seed, observed=affine, starts=(2.0,))
         law = cl.fit(AFFINE, trials, shared=["s", "b"], noise={"y": NOISE})
         evidence.append(law.discrepancy(trials, noise={"y": NOISE}).evidence)
-    assert sum(each > 6 for each in evidence) <= 2
+    assert sum(each > 6 for each in evidence) <= 1
     assert np.mean(np.exp(np.array(evidence) / 2)) < 3  # On average 1 under the law
     trials = decays(0, 0.05, observed=affine, starts=(2.0,))
     law = cl.fit(AFFINE, trials, shared=["s", "b"], noise={"y": NOISE})
