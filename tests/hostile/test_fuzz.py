@@ -9,7 +9,7 @@ import pytest
 
 from tests.hostile.cases import KINDS
 
-CASES = 8
+CASES = 5
 """Of each kind."""
 
 

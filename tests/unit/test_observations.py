@@ -319,6 +319,7 @@ def test_a_law_with_a_parameter_at_a_bound_of_zero_is_printed():
     assert "q = 0" in str(law)
 
 
+@pytest.mark.slow
 def test_bounds_in_which_no_solution_is_finite_are_refused():
     with refused("no-finite-start"):
         cl.fit("s' = -V s/(K + s); s(0) = 5; -5 < K < -4.9", trials_of({"A": (T, 5 * np.exp(-T))}, ["s"]))
