@@ -129,3 +129,62 @@ def test_central_forces_come_before_polynomials_of_higher_degree():
     assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
     np.testing.assert_allclose(law.coefficients[0][law.support], -1, atol=0.002)
     assert not any("higher degree" in str(step) for step in steps)
+
+
+def _monod(_: float, z: np.ndarray, rate: float, half: float, gain: float) -> list[float]:
+    uptake = rate * z[1] / (half + z[1]) * z[0]
+    return [uptake, -uptake / gain]
+
+
+def _drag_in_a_plane(_: float, z: np.ndarray, drag: float) -> list[float]:
+    speed = np.hypot(z[2], z[3])
+    return [z[2], z[3], -drag * speed * z[2], -9.81 - drag * speed * z[3]]
+
+
+def _pendulum(_: float, z: np.ndarray, stiffness: float) -> list[float]:
+    return [z[1], -stiffness * np.sin(z[0]) - 0.05 * z[1]]
+
+
+@pytest.mark.parametrize(
+    ("rates", "objects", "starts", "times", "names", "noise", "structure"),
+    [
+        (
+            _monod,
+            [(0.5, 0.3, 0.5), (0.4, 0.2, 0.45), (0.6, 0.5, 0.55)],
+            [(0.1, 5.0)],
+            np.linspace(0, 15, 31),
+            ["x", "s"],
+            (0.02, 0.04),
+            ("x' = a x s/(K + s)", "s' = b x s/(K2 + s)"),
+        ),
+        (
+            _drag_in_a_plane,
+            [(0.22,), (0.1,)],
+            [(0.0, 1.5, 5.6, 5.6), (0.0, 1.5, 8.4, 8.4)],
+            np.arange(0, 1.4, 0.04),
+            ["x", "y"],
+            0.005,
+            ("x'' = a v_x*sqrt(v_x^2 + v_y^2)", "y'' = b + c v_y*sqrt(v_x^2 + v_y^2)"),
+        ),
+        (
+            _pendulum,
+            [(19.62,), (9.81,)],
+            [(0.5, 0.0), (0.95, 0.0)],
+            np.linspace(0, 6, 90),
+            ["x"],
+            0.005,
+            ("x'' = a v + b sin(x)",),
+        ),
+    ],
+    ids=["saturation, not a quartic or a Hill term", "drag in both directions", "a sine, not its series"],
+)
+def test_polynomials_that_fit_are_compared_with_shorter_laws(rates, objects, starts, times, names, noise, structure):
+    random, states = np.random.default_rng(0), list[np.ndarray]()
+    for own in objects:
+        for start in starts:
+            path = solve_ivp(rates, times[[0, -1]], start, t_eval=times, args=own, rtol=1e-9, atol=1e-11).y
+            states.append(path[: len(names)].T + noise * random.standard_normal((len(times), len(names))))
+    owners = [str(i) for i in range(len(objects)) for _ in starts]
+    trials = cl.Trials.from_arrays([times] * len(states), states, object=owners, names=names)
+    law = cl.discover(trials, order=2 if rates is not _monod else 1, cache=False)
+    assert law.structure == structure

@@ -16,7 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import prepare, score_of_order
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.law.parameters import standard_errors
-from commonlaw.library import Variables, parse_library
+from commonlaw.library import parse_library
 from tests.refusals import refused
 
 discover = partial(cl.discover, order="auto", cache=False)
@@ -171,9 +171,9 @@ def test_streams_are_of_the_first_order_and_say_so(tmp_path):
 )
 def test_rates_are_a_function_of_states_or_not(rate, starts, is_one):
     trials = simulated(rate, [(4.0,)], starts, np.linspace(0, 3, 60), 0.001)
-    terms = parse_library("poly:1").bind(Variables(("x",)))
+    terms = ModelStructure(2, parse_library("poly:1")).terms(trials.schema)
     problem = prepare(trials, terms, np.full((1, 1, len(terms)), np.nan))
-    assert is_first_order_possible(problem) is is_one
+    assert is_first_order_possible(fit_with(problem, problem.allowed, 0.0)) is is_one
 
 
 def test_laws_of_both_orders_that_are_about_as_probable_are_said():

@@ -143,15 +143,21 @@ class Candidate:
 
     @cached_property
     def is_simple(self) -> bool:
-        """Whether the law has no lack of fit, and too few coefficients for richer terms to need fewer."""
-        if self.pool.best.lack_of_fit or not self.pool.is_determined:
-            return False
-        if self.has_richer:
-            return True
+        """Whether the law has no lack of fit, and richer terms were searched or would not need fewer coefficients."""
+        return self.fits and (self.has_richer or (self.has_few_terms and not self.is_of_higher_degree))
+
+    @property
+    def fits(self) -> bool:
+        """Whether the law has no lack of fit, and is determined by the measurements."""
+        return self.pool.is_determined and not self.pool.best.lack_of_fit
+
+    @property
+    def has_few_terms(self) -> bool:
+        """Whether the law has few coefficients; if it is of higher degree, a third of its plain terms."""
         most = MAX_TERMS_OF_SIMPLE_LAW
         if self.is_of_higher_degree:  # A truncated series has a third of them
             most = max(most, len(self.pool.best.problem.terms) // 3)
-        return not (may_be_simpler(self.pool.best, most) or is_truncated_series(self.pool.best))
+        return not (self.most_terms > most or is_truncated_series(self.pool.best))
 
     @cached_property
     def score(self) -> Score:
@@ -209,7 +215,7 @@ class CandidateSearch:
         return replace(candidate, pool=resolved(candidate.pool, self.progress))
 
     def of_higher_degree(self, candidate: Candidate) -> Candidate:
-        """Return the best law among plain terms of higher degree, if it is simple where the candidate is not.
+        """Return the best law among plain terms of higher degree, if it fits with few terms; a simple law as it is.
 
         Their fit is linear, so they come before parametric terms, latent states and other orders. A law of higher
         degree with a lack of fit, or a truncated series, extrapolates worse than one of fewer terms.
@@ -221,7 +227,7 @@ class CandidateSearch:
         screened = Screened.of(candidate.transformed, replace(whole, library=higher))
         more = self._candidate(screened, candidate.transformed, None, richer=False)
         more = replace(more, is_of_higher_degree=True)
-        return more if more.is_simple and more.score < candidate.score else candidate
+        return more if more.fits and more.has_few_terms and more.score < candidate.score else candidate
 
     def with_first_offer(self, candidate: Candidate) -> Candidate:
         """Return the law with terms of the first offer, if it is simple.

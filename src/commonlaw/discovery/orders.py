@@ -12,8 +12,7 @@ from commonlaw.array_types import Floats
 from commonlaw.discovery.candidate_search import Candidate
 from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import Pool, settings
-from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference import Fit, Pool, settings
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, with_rates
@@ -193,19 +192,21 @@ def is_implied_by_lower_order(pool: Pool) -> bool:
     return len(chosen) > 0 and all(terms.terms[k].columns() & rates for k in chosen)
 
 
-def is_first_order_possible(problem: SearchProblem) -> bool:
+def is_first_order_possible(fit: Fit) -> bool:
     """Return whether rates may be a function of states and inputs: no object has two rates at the same state.
 
     An oscillator, which passes a state in both directions, or balls that are thrown from one place at two speeds, are
-    of higher order. Smoothed states are compared between trials, and between times of one trial.
+    of higher order. Estimated states are compared between trials, and between times of one trial.
     """
-    states = len(problem.noise)
-    for name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
+    states = len(fit.problem.noise)
+    for model, estimate in zip(fit.problem.models, fit.estimates, strict=True):
         rows = list[Floats]()
-        for k, (trial, smooth) in enumerate(zip(problem.trials.of_object(name), curves, strict=True)):
-            path, own = smooth[:, :states], np.linspace(2 * k, 2 * k + 1, len(smooth))
-            if len(path) > 1:
-                rows.append(np.column_stack([own, path, trial.inputs, np.gradient(path, trial.times, axis=0)]))
+        for mesh, curve in zip(model.meshes, estimate.states, strict=True):
+            for points in np.split(np.arange(len(mesh.times)), np.flatnonzero(~mesh.contiguous) + 1):
+                if len(points) > 1:
+                    path, own = curve[points, :states], 2 * len(rows) + np.linspace(0, 1, len(points))
+                    rates = np.gradient(path, mesh.times[points], axis=0)
+                    rows.append(np.column_stack([own, path, mesh.inputs[points], rates]))
         if rows and _has_two_rates(np.concatenate(rows), states):
             return False
     return True

@@ -93,7 +93,7 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
         best = min([*done, *left])
         lowest = min(left, key=lambda each: each.total_order)
         is_lower = lowest.total_order < best.total_order
-        may_be_lower = is_lower and is_first_order_possible(best.pool.best.problem)
+        may_be_lower = is_lower and is_first_order_possible(best.pool.best)
         implied = is_lower and is_implied_by_lower_order(best.pool)
         if best.is_simple and not implied and not (may_be_lower and best.most_terms > MAX_TERMS_OF_HIGHER_ORDER):
             break

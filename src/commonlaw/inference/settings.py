@@ -87,7 +87,7 @@ MAX_REFINED = 8
 MAX_KEPT = 3
 """Best terms of a step, sets of as many numbers, or values, that go on to the next stage."""
 MAX_SQUARES_RATIO = 30.0
-"""Sum of squares over the least one, up to which a set of terms is fitted where curves are not those of a law."""
+"""Sum of squares over the least one, up to which a set of terms is fitted: curves are biased towards their law."""
 
 # Parameter grids
 MAX_DECADES = 1.5
@@ -203,9 +203,9 @@ MIN_SMOOTHNESS = 2.0
 kink at a sample it is 1.5, of a step 0.9, of white noise 0.8, and of a sine of four samples a cycle 2.25."""
 
 # Orders
-TWO_RATES = (0.03, 0.1, 0.5, 0.25)
+TWO_RATES = (0.03, 0.1, 0.25, 0.1)
 """Shares of the range up to which states are the same, and from which times and rates are not; and the share of samples
-at the same state whose rates may differ by noise."""
+at the same state whose rates may differ where these change steeply."""
 
 # Interval calibration
 LEVEL = 0.95

@@ -298,7 +298,8 @@ class _Constraint:
             return -np.inf
         if self.number == 0:
             return float((tolerance**2 - off**2) / _BIT)
-        return float(np.log2(abs(estimates.values[-1, self.index]) / error) - self.bits - off**2 / _BIT)
+        value = abs(estimates.values[-1, self.index])
+        return float(np.log2(value / error) - self.bits - off**2 / _BIT) if value > 0 else -np.inf
 
     def replacement(self, letters: Sequence[str], estimates: "_Estimates") -> Replacement:
         """Return what to say of it."""

@@ -78,7 +78,6 @@ def rank_supports(
     estimates: Sequence[Estimate],
     others: Sequence[ParametricTerm],
     most: Mapping[int, int],
-    max_ratio: float = settings.MAX_SQUARES_RATIO,
 ) -> dict[int, list[CandidateSupport]]:
     """Return candidate supports of each equation, ranked by BIC.
 
@@ -90,14 +89,12 @@ def rank_supports(
         Parametric terms, and terms that are not combined with many plain ones.
     most
         The largest number of coefficients and parameters, by equation.
-    hopeless
-        Ratio to the least sum of squares above which a support is dropped, unless it is the best of its size.
     """
     courses, result = object_curves(problem, estimates, others), dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
         matches = [match for course in courses if len((match := course.regression(equation)).target)]
         plain = np.flatnonzero(problem.allowed[equation]).tolist()
-        ranked = _Ranking(matches, plain, others, numbers, max_ratio)
+        ranked = _Ranking(matches, plain, others, numbers)
         result[equation] = ranked.best(len(problem.models)) if matches else []
     return result
 
@@ -134,13 +131,11 @@ class InformationCriterion:
         """Return the number of parameters of least criterion, from the least sum of squares of each; zero if none."""
         return min(least, key=lambda numbers: self(numbers, least[numbers]), default=0)
 
-    def kept(
-        self, ranked: Sequence[tuple[int, Sequence[tuple[float, _T]]]], at_most: int, max_ratio: float
-    ) -> list[tuple[float, _T]]:
+    def kept(self, ranked: Sequence[tuple[int, Sequence[tuple[float, _T]]]], at_most: int) -> list[tuple[float, _T]]:
         """Return the best supports of each size with their criterion, up to one parameter more than the optimum.
 
-        Each list has sums of squares and supports of one size, the least first. Those above `max_ratio` times the least
-        are dropped, except for the first of each list.
+        Each list has sums of squares and supports of one size, the least first. Those above `MAX_SQUARES_RATIO` times
+        the least are dropped, except for the first of each list.
         """
         least: dict[int, float] = {}
         for numbers, listed in ranked:
@@ -150,7 +145,8 @@ class InformationCriterion:
             (self(numbers, squares), each)
             for numbers, listed in ranked
             for place, (squares, each) in enumerate(listed[: settings.MAX_KEPT])
-            if numbers <= min(enough + 1, at_most) and (not place or squares <= max_ratio * least[enough])
+            if numbers <= min(enough + 1, at_most)
+            and (not place or squares <= settings.MAX_SQUARES_RATIO * least[enough])
         ]
 
 
@@ -184,27 +180,27 @@ class _Ranking:
     plain: Sequence[int]
     others: Sequence[ParametricTerm]
     at_most: int
-    max_ratio: float
 
     def best(self, objects: int) -> list[CandidateSupport]:
         """Return the best supports of each size up to one parameter more than the optimum of the BIC."""
         compared = self._with_at_most_one()
         compared += self._with_two(compared)
-        groups, least = dict[tuple[int, int], list[_SumsOfSquares]](), dict[int, float]()
+        groups, least = dict[tuple[int, int, int], list[_SumsOfSquares]](), dict[int, float]()
         for each in compared:
             squares, key = each.best
             if numbers := self._numbers(key):
-                groups.setdefault((numbers, len(each.others)), []).append(each)
+                nonlinear = sum(len(self.others[a].shared_parameters) for a in each.others)
+                groups.setdefault((numbers, len(each.others), nonlinear), []).append(each)
                 least[numbers] = min(squares, least.get(numbers, np.inf))
         most, parameters = self._criterion.enough(least), dict[_Key, list[tuple[Floats, ...]]]()
         ranked = list[tuple[int, list[tuple[float, _Key]]]]()
-        for (numbers, _), listed in sorted(groups.items(), key=lambda pair: pair[0]):
+        for (numbers, *_), listed in sorted(groups.items(), key=lambda pair: pair[0]):
             if numbers <= most + 1:
                 closest = self._closest(self._distinct(listed))
                 fits = {key: self._fitted(key, each) for key, each in closest.items()}
                 parameters |= closest
                 ranked.append((numbers, sorted((sum(float(r @ r) for _, r in fits[key]), key) for key in fits)))
-        kept = sorted(self._criterion.kept(ranked, self.at_most, self.max_ratio))
+        kept = sorted(self._criterion.kept(ranked, self.at_most))
         return [self._with_starts(key, parameters[key], objects) for _, key in kept]
 
     def _with_at_most_one(self) -> list[_SumsOfSquares]:

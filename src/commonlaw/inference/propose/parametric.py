@@ -31,7 +31,8 @@ from commonlaw.runtime.progress import ProgressCallback, Stage
 def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: ProgressCallback) -> Pool:
     """Return a pool with laws that contain offered terms, and the best law among plain terms.
 
-    Offers after the first are tried if `may_be_simpler`; their multiplicity includes that of the earlier ones.
+    Offers are tried until one improves a law that is not `may_be_simpler`; their multiplicity includes that of the
+    earlier ones.
     """
     best = pool.best
     base = replace(best.problem, excluded_terms=len(best.problem.terms))  # The terms of a law are not yet among them
@@ -39,12 +40,14 @@ def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: Progres
     search = ParametricSearch(best, pool.explored, base, Offer(()))
     rows = search.rows_of_plain()
     for i, offer in enumerate(offers):
-        fewest = 2 if i else -1  # The first is tried in any equation, and no ratio has fewer numbers
         if not offer.count:
             continue
-        if i and not may_be_simpler(best, fewest):
+        if best is not pool.best and not may_be_simpler(best, 2):
             break
-        search, best, rows = _with_offer(search.offering(offer, fewest), best, rows, progress)
+        # The first is tried in any equation; others where one of their terms alone, or a ratio, has fewer numbers
+        numbers = [each.size + len(each.shared_parameters) for each in offer.terms]
+        search = search.offering(offer, min(numbers, default=2) if i else -1)
+        search, best, rows = _with_offer(search, best, rows, progress)
     return Pool.of(search.listed(), search.explored)
 
 
@@ -71,7 +74,7 @@ def is_truncated_series(fit: Fit) -> bool:
     """Return whether a law contains what may be a power series truncated at the highest degree of the library.
 
     These are three powers of one variable with a common factor, in equal steps, up to that degree, as of an exponential
-    function or a sine: a parametric term has the same values with two parameters.
+    function or a sine: a parametric term has the same values with two parameters. x and x^3 are the first of a sine.
     """
     terms = fit.problem.terms
     monomials = [term.exponents for term in terms.terms]
@@ -84,6 +87,8 @@ def is_truncated_series(fit: Fit) -> bool:
                 before = [others | ({column: each} if each else {}) for each in range(power)]
                 steps = range(1, power // 2 + 1)
                 if any(before[power - step] in chosen and before[power - 2 * step] in chosen for step in steps):
+                    return True
+                if power == 3 and not others and before[1] in chosen:
                     return True
     return False
 
@@ -235,10 +240,9 @@ def _proposed(
     most = {
         j: own for j, (own, is_sought) in enumerate(zip(_max_parameters(best, rows), sought, strict=True)) if is_sought
     }
-    max_ratio = settings.MAX_SQUARES_RATIO if best.lack_of_fit else settings.MAX_DEVIANCE[0]
-    listed = [rank_supports(search.base, estimates, search.offer.terms, most, max_ratio)]
+    listed = [rank_supports(search.base, estimates, search.offer.terms, most)]
     if search.offer.ratios:
-        listed.append(rank_ratios(search.base, estimates, search.offer.ratios, most, max_ratio))
+        listed.append(rank_ratios(search.base, estimates, search.offer.ratios, most))
     for found in listed:
         yield [found.get(j, [row]) for j, row in enumerate(rows)]
 

@@ -45,7 +45,6 @@ def rank_ratios(
     estimates: Sequence[Estimate],
     offered: Sequence[Ratios],
     most: Mapping[int, int],
-    max_ratio: float = settings.MAX_SQUARES_RATIO,
 ) -> dict[int, list[CandidateSupport]]:
     """Return candidate supports with offered ratios, ranked by BIC, see `rank_supports`."""
     courses = object_curves(problem, estimates, ())
@@ -55,7 +54,7 @@ def rank_ratios(
         for each in offered:
             sides = [_Sides.of(course, equation, each) for course in courses]
             sides = [side for side in sides if len(side.target)]
-            scored += _Ranking(problem, equation, each, sides, numbers, max_ratio).best() if sides else []
+            scored += _Ranking(problem, equation, each, sides, numbers).best() if sides else []
         result[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
     return result
 
@@ -182,7 +181,6 @@ class _Ranking:
     offered: Ratios
     sides: Sequence[_Sides]
     at_most: int
-    max_ratio: float
 
     def best(self) -> list[tuple[float, CandidateSupport]]:
         """Return the best shapes of each size with their BIC."""
@@ -205,7 +203,7 @@ class _Ranking:
                         found[less] = score
                         optimized[less.numbers] = [(score.squares, less), *(each for each in listed if each[1] != less)]
         ranked = [(numbers, sorted(listed)) for numbers, listed in optimized.items()]
-        kept = self._criterion.kept(ranked, self.at_most, self.max_ratio)
+        kept = self._criterion.kept(ranked, self.at_most)
         pairs = ((value, self._with_starts(shape, found[shape])) for value, shape in kept)
         return [(value, each) for value, each in pairs if each is not None]
 
