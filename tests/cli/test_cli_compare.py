@@ -42,16 +42,6 @@ def test_a_saved_law_stands_beside_one_in_words(run):
 
 
 @pytest.mark.usefixtures("few")
-def test_a_law_may_have_no_coefficient_and_no_term(run):
-    code, out, _ = run("compare", "drops.csv", "x'' = 0", "x'' = -9.8", "--json")
-    assert code == 0
-    assert [(each["law"], each["coefficients"]) for each in json.loads(out)["laws"]] == [
-        ("x'' = -9.8", 0),
-        ("x'' = 0", 0),
-    ]
-
-
-@pytest.mark.usefixtures("few")
 def test_a_law_that_cannot_be_read_is_named_before_any_is_fitted(run, monkeypatch):
     monkeypatch.setattr("commonlaw.fit", lambda *_, **__: pytest.fail("a law was fitted"))
     code, _, err = run("compare", "drops.csv", "x'' = -9.8", "y'' = -9.8")

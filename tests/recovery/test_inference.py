@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sklearn.base import clone
 
 import commonlaw as cl
 from benchmarks.variational import cramer_rao, solve
@@ -182,24 +181,6 @@ def test_the_noise_of_a_state_may_be_named_with_its_unit():
     ).uncertainty.noise == pytest.approx([0.03])
     with refused("unknown-name", kind="state", name="I"):
         cl.discover(trials, method=cl.TrajectoryLikelihood(noise={"I": 0.03}), order=1, library="poly:3")
-
-
-def test_the_estimator_keeps_the_conventions_of_scikit_learn(drops, drag):
-    steps = []
-    model = cl.LawDiscovery(
-        order=2,
-        library="poly:2",
-        method=cl.TrajectoryLikelihood(noise={"x": 0.05}, huber_threshold=5.0),
-        progress=steps.append,
-    )
-    again = clone(model)
-    assert again.get_params() == model.get_params()
-    assert again.get_params()["method__huber_threshold"] == 5.0
-    again.set_params(method__noise=None, method__huber_threshold=4.0).fit(drops)
-    np.testing.assert_array_equal(again.law_.coefficients, drag.coefficients)
-    assert steps[0] == "estimating noise, smoothing"
-    assert steps[-1] == "computing standard errors and inclusion probabilities"
-    assert any("choosing terms" in step for step in steps)
 
 
 # What must not matter

@@ -1,7 +1,6 @@
 """Experiments: settings, Gaussian densities, and designs held against simulation."""
 
 from dataclasses import replace
-from itertools import combinations_with_replacement
 from unittest.mock import Mock
 
 import numpy as np
@@ -45,14 +44,6 @@ def test_information_is_that_of_least_squares():
     columns = np.column_stack([times**2 / 2, np.ones(7), times]) / NOISE
     information = 1 / np.linalg.inv(columns.T @ columns)[0, 0]
     assert found.experiments[0].bits == pytest.approx(np.log2(1 + information) / 2, rel=1e-6)
-
-
-def test_slopes_of_a_straight_line_are_told_by_its_far_end():
-    """x' = a from a free start: two thirds of a duration away tell less than its end (D-optimality)."""
-    law = known("x' = a", {"a": 1.0}, [[1.0]])
-    found = cl.design(law, {"x": 0, "times": [[0, 1.0], [0, 2.0], [0, 3.0]]}, about="coefficients")
-    assert found.experiments[0].experiment.times.tolist() == [0.0, 3.0]
-    assert found.experiments[0].bits == pytest.approx(np.log2(1 + 9 / (2 * NOISE**2)) / 2)
 
 
 def test_what_is_said_of_measurements_agrees_with_forecasts():
@@ -111,29 +102,6 @@ def test_laws_that_imitate_each_other_are_not_told_apart():
     found = cl.design(laws, {**vary, "u.shape": ["constant", "ramp"]})
     assert found.tells_apart
     assert found.experiments[0].experiment.settings["u.shape"] == "ramp"
-
-
-def test_the_chance_is_what_happens():
-    """Measurements made by either law, and the more probable one by least squares in closed form."""
-    random, times = np.random.default_rng(5), np.linspace(0, 1, 11)
-    laws = [known("x' = a", {"a": 1.0}, [[0.04]]), known("x' = a x", {"a": 1.0}, [[0.09]])]
-    found = cl.design(laws, {"x": 1, "times": [times]})
-    columns = [times, times * np.exp(times)], [np.ones(11), np.exp(times)], [1 + times, np.exp(times)]
-    covariances = [
-        NOISE**2 * np.eye(11) + variance * np.outer(own, own) + 1e4 * np.outer(start, start)
-        for own, start, variance in zip(*columns[:2], (0.04, 0.09), strict=True)
-    ]
-    right, draws = 0, 4000
-    for i in range(2):
-        error = np.sqrt((0.04, 0.09)[i]) * random.normal(size=(draws, 1))
-        made = columns[2][i] + error * columns[0][i] + NOISE * random.normal(size=(draws, 11))
-        logs = []
-        for mean, covariance in zip(columns[2], covariances, strict=True):
-            off = made - mean
-            squares = np.einsum("dn,nm,dm->d", off, np.linalg.inv(covariance), off)
-            logs.append(-(squares + np.linalg.slogdet(covariance)[1]) / 2)
-        right += int(np.sum(np.argmax(logs, axis=0) == i))
-    assert found.chance == pytest.approx(right / (2 * draws), abs=0.025)
 
 
 def test_the_chance_is_what_happens_far_from_lines():
@@ -374,20 +342,6 @@ def test_repeats_count_as_independent_measurements():
     assert gain == pytest.approx(np.log(1 + 12) / 2)
 
 
-def test_straight_line_is_measured_at_both_ends():
-    """The D-optimal design of a straight line has half of its weight at each end."""
-    grid = np.linspace(-1, 1, 21)
-    gains = {
-        both: np.linalg.slogdet(np.eye(2) + 1e6 * sum(np.outer((1, x), (1, x)) for x in both))[1]
-        for both in combinations_with_replacement(grid, 4)
-    }
-    best = max(gains, key=gains.__getitem__)
-    assert best == (-1, -1, 1, 1)
-    trial = Gaussian(np.zeros(4), 1e3 * np.column_stack([np.ones(4), best]), np.zeros((4, 0)), np.ones(4))
-    (gain,) = Evidence.of([trial], Draws.of((2,), 4, 1, (0,), 0)).gain()
-    assert 2 * gain == pytest.approx(gains[best])
-
-
 def weight(points, shares, noise, truth, rival):
     """Return the weight of evidence for a truth against what imitates it by coefficients of columns, at its means."""
     found = []
@@ -399,19 +353,6 @@ def weight(points, shares, noise, truth, rival):
     for each in found[1:]:
         total += each
     return float(total.log_densities[0, 0, 0] - total.log_densities[0, 0, 1])
-
-
-def test_a_line_is_told_from_a_constant_at_both_ends():
-    points = np.linspace(-1, 1, 9)
-
-    def value(at):
-        return weight(at, np.full(len(at), 1.0), 0.01, lambda x: 1 + x, lambda _: [1.0])
-
-    chosen = [0.0]
-    for _ in range(31):
-        chosen.append(max(points, key=lambda x: value([*chosen, x])))
-    counts = np.array([chosen.count(x) for x in points])
-    assert counts[[0, -1]].tolist() == [16, 15] or counts[[0, -1]].tolist() == [15, 16]
 
 
 def test_discrimination_agrees_with_the_published_t_optimal_design():

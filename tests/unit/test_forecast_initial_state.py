@@ -68,16 +68,6 @@ def test_the_start_of_a_linear_law_and_its_standard_deviation_are_those_of_weigh
     np.testing.assert_allclose(forecast.std[0], deviations, rtol=1e-5)
 
 
-def test_without_any_force_height_and_rate_are_those_of_the_straight_line_of_least_squares():
-    times = np.linspace(0, 2, 30)
-    law = law_of("terms:1,v", ("x",), [[0.0, 0.0]], [0.1], order=2, rates=("v",))
-    heights = 3 - 0.5 * times + 0.1 * np.random.default_rng(1).standard_normal(30)
-    (slope, height), covariance = np.polyfit(times[:12], heights[:12], 1, cov="unscaled")
-    forecast = law.predict(trials_of(law, heights, times=times), start=12, return_std=True)
-    np.testing.assert_allclose(start_of(forecast), [height, slope], rtol=1e-6)
-    np.testing.assert_allclose(forecast.std[0][0], 0.1 * np.sqrt(np.diag(covariance))[::-1], rtol=1e-6)
-
-
 def test_more_samples_than_a_trial_has_are_all_of_them():
     trials = datasets.linear_drag(noise=0.05)[[0]]
     law = measured(datasets.linear_drag.truth(), [0.05])

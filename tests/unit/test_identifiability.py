@@ -51,11 +51,6 @@ def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_the
     assert not confounded_sets(both(47, 38), 2, library)
 
 
-def test_an_object_that_visits_more_tells_for_all() -> None:
-    assert confounded_sets(drops({"golf": [47, 47], "tennis": [47, 47]}), 2, "poly:2")
-    assert not confounded_sets(drops({"golf": [47, 47], "tennis": [47, 30]}), 2, "poly:2")
-
-
 def test_errors_that_are_correlated_in_time_do_not_hide_that_heights_and_velocities_are_one_curve() -> None:
     alike, apart = both(47, 47, noise=0.04), both(47, 36, noise=0.04)
     random, memory = np.random.default_rng(1), np.exp(-1 / 15 / 0.3)
@@ -89,12 +84,6 @@ def test_states_that_sum_to_a_constant_stand_in_for_each_other() -> None:
     trials = cl.Trials.from_arrays([times, times], states, names=["S", "I", "R"])
     found = {each.state: each.sets for each in confounded_sets(trials, 1, "poly:2")}
     assert {("S", "I"), ("S", "R")} <= set(found["I"])
-
-
-def test_a_damped_oscillation_tells_its_variables_by_one_trial() -> None:
-    random, times = np.random.default_rng(0), np.linspace(0, 12, 100)
-    path = np.exp(-0.1 * times) * np.cos(times) + 0.02 * random.standard_normal(100)
-    assert not confounded_sets(cl.Trials.from_arrays(times, path), 2)
 
 
 def test_trials_too_short_for_all_terms_say_nothing() -> None:

@@ -26,13 +26,6 @@ def test_polynomial_is_ordered_by_degree_as_in_the_field():
     assert names == ("1", "x", "v", "x^2", "x v", "v^2", "x^3", "x^2 v", "x v^2", "v^3")
 
 
-def test_polynomial_of_degree_3_holds_the_library_of_the_falling_balls_paper():
-    paper = ("1", "x", "v", "x v", "x^2", "v^2", "x^2 v", "x v^2", "x^3", "v^3")
-    library = PolynomialLibrary(3)
-    assert sorted(library.bind(XV).names) == sorted(paper)
-    assert library.select(*paper).bind(XV).names == paper
-
-
 @pytest.mark.parametrize(("count", "degree"), [(1, 5), (2, 3), (3, 5), (4, 4)])
 def test_polynomial_has_as_many_terms_as_there_are_monomials(count, degree):
     variables = Variables(tuple(f"x{i}" for i in range(count)))

@@ -112,14 +112,6 @@ def test_each_object_has_its_own_look_and_keeps_it_in_a_selection() -> None:
     assert legend_of(chosen)[0] == "Ball 3"
 
 
-def test_each_state_has_a_panel_and_a_state_without_unit_its_name_alone() -> None:
-    trials = datasets.lorenz()
-    figure = plot_trials(trials)
-    assert [panel.get_ylabel() for panel in figure.axes] == ["x", "y", "z"]
-    (panel,) = plot_trials(trials, state="y").axes
-    np.testing.assert_array_equal(xy(panel, 0)[1], trials[0].states[:, 1])
-
-
 def test_unknown_states_and_objects_are_named() -> None:
     with refused("unknown-name", kind="state", name="y"):
         plot_trials(drops(1), state="y")
@@ -255,14 +247,6 @@ def test_a_true_term_that_the_law_misses_has_open_markers_only() -> None:
     drag = plot_law(without, trials, truth).axes[1]
     assert np.all(np.isnan(xy(drag, 0)[0]))
     np.testing.assert_array_equal(xy(drag, 1)[0], DRAG[:3])
-
-
-def test_the_law_of_one_object_shows_its_numbers() -> None:
-    trials = drops(1)
-    figure = plot_law(law_of(trials), trials)
-    assert figure.get_suptitle().startswith(r"$\ddot{x}$ $=$ $-$9.5 $-$ 0.09 $v$")
-    assert [text.get_text() for text in figure.axes[0].texts] == ["−9.5 m/s²", "−0.09 1/s"]
-    assert "true" not in legend_of(figure)
 
 
 def test_coefficients_whose_errors_are_known_have_95_percent_intervals() -> None:
