@@ -132,7 +132,7 @@ def test_a_law_of_few_objects_is_refined_for_all_of_a_stream(folder, whole):
 
 
 def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+    stream, falling = cl.TrialStream.from_parquet(folder, **ROLES), cl.fit("x'' = -g", whole, **SETTINGS)
     for use, said in [
         (
             lambda: cl.fit("x'' = -k abs(v)^p sign(v)", stream),
@@ -141,9 +141,9 @@ def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
         (lambda: cl.fit("x[k+1] = a x", stream), Diagnostic("not-file-by-file", {"what": "a discrete-time law is"})),
         (lambda: cl.fit("x' = -k x + d; d' = -a d", stream, initial_values={"d": 1.0}), "not-for-streams"),
         (lambda: cl.fit("x'' = -g", whole, client=object()), "cluster-client-without-files"),
-        (lambda: cl.refine(cl.fit("x'' = -g", whole), whole, client=object()), "cluster-client-without-files"),
+        (lambda: cl.refine(falling, whole, client=object()), "cluster-client-without-files"),
         (
-            lambda: cl.refine(cl.fit("x'' = -g", whole), stream, covariance="x"),
+            lambda: cl.refine(falling, stream, covariance="x"),
             Diagnostic("unknown-name", {"kind": "covariance"}),
         ),
     ]:

@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 
@@ -166,9 +167,14 @@ def test_no_files_import_each_other_in_a_circle():
     assert not named, "import circles:\n" + "\n".join(named)
 
 
+@cache
+def nodes(module):
+    return [*ast.walk(ast.parse(module.read_text()))]
+
+
 def changes_of_disk(module):
     """Yield the line and the name of whatever changes files in a module."""
-    for node in ast.walk(ast.parse(module.read_text())):
+    for node in nodes(module):
         if isinstance(node, ast.Call):
             used = {getattr(node.func, "attr", "")} & CHANGES_DISK | {getattr(node.func, "id", "")} & {"open"}
         elif isinstance(node, ast.Import | ast.ImportFrom):
@@ -192,9 +198,7 @@ def test_one_module_reads_what_is_on_disk():
         if each.name not in ("diagnostics.py", "reading.py", "files.py", "output.py")
         and str(each.relative_to(SOURCES)) != "kernel/__init__.py"
     ]
-    calls = [
-        node for module in modules for node in ast.walk(ast.parse(module.read_text())) if isinstance(node, ast.Call)
-    ]
+    calls = [node for module in modules for node in nodes(module) if isinstance(node, ast.Call)]
     names = {getattr(call.func, "attr", getattr(call.func, "id", "")) for call in calls}
     assert not names & READS_DISK, "read by commonlaw.runtime.reading, within its limits"
 
