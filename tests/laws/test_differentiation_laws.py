@@ -46,16 +46,6 @@ def test_states_and_derivatives_have_the_shape_of_the_trial(text, seed, order):
 
 @methods
 @few
-@given(seeds, orders, st.floats(-100, 100))
-def test_a_constant_added_to_the_states_does_not_change_the_rates(text, seed, order, constant):
-    times, states = _trial(seed)
-    moved, rates = _rates(text, times, states + constant, order), _rates(text, times, states, order)
-    _assert_same(moved.derivatives, rates.derivatives)
-    _assert_same([moved.states], [rates.states + constant])
-
-
-@methods
-@few
 @given(seeds, orders, st.floats(1e-3, 1e3), st.sampled_from([-1, 1]))
 def test_rates_scale_with_the_states(text, seed, order, size, sign):
     times, states = _trial(seed)

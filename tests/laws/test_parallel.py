@@ -98,11 +98,6 @@ def test_what_is_no_number_of_threads_is_refused(n_jobs):
         pass
 
 
-def test_numbers_of_threads_may_be_those_of_numpy():
-    with threads(np.int64(2)):
-        assert in_parallel(abs, [-1, -2]) == [1, 2]
-
-
 def test_there_are_as_many_threads_as_other_numerical_libraries_take(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     assert cores() == 3

@@ -115,12 +115,6 @@ def test_forecasts_draw_objects_to_each_other_unless_that_is_not_wanted(drops, d
     np.testing.assert_allclose(alone.trajectories[0].states, expected.trajectories[0].states, atol=1e-6)
 
 
-def test_a_law_may_be_known_altogether(drops):
-    fixed = {"1": -9.8, "v": dict(zip(drops.objects, DRAGS["drag"], strict=True))}
-    law = found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="terms:1,v", known=fixed)
-    assert not law.uncertainty.covariance.any()
-
-
 def test_given_noise_is_used(drops, drag):
     settings = {"order": 2, "library": "poly:2"}
     law = cl.discover(drops, method=cl.TrajectoryLikelihood(noise={"x": 0.2}), **settings)
@@ -134,13 +128,6 @@ def test_given_noise_is_used(drops, drag):
 
 
 # Other ways
-
-
-def test_a_solver_without_its_setting_lists_the_candidates(drops, drag):
-    for solver in ("best-subset", "group-stlsq"):
-        law = cl.discover(drops, order=2, library="poly:2", method=cl.TrajectoryLikelihood(solver=solver))
-        np.testing.assert_array_equal(law.support, drag.support)
-        np.testing.assert_allclose(law.coefficients, drag.coefficients, rtol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -69,13 +69,6 @@ def test_what_decides_the_coefficients_is_found_by_the_properties_of_files(law):
     assert drag.factors[0] == pytest.approx(-0.3, rel=0.05)
 
 
-def test_what_is_known_stays_so_in_every_file(folder):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES)
-    known = cl.discover(stream, order=2, library="poly:1", known={"1": -9.8}, method=METHOD)
-    assert (known.coefficients[:, 0, 0] == -9.8).all()
-    assert (standard_errors(known)[:, 0, 0] == 0).all()
-
-
 def test_errors_by_the_bootstrap_are_those_of_all_trials_together(folder, whole):
     settings = {"covariance": "bootstrap", "noise": {"x": 0.01}, "errors": "white", "partial_pooling": False, "seed": 3}
     stream, method = cl.TrialStream.from_parquet(folder, **ROLES), cl.TrajectoryLikelihood(**settings)

@@ -83,17 +83,6 @@ def test_squares_with_all_terms_are_those_of_noise_for_any_parameters(lakes):
     assert squares[0] / rows == pytest.approx(1, abs=4 * np.sqrt(2 / rows))
 
 
-def test_states_follow_from_a_nonlinear_observation(lakes):
-    trials, _ = lakes
-    search = _WeakSearch(
-        _begun(trials, {"y": "s (x + z + z^2)"}, ("x", "z"), None), trials, ModelStructure(1, PolynomialLibrary(2))
-    )
-    point, slopes = search.states(search.values, np.array([2.0]))
-    x, z = point[:, :2].T
-    np.testing.assert_allclose(np.column_stack([x, 2 * (x + z + z**2)]), search.values, rtol=1e-8)
-    np.testing.assert_allclose(slopes[:, 1, 1], 2 * (1 + 2 * z), rtol=1e-12)
-
-
 def test_fixed_coefficients_stay_and_the_others_are_estimated():
     frame, truth = table(eaten=0.75, objects=2)
     trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])

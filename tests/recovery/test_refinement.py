@@ -111,13 +111,6 @@ def test_blocks_drawn_anew_may_tell_nothing_of_a_term():
     assert found[0, 0] == pytest.approx(expected, rel=0.25)
 
 
-def test_another_seed_draws_other_blocks(prey, by_rates):
-    laws = [cl.refine(by_rates, prey, covariance="bootstrap", seed=seed, **OWN) for seed in (0, 0, 1)]
-    first, again, other = (law.uncertainty.covariance for law in laws)
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
 def test_known_coefficients_stay_and_other_objects_are_left_out():
     drops = datasets.linear_drag(noise=0.05)
     law = cl.discover(drops, order=2, library="poly:1", known={"1": -9.8})

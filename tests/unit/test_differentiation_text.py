@@ -1,12 +1,9 @@
 """Differentiation methods as texts."""
 
-from dataclasses import dataclass
-
 import pytest
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import (
-    AbstractDifferentiator,
     CenteredDifference,
     FiniteDifference,
     ForwardDifference,
@@ -57,20 +54,6 @@ def test_text_and_method_stand_for_each_other(text, method):
 @pytest.mark.parametrize(("text", "method"), SHORT_TEXTS.items())
 def test_a_text_may_leave_out_defaults_or_write_them(text, method):
     assert parse_differentiation(text) == method
-
-
-@dataclass(frozen=True)
-class _Own(AbstractDifferentiator):
-    def reach(self, order):
-        return order
-
-    def differentiate(self, times, states, order):
-        return CenteredDifference().differentiate(times, states, order)
-
-
-@pytest.mark.parametrize("method", [_Own(), SmoothedDifference(MedianFilter(5), _Own())])
-def test_a_method_of_the_users_own_has_no_text(method):
-    assert format_differentiation(method) is None
 
 
 @pytest.mark.parametrize(

@@ -18,14 +18,6 @@ def test_a_library_that_memory_cannot_hold_is_refused_with_its_size(method):
         cl.discover(DROPS, order=2, library="poly:100", method=method)
 
 
-@pytest.mark.parametrize(
-    ("size", "text"), [(600.0, "about 10 minutes"), (86_400.0, "about 24 hours"), (7_000.0, "117 minutes")]
-)
-def test_lengths_are_said_in_minutes_and_hours(size, text):
-    with pytest.warns(cl.LongWorkWarning, match=text):
-        progress.announce("this", size, "do less")
-
-
 def test_work_of_less_than_a_minute_is_not_announced():
     progress.announce("this", 59.0, "do less")
 

@@ -108,19 +108,6 @@ def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_pri
     assert found["estimate"].to_numpy() == pytest.approx(6.0, abs=1e-2)
 
 
-def test_a_state_changes_at_a_known_time():
-    times = np.linspace(0, 10, 41)
-
-    def course(k, f, first):
-        return first * np.exp(k * times) * np.where(times > 5, f, 1.0)
-
-    data = course(0.3, 0.2, 1.0) + 0.05 * np.random.default_rng(0).standard_normal(len(times))
-    law = cl.fit("y' = k y; t > 5: y = f y", trials({"A": (times, data)}))
-    expected, errors = fitted(lambda p: course(*p), [0.3, 0.2, 1.0], data)
-    assert law.params["estimate"].to_numpy() == pytest.approx(expected[:2], rel=1e-5)
-    assert law.params["standard error"].to_numpy() == pytest.approx(errors[:2], rel=1e-3)
-
-
 def test_events_go_with_doses():
     times = np.arange(0, 24, 0.5)
 

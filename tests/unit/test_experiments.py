@@ -123,13 +123,6 @@ def test_the_chance_is_what_happens_far_from_lines():
     assert found.chance == pytest.approx(np.mean(chances), abs=0.025)
 
 
-def test_a_later_experiment_is_chosen_given_the_first():
-    """With one coefficient each, two objects are measured in turn."""
-    law = known("x' = a", {"a": 1.0}, [[1.0]], objects=("one", "two"))
-    found = cl.design(law, {"x": 0, "duration": 1, "rate": 10}, experiments=2)
-    assert {experiment.experiment.settings["object"] for experiment in found.experiments} == {"one", "two"}
-
-
 def test_several_experiments_are_the_best_together():
     """Rates tell a cubic best at both ends and at 1/sqrt(5); one by one, the third would be in the middle."""
     law = known("x' = a + b u + c u^2 + d u^3", dict.fromkeys("abcd", 1.0), np.eye(4), inputs=("u",))
@@ -294,21 +287,6 @@ def test_evidence_is_that_of_normal_densities():
             np.testing.assert_allclose(found.log_densities[i, :, k] - 2.5 * np.log(2 * np.pi), wanted, rtol=1e-10)
 
 
-def test_trials_that_share_coefficients_add_up_as_if_they_were_one():
-    random = np.random.default_rng(1)
-    slopes, means = random.normal(size=(6, 2)), random.normal(size=(2, 6))
-    whole = [Gaussian(mean, slopes, np.zeros((6, 0)), np.ones(6)) for mean in means]
-    parts = [
-        [Gaussian(m[own], slopes[own], np.zeros((3, 0)), np.ones(3)) for m in means] for own in (slice(3), slice(3, 6))
-    ]
-    unknowns, noise = tuple(random.normal(size=(2, 4, 2))), random.normal(size=(4, 6))
-    together = Evidence.of(whole, Draws(unknowns, noise))
-    one, two = (
-        Evidence.of(part, Draws(unknowns, own)) for part, own in zip(parts, np.split(noise, 2, axis=1), strict=True)
-    )
-    np.testing.assert_allclose((one + two).log_densities, together.log_densities)
-
-
 def test_a_free_start_is_the_limit_of_a_wide_prior():
     random = np.random.default_rng(2)
     times = np.linspace(0, 1, 8)
@@ -443,13 +421,6 @@ def test_an_input_is_shaped_to_tell_its_coefficient():
     columns = 2 * np.linspace(0, 2, 9)
     information = np.sum((columns - columns.mean()) ** 2) / NOISE**2
     assert found.bits == pytest.approx(np.log2(1 + information) / 2, rel=1e-3)
-
-
-@pytest.mark.parametrize("shapes", ["constant, step", ["constant", "step"], ("constant", "step")])
-def test_shapes_are_a_list_however_they_are_written(shapes):
-    law = known("x' = a u", {"a": 1.0}, [[1.0]], inputs=("u",))
-    found = cl.design(law, {"x": 0, "duration": 2, "samples": 9, "u": 2, "u.period": 2, "u.shape": shapes})
-    assert found.experiments[0].experiment.settings["u.shape"] == "constant"
 
 
 @pytest.mark.parametrize(

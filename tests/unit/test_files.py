@@ -36,11 +36,6 @@ def test_content_replaces_what_was_there_and_leaves_nothing_beside_it(tmp_path: 
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_path_may_be_text(tmp_path: Path) -> None:
-    write_whole(str(tmp_path / "law.json"), b"")
-    assert (tmp_path / "law.json").read_bytes() == b""
-
-
 def test_a_missing_folder_is_named_and_no_other_target_is_touched(tmp_path: Path) -> None:
     (tmp_path / "law.json").write_bytes(b"old")
     with refused("output-refused"):
@@ -363,10 +358,6 @@ def test_json_has_a_largest_size(monkeypatch):
     assert read_json(b"[1, 2, 3] ", list) == [1, 2, 3]
     with refused("json-too-large", bytes=11, limit=10):
         read_json(b"[1, 2, 3]  ", list)
-
-
-def test_brackets_in_texts_do_not_nest():
-    assert read_json(b'"\\"' + b"[" * 100 + b'"', str) == '"' + "[" * 100
 
 
 def test_text_that_is_not_utf_8_is_refused_with_its_line():

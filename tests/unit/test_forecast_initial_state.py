@@ -150,21 +150,6 @@ def test_an_outlier_among_the_first_samples_pulls_no_harder_than_four_standard_d
     np.testing.assert_allclose(starts[0], starts[2], atol=0.05)
 
 
-def test_inputs_drive_the_fitted_samples_too():
-    """x' = -x + u with u = t has the solution x = (x0 + 1) exp(-t) + t - 1."""
-    times = np.linspace(0, 2, 41)
-    terms = parse_library("terms:x,u").bind(Variables(("x",), ("u",)))
-    law = Law(
-        terms, Schema(("x",), ("u",)), 1, ("tank",), np.array([[[-1.0, 1.0]]]), uncertainty=Uncertainty(noise=[0.1])
-    )
-    states = 3 * np.exp(-times) + times - 1
-    states[0] += 0.3
-    trials = Trials((Trial("tank", "1", times, states, times),), law.schema)
-    weights = np.exp(-times[:15])
-    expected = 2 + 0.3 / np.sum(weights**2)
-    np.testing.assert_allclose(start_of(law.predict(trials, start=15)), expected, rtol=1e-6)
-
-
 def test_standard_deviations_of_a_trajectory_that_runs_away_are_known_as_far_as_it_and_the_first_samples_go():
     times = np.linspace(0, 2, 41)
     law = law_of("terms:x^2", ("x",), [[1.0]], [0.5])

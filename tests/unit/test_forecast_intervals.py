@@ -118,14 +118,6 @@ def test_a_law_that_is_known_exactly_has_intervals_from_the_initial_state_alone(
     np.testing.assert_allclose(law.predict(trials, return_std=True).std[0][:, 0], 0.1 * np.exp(-times), rtol=1e-6)
 
 
-def test_an_object_without_one_of_the_terms_is_not_made_uncertain_by_it():
-    times = np.linspace(0, 1, 11)
-    law = law_of("x,x**2", 1, [[-1.0, 0.0], [-1.0, -0.5]], [[0.01, 0.0], [0.01, 0.04]], 0.0)
-    trials = Trials((Trial("a", "1", times, np.exp(-times)),), law.schema)
-    found = law.predict(trials, return_std=True).std[0][:, 0]
-    np.testing.assert_allclose(found, 0.1 * times * np.exp(-times), rtol=1e-6, atol=1e-12)
-
-
 def test_discrete_laws_have_standard_deviations():
     k, law = np.arange(5.0), law_of("x", 0, [[0.9]], [[1e-4]], 0.1)
     trials = Trials((Trial("a", "1", k, 0.9**k),), law.schema)

@@ -51,21 +51,6 @@ def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_the
     assert not confounded_sets(both(47, 38), 2, library)
 
 
-def test_errors_that_are_correlated_in_time_do_not_hide_that_heights_and_velocities_are_one_curve() -> None:
-    alike, apart = both(47, 47, noise=0.04), both(47, 36, noise=0.04)
-    random, memory = np.random.default_rng(1), np.exp(-1 / 15 / 0.3)
-    for given, expected in ((alike, True), (apart, False)):
-        states = []
-        for trial in given:
-            errors = [random.standard_normal()]
-            for shock in random.standard_normal(len(trial) - 1):
-                errors.append(memory * errors[-1] + np.sqrt(1 - memory**2) * shock)
-            states.append(trial.states[:, 0] + 0.06 * np.array(errors))
-        names = [trial.object for trial in given]
-        times = [trial.times for trial in given]
-        assert bool(confounded_sets(cl.Trials.from_arrays(times, states, object=names), 2, "poly:2")) is expected
-
-
 def test_a_height_that_stands_in_for_what_makes_trials_differ_is_told() -> None:
     (found,) = confounded_sets(both(47, 47, scales=np.array([1, 1.2, 1, 0.85])), 2)
     assert found.sets == (("x",), ("v",))

@@ -38,13 +38,6 @@ def test_inputs_between_samples(how):
     np.testing.assert_array_equal(inputs.at(np.array([0.0, 1e3])), VALUES[[0, -1]])
 
 
-@pytest.mark.parametrize("how", ["held", "linear", "cubic"])
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_samples_have_inputs_too(how, count):
-    inputs = Inputs.of(TIMES[:count], VALUES[:count], how)
-    np.testing.assert_allclose(inputs.at(TIMES[:count]), VALUES[:count], atol=1e-12)
-
-
 def test_an_input_that_stays_as_it_is_has_no_knot():
     assert Inputs.of(np.arange(6.0), np.array([[1.0], [1], [1], [2], [2], [2]]), "held").knots.tolist() == [0, 3]
     assert Inputs.of(np.arange(6.0), np.ones((6, 1)), "linear").knots.tolist() == [0]
@@ -156,15 +149,6 @@ def test_inputs_that_change_often_are_worth_compiling_the_law(monkeypatch):
         for values, method in ((np.ones((600, 2)), "scipy"), (np.sin([times, 2 * times]).T, "heyoka")):
             trials = Trials((Trial("tank", "1", times, np.ones(600), values),), law.schema)
             assert law.predict(trials, start=1).trajectories[0].method == method
-
-
-def test_an_input_that_the_law_has_no_use_for_does_no_harm():
-    terms = parse_library("terms:x,u").bind(Variables(("x",), ("u", "w")))
-    law = Law(terms, Schema(("x",), ("u", "w")), 1, ("tank",), np.array([[[-1.0, 0.0]]]))
-    trials = Trials((Trial("tank", "1", TIMES, np.ones(25), VALUES),), law.schema)
-    for method in METHODS:
-        states = law.predict(trials, start=1, method=method).trajectories[0].states[:, 0]
-        np.testing.assert_allclose(states, np.exp(TIMES[0] - TIMES), atol=1e-6)
 
 
 def test_a_fitted_start_takes_the_inputs_as_they_are_said_to_be():

@@ -50,10 +50,6 @@ def test_a_fit_that_is_no_solution_of_its_law_did_not_converge():
     assert found.kind is OutcomeKind.NOT_CONVERGED
 
 
-def test_a_fast_law_at_rest_is_followed():
-    assert stated("terms:1,x", [200.0, -100.0], np.full(len(TIMES), 2.0)).is_resolved
-
-
 def test_what_a_law_errs_by_in_each_step_is_no_error_of_the_step():
     wandering = 3 * np.exp(-0.5 * TIMES) + np.cumsum(0.05 * np.random.default_rng(2).standard_normal(len(TIMES)))
     assert stated("terms:x", [-0.5], wandering, model_error=1.0).is_resolved

@@ -60,29 +60,6 @@ def test_without_constraints_it_is_least_squares():
     np.testing.assert_allclose(found, [problem.least_squares(support[0], 0) for problem in problem], rtol=1e-12)
 
 
-def test_constraints_can_set_every_coefficient():
-    values = np.arange(1.0, 1.0 + 3 * TERMS)
-    support = np.ones((3, TERMS), dtype=bool)
-    found = constrained_least_squares(compressed(rows()), support, 0, np.eye(3 * TERMS), values)
-    np.testing.assert_allclose(found.ravel(), values, rtol=1e-12)
-
-
-def test_one_coefficient_for_all_objects_weighs_objects_by_their_noise():
-    problem = [(library, target) for library, target in rows(noise=0.1)]
-    noisy = problem[0][1] + 5 * np.random.default_rng(9).standard_normal(50)
-    problem[0] = (problem[0][0], noisy)
-    (fit,) = ConstrainedSolver(BestSubset(2), equal=(0,)).solve(compressed(problem), EVERY)
-    support = fit.support
-    assert support.tolist() == [[True, False, True, False]] * 3
-    own = [np.linalg.lstsq(library[:, [0, 2]], target, rcond=None)[1][0] / 48 for library, target in problem]
-    matrix = np.zeros((2, 12))
-    matrix[[0, 0, 1, 1], [0, 4, 4, 8]] = 1, -1, 1, -1
-    expected = by_optimality_conditions(problem, support, matrix, np.zeros(2), 1 / np.array(own))
-    np.testing.assert_allclose(fit.coefficients, expected, rtol=1e-9)
-    assert np.ptp(fit.coefficients[:, 0]) < 1e-12
-    assert abs(fit.coefficients[0, 0] + 9.8) < 0.05
-
-
 def test_the_path_is_refitted_and_ends_where_constraints_need_terms():
     problem, matrix = compressed(rows()), np.zeros((1, 12))
     matrix[0, 0] = 1.0

@@ -63,18 +63,6 @@ def places_of(candidate):
     return tuple(np.flatnonzero(candidate.support[0]).tolist())
 
 
-@pytest.mark.parametrize("seed", range(30))
-def test_best_subset_equals_exhaustive_search(seed):
-    rows, problems = problem(seed)
-    terms = problems[0].terms
-    for candidate in BestSubset(largest=terms, nodes=100_000).path(problems, 0, np.ones(terms, dtype=bool)):
-        size = int(candidate.hyperparameter)
-        supports = [*combinations(range(terms), size)]
-        values = scaled_residuals_by_gram(rows, supports) if size else scaled_residuals(rows, supports)
-        assert candidate.proven
-        assert places_of(candidate) == supports[np.argmin(values)]
-
-
 @pytest.mark.parametrize("seed", range(10))
 def test_best_subset_of_14_terms_equals_exhaustive_search(seed):
     rows, problems = problem(seed, terms=14)
@@ -170,29 +158,6 @@ def test_objects_count_by_their_noise_and_not_by_their_size():
     problems = [LeastSquaresProblem.of(library, target[:, np.newaxis]) for target in (small, large)]
     (fit,) = BestSubset(2).solve(problems, np.ones((1, 3), dtype=bool))
     assert fit.support[0].tolist() == [True, True, False]
-
-
-@pytest.mark.parametrize("solver", [BestSubset(2), StepwiseSelection(2), StepwiseSelection(2, "backward")])
-def test_columns_that_depend_on_each_other_are_not_both_taken(solver):
-    generator = np.random.default_rng(0)
-    library = generator.standard_normal((50, 4))
-    library[:, 3] = 2 * library[:, 0]
-    target = library @ [3.0, 1.0, 0.0, 0.0] + 0.1 * generator.standard_normal(50)
-    (fit,) = solver.solve([LeastSquaresProblem.of(library, target[:, np.newaxis])], np.ones((1, 4), dtype=bool))
-    support = fit.support[0]
-    assert support[1]
-    assert support[[0, 3]].sum() == 1
-
-
-@pytest.mark.parametrize("solver", [BestSubset(2), StepwiseSelection(2, "backward"), StepwiseSelection(2)])
-def test_objects_with_fewer_rows_than_terms_have_a_say(solver):
-    generator = np.random.default_rng(0)
-    problems = []
-    for rows in (5, 40):
-        library = generator.standard_normal((rows, 8))
-        target = library @ [3.0, 0, 0, 0, 0, 2.0, 0, 0] + 0.01 * generator.standard_normal(rows)
-        problems.append(LeastSquaresProblem.of(library, target[:, np.newaxis]))
-    assert np.flatnonzero(solver.solve(problems, np.ones((1, 8), dtype=bool))[0].support[0]).tolist() == [0, 5]
 
 
 def test_more_than_60_terms_are_searched_by_exchange_and_not_proven():
