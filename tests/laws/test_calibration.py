@@ -54,12 +54,6 @@ def test_few_trials_lean_on_what_the_law_says_of_itself():
     assert four**2 == pytest.approx((2 + 4 * (3 * 1.959964) ** 2) / 6, rel=1e-6)
 
 
-def test_a_trial_counts_once_however_often_it_was_measured():
-    sparse = [trial(AHEAD, 0.0, seed) for seed in range(40)]
-    dense = errors(np.linspace(0.05, 6, 100_000), np.full((100_000, 1), 9.0))
-    assert widening_of([*sparse, dense]).factors.max() < 3.0
-
-
 def test_what_was_never_forecast_widens_nothing():
     assert widening_of([]) is None
     assert widening_of([errors(np.array([]), np.empty((0, 1)))]) is None

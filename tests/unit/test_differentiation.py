@@ -82,24 +82,6 @@ def test_finite_difference_differentiates_polynomials_exactly_on_any_grid(accura
     np.testing.assert_allclose(third, polynomial.deriv(3)(times)[2:-2], rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("order", "accuracy", "weights"),
-    [
-        (1, 4, [1 / 12, -2 / 3, 0, 2 / 3, -1 / 12]),
-        (2, 2, [1, -2, 1]),
-        (2, 4, [-1 / 12, 4 / 3, -5 / 2, 4 / 3, -1 / 12]),
-        (3, 2, [-1 / 2, 1, 0, -1, 1 / 2]),
-        (4, 2, [1, -4, 6, -4, 1]),
-    ],
-)
-def test_finite_difference_has_fornbergs_weights_on_a_uniform_grid(order, accuracy, weights):
-    count, middle, half = 15, 7, len(weights) // 2
-    columns = np.eye(count)
-    found = FiniteDifference(accuracy).differentiate(np.arange(count) * 1.0, columns, order).derivatives[-1][middle]
-    np.testing.assert_allclose(found[middle - half : middle + half + 1], weights, atol=1e-12)
-    assert np.count_nonzero(np.abs(found) > 1e-12) == np.count_nonzero(weights)
-
-
 def test_savitzky_golay_is_scipys_along_time():
     states = np.random.default_rng(0).standard_normal((50, 2))
     found = SavitzkyGolay(11, 2).smooth(np.arange(50.0), states)

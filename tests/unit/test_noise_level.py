@@ -75,15 +75,6 @@ def test_irregular_sampling_does_not_bias_it(steps, level):
     assert found.std() < 0.16
 
 
-@pytest.mark.parametrize("count", range(8, 13))
-def test_differences_of_the_highest_order_take_lower_polynomials_away_on_any_grid(count):
-    times = np.cumsum(np.random.default_rng(2).uniform(0.1, 3, count))
-    degree = min(10, count // 4) - 1
-    found = noise_level(times, np.column_stack([5 - 3 * times**degree, times ** (degree + 3)]))
-    assert found[0] < 1e-12
-    assert found[1] > 0.1
-
-
 def test_differences_are_the_leading_coefficients_of_polynomials_with_weights_of_unit_length():
     generator = np.random.default_rng(3)
     times, states = np.cumsum(generator.uniform(0.1, 3, 9)), generator.standard_normal((9, 2))

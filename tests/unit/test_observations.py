@@ -260,34 +260,6 @@ def test_a_parameter_keeps_to_narrow_bounds(ends):
         assert with_error(found.x[0], error) in notes[0]
 
 
-class Decays:
-    """Sums of a hyperbola and an exponential, a/(1 + b t) + c exp(-b t), as a likelihood has its residuals."""
-
-    times = np.linspace(0, 4, 9)
-    measured = np.array([-0.14, 0.55, 0.73, 0.67, 1.17, -0.4, 0.21, -0.45, -1.22])
-
-    def residuals(self, unknowns, noise, slopes=True):
-        a, b, c = unknowns
-        t, decay = self.times, np.exp(-b * self.times)
-        by = np.column_stack([1 / (1 + b * t), -a * t / (1 + b * t) ** 2 - c * t * decay, decay])
-        return (a / (1 + b * t) + c * decay - self.measured) / noise, by / noise
-
-
-def test_a_parameter_leaves_its_bound_only_once_no_other_crosses_one():
-    """Released while the first leaves its own, the third ends at the wrong bound, with eight times the squares."""
-    problem, low, high = Decays(), np.zeros(3), np.array([np.inf, 2.0, 2.0])
-    found = _polished(problem, np.array([0.599, 1.122, 2.0 - 1e-6]), np.ones(1), Bounds(low, high))
-    ends = [
-        least_squares(lambda p: problem.residuals(p, 1.0)[0], [0.5, b, c], bounds=(low, high), xtol=1e-14, ftol=1e-14)
-        for b in (0.1, 1.0, 1.9)
-        for c in (0.1, 1.0, 1.9)
-    ]
-    best = min(ends, key=lambda end: end.cost)
-    assert np.sum(problem.residuals(found, 1.0)[0] ** 2) / 2 == pytest.approx(best.cost, rel=1e-6)
-    assert found == pytest.approx(best.x, abs=1e-3)
-    assert found[0] == 0
-
-
 @pytest.mark.parametrize("seed", [245, 838, 2275])
 def test_parameters_that_logarithms_drive_to_zero_come_back(seed):
     source = np.random.default_rng(seed)

@@ -210,15 +210,6 @@ def test_a_single_block_cannot_be_resampled():
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_without_noise_the_smallest_exact_candidate_wins(rule):
-    parts = compressed(rows(noise=0.0))
-    choice = choose(path(parts), parts, 0, EVERYTHING, rule=rule)
-    np.testing.assert_array_equal(choice.chosen.support, SHARED)
-    larger = [candidate(np.repeat([EVERYTHING], 3, axis=0), parts), choice.chosen]
-    np.testing.assert_array_equal(choose(larger, parts, 0, EVERYTHING, rule=rule).chosen.support, SHARED)
-
-
-@pytest.mark.parametrize("rule", RULES)
 def test_supports_of_objects_of_their_own_hold_all_true_terms(rule):
     parts = compressed(rows(noise=0.3, trials=4))
     assert choose(path(parts, STLSQ(shared=False)), parts, 0, EVERYTHING, rule=rule).chosen.support[SHARED].all()

@@ -125,17 +125,6 @@ def test_a_solution_that_runs_away_is_not_a_number_after_it():
 
 
 @pytest.mark.usefixtures("engine")
-def test_a_switch_in_time_has_the_solution_in_closed_form():
-    _, parameters, _, times, _, _ = CASES["a switch in time"]
-    k, a, begins = parameters
-    later = np.maximum(times - begins, 0)
-    found = solved("a switch in time", tolerance=1e-10)
-    assert found.states[:, 0] == pytest.approx(np.exp(-k * times) + a / k * (1 - np.exp(-k * later)), abs=1e-8)
-    expected = np.where(times > begins, -a * np.exp(-k * later), 0.0)
-    assert found.derivatives[:, 0, 2] == pytest.approx(expected, abs=1e-7)
-
-
-@pytest.mark.usefixtures("engine")
 def test_a_solution_that_slides_along_a_switch_ends_there():
     code = program("1 - 2*v3", "v0 - v2", variables=4)
     found = shoot(code, np.array([0.5]), np.array([1.0]), np.linspace(0, 2, 9), np.ones(1))

@@ -166,17 +166,6 @@ def fraction_law(a, b, half, objects=("u", "v")):
     return replace(law, uncertainty=Uncertainty(covariance=covariances, noise=np.array([0.1])))
 
 
-def test_a_part_of_a_fraction_that_vanishes_within_its_error_goes():
-    found = fraction_law(-1.2374, 0.631, 0.5113).simplify()
-    assert found.equations == ("s' = a*s/(K + s)",)
-    assert [(each.letter, each.form) for each in found.replaced] == [("b", "-K*a")]
-    sizes = np.array([1.2374, 0.631, 0.5113]) / 100
-    left = 0.5113 * -1.2374 + 0.631
-    variance = (0.5113 * sizes[0]) ** 2 + sizes[1] ** 2 + (1.2374 * sizes[2]) ** 2
-    assert found.chi_square == pytest.approx(2 * left**2 / variance, rel=1e-6)
-    assert found.degrees_of_freedom == 2
-
-
 def test_what_remains_of_a_fraction_follows_as_by_least_squares():
     found = fraction_law(-1.2374, 0.631, 0.5113, objects=("u",)).simplify()
     given, sizes = np.array([-1.2374, 0.631, 0.5113]), np.array([1.2374, 0.631, 0.5113]) / 100
