@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import pandas as pd
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
@@ -450,7 +450,6 @@ def test_files_and_tables_have_a_largest_size(tmp_path, monkeypatch):
         read_file(tmp_path / "large.csv")
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=300) | st.text(alphabet='t,x;\t"\r\n 01.e-', max_size=80).map(str.encode))
 def test_any_bytes_are_a_table_or_refused(tmp_path_factory, content):
     path = tmp_path_factory.getbasetemp() / "drops.csv"
@@ -459,7 +458,6 @@ def test_any_bytes_are_a_table_or_refused(tmp_path_factory, content):
         assert len(read_table(path))
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.tuples(*[st.text(alphabet="ab \"'é", max_size=4)] * 2), min_size=1, max_size=6),
     st.lists(st.sampled_from(["\n", "\r\n", "\r"]), min_size=7, max_size=7),

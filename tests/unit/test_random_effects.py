@@ -195,3 +195,12 @@ def test_an_object_that_says_nothing_of_one_coefficient_is_drawn_by_what_it_says
         found[size] = shrink(estimates, errors, np.full(3, np.nan)).estimates
     np.testing.assert_allclose(found[1e12], found[1e5], rtol=1e-3)
     np.testing.assert_allclose(found[1e24], found[1e12], rtol=1e-6)
+
+
+def test_coefficients_that_scatter_stay_where_errors_of_each_object_are_those_of_fewer():
+    generator = np.random.default_rng(0)
+    halves = 1e-5 * generator.standard_normal((5, 8, 7))
+    own, errors = generator.standard_normal((5, 8)), halves @ halves.swapaxes(1, 2)
+    found = shrink(own, errors, np.full(8, np.nan))
+    np.testing.assert_allclose(found.estimates, own, atol=1e-7)
+    np.testing.assert_allclose(found.covariances, errors, atol=1e-4 * errors.max())
