@@ -77,9 +77,8 @@ def test_forecasts_no_better_than_the_last_value_are_not_to_be_used(line):
     assert "not below that of a constant forecast" in verdict.sentences[0]
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_random_walks_and_noise_cannot_be_forecast(seed):
-    draws = np.random.default_rng(seed).normal(size=(2, 6, 60))
+def test_random_walks_and_noise_cannot_be_forecast():
+    draws = np.random.default_rng(0).normal(size=(2, 6, 60))
     for states in (np.cumsum(draws[0], axis=1), draws[1]):
         trials = cl.Trials.from_arrays([np.arange(60.0)] * 6, list(states))
         for learned in (trials.until(40.0), trials):
