@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pooch
 import pytest
+from hypothesis import HealthCheck, settings
 from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 
 import commonlaw as cl
@@ -35,6 +36,12 @@ collect_ignore = {
 
 os.environ["COMMONLAW_CACHE"] = "off"  # What is tested is found, not remembered
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # Each of the processes that tests start would compile the package
+
+# No time limits, as the machine may be busy
+settings.register_profile(
+    "suite", settings.default, deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("suite")
 
 NEEDS_DROPS = "needs the measured drops"
 

@@ -7,7 +7,7 @@ import commonlaw as cl
 from commonlaw.app.figures import figure_file
 from commonlaw.app.question import Columns, HoldOut, Question, Table
 from commonlaw.app.result import results
-from tests.in_browser import choose, is_fault, open_page, serious, text, wait
+from tests.in_browser import choose, fit_drag, is_fault, open_page, serious, text, wait
 from tests.refusals import refused
 from tests.served import served
 
@@ -52,11 +52,7 @@ def test_a_picture_is_chosen_drawn_and_taken_away(page, table):
     with served(table) as app:
         open_page(page, app)
         wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
-        choose(page, "order", "2")
-        choose(page, "library", "poly:1")
-        choose(page, "setting_errors", "white")
-        page.find_element("id", "start").click()
-        wait(page, "!$('result').hidden && $('going').hidden")
+        fit_drag(page)
         assert len(page.find_elements("css selector", "#see .readout")) == 1  # One legend for curves and residuals
         choose(page, "figure", "profile")
         choose(page, "figure_object", "Ball 2")
@@ -67,7 +63,7 @@ def test_a_picture_is_chosen_drawn_and_taken_away(page, table):
         assert serious(page) == []
         href = page.find_element("id", "figure_py").get_attribute("href")
         program = app.say("GET", href.partition(app.host)[2])[1].decode()
-        assert "cl.plots.plot_profile(law, trials, 'a', 'Ball 2')" in program
+        assert "cl.plots.plot_profile(law, trials, 'g', 'Ball 2')" in program
         choose(page, "figure", "phase-plane")
         assert text(page, "drawing") == ""
         assert not page.find_element("id", "drawn").is_displayed()

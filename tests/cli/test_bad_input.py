@@ -11,7 +11,7 @@ from commonlaw.cli import main
 from tests.refusals import refused
 
 COLUMNS = ["--object", "ball", "--trial", "drop", "--time", "t", "--state", "height"]
-PLAIN = ("--order", "2", "--library", "poly:1")
+QUICK = ("--order", "2", "--library", "poly:1", "--set", "solver=stlsq:0")
 
 
 def rows(**changes):
@@ -129,14 +129,14 @@ def test_unsorted_times_are_sorted_and_said(monkeypatch, capsys, tmp_path):
     lines[3], lines[9] = lines[9], lines[3]
     (tmp_path / "drops.csv").write_text("\n".join(lines))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["commonlaw", "discover", "drops.csv", *COLUMNS, *PLAIN, "--json"])
+    monkeypatch.setattr("sys.argv", ["commonlaw", "discover", "drops.csv", *COLUMNS, *QUICK, "--json"])
     with pytest.raises(SystemExit) as ended:
         main()
     captured = capsys.readouterr()
     assert ended.value.code == 0
     assert re.search("(?i)sorted", captured.err)
     (tmp_path / "sorted.csv").write_text(rows())
-    monkeypatch.setattr("sys.argv", ["commonlaw", "discover", "sorted.csv", *COLUMNS, *PLAIN, "--json"])
+    monkeypatch.setattr("sys.argv", ["commonlaw", "discover", "sorted.csv", *COLUMNS, *QUICK, "--json"])
     with pytest.raises(SystemExit):
         main()
     assert json.loads(capsys.readouterr().out)["law"] == json.loads(captured.out)["law"]

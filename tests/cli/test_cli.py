@@ -300,13 +300,6 @@ def test_options_make_the_method_that_has_them(run, monkeypatch, options, method
     assert asked == [method]
 
 
-def test_an_option_that_the_method_does_not_have_is_refused_by_name(run):
-    code, _, err = run("discover", "dataset:lorenz", "--method", "trajectory-likelihood", "--set", "trim=3")
-    assert code == 2
-    said = "the setting trim does not go with --method trajectory-likelihood: leave it out, or use --method derivative"
-    assert said in " ".join(err.split())
-
-
 def test_options_of_other_methods_are_left_out_where_these_do_not_take_the_order(run):
     code, _, err = run("discover", "dataset:lorenz", "--order", "0", "--set", "errors=white")
     assert code == 2

@@ -42,16 +42,6 @@ def test_a_saved_law_stands_beside_one_in_words(run):
 
 
 @pytest.mark.usefixtures("few")
-def test_a_law_may_have_no_coefficient_and_no_term(run):
-    code, out, _ = run("compare", "drops.csv", "x'' = 0", "x'' = -9.8", "--json")
-    assert code == 0
-    assert [(each["law"], each["coefficients"]) for each in json.loads(out)["laws"]] == [
-        ("x'' = -9.8", 0),
-        ("x'' = 0", 0),
-    ]
-
-
-@pytest.mark.usefixtures("few")
 def test_a_law_that_cannot_be_read_is_named_before_any_is_fitted(run, monkeypatch):
     monkeypatch.setattr("commonlaw.fit", lambda *_, **__: pytest.fail("a law was fitted"))
     code, _, err = run("compare", "drops.csv", "x'' = -9.8", "y'' = -9.8")
@@ -113,7 +103,7 @@ def test_known_physics_is_a_base_as_an_equation_and_as_a_law(run, tmp_path, know
 @pytest.fixture
 def laws(tmp_path):
     """Two laws of the same noisy drops, and their table."""
-    drops = cl.datasets.linear_drag(noise=0.5)
+    drops = cl.datasets.linear_drag(drag=(-0.3, -0.5), noise=0.5, trials=1)
     drops.to_csv(tmp_path / "drops.csv")
     cl.fit("x'' = -g - c v", drops).save(tmp_path / "linear.json")
     cl.fit("x'' = -g + b v^2", drops).save(tmp_path / "quadratic.json")
@@ -121,31 +111,32 @@ def laws(tmp_path):
 
 @pytest.mark.usefixtures("laws")
 def test_the_experiment_that_tells_laws_apart_is_said_saved_and_drawn(run, tmp_path):
-    given = ("linear.json", "drops.csv", "--rival", "quadratic.json", "--vary", "x=20..60", "--vary", "duration=1..4")
+    given = ("linear.json", "drops.csv", "--rival", "quadratic.json", "--vary", "duration=4", "--vary", "v=0")
     files = ("--within", "x=0..100", "--save", "design.csv", "--save", "design.svg")
-    code, out, _ = run("design", *given, *files)
+    code, out, _ = run("design", *given, "--vary", "x=20..60", *files)
     assert code == 0
     assert "0.50  x'' = -g - c v" in out
     assert "Most informative next experiment:" in out
     assert (tmp_path / "design.svg").stat().st_size > 0
     assert 20 <= pd.read_csv(tmp_path / "design.csv").loc[0, "x"] <= 60
-    found = json.loads(run("design", *given, "--at-most", "2", "--json")[1])
+    found = json.loads(run("design", *given, "--vary", "x=60", "--json")[1])
     assert found["chance now"] == 0.5
     assert found["chance"] > 0.6
-    assert found["cost"] == len(found["experiments"])
 
 
 @pytest.mark.usefixtures("laws")
 def test_what_is_wanted_and_what_it_costs_is_said_in_options(run):
     given = ("design", "linear.json", "--vary", "x=40", "--vary", "v=-5..0", "--vary", "duration=2", "--vary", "rate=9")
-    code, out, _ = run(*given, "--for", "c of Ball 3", "--cost", "trial=2", "--cost", "sample=0.1")
+    code, out, _ = run(*given, "--for", "c of Ball 2", "--cost", "trial=2", "--cost", "sample=0.1")
     assert code == 0
     assert "cost 3.9" in out
     assert "its standard error is then" in out
-    known = run(*given, "--for", "c of Ball 3", "--start-std", "x=0", "--start-std", "v=0", "--json")
-    free = run(*given, "--for", "c of Ball 3", "--json")
+    known = run(*given, "--for", "c of Ball 2", "--start-std", "x=0", "--start-std", "v=0", "--json")
+    free = run(*given, "--for", "c of Ball 2", "--json")
     (then,), (otherwise,) = (json.loads(each[1])["experiments"] for each in (known, free))
     assert then["standard error"] < otherwise["standard error"]
+    two = json.loads(run(*given, "--for", "c of Ball 2", "--at-most", "2", "--json")[1])
+    assert two["cost"] == len(two["experiments"]) == 2
     code, _, err = run(*given, "--start-std", "y=0")
     assert (code, "unknown state 'y'" in err) == (1, True)
     code, _, err = run("design", "linear.json", "--vary", "x=40")
@@ -161,5 +152,5 @@ def test_bounds_of_absent_terms_are_said_and_saved(run, tmp_path):
     code, out, _ = run("bounds", "drops.csv", "linear.json", "--term", "v^2", "--save", "bounds.csv")
     assert code == 0
     assert "v^2 in x'': |coefficient| <" in out
-    assert len(pd.read_csv(tmp_path / "bounds.csv")) == 5
+    assert len(pd.read_csv(tmp_path / "bounds.csv")) == 2
     assert run("bounds", "drops.csv", "linear.json", "--term", "v")[0] == 1

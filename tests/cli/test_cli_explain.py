@@ -82,27 +82,3 @@ def test_a_ball_that_was_never_seen_is_forecast_from_the_mass_in_its_table(run, 
     for law, why in (("explained.json", ", as its mass is not known"), ("law.json", "")):
         code, _, err = run("predict", law, "bare.csv")
         assert (code, f"it has the mean coefficients of the others{why}\n" in err) == (0, True)
-
-
-def test_parameters_of_given_equations_have_their_letters_also_without_properties(run, tmp_path):
-    t = np.arange(0, 20, 0.5)
-    noise = np.random.default_rng(1).normal(0, 0.01, (3, len(t)))
-    truth = {"A": (0.6, 1.2), "B": (0.4, 0.9), "C": (0.5, 1.5)}
-    frames = [
-        pd.DataFrame({"object": name, "t": t, "N": K / (1 + (K / 0.01 - 1) * np.exp(-r * t)) + e})
-        for (name, (r, K)), e in zip(truth.items(), noise, strict=True)
-    ]
-    pd.concat(frames).to_csv(tmp_path / "growth.csv", index=False)
-    run("fit", "growth.csv", "N' = r*N*(1 - N/K)", "--save", "law.json")
-    code, out, err = run("explain", "law.json")
-    assert (code, err) == (0, "Note: no property of the objects is known: give a table of them, --properties FILE\n")
-    table, _, quantities = out.partition("Parameters of N' = r*N*(1 - N/K):")[2].partition("\nQuantities")
-    assert "doubling time at low density" in quantities
-    rows = [line.split() for line in table.splitlines()]
-    found = {(row[0], row[1]): [float(each) for each in row[2:6]] for row in rows if row and row[0] in truth}
-    assert set(found) == {(name, letter) for name in truth for letter in "rK"}
-    for name, values in truth.items():
-        for letter, true in zip("rK", values, strict=True):
-            estimate, error, low, high = found[name, letter]
-            assert abs(estimate - true) < 4 * error
-            assert low < estimate < high

@@ -96,14 +96,6 @@ def test_evidence_is_compared_with_that_of_another_law(run):
     assert "Evidence from the same measurements" in out
 
 
-def test_known_noise_and_history_are_taken_as_by_discover(run):
-    drops = "dataset:linear-drag:noise=0.05"
-    code, out, _ = run("fit", drops, "x'' = -g - c v", "--noise", "x=0.05", "--save", "l.json")
-    assert code == 0
-    assert "true" in out
-    assert "as given" in run("show", "l.json", "--history")[1]
-
-
 def test_noise_may_be_that_of_each_value_of_a_property(run, tmp_path):
     times, rng = np.linspace(0, 5, 60), np.random.default_rng(0)
     frames = [

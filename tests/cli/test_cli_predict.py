@@ -143,13 +143,6 @@ def test_excluded_trials_are_neither_learned_from_nor_forecast(run):
 
 
 @pytest.mark.usefixtures("table")
-def test_an_object_can_be_held_out(run):
-    document, trials, objects = learned(run, "--hold-out", "object=a")
-    assert document["forecast"]["of"] == "training"  # Nothing is known of its coefficients
-    assert {name for name, _ in trials} == {"b", "c"} == {*objects}
-
-
-@pytest.mark.usefixtures("table")
 def test_samples_after_a_time_can_be_held_out(run, tmp_path):
     document, trials, _ = learned(run, "--learn-until", "2")
     early = cl.Trials.read(tmp_path / "decays.csv").until(2.0)
@@ -169,14 +162,6 @@ def test_the_figure_of_a_forecast_may_be_its_phase_plane(run, tmp_path):
     cl.datasets.truth_of("lorenz").save("lorenz.json")
     _, _, err = run("predict", "lorenz.csv", "lorenz.json", "--phase-plane", "--save", "none.svg")
     assert "none.svg was not made: the law has the states x, y, z" in err
-
-
-@pytest.mark.usefixtures("table")
-def test_predict_leaves_trials_out_too(run):
-    assert run("fit", "decays.csv", "x' = -k x", "--save", "law.json")[0] == 0
-    code, out, _ = run("predict", "decays.csv", "law.json", "--exclude", "trial=2", "--json")
-    assert code == 0
-    assert {each["trial"] for each in json.loads(out)["errors"]} == {"1"}
 
 
 @pytest.mark.usefixtures("table")

@@ -48,12 +48,6 @@ def test_a_law_of_many_objects_without_coefficients_is_shown(run, tmp_path):
     assert "51 objects" in out
 
 
-def test_a_page_on_a_pattern(run, tmp_path):
-    code, _, err = run("report", "Ball *.parquet", "--law", "law.parquet", "--save", "page.html")
-    assert code == 0, err
-    assert "6 trials of 2 objects were forecast" in (tmp_path / "page.html").read_text()
-
-
 def test_residuals_of_a_pattern_are_checked_file_by_file(run, tmp_path):
     code, out, err = run("check", "Ball *.parquet", "law.parquet", "--save", "objects.csv")
     assert code == 0, err
@@ -92,7 +86,6 @@ def test_what_needs_all_trials_at_once_reads_the_files_of_a_pattern(run, words, 
     ("words", "trials"),
     [
         (["--hold-out", "trial=3"], "2 held-out trials of 2 objects"),
-        (["--where", "trial=1,2", "--hold-out", "trial=2"], "4 held-out trials of 2 objects"),
         pytest.param(
             ["--exclude", "trial=2", "--hold-out", "object=Ball 2"],
             "2 held-out trials of 1 object",

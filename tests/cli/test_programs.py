@@ -41,18 +41,16 @@ def wide_table():
 
 TABLES = {
     "guessed": (long_table(["vessel", "run", "t [min]", "T [degC]", "cooling"]), ()),
-    "named": (
-        long_table(["A", "B", "C", "D", "E"]),
-        ("--object", "A", "--trial", "B", "--time", "C", "--state", "D", "--unit", "C=min"),
-    ),
     "wide": (wide_table(), ("--wide", "T [degC]")),
-    "sheet": (long_table(["vessel", "run", "t", "T", "cooling"]), ("--sheet", "second")),
+    "sheet": (
+        long_table(["A", "B", "C", "D", "E"]),
+        ("--sheet", "second", "--object", "A", "--trial", "B", "--time", "C", "--state", "D", "--unit", "C=min"),
+    ),
 }
 HELD_OUT = {
     "guessed": ("--hold-out", "run=2", "--exclude", "vessel=pot"),
-    "named": ("--where", "A=cup,mug", "--learn-until", "12"),
     "wide": ("--hold-out", "object=pot"),
-    "sheet": ("--clip",),
+    "sheet": ("--where", "A=cup,mug", "--learn-until", "12", "--clip"),
 }
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.hostile.cases import KINDS
 
-CASES = 5
+CASES = 3
 """Of each kind."""
 
 

@@ -107,7 +107,6 @@ def test_files_without_samples_on_both_sides_of_a_time_are_left_out(tmp_path):
 @pytest.mark.parametrize(
     "part",
     [
-        lambda trials: trials.split(trial="2"),
         lambda trials: (trials, trials.until(1.0)),
         lambda trials: trials.split(object=["Ball 1", "Ball 50"], trial=1),
     ],

@@ -101,7 +101,7 @@ def test_the_residuals_of_the_first_state_are_shown_and_others_folded():
 
 def test_of_many_objects_some_from_the_best_to_the_worst_are_shown_and_the_others_folded(law, drops):
     first = [drop for drop in drops if drop.name == "1"]
-    off = np.linspace(0, 3, 15)
+    off = np.linspace(0, 3, 8)
     copies = [
         replace(
             trial,
@@ -132,13 +132,13 @@ def test_of_many_objects_some_from_the_best_to_the_worst_are_shown_and_the_other
     picture, rest = (next(block for block in blocks if isinstance(block, kind)) for kind in (Picture, Fold))
     shown = {axes.get_title() for axes in picture.draw().axes} - {""}
     assert len(shown) == 12
-    assert {"ball 0", "ball 29"} & shown
+    assert {"ball 0", "ball 15"} & shown
     missed = [float(each) for each in re.findall(r" ([\d.]+) m", picture.caption)]
     assert len(missed) == 2
     assert missed[0] < missed[1]
     others = {axes.get_title() for block in rest.blocks for axes in block.draw().axes} - {""}
     assert shown | others == set(trials.objects)
-    assert len(others) == 30 - 12
+    assert len(others) == 16 - 12
 
 
 def test_a_hopeless_law_is_called_so_and_what_ran_away_is_said(drops):

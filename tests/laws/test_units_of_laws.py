@@ -176,7 +176,7 @@ def discovered(scales):
     return law, law.comparison["score"].to_numpy()
 
 
-@pytest.mark.parametrize("scales", [(1, TINY, HUGE), (1, HUGE, TINY), (TINY, 1, 1), (HUGE, HUGE, HUGE)])
+@pytest.mark.parametrize("scales", [(1, TINY, HUGE), (TINY, 1, 1)])
 def test_discovery_is_the_same_over_sixteen_orders_of_magnitude(scales):
     (law, evidence), (other, other_evidence) = discovered((1, 1, 1)), discovered(scales)
     assert law.structure == other.structure == ("C' = a C", "D' = b C")

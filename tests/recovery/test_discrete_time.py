@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.discovery.hints import _about_means, outcomes_of_generations
+from commonlaw.discovery.hints import outcomes_of_generations
 from commonlaw.law import to_latex
 from tests.refusals import refused
 
@@ -103,8 +103,3 @@ def test_a_law_in_continuous_time_that_explains_its_samples_hints_at_no_other():
     assert outcomes_of_generations(law, trials) == ()
     (hint,) = outcomes_of_generations(other, trials)
     assert (hint.code, hint.where) == ("discrete-time-plausible", "x'")
-
-
-def test_variation_between_objects_is_none_about_means_them():
-    values, objects = np.array([[1.0, 5.0], [3.0, 7.0], [10.0, 0.0]]), np.array([0, 0, 2])
-    np.testing.assert_array_equal(_about_means(values, objects), [[-1, -1], [1, 1], [0, 0]])

@@ -1,6 +1,7 @@
 """Errors beside white noise: found with the law, kept with it, and carried by forecasts."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -56,6 +57,7 @@ def most_likely(errors):
     return np.exp(minimize(value, np.log([0.005, 0.05, 0.8]), method="Nelder-Mead").x)
 
 
+@cache
 def discover(measurement, **settings):
     return cl.discover(oscillator(measurement), order=2, library="poly:2", method=cl.TrajectoryLikelihood(**settings))
 
@@ -234,7 +236,7 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     )
 
 
-@pytest.mark.parametrize(("library", "seed"), [("poly:2", 1), ("poly:1", 3)])
+@pytest.mark.parametrize(("library", "seed"), [("poly:2", 1)])
 def test_noise_in_proportion_is_found_where_few_samples_of_a_fast_decay_hide_it(library, seed):
     times, random, states = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 2.0, 3.0, 4.0]), np.random.default_rng(seed), []
     for _ in range(6):

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sklearn.base import clone
 
 import commonlaw as cl
 from benchmarks.variational import cramer_rao, solve
@@ -116,12 +115,6 @@ def test_forecasts_draw_objects_to_each_other_unless_that_is_not_wanted(drops, d
     np.testing.assert_allclose(alone.trajectories[0].states, expected.trajectories[0].states, atol=1e-6)
 
 
-def test_a_law_may_be_known_altogether(drops):
-    fixed = {"1": -9.8, "v": dict(zip(drops.objects, DRAGS["drag"], strict=True))}
-    law = found(drops, datasets.linear_drag.truth(**DRAGS), order=2, library="terms:1,v", known=fixed)
-    assert not law.uncertainty.covariance.any()
-
-
 def test_given_noise_is_used(drops, drag):
     settings = {"order": 2, "library": "poly:2"}
     law = cl.discover(drops, method=cl.TrajectoryLikelihood(noise={"x": 0.2}), **settings)
@@ -135,13 +128,6 @@ def test_given_noise_is_used(drops, drag):
 
 
 # Other ways
-
-
-def test_a_solver_without_its_setting_lists_the_candidates(drops, drag):
-    for solver in ("best-subset", "group-stlsq"):
-        law = cl.discover(drops, order=2, library="poly:2", method=cl.TrajectoryLikelihood(solver=solver))
-        np.testing.assert_array_equal(law.support, drag.support)
-        np.testing.assert_allclose(law.coefficients, drag.coefficients, rtol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -182,24 +168,6 @@ def test_the_noise_of_a_state_may_be_named_with_its_unit():
     ).uncertainty.noise == pytest.approx([0.03])
     with refused("unknown-name", kind="state", name="I"):
         cl.discover(trials, method=cl.TrajectoryLikelihood(noise={"I": 0.03}), order=1, library="poly:3")
-
-
-def test_the_estimator_keeps_the_conventions_of_scikit_learn(drops, drag):
-    steps = []
-    model = cl.LawDiscovery(
-        order=2,
-        library="poly:2",
-        method=cl.TrajectoryLikelihood(noise={"x": 0.05}, huber_threshold=5.0),
-        progress=steps.append,
-    )
-    again = clone(model)
-    assert again.get_params() == model.get_params()
-    assert again.get_params()["method__huber_threshold"] == 5.0
-    again.set_params(method__noise=None, method__huber_threshold=4.0).fit(drops)
-    np.testing.assert_array_equal(again.law_.coefficients, drag.coefficients)
-    assert steps[0] == "estimating noise, smoothing"
-    assert steps[-1] == "computing standard errors and inclusion probabilities"
-    assert any("choosing terms" in step for step in steps)
 
 
 # What must not matter

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.inference.search.setup import _leave_one_out_squares, supported_interpolation
+from commonlaw.inference.search.setup import supported_interpolation
 from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
 from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors
@@ -113,18 +113,6 @@ def test_samples_of_inputs_show_whether_these_are_smooth(inputs, expected, times
     columns = np.column_stack(inputs)
     trials = cl.Trials.from_arrays([times, times[:4]], [TIMES, TIMES[:4]], inputs=[columns, columns[:4]])
     assert supported_interpolation(trials) == expected
-
-
-def test_a_leave_one_out_error_is_that_of_the_polynomial_through_the_neighbours():
-    times = np.cumsum(np.random.default_rng(2).uniform(0.5, 1.5, 9))
-    values = np.column_stack([np.sin(times), times**3])
-    (own,) = cl.Trials.from_arrays([times], [times], inputs=[values])
-    expected = np.zeros((2, 2))
-    for i in range(2, 7):
-        for order, near in ((0, [i - 1, i + 1]), (1, [i - 2, i - 1, i + 1, i + 2])):
-            through = np.polyfit(times[near] - times[i], values[near], len(near) - 1)[-1]
-            expected[order] += (values[i] - through) ** 2
-    np.testing.assert_allclose(_leave_one_out_squares(own), expected, rtol=1e-6, atol=1e-12)
 
 
 def test_the_interval_of_a_gain_holds_it_where_noise_hides_that_the_input_is_curved():

@@ -69,13 +69,6 @@ def test_what_decides_the_coefficients_is_found_by_the_properties_of_files(law):
     assert drag.factors[0] == pytest.approx(-0.3, rel=0.05)
 
 
-def test_what_is_known_stays_so_in_every_file(folder):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES)
-    known = cl.discover(stream, order=2, library="poly:1", known={"1": -9.8}, method=METHOD)
-    assert (known.coefficients[:, 0, 0] == -9.8).all()
-    assert (standard_errors(known)[:, 0, 0] == 0).all()
-
-
 def test_errors_by_the_bootstrap_are_those_of_all_trials_together(folder, whole):
     settings = {"covariance": "bootstrap", "noise": {"x": 0.01}, "errors": "white", "partial_pooling": False, "seed": 3}
     stream, method = cl.TrialStream.from_parquet(folder, **ROLES), cl.TrajectoryLikelihood(**settings)
@@ -132,7 +125,7 @@ def test_a_law_of_few_objects_is_refined_for_all_of_a_stream(folder, whole):
 
 
 def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+    stream, falling = cl.TrialStream.from_parquet(folder, **ROLES), cl.fit("x'' = -g", whole, **SETTINGS)
     for use, said in [
         (
             lambda: cl.fit("x'' = -k abs(v)^p sign(v)", stream),
@@ -141,9 +134,9 @@ def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
         (lambda: cl.fit("x[k+1] = a x", stream), Diagnostic("not-file-by-file", {"what": "a discrete-time law is"})),
         (lambda: cl.fit("x' = -k x + d; d' = -a d", stream, initial_values={"d": 1.0}), "not-for-streams"),
         (lambda: cl.fit("x'' = -g", whole, client=object()), "cluster-client-without-files"),
-        (lambda: cl.refine(cl.fit("x'' = -g", whole), whole, client=object()), "cluster-client-without-files"),
+        (lambda: cl.refine(falling, whole, client=object()), "cluster-client-without-files"),
         (
-            lambda: cl.refine(cl.fit("x'' = -g", whole), stream, covariance="x"),
+            lambda: cl.refine(falling, stream, covariance="x"),
             Diagnostic("unknown-name", {"kind": "covariance"}),
         ),
     ]:

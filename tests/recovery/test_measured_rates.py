@@ -120,13 +120,6 @@ def test_rates_are_told_whatever_the_noise(noise):
     assert measured_rates(pendulum(noise=noise)) == {"theta": "omega"}
 
 
-def test_rates_are_told_in_long_noisy_trials_of_many_periods():
-    times, generator = np.linspace(0, 160, 1000), np.random.default_rng(2)
-    states = np.column_stack([np.sin(1.3 * times), 1.3 * np.cos(1.3 * times)])
-    states += 0.1 * generator.standard_normal(states.shape)
-    assert measured_rates(cl.Trials.from_arrays(times, states, names=NAMES)) == {"theta": "omega"}
-
-
 def test_units_of_a_rate_are_converted():
     in_degrees = pendulum(
         of=lambda theta, omega: (np.degrees(theta), 60 * omega), units={"theta": "deg", "omega": "rad/min", "t": "s"}

@@ -47,12 +47,6 @@ swings = partial(
 )
 
 
-def test_a_state_and_its_measured_rate_are_of_first_order():
-    law = discover(swings(0.01, columns=2), library="poly:1 + fourier:1")
-    assert law.structure == ("x' = a y", "y' = b y + c sin(x)")
-    assert (law.history[0].choice, law.history[0].reason) == ("1", "y is the rate of x")
-
-
 def test_a_measured_rate_makes_the_law_more_certain():
     both = discover(swings(0.05, columns=2), library="poly:1 + fourier:1")
     alone = discover(swings(0.05), order=2, library="poly:1 + fourier:1")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.integrate import cumulative_simpson, solve_ivp
+from scipy.integrate import solve_ivp
 from scipy.optimize import curve_fit
 
 import commonlaw as cl
@@ -13,8 +13,8 @@ from commonlaw.inference import prepare
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import CurveData
 from commonlaw.inference.fit.parameter_grid import ParameterGrids, frequencies_in_time
-from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable, assemble_terms
-from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start, rank_supports
+from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable
+from commonlaw.inference.propose.integral_ranking import rank_supports
 from commonlaw.inference.score.score import Score
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.library import PolynomialLibrary, Term, Terms, Variables, parametric_term, parse_library
@@ -91,49 +91,12 @@ def test_a_method_that_finds_no_constants_refuses_them_by_name(enzymes):
         cl.discover(enzymes, library="poly:1 + saturating", order=0)
 
 
-def test_a_bank_has_no_pole_where_the_curves_have_been_or_between_points():
-    variables, values = Variables(("s",)), np.array([[-1.0, 0.0], [2.0, 1.0]])
-    banks = ParameterGrids.along(variables, values, [parametric_term("1/(K + s)", variables)])
-    (parameters,) = banks.parameters
-    assert len(parameters) > 20
-    assert ((parameters > 1) | (parameters < -2)).all()
-
-
-def test_values_of_constants_that_say_the_same_are_tried_once():
-    variables = Variables(("s",))
-    banks = ParameterGrids.along(
-        variables, np.array([[1.0, 0.0], [2.0, 1.0]]), [parametric_term("1/(K^2 + s^2)", variables)]
-    )
-    assert (banks.parameters[0] > 0).all()
-
-
 def test_where_all_sets_have_more_numbers_than_are_wanted_there_are_none(enzymes):
     plain = PolynomialLibrary(1).bind(Variables(("s",)))
     problem = prepare(enzymes, plain, np.zeros((3, 1, 2)))
     others = parse_library("saturating").parametric(plain.variables)
     assert rank_supports(problem, problem.starts, others, {0: 1}) == {0: []}
     assert {each.numbers for each in rank_supports(problem, problem.starts, others, {0: 2})[0]} == {2}
-
-
-def test_coefficients_to_begin_with_are_those_of_least_squares_on_integrals(enzymes):
-    plain = PolynomialLibrary(1).bind(Variables(("s",)))
-    problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))
-    sets = rank_supports(problem, problem.starts, parse_library("saturating").parametric(plain.variables), {0: 7})[0]
-    found = next(subset for subset in sets if not subset.plain and len(subset.others) == 1)
-    assert found.others[0].text(plain.variables) == "s/(K + s)"
-    start = found.starts[0]
-    for o, (rate, half) in enumerate(ENZYMES.values()):
-        np.testing.assert_allclose(start.parameters[0][o], half, rtol=0.2)
-        np.testing.assert_allclose(start.coefficients[o], -rate, rtol=0.1)
-    group, states = enzymes.of_object("a"), np.split(problem.starts[0].states[0][:, 0], 2)
-    half = start.parameters[0][0, 0]
-    rows, target = [], []
-    for trial, along in zip(group, states, strict=True):
-        integral = cumulative_simpson(along / (half + along), x=trial.times, initial=0.0)
-        rows.append(integral - integral.mean())
-        target.append(trial.states[:, 0] - trial.states[:, 0].mean())
-    expected = np.linalg.lstsq(np.concatenate(rows)[:, np.newaxis], np.concatenate(target))[0]
-    np.testing.assert_allclose(start.coefficients[0], expected, rtol=1e-4)
 
 
 def test_the_law_of_enzymes_is_found_among_plain_terms_and_families(law):
@@ -222,26 +185,6 @@ def test_a_drive_is_told_if_a_trial_has_a_whole_cycle_of_it_and_each_cycle_two_s
     estimate = replace(problem.starts[0], states=(exact,), coefficients=np.array([[1.0, frequency]]))
     fit = Fit(problem, np.ones((1, 2), dtype=bool), (estimate,), 0.0, Score({}))
     assert are_parameters_identifiable(fit) == told
-
-
-def test_a_term_may_be_left_out_of_a_set_with_its_constants(enzymes):
-    variables = Variables(("s",))
-    plain = PolynomialLibrary(1).bind(variables)
-    problem = prepare(enzymes, plain, np.full((3, 1, 2), np.nan))
-    others = tuple(parametric_term(each, variables) for each in ("s/(K + s)", "exp(s/U)"))
-    start = Start(np.arange(12.0).reshape(3, 4), (np.full((3, 1), 5.0), np.full((3, 1), 6.0)))
-    row = CandidateSupport((0, 1), others, (start,))
-    built = assemble_terms(problem, (row,))
-    names = built.terms.names
-    left_out = [[names[i] for i in built.indices_of(0, row, k)] for k in range(4)]
-    assert left_out == [["1"], ["s"], ["s/(K + s)", "K"], ["exp(s/U)", "U"]]
-    less = row.without(2)
-    assert less == CandidateSupport((0, 1), others[1:])
-    np.testing.assert_array_equal(less.starts[0].coefficients, start.coefficients[:, [0, 1, 3]])
-    assert [parameter.tolist() for parameter in less.starts[0].parameters] == [[[6.0]] * 3]
-    assert row.without(0) == CandidateSupport((1,), others)
-    np.testing.assert_array_equal(row.without(0).starts[0].coefficients, start.coefficients[:, 1:])
-    assert len(row.without(0).starts[0].parameters) == 2
 
 
 def test_products_with_terms_that_share_a_constant_share_it():

@@ -86,39 +86,10 @@ def test_the_largest_coefficient_below_before_a_variable_is_one(above, below, co
     assert ratio.values_of_parameters(np.array(coefficients)) == parameters
 
 
-def test_constants_have_names_that_no_variable_has():
-    variables = Variables(("K",))
-    (ratios,) = parse_library("ratio(poly:1, poly:1)").ratios(variables)
-    assert ratios.ratio([1], [0, 1], variables).shared_parameters == ("K2",)
-
-
-def test_what_a_variable_divides_is_written_without_it():
-    (ratios,) = parse_library(QUADRATIC).ratios(S)
-    assert ratios.is_reduced([1], [0, 1])
-    assert not ratios.is_reduced([2], [1, 2])
-
-
 def test_a_denominator_that_terms_share_counts_once():
     variables = Variables(("s",), parameters=("K",))
     terms = Terms(variables, tuple(parse_term(each, variables) for each in ("s/(K + s)", "s**2/(K + s)", "1/(1 + s)")))
     assert terms.complexities.tolist() == [3, 2, 1]
-
-
-def test_ratios_are_ranked_with_coefficients_near_the_true_ones_and_without_poles():
-    trials = enzymes(2, noise=0.01)
-    problem = prepare(trials, PolynomialLibrary(2).bind(S), np.full((3, 1, 3), np.nan))
-    sets = rank_ratios(problem, problem.starts, parse_library(QUADRATIC).ratios(S), {0: 7})[0]
-    found = next(subset for subset in sets if subset.numbers == 2)
-    (ratio,) = found.others
-    assert ratio.expressions(S, ratio.shared_parameters) == ["(s**2)/(K**2 + s**2)"]
-    start = found.starts[0]
-    np.testing.assert_allclose(start.parameters[0][:, 0], [half for _, half in ENZYMES.values()], rtol=0.1)
-    np.testing.assert_allclose(start.coefficients[:, 0], [-rate for rate, _ in ENZYMES.values()], rtol=0.1)
-    states = np.linspace(min(trial.states.min() for trial in trials), max(trial.states.max() for trial in trials), 500)
-    for each in (subset for subset in sets if len(subset.others[0].below) == 2):
-        below = each.starts[0].parameters[0][:, 0, np.newaxis] ** each.others[0].degree
-        rest = each.others[0].below[1].evaluate(np.column_stack([states, states]))
-        assert (np.abs(below + rest) > 0).all()
 
 
 def test_a_term_whose_coefficient_is_known_in_an_equation_is_not_beside_its_ratios():
@@ -134,20 +105,6 @@ def test_a_term_whose_coefficient_is_known_in_an_equation_is_not_beside_its_rati
     of_s, of_p = ({k for each in own for k in each.plain} for own in found.values())
     assert terms.index("p") not in of_p
     assert of_s
-
-
-def test_an_input_that_is_zero_in_all_trials_of_an_object_may_stand_below():
-    table = enzymes(1, noise=0.01).to_frame()
-    table["u"] = np.where(table["object"] == "a", 0.0, 1.0 + (table["trial"].astype(str) == "1"))
-    trials = cl.Trials.from_frame(table, object="object", trial="trial", time="t", states=["s"], inputs=["u"])
-    variables = Variables(("s",), ("u",))
-    problem = prepare(trials, PolynomialLibrary(1).bind(variables), np.full((3, 1, 3), np.nan))
-    sets = rank_ratios(problem, problem.starts, parse_library("ratio(poly:1, poly:1)").ratios(variables), {0: 7})[0]
-    texts = {
-        text for subset in sets for text in subset.others[0].expressions(variables, subset.others[0].shared_parameters)
-    }
-    assert "(s)/(K + s)" in texts
-    assert any("u" in text for text in texts)
 
 
 def test_fractions_of_one_denominator_are_written_as_one():

@@ -36,7 +36,7 @@ def trials_of(rates, typical, start, end, name, *, samples=25, count=4, noise=0.
 
 @pytest.fixture(scope="module")
 def swallowed():
-    return trials_of(absorbed, (1.5, 20.0, 0.3), [100.0, 0.0], 12, "conc")
+    return trials_of(absorbed, (1.5, 20.0, 0.3), [100.0, 0.0], 12, "conc", count=2)
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,13 @@ def blocks(language, name="README.md"):
     return re.findall(rf"```{language}\n(.*?)```", (ROOT / name).read_text(), flags=re.DOTALL)
 
 
-def test_the_commands_run_one_after_the_other(monkeypatch, tmp_path):
+def numbers(text):
+    return [float(each) for each in re.findall(r"[-+]?\d+\.\d+", text)]
+
+
+def test_the_tour_runs_without_a_network_and_prints_what_stands_below_it(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pooch.retrieve", lambda *_, **__: pytest.fail("a download"))
     tour, study = blocks("sh")
     assert study.strip() == "make study"  # Which a test of its own runs
     for line in tour.splitlines():
@@ -26,18 +31,6 @@ def test_the_commands_run_one_after_the_other(monkeypatch, tmp_path):
         assert ended.value.code == 0, line
     written = {"drops.csv", "law.json", "law.png", "forecast.csv", "report.html"}
     assert {path.name for path in tmp_path.iterdir()} == written
-
-
-def numbers(text):
-    return [float(each) for each in re.findall(r"[-+]?\d+\.\d+", text)]
-
-
-def test_the_first_example_runs_without_a_network_and_prints_what_stands_below_it(monkeypatch, tmp_path, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("pooch.retrieve", lambda *_, **__: pytest.fail("a download"))
-    monkeypatch.setattr("sys.argv", shlex.split(blocks("sh")[0].splitlines()[0]))
-    with pytest.raises(SystemExit):
-        main()
     capsys.readouterr()
     names = {}
     for name in ("README.md", "docs/choices.md"):

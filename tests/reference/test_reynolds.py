@@ -3,7 +3,7 @@
 import pytest
 
 from commonlaw.datasets import PRINTED_VISCOSITY
-from commonlaw.datasets.sphere_drag import AIR_VISCOSITY, reynolds_number
+from commonlaw.datasets.sphere_drag import reynolds_number
 
 # Ball, radius in m, largest speed in m/s, largest Reynolds number as printed (truncated or rounded to three digits)
 PRINTED = [
@@ -27,12 +27,3 @@ def test_printed_reynolds_numbers_come_out_with_the_printed_viscosity(
     found = reynolds_number(speed, 2 * radius, PRINTED_VISCOSITY)
     assert found == pytest.approx(1.5e5 * speed * 2 * radius, rel=1e-12)
     assert found == pytest.approx(printed, abs=0.01e5), ball
-
-
-@pytest.mark.parametrize(("ball", "radius", "speed", "printed"), PRINTED)
-def test_in_the_air_of_the_text_they_are_2_25_times_smaller(
-    ball: str, radius: float, speed: float, printed: float
-) -> None:
-    found = reynolds_number(speed, 2 * radius, AIR_VISCOSITY)
-    assert printed / found == pytest.approx(2.25, rel=0.01), ball
-    assert found == pytest.approx(0.665e5 * speed * 2 * radius, rel=1e-3), ball

@@ -74,9 +74,8 @@ def test_without_them_tests_are_skipped_after_one_try_and_one_line_says_how_to_g
     assert proxy.asked == 1
 
 
-@pytest.mark.parametrize("variable", ["CI", "COMMONLAW_DATA"])
-def test_where_they_are_promised_tests_fail_without_them(run_tests, tmp_path, variable):
-    done = run_tests(FILES[0], "-k", "measured", **{variable: str(tmp_path)})
+def test_where_they_are_promised_tests_fail_without_them(run_tests, tmp_path):
+    done = run_tests(FILES[0], "-k", "measured", COMMONLAW_DATA=str(tmp_path))
     assert done.returncode == pytest.ExitCode.TESTS_FAILED
     assert re.search(r"=+ (?:\d+ passed, )?\d+ deselected, 1 error in ", done.stdout), done.stdout + done.stderr
     assert len(done.stdout.splitlines()) < 40

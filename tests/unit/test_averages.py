@@ -1,6 +1,5 @@
 """What a law says together with what else it could be."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -132,12 +131,6 @@ def test_curves_of_an_average_go_through_its_forecasts(law, trials):
     at = np.searchsorted(smooth.trials[0].times, TIMES)
     np.testing.assert_allclose(smooth.trajectories[0].states[at], found.trajectories[0].states, rtol=1e-6)
     np.testing.assert_allclose(smooth.bands()[0][0][at], found.bands()[0][0], rtol=1e-6)
-
-
-def test_averages_go_from_process_to_process_with_their_curves(law, trials):
-    forecast = law.predict(trials, return_std=True)
-    carried = pickle.loads(pickle.dumps(forecast))
-    np.testing.assert_array_equal(carried.smooth(50).trajectories[0].states, forecast.smooth(50).trajectories[0].states)
 
 
 def test_what_diverges_where_the_law_does_not_is_left_out_of_its_forecasts(trials):

@@ -259,16 +259,6 @@ def test_a_constant_that_fits_best_outside_of_its_bound_is_at_the_bound(enzymes)
     assert "K is at its bound, 0.1" in named[0].text
 
 
-def test_a_factor_keeps_to_narrow_bounds(enzymes):
-    law = cl.fit(f"{SATURATING}; 1.49 < V < 1.5", enzymes, errors="white", partial_pooling=False)
-    for (name, (rate, _)), end in zip(ENZYMES.items(), (1.49, 1.5), strict=True):
-        fixed = cl.fit(SATURATING.replace("V", str(end)), enzymes.select(object=[name]), errors="white")
-        assert (rate < end) == (end == 1.49)
-        values, errors = by_letter(law.select([name]))
-        assert (values["V"].item(), errors["V"].item()) == (end, 0)
-        assert values["K"] == pytest.approx(by_letter(fixed)[0]["K"], rel=1e-3)
-
-
 def test_what_a_term_does_not_show_of_its_constants_is_said():
     times = np.linspace(0, 3, 40)
     decay = simulated(lambda _, s, rate: -rate * s, {"a": (1.0,), "b": (0.7,)}, [[3.0], [1.0]], times, ("s",))

@@ -334,11 +334,6 @@ def test_slow_spheres_obey_stokes() -> None:
     assert sphere_drag.drag_force(1e-5, 1e-6) == pytest.approx(stokes, rel=1e-6)
 
 
-def test_force_at_rest_is_zero_without_a_warning_while_the_coefficient_is_infinite() -> None:
-    assert sphere_drag.drag_force(0.0, 0.1) == 0.0
-    assert sphere_drag.drag_coefficient(0.0) == np.inf
-
-
 def test_force_is_the_textbook_product_of_coefficient_area_and_dynamic_pressure() -> None:
     speed, diameter = np.array([0.1, 3.0, 40.0])[:, np.newaxis], np.array([0.01, 0.24])
     coefficient = sphere_drag.drag_coefficient(sphere_drag.reynolds_number(speed, diameter, 1e-6))

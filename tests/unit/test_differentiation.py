@@ -1,4 +1,4 @@
-"""Each method against closed forms, NumPy, SciPy, and its own assumptions."""
+"""Differentiators against closed forms, NumPy and SciPy; what they refuse, their texts, and long trials in pieces."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,9 @@ from scipy.ndimage import median_filter
 from scipy.optimize import lsq_linear
 from scipy.signal import savgol_filter, wiener
 
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import (
+    METHODS,
     CenteredDifference,
     FiniteDifference,
     ForwardDifference,
@@ -20,7 +22,13 @@ from commonlaw.differentiation import (
     TotalVariationDerivative,
     WienerFilter,
     default_differentiation,
+    format_differentiation,
+    parse_differentiation,
 )
+from commonlaw.formulation import LeastSquaresProblem, StrongForm, law_variables, merge
+from commonlaw.library import PolynomialLibrary
+from commonlaw.trials import Schema, Trial
+from tests.refusals import refused
 
 
 def _rates(method, times, state, order=1):
@@ -45,12 +53,6 @@ def _error(found, true):
     return np.linalg.norm(found - true) / np.linalg.norm(true)
 
 
-def test_centered_difference_divides_by_the_measured_times_inside():
-    times = _uneven()
-    _, rate = _rates(CenteredDifference(), times, np.sin(times))
-    np.testing.assert_allclose(rate[1:-1], (np.sin(times[2:]) - np.sin(times[:-2])) / (times[2:] - times[:-2]))
-
-
 def test_centered_difference_takes_each_end_by_its_own_step():
     times, x = np.array([0.0, 0.1, 0.3, 0.4, 0.6, 1.0]), np.array([1.0, 3.0, -2.0, 5.0, 8.0, 4.0])
     _, rate = _rates(CenteredDifference(), times, x)
@@ -62,12 +64,6 @@ def test_centered_difference_is_exact_for_a_cubic_at_the_ends_of_a_uniform_grid(
     times = np.linspace(0, 1, 9)
     _, rate = _rates(CenteredDifference(), times, times**3)
     np.testing.assert_allclose(rate[[0, -1]], [0, 3], atol=1e-12)
-
-
-def test_centered_difference_repeats_for_the_second_derivative():
-    times = _uneven()
-    _, rate, second = _rates(CenteredDifference(), times, np.sin(times), 2)
-    np.testing.assert_array_equal(second, _rates(CenteredDifference(), times, rate)[1])
 
 
 def test_forward_difference_looks_ahead_and_at_the_last_sample_back():
@@ -92,34 +88,6 @@ def test_finite_difference_differentiates_polynomials_exactly_on_any_grid(accura
         np.testing.assert_allclose(derivative, polynomial.deriv(k)(times), rtol=1e-7, atol=1e-7)
     third = derivatives[2][2:-2]
     np.testing.assert_allclose(third, polynomial.deriv(3)(times)[2:-2], rtol=1e-5, atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("order", "accuracy", "weights"),
-    [
-        (1, 4, [1 / 12, -2 / 3, 0, 2 / 3, -1 / 12]),
-        (2, 2, [1, -2, 1]),
-        (2, 4, [-1 / 12, 4 / 3, -5 / 2, 4 / 3, -1 / 12]),
-        (3, 2, [-1 / 2, 1, 0, -1, 1 / 2]),
-        (4, 2, [1, -4, 6, -4, 1]),
-    ],
-)
-def test_finite_difference_has_fornbergs_weights_on_a_uniform_grid(order, accuracy, weights):
-    count, middle, half = 15, 7, len(weights) // 2
-    columns = np.eye(count)
-    found = FiniteDifference(accuracy).differentiate(np.arange(count) * 1.0, columns, order).derivatives[-1][middle]
-    np.testing.assert_allclose(found[middle - half : middle + half + 1], weights, atol=1e-12)
-    assert np.count_nonzero(np.abs(found) > 1e-12) == np.count_nonzero(weights)
-
-
-@pytest.mark.parametrize(("order", "accuracy"), [(1, 2), (1, 4), (2, 2), (2, 4), (3, 2)])
-def test_finite_difference_error_falls_as_its_accuracy_says_up_to_the_ends(order, accuracy):
-    true = [np.sin, np.cos, lambda t: -np.sin(t), lambda t: -np.cos(t)][order]
-    errors = []
-    for count in (41, 81):
-        times = np.linspace(0, 4, count)
-        errors.append(np.abs(_rates(FiniteDifference(accuracy), times, np.sin(times), order)[-1] - true(times)).max())
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(accuracy, abs=0.4)
 
 
 def test_savitzky_golay_is_scipys_along_time():
@@ -154,10 +122,6 @@ def test_wiener_does_not_drag_the_ends_toward_zero():
     np.testing.assert_allclose(WienerFilter(5).smooth(times, line[:, np.newaxis])[:, 0], line)
 
 
-def test_wiener_leaves_a_constant_state_without_a_warning():
-    np.testing.assert_array_equal(WienerFilter(5).smooth(np.arange(9.0), np.full((9, 1), 3.0)), 3.0)
-
-
 def test_smoothed_difference_smooths_the_rate_again_only_before_it_is_differentiated():
     times, x, _, _ = _drop(noise=0.1)
     times = times + 0.002 * np.sin(np.arange(49))
@@ -174,13 +138,6 @@ def test_smoothed_difference_smooths_the_rate_again_only_before_it_is_differenti
     found = _rates(SmoothedDifference(), times, x, 2)
     for each, expected in zip(found, (smooth, velocity, acceleration), strict=True):
         np.testing.assert_allclose(each, expected, rtol=1e-9)
-
-
-def test_smoothing_brings_the_noise_in_the_rates_of_a_falling_ball_far_down():
-    times, x, velocity, acceleration = _drop(noise=0.1)
-    raw, smoothed = (_rates(method, times, x, 2) for method in (CenteredDifference(), SmoothedDifference()))
-    assert _error(smoothed[1], velocity) < _error(raw[1], velocity) / 3
-    assert _error(smoothed[2], acceleration) < _error(raw[2], acceleration) / 10
 
 
 @pytest.mark.parametrize("strength", [1e-5, 1e-2, 10.0])
@@ -212,14 +169,6 @@ def test_smoothing_spline_finds_the_rate_whatever_the_unit_of_time(unit):
     times, x, velocity, _ = _drop(noise=0.1)
     _, rate = _rates(SmoothingSpline(), times / unit, x)
     assert _error(rate / unit, velocity) < 0.04
-
-
-def test_smoothing_spline_returns_a_line_as_it_is():
-    times = _uneven()
-    smoothed, rate, second = _rates(SmoothingSpline(), times, 3 * times + 2, 2)
-    np.testing.assert_allclose(smoothed, 3 * times + 2)
-    np.testing.assert_allclose(rate, 3)
-    np.testing.assert_allclose(second, 0, atol=1e-8)
 
 
 @pytest.mark.parametrize("count", [32, 33])
@@ -276,14 +225,6 @@ def test_total_variation_second_derivative_integrates_to_the_rate():
     assert _error(rate, velocity) < 0.05
 
 
-def test_total_variation_keeps_its_digits_on_a_long_trial():
-    times = np.linspace(0, 1, 50_000)
-    _, rate = _rates(
-        TotalVariationDerivative(1e-4), times, times**2 + 0.01 * np.random.default_rng(0).standard_normal(50_000)
-    )
-    assert _error(rate, 2 * times) < 0.1
-
-
 @pytest.mark.parametrize("order", [1, 2])
 def test_methods_leave_a_constant_state_at_rest(order):
     times = np.arange(40.0)
@@ -304,8 +245,185 @@ def test_the_default_smooths_only_laws_of_second_order():
     assert default_differentiation(2, 34) == SmoothingSpline()
 
 
-def test_the_parabola_through_three_samples_is_that_of_numpy():
-    times = np.cumsum(np.random.default_rng(3).uniform(0.5, 1.5, 40))
-    states = np.stack([np.sin(times), 1e6 + times**2], axis=1)
-    found = FiniteDifference().differentiate(times, states, 1).derivatives[0]
-    np.testing.assert_allclose(found, np.gradient(states, times, axis=0, edge_order=2), rtol=1e-9, atol=1e-9)
+@pytest.mark.parametrize(
+    ("method", "needed", "message"),
+    [
+        (
+            CenteredDifference(),
+            4,
+            Diagnostic("too-few-samples", {"count": 3, "needed": 4, "method": "centred differences"}),
+        ),
+        (
+            ForwardDifference(),
+            3,
+            Diagnostic("too-few-samples", {"count": 2, "needed": 3, "method": "forward differences"}),
+        ),
+        (
+            FiniteDifference(4),
+            6,
+            Diagnostic("too-few-samples", {"count": 5, "needed": 6, "method": "finite differences of accuracy 4"}),
+        ),
+        (SmoothingSpline(), 5, Diagnostic("too-few-samples", {"count": 4, "needed": 5})),
+        (SpectralDerivative(), 3, Diagnostic("too-few-samples", {"count": 2, "needed": 3})),
+        (TotalVariationDerivative(1e-3), 3, Diagnostic("too-few-samples", {"count": 2, "needed": 3})),
+        (SmoothedDifference(MedianFilter(5)), 5, Diagnostic("window-too-long", {"count": 4, "window": 5})),
+        (SmoothedDifference(WienerFilter(5)), 5, Diagnostic("window-too-long", {"count": 4, "window": 5})),
+        (SmoothedDifference(SavitzkyGolay(45, 3)), 45, Diagnostic("window-too-long", {"count": 44, "window": 45})),
+    ],
+)
+def test_a_trial_that_is_too_short_is_refused_and_one_sample_more_is_taken(method, needed, message):
+    times = np.arange(float(needed))
+    states = np.sin(times)[:, np.newaxis]
+    assert np.all(np.isfinite(method.differentiate(times, states, 2).derivatives))
+    with refused(message):
+        method.differentiate(times[:-1], states[:-1], 2)
+
+
+def test_the_largest_window_that_fits_is_named():
+    with refused("window-too-long", count=42, window=45, remedy="choose a window of at most 41"):
+        SavitzkyGolay(45, 3).smooth(np.arange(42.0), np.zeros((42, 1)))
+    with refused("window-too-long", count=2, window=5, remedy="drop the trial"):
+        MedianFilter(5).smooth(np.arange(2.0), np.zeros((2, 1)))
+
+
+def test_sampling_that_is_not_uniform_is_refused_with_its_sample():
+    times = np.arange(60.0) / 15
+    times[40:] += 0.1
+    states = np.zeros((60, 1))
+    with refused("uneven-sampling", sample=40, next_sample=41, step=0.16666666666666652, median=0.06666666666666665):
+        SmoothedDifference().differentiate(times, states, 1)
+    with refused("uneven-sampling", method="the spectral derivative"):
+        SpectralDerivative().differentiate(times, states, 1)
+
+
+def test_a_third_derivative_of_a_cubic_spline_is_refused():
+    with refused("spline-order", order=3):
+        SmoothingSpline().differentiate(np.arange(9.0), np.zeros((9, 1)), 3)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SavitzkyGolay(34, 3), Diagnostic("window-even", {"window": 34, "odd": 35})),
+        (lambda: SavitzkyGolay(5, 5), Diagnostic("polynomial-fills-window", {"limit": 4})),
+        (lambda: SavitzkyGolay(5, -1), Diagnostic("whole-number", {"name": "polynomial", "value": -1})),
+        (
+            lambda: SavitzkyGolay(5.0, 3),
+            Diagnostic("whole-number", {"name": "window", "value": 5.0, "bounds": "of at least 3"}),
+        ),
+        (
+            lambda: MedianFilter(1),
+            Diagnostic("whole-number", {"name": "window", "value": 1, "bounds": "of at least 3"}),
+        ),
+        (lambda: WienerFilter("5"), Diagnostic("whole-number", {"name": "window", "value": "5"})),
+        (lambda: FiniteDifference(3), Diagnostic("accuracy-odd", {"accuracy": 3})),
+        (lambda: FiniteDifference(True), Diagnostic("whole-number", {"name": "accuracy", "value": True})),
+        (
+            lambda: SmoothingSpline(0),
+            Diagnostic("finite-number-bounded", {"name": "strength", "value": 0, "bound": "above"}),
+        ),
+        (lambda: SpectralDerivative(-1.0), Diagnostic("finite-number-bounded", {"name": "cutoff", "value": -1.0})),
+        (lambda: TotalVariationDerivative(float("nan")), Diagnostic("finite-number-bounded", {"name": "strength"})),
+        (
+            lambda: TotalVariationDerivative("much"),
+            Diagnostic("finite-number-bounded", {"name": "strength", "value": "much"}),
+        ),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused_at_once(make, message):
+    with refused(message):
+        make()
+
+
+TEXTS = {
+    "centered": CenteredDifference(),
+    "forward": ForwardDifference(),
+    "finite:4": FiniteDifference(4),
+    "savgol:35:3": SmoothedDifference(SavitzkyGolay(35, 3)),
+    "savgol:15:2:forward": SmoothedDifference(SavitzkyGolay(15, 2), ForwardDifference()),
+    "median:7:finite:4": SmoothedDifference(MedianFilter(7), FiniteDifference(4)),
+    "median:5:savgol:15:3": SmoothedDifference(MedianFilter(5), SmoothedDifference(SavitzkyGolay(15, 3))),
+    "wiener:9": SmoothedDifference(WienerFilter(9)),
+    "spline:None": SmoothingSpline(),
+    "spline:0.01": SmoothingSpline(0.01),
+    "spectral:None": SpectralDerivative(),
+    "spectral:2.5": SpectralDerivative(2.5),
+    "tv:1e-05": TotalVariationDerivative(1e-5),
+}
+SHORT_TEXTS = {
+    "finite": FiniteDifference(2),
+    "savgol": SmoothedDifference(),
+    "savgol:polynomial=2": SmoothedDifference(SavitzkyGolay(35, 2)),
+    "savgol:15:forward": SmoothedDifference(SavitzkyGolay(15, 3), ForwardDifference()),
+    "savgol:35:3:centered": SmoothedDifference(),
+    "spline": SmoothingSpline(),
+    "spectral": SpectralDerivative(),
+}
+
+
+@pytest.mark.parametrize(("text", "method"), TEXTS.items())
+def test_text_and_method_stand_for_each_other(text, method):
+    assert parse_differentiation(text) == method
+    assert format_differentiation(method) == text
+
+
+@pytest.mark.parametrize(("text", "method"), SHORT_TEXTS.items())
+def test_a_text_may_leave_out_defaults_or_write_them(text, method):
+    assert parse_differentiation(text) == method
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("savgl:35", Diagnostic("unknown-name", {"kind": "differentiation", "name": "savgl"})),
+        ("savgol:34", Diagnostic("window-even", {"window": 34}, "differentiation 'savgol:34'")),
+        ("savgol:35:forwrd", Diagnostic("whole-number", {"name": "polynomial", "value": "forwrd"})),
+        ("tv", Diagnostic("spec-syntax", {"text": "tv", "usage": "'tv:STRENGTH'"})),
+        ("finite:2:3", Diagnostic("spec-syntax", {"usage": "'finite:[ACCURACY=2]'"})),
+        ("centered:forward", Diagnostic("differentiation-chain", {"head": "centered", "rest": "forward"})),
+    ],
+)
+def test_a_text_that_does_not_fit_is_refused_with_the_way_out(text, message):
+    with refused(message):
+        parse_differentiation(text)
+
+
+SCHEMA = Schema(("x", "y"))
+
+
+def long_trial(samples=20_000):
+    times = np.arange(samples) * 0.01
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((samples, 2))
+    return Trial("swing", "1", times, np.column_stack([np.sin(times), np.cos(0.7 * times)]) + noise)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("text", ["centered", "forward", "finite:4", "savgol:35:3", "median:5", "wiener:5", "spline"])
+def test_a_long_trial_is_differentiated_in_pieces_that_fit_together(text, order):
+    assert text.split(":")[0] in METHODS
+    form, trial = StrongForm(parse_differentiation(text), order, trim=3), long_trial()
+    values, targets = form.samples(trial)
+    whole = form.rates(trial)
+    np.testing.assert_allclose(values[:, :2], whole.states[3:-3], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(targets, whole.derivatives[order - 1][3:-3], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("parts", [1, 3, 7])
+def test_the_parts_of_a_trial_are_the_systems_of_its_rows(parts):
+    form, trial = StrongForm(CenteredDifference(), trim=5), long_trial(9000)
+    terms = PolynomialLibrary(2).bind(law_variables(SCHEMA, form.order))
+    problems, rows = form.problems(trial, terms, parts), form.rows(trial, terms)
+    assert len(problems) == parts
+    assert sum(problem.rows for problem in problems) == 8990
+    everything, whole = np.ones(6, dtype=bool), LeastSquaresProblem.of(*rows)
+    np.testing.assert_allclose(
+        merge(problems).least_squares(everything, 1), whole.least_squares(everything, 1), rtol=1e-9
+    )
+    first = LeastSquaresProblem.of(*(row[: problems[0].rows] for row in rows))
+    np.testing.assert_allclose(problems[0].least_squares(everything, 0), first.least_squares(everything, 0), rtol=1e-9)
+
+
+def test_names_of_rates_avoid_the_names_of_other_variables():
+    assert law_variables(Schema(("x",)), 2).states == ("x", "v")
+    assert law_variables(Schema(("x",), inputs=("v",)), 2).states == ("x", "x_rate")
+    assert law_variables(Schema(("x", "y")), 2).states == ("x", "y", "v_x", "v_y")

@@ -514,13 +514,6 @@ def test_properties_that_say_nothing_are_seldom_taken():
     assert wrong <= 2
 
 
-def test_properties_that_do_not_differ_or_are_not_there_explain_nothing():
-    _, estimates, covariances, _ = population()
-    for values in (np.empty((10, 0)), np.full((10, 1), 2.0)):
-        found = explain(estimates, covariances, PropertyTable(NAMES[: values.shape[1]], values))
-        assert [relation.kind for relation in found.relations] == [RelationKind.UNIVERSAL, RelationKind.OWN]
-
-
 def test_simple_exponents_are_more_probable_and_all_together_certain():
     sets = exponent_sets(3, 2)
     assert np.exp(sets.log_prior).sum() == pytest.approx(1)
@@ -534,13 +527,3 @@ def test_simple_exponents_are_more_probable_and_all_together_certain():
     assert max(np.count_nonzero(sets.exponents, axis=1)) == 2
     for count, together in ((10, 3), (11, 2), (25, 2), (26, 1)):
         assert max(np.count_nonzero(exponent_sets(count, 3).exponents, axis=1)) == together
-
-
-def test_what_estimates_cannot_tell_apart_is_rather_universal():
-    generator = np.random.default_rng(0)
-    kinds = []
-    for _ in range(20):
-        estimates = 0.1 + 0.1 * generator.standard_normal((10, 1))
-        (found,) = explain(estimates, np.full((10, 1, 1), 0.01), PropertyTable((), np.empty((10, 0)))).relations
-        kinds.append(found.kind)
-    assert kinds.count(RelationKind.UNIVERSAL) >= 18

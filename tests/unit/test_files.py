@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import pandas as pd
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
@@ -34,11 +34,6 @@ def test_content_replaces_what_was_there_and_leaves_nothing_beside_it(tmp_path: 
     write_whole(target, b"new")
     assert target.read_bytes() == b"new"
     assert list(tmp_path.iterdir()) == [target]
-
-
-def test_a_path_may_be_text(tmp_path: Path) -> None:
-    write_whole(str(tmp_path / "law.json"), b"")
-    assert (tmp_path / "law.json").read_bytes() == b""
 
 
 def test_a_missing_folder_is_named_and_no_other_target_is_touched(tmp_path: Path) -> None:
@@ -365,10 +360,6 @@ def test_json_has_a_largest_size(monkeypatch):
         read_json(b"[1, 2, 3]  ", list)
 
 
-def test_brackets_in_texts_do_not_nest():
-    assert read_json(b'"\\"' + b"[" * 100 + b'"', str) == '"' + "[" * 100
-
-
 def test_text_that_is_not_utf_8_is_refused_with_its_line():
     check_text("a", "é\n".encode())
     with refused("not-utf-8", source="a", line=2):
@@ -459,7 +450,6 @@ def test_files_and_tables_have_a_largest_size(tmp_path, monkeypatch):
         read_file(tmp_path / "large.csv")
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=300) | st.text(alphabet='t,x;\t"\r\n 01.e-', max_size=80).map(str.encode))
 def test_any_bytes_are_a_table_or_refused(tmp_path_factory, content):
     path = tmp_path_factory.getbasetemp() / "drops.csv"
@@ -468,7 +458,6 @@ def test_any_bytes_are_a_table_or_refused(tmp_path_factory, content):
         assert len(read_table(path))
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.tuples(*[st.text(alphabet="ab \"'é", max_size=4)] * 2), min_size=1, max_size=6),
     st.lists(st.sampled_from(["\n", "\r\n", "\r"]), min_size=7, max_size=7),

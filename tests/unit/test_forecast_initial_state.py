@@ -68,16 +68,6 @@ def test_the_start_of_a_linear_law_and_its_standard_deviation_are_those_of_weigh
     np.testing.assert_allclose(forecast.std[0], deviations, rtol=1e-5)
 
 
-def test_without_any_force_height_and_rate_are_those_of_the_straight_line_of_least_squares():
-    times = np.linspace(0, 2, 30)
-    law = law_of("terms:1,v", ("x",), [[0.0, 0.0]], [0.1], order=2, rates=("v",))
-    heights = 3 - 0.5 * times + 0.1 * np.random.default_rng(1).standard_normal(30)
-    (slope, height), covariance = np.polyfit(times[:12], heights[:12], 1, cov="unscaled")
-    forecast = law.predict(trials_of(law, heights, times=times), start=12, return_std=True)
-    np.testing.assert_allclose(start_of(forecast), [height, slope], rtol=1e-6)
-    np.testing.assert_allclose(forecast.std[0][0], 0.1 * np.sqrt(np.diag(covariance))[::-1], rtol=1e-6)
-
-
 def test_more_samples_than_a_trial_has_are_all_of_them():
     trials = datasets.linear_drag(noise=0.05)[[0]]
     law = measured(datasets.linear_drag.truth(), [0.05])
@@ -158,21 +148,6 @@ def test_an_outlier_among_the_first_samples_pulls_no_harder_than_four_standard_d
         starts.append(start_of(law.predict(trials.with_trials([replace(trials[0], states=states)]), start=15)))
     np.testing.assert_allclose(starts[1], starts[2], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(starts[0], starts[2], atol=0.05)
-
-
-def test_inputs_drive_the_fitted_samples_too():
-    """x' = -x + u with u = t has the solution x = (x0 + 1) exp(-t) + t - 1."""
-    times = np.linspace(0, 2, 41)
-    terms = parse_library("terms:x,u").bind(Variables(("x",), ("u",)))
-    law = Law(
-        terms, Schema(("x",), ("u",)), 1, ("tank",), np.array([[[-1.0, 1.0]]]), uncertainty=Uncertainty(noise=[0.1])
-    )
-    states = 3 * np.exp(-times) + times - 1
-    states[0] += 0.3
-    trials = Trials((Trial("tank", "1", times, states, times),), law.schema)
-    weights = np.exp(-times[:15])
-    expected = 2 + 0.3 / np.sum(weights**2)
-    np.testing.assert_allclose(start_of(law.predict(trials, start=15)), expected, rtol=1e-6)
 
 
 def test_standard_deviations_of_a_trajectory_that_runs_away_are_known_as_far_as_it_and_the_first_samples_go():

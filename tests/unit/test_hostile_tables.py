@@ -138,14 +138,6 @@ def test_a_parquet_file_that_has_fewer_rows_than_it_says_is_refused(tmp_path):
             read(path)
 
 
-def test_a_parquet_file_cut_or_changed_inside_is_refused(tmp_path):
-    content = parquet_file(tmp_path / "drops.parquet", b"{}").read_bytes()
-    for damaged in (content[:200] + content[300:], content[:40] + b"\xff" * 40 + content[80:]):
-        (tmp_path / "drops.parquet").write_bytes(damaged)
-        with refused("parquet-damaged", source="drops.parquet"):
-            cl.Trials.read(tmp_path / "drops.parquet")
-
-
 ODD = {
     "complex states": (
         FRAME.assign(x=FRAME.x + 1j),

@@ -1,6 +1,8 @@
-"""Which variables trials cannot tell apart, before any law."""
+"""Which variables trials cannot tell apart, before any law, and which further trials would."""
 
+import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +10,15 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.array_types import Floats
+from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_rivals
 from commonlaw.inference.diagnose.confounding import confounded_sets
+from commonlaw.law import Law, PlausibleLaw, Provenance
+from commonlaw.law.law import with_other_laws
+from commonlaw.law.provenance import Domain
+from commonlaw.law.uncertainty import Uncertainty
+from commonlaw.library import Terms, Variables, parse_library, parse_term
+from commonlaw.outcomes import OutcomeKind
+from commonlaw.trials import Schema
 from tests.refusals import refused
 
 _BALLS = {"golf": (0.05, 0.004), "tennis": (0.1, 0.012)}
@@ -51,26 +61,6 @@ def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_the
     assert not confounded_sets(both(47, 38), 2, library)
 
 
-def test_an_object_that_visits_more_tells_for_all() -> None:
-    assert confounded_sets(drops({"golf": [47, 47], "tennis": [47, 47]}), 2, "poly:2")
-    assert not confounded_sets(drops({"golf": [47, 47], "tennis": [47, 30]}), 2, "poly:2")
-
-
-def test_errors_that_are_correlated_in_time_do_not_hide_that_heights_and_velocities_are_one_curve() -> None:
-    alike, apart = both(47, 47, noise=0.04), both(47, 36, noise=0.04)
-    random, memory = np.random.default_rng(1), np.exp(-1 / 15 / 0.3)
-    for given, expected in ((alike, True), (apart, False)):
-        states = []
-        for trial in given:
-            errors = [random.standard_normal()]
-            for shock in random.standard_normal(len(trial) - 1):
-                errors.append(memory * errors[-1] + np.sqrt(1 - memory**2) * shock)
-            states.append(trial.states[:, 0] + 0.06 * np.array(errors))
-        names = [trial.object for trial in given]
-        times = [trial.times for trial in given]
-        assert bool(confounded_sets(cl.Trials.from_arrays(times, states, object=names), 2, "poly:2")) is expected
-
-
 def test_a_height_that_stands_in_for_what_makes_trials_differ_is_told() -> None:
     (found,) = confounded_sets(both(47, 47, scales=np.array([1, 1.2, 1, 0.85])), 2)
     assert found.sets == (("x",), ("v",))
@@ -91,12 +81,6 @@ def test_states_that_sum_to_a_constant_stand_in_for_each_other() -> None:
     assert {("S", "I"), ("S", "R")} <= set(found["I"])
 
 
-def test_a_damped_oscillation_tells_its_variables_by_one_trial() -> None:
-    random, times = np.random.default_rng(0), np.linspace(0, 12, 100)
-    path = np.exp(-0.1 * times) * np.cos(times) + 0.02 * random.standard_normal(100)
-    assert not confounded_sets(cl.Trials.from_arrays(times, path), 2)
-
-
 def test_trials_too_short_for_all_terms_say_nothing() -> None:
     short = cl.Trials.from_arrays([0.0, 1, 2, 3, 4, 5], [5.0, 4, 3.5, 3, 2.6, 2.3])
     assert confounded_sets(short, 2, "poly:3") == ()
@@ -111,3 +95,55 @@ def test_the_data_check_says_what_trials_from_one_height_cannot_tell() -> None:
     assert not any("confounded" in finding for finding in trials.check(order=0).findings)
     with refused("order-unsupported", order=3):
         trials.check(order=3)
+
+
+_SCHEMA = Schema(("x",), units={"x": "m", "t": "s"})
+_TIMES = np.linspace(0, 2, 21)
+_FALL = cl.Trials.from_arrays(_TIMES, 40 - 4.9 * _TIMES**2, names=["x"], units={"x": "m", "t": "s"})
+
+
+def law(coefficients: list[float], error: float = 1e-3) -> Law:
+    """Return a law over 1, x, v, with independent errors."""
+    variables = Variables(("x", "v"))
+    terms = Terms(variables, tuple(parse_term(each, variables) for each in ("1", "x", "v")))
+    values: Floats = np.array([[coefficients]])
+    covariance = error**2 * np.eye(int((values != 0).sum()))[np.newaxis]
+    domain = Domain({"x": (20.4, 40.0), "v": (-19.6, 0.0)})
+    known = Uncertainty(covariance=covariance, noise=np.array([0.05]))
+    return Law(terms, _SCHEMA, 2, ("ball",), values, known, Provenance(domain=domain))
+
+
+def test_a_height_that_stands_in_for_gravity_is_told_by_a_drop_from_elsewhere() -> None:
+    rival = law([0, -0.3, 0])
+    (said,) = outcomes_of_rivals(with_other_laws(law([-9.8, 0, 0]), (PlausibleLaw(0.3, rival),)), _FALL)
+    assert said.kind is OutcomeKind.NOT_IDENTIFIABLE
+    assert said.code == "rival-plausible"
+    assert "x in place of 1" in said.text
+    # From any start the two are x = h - 4.9 t^2 and x = h cos(sqrt(0.3) t) for v = 0
+    assert "and v = 0, ball reaches" in said.text
+    found = re.search(r"From x = (\S+) m .* reaches x = (\S+) ± .* after (\S+) s by .* but (\S+) ±", said.text)
+    assert found is not None
+    start, by_law, after, by_rival = map(float, found.groups())
+    assert by_law == pytest.approx(start - 4.9 * after**2, abs=0.1)
+    assert by_rival == pytest.approx(start * np.cos(np.sqrt(0.3) * after), abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("rival", "probability"),
+    [
+        (law([0, -0.3, 0]), 0.01),  # Evidence is strong against it
+        (law([-9.8, 0, -1e-3]), 0.3),  # It says the same everywhere
+        (law([0, -0.3, 0], error=2.0), 0.3),  # Its bands hold what the other forecasts
+    ],
+    ids=["improbable", "alike", "uncertain"],
+)
+def test_nothing_is_said_of_rivals_that_no_trial_need_tell(rival: Law, probability: float) -> None:
+    asked = with_other_laws(law([-9.8, 0, 0], error=0.05), (PlausibleLaw(probability, rival),))
+    assert outcomes_of_rivals(asked, _FALL) == ()
+
+
+def test_a_law_of_variables_that_trials_cannot_tell_apart_says_so() -> None:
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3), noise=0.1)
+    (said,) = outcomes_of_confounding(drops, 2, parse_library("poly:2"))
+    assert (said.kind, said.where) == (OutcomeKind.NOT_IDENTIFIABLE, "x''")
+    assert str(said) in str(replace(law([-9.8, 0, 0]), provenance=Provenance(outcomes=(said,))))

@@ -1,17 +1,25 @@
-"""Inputs between samples, and forecasts that they drive, against independent integrations from sample to sample."""
+"""Inputs between samples, forecasts that they drive, and doses, against independent integrations."""
 
+from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
 
+import commonlaw as cl
+from commonlaw.cli.main import commonlaw
 from commonlaw.integration import Inputs, problem, simulation
-from commonlaw.law import Law, Uncertainty
+from commonlaw.law import Law, Uncertainty, from_json, to_json, to_script
+from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
+from commonlaw.trials.transformations import with_doses
 from tests.refusals import refused
 
 METHODS = ["scipy"] + (["heyoka"] if find_spec("heyoka") else [])
@@ -36,13 +44,6 @@ def test_inputs_between_samples(how):
     np.testing.assert_allclose(inputs.at(fine), expected, atol=1e-12)
     np.testing.assert_allclose(inputs.at(TIMES), VALUES, atol=1e-12)
     np.testing.assert_array_equal(inputs.at(np.array([0.0, 1e3])), VALUES[[0, -1]])
-
-
-@pytest.mark.parametrize("how", ["held", "linear", "cubic"])
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_samples_have_inputs_too(how, count):
-    inputs = Inputs.of(TIMES[:count], VALUES[:count], how)
-    np.testing.assert_allclose(inputs.at(TIMES[:count]), VALUES[:count], atol=1e-12)
 
 
 def test_an_input_that_stays_as_it_is_has_no_knot():
@@ -158,15 +159,6 @@ def test_inputs_that_change_often_are_worth_compiling_the_law(monkeypatch):
             assert law.predict(trials, start=1).trajectories[0].method == method
 
 
-def test_an_input_that_the_law_has_no_use_for_does_no_harm():
-    terms = parse_library("terms:x,u").bind(Variables(("x",), ("u", "w")))
-    law = Law(terms, Schema(("x",), ("u", "w")), 1, ("tank",), np.array([[[-1.0, 0.0]]]))
-    trials = Trials((Trial("tank", "1", TIMES, np.ones(25), VALUES),), law.schema)
-    for method in METHODS:
-        states = law.predict(trials, start=1, method=method).trajectories[0].states[:, 0]
-        np.testing.assert_allclose(states, np.exp(TIMES[0] - TIMES), atol=1e-6)
-
-
 def test_a_fitted_start_takes_the_inputs_as_they_are_said_to_be():
     """x' = u with an input that is held: the straight lines between samples would put the start elsewhere."""
     times, steps = np.arange(20.0), np.tile([0.0, 4.0], 10)
@@ -185,3 +177,262 @@ def test_a_fitted_start_takes_the_inputs_as_they_are_said_to_be():
         for how in ("held", "linear")
     }
     assert off["held"] < 0.3 * off["linear"]
+
+
+WHITE = {"errors": "white", "huber_threshold": np.inf, "partial_pooling": False}
+HOURS = np.arange(0, 12.1, 0.75)
+DOSES = {3.0: 60.0, 6.75: 80.0}
+SWALLOWED = "depot' = -ka depot + dose; conc' = ka depot/V - k conc"
+INJECTED = "conc' = -k conc + dose/V"
+CASES = {
+    SWALLOWED: ((1.5, 20.0, 0.3), ("ka", "V", "k"), 0.0, {"initial_values": {"depot": 100.0}}),
+    INJECTED: ((20.0, 0.3), ("V", "k"), 5.0, {}),
+}
+
+
+def concentrations(values, first):
+    """Concentrations at the hours, integrated from dose to dose, measured before each."""
+    *rate, volume, k = values
+    ka = rate[0] if rate else 0.0
+    state, found = np.array([100.0 if rate else 0.0, first]), [first]
+
+    def rates(_, z):
+        return [-ka * z[0], ka * z[0] / volume - k * z[1]]
+
+    for begin, end in pairwise(HOURS):
+        state = state + DOSES.get(begin, 0.0) * np.array([1.0, 0.0] if rate else [0.0, 1 / volume])
+        state = solve_ivp(rates, (begin, end), state, rtol=1e-9, atol=1e-11).y[:, -1]
+        found.append(state[1])
+    return np.array(found)
+
+
+def drawn(equations, count=2):
+    typical, _, first, _ = CASES[equations]
+    generator = np.random.default_rng(0)
+    values = np.array(typical) * np.exp(0.15 * generator.standard_normal((count, len(typical))))
+    measured = [concentrations(value, first) for value in values]
+    noise = 0.01 * float(np.std(measured))
+    measured = [own + noise * generator.standard_normal(len(HOURS)) for own in measured]
+    given = np.array([[DOSES.get(hour, 0.0)] for hour in HOURS])
+    trials = cl.Trials.from_arrays(
+        [HOURS] * count, measured, inputs=[given] * count, object=list("ab")[:count], names=["conc", "dose"]
+    )
+    return values, noise, measured, trials
+
+
+@pytest.fixture(scope="module")
+def cleared():
+    """Few samples of c' = -c/2 after two doses each."""
+    times = np.array([0, 1, 2, 3, 5, 8, 12, 13, 15.0])
+    generator, measured, given = np.random.default_rng(0), [], []
+    for amount in (2.0, 4.0, 3.0):
+        doses = np.where(times == 1, amount, np.where(times == 12, amount / 2, 0.0))
+        left = np.where(times > times[:, np.newaxis], np.exp(-0.5 * (times - times[:, np.newaxis])), 0.0)
+        measured.append(doses @ left + 0.02 * generator.standard_normal(len(times)))
+        given.append(doses[:, np.newaxis])
+    return cl.Trials.from_arrays([times] * 3, measured, inputs=given, object=["a", "a", "b"], names=["c", "dose"])
+
+
+def test_a_rate_is_found_from_few_samples_with_several_doses(cleared):
+    """Rates that were smoothed say nothing of the jumps, and the fit begins with coefficients by these rates."""
+    parameters = named_parameters(cl.fit("c' = -k c + dose", cleared, doses="dose"))
+    values, errors = parameters.values, parameters.errors
+    assert (np.abs(values - 0.5) < 3 * errors).all()
+    assert (errors < 0.1).all()
+
+
+def test_verdicts_and_residuals_know_doses_where_nothing_was_measured(cleared):
+    alone = [replace(each, states=np.where(each.times[:, np.newaxis] == 12, np.nan, each.states)) for each in cleared]
+    for trials in (cleared, cleared.with_trials(alone)):
+        law = cl.fit("c' = -k c + dose", trials, doses="dose", noise={"c": 0.02})
+        assert law.assess(trials).usable
+        assert np.nanmax(np.abs(np.concatenate(law.residuals(trials).standardized))) < 4
+
+
+@pytest.mark.parametrize("equations", CASES)
+def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_dose_to_dose(equations):
+    _, letters, first, options = CASES[equations]
+    truth, noise, measured, trials = drawn(equations)
+    law = cl.fit(equations, trials, doses="dose", noise={"conc": noise}, **options, **WHITE)
+    parameters = named_parameters(law)
+    columns = [parameters.names.index(letter) for letter in letters]
+    values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
+    for value, error, data, begin in zip(values, errors, measured, truth, strict=True):
+        begin = np.append(begin, first)
+        found = least_squares(
+            lambda each, data=data: (concentrations(each[:-1], each[-1]) - data) / noise,
+            begin,
+            x_scale=np.abs(begin) + 0.1,
+        )
+        bound = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))[:-1]
+        assert (abs(value - found.x[:-1]) < 0.1 * error).all()
+        np.testing.assert_allclose(error, bound, rtol=0.03)
+
+
+def test_a_saved_law_forecasts_tables_with_other_doses():
+    values, _, _, trials = drawn(INJECTED)
+    law = from_json(to_json(cl.fit(INJECTED, trials, doses="dose")))
+    assert law.schema.doses == ("dose",)
+    given = np.where(HOURS == 1.5, 30.0, 0.0)[:, np.newaxis]
+    start = np.full((len(HOURS), 1), np.nan)
+    start[0] = 4.0
+    new = cl.Trials.from_arrays(HOURS, start, inputs=given, object="a", names=["conc", "dose"])
+    (found,) = law.predict(new, start=1).trajectories
+    volume, k = values[0]
+    times = found.times
+    expected = 4 * np.exp(-k * times) + np.where(times > 1.501, 30 / volume * np.exp(-k * (times - 1.5)), 0.0)
+    settled = abs(times - 1.5) > 0.01
+    np.testing.assert_allclose(found.states[settled, 0], expected[settled], rtol=0.02)
+    assert "doses=('dose',)" in to_script(law)
+
+
+def test_a_law_is_simulated_with_doses():
+    *_, trials = drawn(INJECTED)
+    law = cl.fit(INJECTED, trials, doses="dose")
+    times = np.linspace(0, 6, 13)
+    found = law.simulate(times, [4.0], doses={"dose": {1.5: 30.0}})["a"].states[:, 0]
+    parameters = named_parameters(law)
+    volume, k = (parameters.values[0, parameters.names.index(each)] for each in ("V", "k"))
+    expected = 4 * np.exp(-k * times) + np.where(times > 1.5, 30 / volume * np.exp(-k * (times - 1.5)), 0.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+    np.testing.assert_allclose(law.simulate(times, [4.0])["a"].states[:, 0], 4 * np.exp(-k * times), rtol=1e-6)
+    with refused("unknown-name", kind="dose", name="dos"):
+        law.simulate(times, [4.0], doses={"dos": {1.0: 1.0}})
+
+
+def test_the_command_line_takes_doses(tmp_path):
+    *_, trials = drawn(INJECTED)
+    trials.to_frame().to_csv(tmp_path / "doses.csv", index=False)
+    path, saved, question = str(tmp_path / "doses.csv"), str(tmp_path / "law.json"), "if it holds amounts"
+    done = CliRunner().invoke(commonlaw, ["fit", INJECTED, path, "--dose", "dose", "--save", saved])
+    assert done.exit_code == 0, done.output
+    assert "conc' = -k conc + dose/V" in done.output
+    assert question not in done.output
+    assert question in CliRunner().invoke(commonlaw, ["data", "check", path]).output
+    assert question not in CliRunner().invoke(commonlaw, ["check", saved, path]).output
+
+
+def test_a_forecast_from_a_later_time_begins_after_the_doses_before_it():
+    *_, trials = drawn(INJECTED)
+    law = cl.fit(INJECTED, trials, doses="dose")
+    for begins in (4.5, 9.0):
+        later, first = (law.predict(trials, **how).trajectories for how in ({"from_time": begins}, {"start": "all"}))
+        for own, each in zip(later, first, strict=True):
+            expected = np.interp(own.times, each.times, each.states[:, 0])
+            np.testing.assert_allclose(own.states[:, 0], expected, atol=0.02 * np.ptp(expected))
+
+
+def test_a_dose_is_the_integral_of_its_input():
+    *_, trials = drawn(INJECTED)
+    (trial, _) = with_doses(trials, ["dose"])
+    assert np.trapezoid(trial.inputs[:, 0], trial.times) == pytest.approx(sum(DOSES.values()))
+    again = with_doses(with_doses(trials, ["dose"]), ["dose"])
+    assert len(again.trials[0]) == len(trial) == len(HOURS) + 2 * len(DOSES)
+
+
+def test_what_is_no_dose_is_refused():
+    *_, trials = drawn(INJECTED)
+    with refused("unknown-name", kind="input", name="dos"):
+        cl.fit(INJECTED, trials, doses="dos")
+    frame = trials.to_frame().assign(heat=1.0)
+    others = cl.Trials.from_frame(
+        frame, object="object", trial="trial", time="t", states="conc", inputs=["dose", "heat"]
+    )
+    with refused("doses-with-inputs"):
+        cl.fit("conc' = -k conc + dose/V + b heat", others, doses="dose")
+
+
+def dosed_before_measured(rng, k=0.3):
+    """A dose of 100 at the start, of which the first measurement is an hour later, and one of 50 at hour 5."""
+    times = np.array([1.0, 2.0, 3.5, 5.0, 6.0, 8.0])
+    conc = 10 * np.exp(-k * times) + np.where(times > 5, 5 * np.exp(-k * (times - 5)), 0)
+    return times, conc + 0.05 * rng.standard_normal(len(times))
+
+
+def test_a_trial_begins_at_a_dose_before_its_first_measurement():
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    rows = [{"t": 0.0, "conc": np.nan, "dose": 100.0}]
+    rows += [{"t": t, "conc": c, "dose": 50.0 * (t == 5.0)} for t, c in zip(times, conc, strict=True)]
+    frame = pd.DataFrame(rows)
+    of_table = cl.Trials.from_frame(frame, time="t", states=["conc"], inputs=["dose"])
+    of_arrays = cl.Trials.from_arrays(
+        frame.t.to_numpy(), frame.conc.to_numpy(), inputs=frame.dose.to_numpy(), names=["conc", "dose"]
+    )
+
+    def left(p):
+        k, volume, first = p
+        begun = (first + 100 / volume) * np.exp(-k * times)
+        later = np.where(times > 5, 50 / volume * np.exp(-k * np.maximum(times - 5, 0)), 0)
+        return np.append(first, begun + later - conc)
+
+    k, volume, _ = least_squares(left, [0.3, 10.0, 0.0], xtol=1e-12, ftol=1e-12).x
+    for trials in (of_table, of_arrays):
+        law = cl.fit(INJECTED, trials, doses="dose", **WHITE)
+        values = dict(zip(named_parameters(law).names, named_parameters(law).values[0], strict=True))
+        assert values["V"] == pytest.approx(volume, rel=5e-3)
+        assert values["k"] == pytest.approx(k, rel=5e-3)
+        forecast = law.predict(trials, start="all")
+        assert forecast.trials[0].times[0] == 0
+    assert len(of_table[0].rows(slice(1, None)).earlier) == 0
+
+
+def test_an_object_without_a_dose_is_refused_and_no_parameter_is_infinite():
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    trials = cl.Trials.from_arrays(
+        [times, times], [conc, conc], inputs=[50.0 * (times == 5), 0 * times], object=["a", "b"], names=["conc", "dose"]
+    )
+    with refused("doses-after-end", object="b"):
+        cl.fit(INJECTED, trials, doses="dose", **WHITE)
+
+
+def test_a_dose_before_several_states_were_measured_asks_for_their_values():
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    frame = pd.DataFrame({"t": [0.0, *times], "conc": [np.nan, *conc], "y": [np.nan, *conc], "dose": [9.0] + [0.0] * 6})
+    trials = cl.Trials.from_frame(frame, time="t", states=["conc", "y"], inputs=["dose"])
+    with refused("doses-before-start", time=0.0):
+        cl.fit("conc' = -k conc + dose/V; y' = conc - y", trials, doses="dose", **WHITE)
+
+
+def test_a_dose_may_have_a_row_of_its_own_at_the_time_of_a_measurement():
+    """As tables of clinics have it: the dose and the measurement before it, in either order."""
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    rows = [{"t": t, "conc": c, "dose": 0.0} for t, c in zip(times, conc, strict=True)]
+    dose = {"t": 5.0, "conc": np.nan, "dose": 50.0}
+    found = []
+    for own in (
+        [*rows[:3], dose, *rows[3:]],
+        [*rows[:4], dose, *rows[4:]],
+        [{**row, "dose": 50.0 * (row["t"] == 5)} for row in rows],
+    ):
+        trials = cl.Trials.from_frame(pd.DataFrame(own), time="t", states=["conc"], inputs=["dose"])
+        np.testing.assert_array_equal(trials[0].inputs[:, 0], [0, 0, 0, 50, 0, 0])
+        found.append(cl.fit(INJECTED, trials, doses="dose", **WHITE).coefficients)
+    np.testing.assert_array_equal(found[0], found[2])
+    np.testing.assert_array_equal(found[1], found[2])
+    two = pd.DataFrame([*rows[:4], dose, {**dose, "dose": 20.0}, *rows[4:]])
+    with refused("inputs-differ", time=5.0):
+        cl.Trials.from_frame(two, time="t", states=["conc"], inputs=["dose"])
+
+
+def test_tables_that_are_written_keep_doses_before_the_first_measurement(tmp_path):
+    times, conc = dosed_before_measured(np.random.default_rng(0))
+    frame = pd.DataFrame({"t": [0.0, *times], "conc": [np.nan, *conc], "dose": [100.0, *(50.0 * (times == 5))]})
+    trials = cl.Trials.from_frame(frame, time="t", states=["conc"], inputs=["dose"])
+    trials.to_csv(tmp_path / "doses.csv")
+    again = cl.Trials.read(
+        tmp_path / "doses.csv", object="object", trial="trial", time="t", states=["conc"], inputs=["dose"]
+    )
+    np.testing.assert_array_equal(again[0].earlier, [[0.0, 100.0]])
+    np.testing.assert_array_equal(again[0].states, trials[0].states)
+
+
+def test_trials_that_are_zero_until_their_dose_are_forecast_from_there():
+    random, times = np.random.default_rng(3), np.array([0.0, 1.0, 6.0])
+    states, inputs = [], [np.array([100.0, 0.0, 0.0])] * 8
+    for _ in inputs:
+        k, volume = random.uniform(0.2, 0.4), random.uniform(9, 12)
+        states.append(np.array([0.0, *(100 / volume * np.exp(-k * times[1:]) + 0.05 * random.standard_normal(2))]))
+    subjects = cl.Trials.from_arrays([times] * 8, states, inputs=inputs, object=list("abcdefgh"), names=["conc", "amt"])
+    verdict = cl.fit("conc' = -k conc + amt/V", subjects, doses="amt", noise={"conc": 0.05}).assess(subjects)
+    assert (verdict.segments, verdict.diverged) == (8, 0)
+    assert verdict.r_squared > 0.95

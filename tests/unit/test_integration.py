@@ -1,9 +1,22 @@
+"""Integration of laws, rates and steps, and the least value of a function."""
+
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import commonlaw as cl
+from commonlaw.formulation import law_variables
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.fit.integral_form import integrated
+from commonlaw.inference.fit.problem import prepare
+from commonlaw.inference.result.history import outcomes_of_fit
+from commonlaw.inference.score.score import Score
+from commonlaw.inference.search.error_models import minimum
 from commonlaw.integration import VectorField, integrate
-from commonlaw.library import PolynomialLibrary, Variables
+from commonlaw.library import PolynomialLibrary, Variables, parse_library
+from commonlaw.outcomes import OutcomeKind
 from tests.refusals import refused
 
 
@@ -85,3 +98,98 @@ def test_initial_states_and_times_are_checked():
         integrate(field, np.array([1.0, np.nan, 0.0]), np.array([0.0, 1.0]), where="pendulum")
     with refused("forecast-times-not-increasing"):
         integrate(field, np.ones(3), np.array([0.0, 0.0]))
+
+
+def valley(point):
+    """Rosenbrock's function in logarithms of variables of order one: its least value is at (1, 1)."""
+    x, y = point
+    return 10 * (y - x**2) ** 2 + (1 - x) ** 2
+
+
+BOX = np.full(2, -3.0), np.full(2, 3.0)
+
+
+def test_the_least_value_of_a_bent_valley_is_found():
+    # Differences over the spacing move it by a little, always by the same
+    np.testing.assert_allclose(minimum(valley, np.array([-1.0, 2.0]), *BOX), [1, 1], atol=0.03)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_last_digits_of_values_do_not_matter(seed):
+    generator = np.random.default_rng(seed)
+    exact = minimum(valley, np.array([-1.0, 2.0]), *BOX)
+    rough = minimum(lambda point: valley(point) + 1e-10 * generator.standard_normal(), np.array([-1.0, 2.0]), *BOX)
+    np.testing.assert_allclose(rough, exact, atol=1e-6)
+
+
+def test_where_a_function_falls_beyond_a_bound_the_least_is_at_it():
+    found = minimum(lambda point: (point[0] - 1) ** 2 + (point[1] + 5) ** 2, np.array([0.0, 0.0]), *BOX)
+    np.testing.assert_allclose(found, [1, -3], atol=1e-6)
+
+
+def test_a_variable_whose_bounds_are_one_stays():
+    low, high = np.array([0.5, -3.0]), np.array([0.5, 3.0])
+    np.testing.assert_allclose(minimum(valley, np.array([0.5, 2.0]), low, high), [0.5, 0.25], atol=1e-6)
+
+
+@pytest.mark.parametrize(("order", "expected"), [(1, lambda t: 0.3 * t + t**3), (2, lambda t: 0.15 * t**2 + t**4 / 4)])
+def test_cubic_splines_integrate_smooth_rates(order, expected):
+    times = np.linspace(0, 2, 21)
+    np.testing.assert_allclose(integrated(times, (0.3 + 3 * times**2)[:, np.newaxis], order)[:, 0], expected(times))
+
+
+def test_rates_that_jump_are_integrated_between_the_jumps():
+    times = np.concatenate([np.linspace(0, 1, 6), np.linspace(1, 3, 11), [3.0]])
+    rates = np.repeat([2.0, -1.0, 50.0], [6, 11, 1])[:, np.newaxis]
+    speed = np.where(times <= 1, 2 * times, 2 - (times - 1))
+    place = np.where(times <= 1, times**2, 1 + 2 * (times - 1) - (times - 1) ** 2 / 2)
+    np.testing.assert_allclose(integrated(times, rates, 1)[:, 0], speed, atol=1e-13)
+    np.testing.assert_allclose(integrated(times, rates, 2)[:, 0], place, atol=1e-13)
+
+
+TIMES = np.linspace(0, 8, 200)
+
+
+def stated(library, coefficients, curve, model_error=0.0, noise=0.05):
+    """A law with coefficients, and states on a curve that was measured with noise."""
+    measured = curve + noise * np.random.default_rng(0).standard_normal(len(curve))
+    trials = cl.Trials.from_arrays(TIMES, measured[:, np.newaxis], names=["x"])
+    terms = parse_library(library).bind(law_variables(trials.schema, 1))
+    problem = prepare(trials, terms, np.full((1, 1, len(terms)), np.nan), noise=np.array([noise]))
+    (start,) = problem.starts
+    estimate = replace(start, states=(curve[:, np.newaxis],), coefficients=np.array([coefficients]))
+    return Fit(problem, np.ones((1, len(terms)), dtype=bool), (estimate,), model_error, Score({}))
+
+
+def test_a_law_whose_solution_is_followed_is_solved():
+    assert stated("terms:x", [-0.5], 3 * np.exp(-0.5 * TIMES)).is_solved
+
+
+def test_steps_from_one_resting_point_to_the_next_follow_no_solution():
+    resting = np.pi * np.random.default_rng(1).integers(20, 24, len(TIMES))  # Of sin(x), 12 rates of 20 in a step
+    fit = stated("terms:sin(x)", [-500.0], resting.astype(float), model_error=0.5)
+    assert not fit.is_resolved
+    assert not fit.is_solved
+
+
+def test_a_fit_that_is_no_solution_of_its_law_did_not_converge():
+    resting = np.pi * np.random.default_rng(1).integers(20, 24, len(TIMES))
+    (found, *_) = outcomes_of_fit(
+        stated("terms:sin(x)", [-500.0], resting.astype(float)), is_converged=True, tried_errors=True
+    )
+    assert found.kind is OutcomeKind.NOT_CONVERGED
+    solved = stated("terms:x", [-0.5], 3 * np.exp(-0.5 * TIMES))
+    assert outcomes_of_fit(solved, is_converged=True, tried_errors=True) == ()
+    (found,) = outcomes_of_fit(solved, is_converged=False, tried_errors=True)
+    assert found.kind is OutcomeKind.NOT_CONVERGED
+
+
+def test_what_a_law_errs_by_in_each_step_is_no_error_of_the_step():
+    wandering = 3 * np.exp(-0.5 * TIMES) + np.cumsum(0.05 * np.random.default_rng(2).standard_normal(len(TIMES)))
+    assert stated("terms:x", [-0.5], wandering, model_error=1.0).is_resolved
+
+
+def test_a_law_whose_trajectories_diverge_is_not_solved():
+    fit = stated("terms:x^2", [1.0], np.full(len(TIMES), 1.0))
+    assert fit.diverges
+    assert not fit.is_solved

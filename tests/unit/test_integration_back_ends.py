@@ -2,7 +2,6 @@
 
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from itertools import pairwise
@@ -121,15 +120,6 @@ def test_a_parameter_of_the_support_keeps_its_sensitivity_when_it_is_zero(method
     off = VectorField(moved.terms, np.array([[-1.0, 0.0]]), free=np.ones((1, 2), dtype=bool))
     found = run(off, [2.0], [0.0, 1.0], method=method, tolerance=1e-11, sensitivities=True)
     np.testing.assert_allclose(found.sensitivities[1, 0], [2 * np.exp(-1), 1 - np.exp(-1), np.exp(-1)], rtol=1e-8)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_coefficient_that_is_no_parameter_acts_and_has_no_sensitivity(method):
-    moved, options = field("x", {"x": -1.0, "1": 0.5}), {"method": method, "tolerance": 1e-11, "sensitivities": True}
-    every = run(moved, [2.0], [0.0, 1.0], **options)
-    one = run(replace(moved, free=np.array([[False, True]])), [2.0], [0.0, 1.0], **options)
-    np.testing.assert_allclose(one.states, every.states, rtol=1e-9)
-    np.testing.assert_allclose(one.sensitivities, every.sensitivities[:, :, 1:], rtol=1e-8)
 
 
 @pytest.mark.parametrize("dense", [False, True])

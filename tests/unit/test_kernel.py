@@ -165,6 +165,13 @@ def agree(found, expected, again, message):
     np.testing.assert_array_less(np.abs(found - expected), allowed + np.zeros(found.shape) + 1e-300, message)
 
 
+FITTED = (
+    "second order", "mixed orders, constants inside", "many states", "cubic inputs", "several meshes", "functions",
+    "logarithms, held inputs", "memory", "both, held inputs", "both, logarithms",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("case", FITTED, indirect=True)
 def test_fits_are_those_of_numpy(case):
     model, start, free = case
     found, expected = fit(model, start, free, ERRORS), fitting.fit(model, start, free, ERRORS)
@@ -178,6 +185,7 @@ def test_fits_are_those_of_numpy(case):
     np.testing.assert_array_equal(found.coefficients[~free], start.coefficients[~free])
 
 
+@pytest.mark.parametrize("case", FITTED[::4], indirect=True)
 def test_a_prior_of_coefficients_draws_fits_to_it_alike(case):
     model, start, free = case
     typical = np.where(free, 1.5 * start.coefficients, 7.0)

@@ -1,19 +1,28 @@
-"""The families of terms: which terms, in which order, under which names."""
+"""Families of terms: which terms, in which order, under which names; those with a cap; forces towards a centre."""
 
 import math
 
 import numpy as np
 import pytest
 
+import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.inference.fit.annealing import fit_solutions
+from commonlaw.inference.fit.problem import prepare
+from commonlaw.inference.propose.candidate_laws import ParametricSearch
+from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start
 from commonlaw.library import (
+    AutoLibrary,
+    CappedLibrary,
     ConstantLibrary,
     ExpressionLibrary,
     FourierLibrary,
+    Offer,
     PolynomialLibrary,
     RationalLibrary,
     Terms,
     Variables,
+    parametric_term,
     parse_library,
 )
 from tests.refusals import refused
@@ -24,13 +33,6 @@ XV = Variables(("x", "v"))
 def test_polynomial_is_ordered_by_degree_as_in_the_field():
     names = PolynomialLibrary(3).bind(XV).names
     assert names == ("1", "x", "v", "x^2", "x v", "v^2", "x^3", "x^2 v", "x v^2", "v^3")
-
-
-def test_polynomial_of_degree_3_holds_the_library_of_the_falling_balls_paper():
-    paper = ("1", "x", "v", "x v", "x^2", "v^2", "x^2 v", "x v^2", "x^3", "v^3")
-    library = PolynomialLibrary(3)
-    assert sorted(library.bind(XV).names) == sorted(paper)
-    assert library.select(*paper).bind(XV).names == paper
 
 
 @pytest.mark.parametrize(("count", "degree"), [(1, 5), (2, 3), (3, 5), (4, 4)])
@@ -161,3 +163,87 @@ def test_no_terms_are_a_matrix_without_columns():
     terms = Terms(XV, ())
     assert terms.evaluate(np.zeros((5, 3))).shape == (5, 0)
     assert terms.jacobian(np.zeros((5, 3))).shape == (5, 0, 3)
+
+
+VARIABLES = Variables(("x",), ("u",))
+
+
+@pytest.mark.parametrize(
+    ("library", "count", "names"),
+    [
+        ("poly:3", 2, ["1", "x", "u", "x^2", "x u", "x^3", "x^2 u"]),
+        ("poly:3", 3, ["1", "x", "u", "x^2", "x u", "u^2", "x^3", "x^2 u", "x u^2"]),
+        ("poly:2", 1, ["1", "x", "x^2"]),
+        ("terms:x,u^2", 2, ["x", "u^2"]),
+    ],
+)
+def test_powers_go_that_are_sums_of_lower_ones_in_the_library(library, count, names):
+    terms = CappedLibrary(parse_library(library), (("u", count),)).bind(VARIABLES)
+    assert list(terms.names) == names
+
+
+def test_what_goes_is_what_measurements_cannot_tell():
+    generator = np.random.default_rng(0)
+    values = np.column_stack([generator.standard_normal(50), generator.choice([0.3, 2.0], 50), np.arange(50.0)])
+    whole = parse_library("poly:3")
+    capped = CappedLibrary(whole, (("u", 2),))
+    columns, fewer = (each.bind(VARIABLES).evaluate(values) for each in (whole, capped))
+    assert np.linalg.matrix_rank(columns) == np.linalg.matrix_rank(fewer) == fewer.shape[1] < columns.shape[1]
+
+
+def test_what_is_offered_besides_stays():
+    capped = CappedLibrary(AutoLibrary(), (("u", 2),))
+    assert [each.count for each in capped.offers(VARIABLES)] == [each.count for each in AutoLibrary().offers(VARIABLES)]
+    assert capped.higher is not None
+    assert "u^4" not in capped.higher.bind(VARIABLES).names
+    assert capped.higher.higher is None
+    assert capped.seeks_latent_states
+
+
+PLANE = Variables(("x", "y", "v_x", "v_y"))
+
+
+def test_positions_and_velocities_are_vectors():
+    texts = [each.text(PLANE) for each in parse_library("central").parametric(PLANE)]
+    assert len(texts) == 16
+    assert {"x*(x^2 + y^2)^p", "y/(x^2 + y^2)^1.5", "v_x*sqrt(v_x^2 + v_y^2)"} <= {*texts}
+    assert not any("y^2 + v_x" in text for text in texts)
+    named = [each.text(PLANE) for each in parse_library("central:x,y").parametric(PLANE)]
+    assert named == texts[:8]
+
+
+def test_the_exponent_is_called_otherwise_where_a_variable_is():
+    variables = Variables(("p", "q"))
+    assert parse_library("central").parametric(variables)[0].text(variables) == "p*(p^2 + q^2)^p2"
+
+
+def test_a_single_state_has_no_direction():
+    assert parse_library("central:x").parametric(PLANE) == ()
+    assert len([*AutoLibrary().offers(Variables(("x", "v")))]) + 1 == len([*AutoLibrary().offers(PLANE)])
+
+
+@pytest.mark.parametrize("constant", [0.5, 2.0])
+def test_of_a_sigmoid_beside_a_constant_the_form_without_is_proposed(constant):
+    times = np.linspace(0, 4, 41)
+    trials = cl.Trials.from_arrays(times, np.exp(-times) + 0.01 * np.sin(40 * times), names=["x"])
+    variables = Variables(("x",))
+    terms = PolynomialLibrary(1).bind(variables)
+    problem = prepare(trials, terms, np.full((1, 1, 2), np.nan))
+    search = ParametricSearch(fit_solutions(problem, np.array([[False, True]])), (), problem, Offer(()))
+    sigmoid = parametric_term("1/(1 + exp(-(a*x + c)))", variables)
+    row = CandidateSupport(
+        (0, 1), (sigmoid,), (Start(np.array([[constant, -1.0, -constant]]), (np.array([[3.0, 0.2]]),)),)
+    )
+    (found,) = search._reflected(row)
+    assert (found.plain, found.others) == ((1,), (sigmoid,))
+    (start,) = found.starts
+    points = np.column_stack([np.linspace(-2, 2, 9), np.zeros(9)])
+
+    def rates(coefficients, parameters):
+        values = np.column_stack([points, np.tile(parameters, (9, 1))])
+        return coefficients[0] * points[:, 0] + coefficients[1] * sigmoid.term.evaluate(values)
+
+    before = constant + rates([-1.0, -constant], [3.0, 0.2])
+    np.testing.assert_allclose(rates(start.coefficients[0], start.parameters[0][0]), before, rtol=1e-12)
+    other = parametric_term("x/(K + x)", variables)
+    assert not [*search._reflected(CandidateSupport((0,), (other,), (Start(np.ones((1, 2)), (np.ones((1, 1)),)),)))]

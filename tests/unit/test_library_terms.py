@@ -196,17 +196,6 @@ def test_a_number_that_hides_behind_variables_cannot_hang_the_symbolic_form(text
     assert time.perf_counter() - start < 5
 
 
-def test_derivative_of_the_absolute_value_is_the_sign():
-    gradient = parse_term("v*abs(v)", XV).gradient(np.array([[0.0, -3.0, 0.0], [0.0, 0.0, 0.0]]))
-    assert gradient.tolist() == [[0, 6, 0], [0, 0, 0]]
-
-
-def test_the_sign_of_a_variable_is_flat():
-    term = parse_term("sign(v)", XV)
-    assert term.evaluate(POINTS).tolist() == [-1] * len(POINTS)
-    assert not term.gradient(POINTS).any()
-
-
 def test_whole_numbers_inside_an_expression_are_real_numbers():
     term = parse_term("x + abs(2)**-1 + (1/2)**2", XV)
     assert term.evaluate(POINTS) == pytest.approx(POINTS[:, 0] + 0.75)

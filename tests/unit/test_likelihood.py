@@ -87,19 +87,6 @@ def test_coefficients_that_are_not_free_stay():
     assert found.deviance > fit(model, start, SUPPORT, DOWN[:4]).deviance + 10
 
 
-def test_samples_that_miss_at_the_end_change_nothing():
-    measured = prey()[1][:1]
-    short, begin = of_prey([measured[0][:50]], TIMES[:50])
-    missing = measured[0].copy()
-    missing[50:] = np.nan
-    longer, start = of_prey([missing])
-    one, other = fit(short, begin, SUPPORT, DOWN[:6], 30), fit(longer, start, SUPPORT, DOWN[:6], 30)
-    errors = np.sqrt(np.diag(np.linalg.inv(information(short, one, SUPPORT, 0.003))))
-    np.testing.assert_allclose((one.coefficients - other.coefficients)[SUPPORT] / errors, 0, atol=1e-3)
-    found = np.sqrt(np.diag(np.linalg.inv(information(longer, other, SUPPORT, 0.003))))
-    np.testing.assert_allclose(found, errors, rtol=1e-4)
-
-
 def test_missing_values_and_a_gap_cost_information_only(shot_prey):
     full, *_ = shot_prey
     missing = [each.copy() for each in full]

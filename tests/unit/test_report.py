@@ -84,11 +84,6 @@ def test_columns_are_set_by_what_they_hold(values: list[object], look: str, show
     assert rows == [[(look, text)] for text in shown]
 
 
-def test_columns_of_the_same_name_are_both_shown() -> None:
-    page = page_of(Table("twins", "Twins", pd.DataFrame([[1, "a"]], columns=["x", "x"])))
-    assert cells(page) == [[("number", "1"), ("word", "a")]]
-
-
 def test_json_holds_plain_numbers_and_null_for_those_that_are_not_finite() -> None:
     document = {"a": np.array([1.0, np.nan]), 2: (np.float64(0.1), np.int64(3), np.bool_(True)), "c": {"d": np.inf}}
     assert json.loads(to_json(document)) == {"a": [1.0, None], "2": [0.1, 3, True], "c": {"d": None}}
@@ -145,14 +140,6 @@ def test_characters_that_hide_are_shown() -> None:
     page = page_of(Text(hidden), Table("t", hidden, pd.DataFrame({hidden: [hidden]})))
     assert page.count(r"\ue0000\ue001 \u001b[2J \u202e") == 4
     assert plain(hidden) == r"\ue0000\ue001 \u001b[2J \u202e"
-
-
-def test_formulas_become_mathml_and_keep_markdown_away() -> None:
-    rendered = inline("*a* $x_1 * y_2 * z_3$ *b*")
-    assert rendered.count("<em>") == 2
-    assert rendered.count("<msub>") == 3
-    assert 'display="block"' in inline("$$x$$")
-    assert 'display="inline"' in inline("$x$")
 
 
 def test_dollars_in_code_or_after_a_backslash_stay_dollars() -> None:

@@ -135,13 +135,6 @@ def test_a_law_that_does_not_know_its_noise_takes_it_from_the_samples():
     assert table["x residual/noise"].std() == pytest.approx(1.0, rel=0.1)
 
 
-def test_means_of_residuals_are_of_several():
-    few = WHITE.residuals(decays(white, 30).select(trial=0))
-    axes = plot_residuals(few).axes[0]
-    (means,) = [line for line in axes.lines if line.get_marker() == "o"]
-    assert len(means.get_xdata()) == 30 // 4
-
-
 @pytest.mark.parametrize(("spent", "is_seen"), [(0.0, True), (0.05, False)])
 def test_sizes_may_grow_by_what_the_fit_took_of_the_noise(spent, is_seen):
     generator, n = np.random.default_rng(0), 20_000
@@ -191,12 +184,6 @@ def test_patterns_are_those_of_all_trials_in_memory(law, stream, jars):
     pd.testing.assert_frame_equal(found.tests(), whole.tests(), rtol=1e-8, atol=1e-14)
     assert str(found) == str(whole)
     assert {each.pattern for each in found.significant} >= {"correlation with residuals of a", "heteroscedasticity"}
-
-
-def test_patterns_of_more_than_are_kept_are_the_same_in_parts(jars, law, monkeypatch, stream):
-    monkeypatch.setattr("commonlaw.discrepancy.residual_tests.MAX_KEPT", 200)
-    found, whole = cl.check_stream(law, stream), law.residuals(jars)
-    pd.testing.assert_frame_equal(found.tests(), whole.tests(), rtol=1e-8, atol=1e-14)
 
 
 def test_each_object_has_what_its_own_residuals_say(law, stream, jars):

@@ -1,9 +1,20 @@
+"""Choosing among candidates: folds, criteria, resamples, and the resolution of the targets."""
+
 from math import comb
 
 import numpy as np
 import pytest
 
-from commonlaw.formulation import LeastSquaresProblem, merge
+from commonlaw.differentiation import MedianFilter, SmoothedDifference, parse_differentiation
+from commonlaw.formulation import (
+    LeastSquaresProblem,
+    StrongForm,
+    differentiation_bias,
+    effective_share,
+    law_variables,
+    merge,
+)
+from commonlaw.library import PolynomialLibrary
 from commonlaw.selection import (
     RULES,
     CrossValidationScore,
@@ -18,6 +29,7 @@ from commonlaw.selection import (
     stability,
 )
 from commonlaw.solvers import STLSQ, Candidate
+from commonlaw.trials import Schema, Trial
 from tests.refusals import refused
 
 TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0], [0.9, 0.0, -2.0, 0.0]])
@@ -144,13 +156,6 @@ def test_objects_count_equally_whatever_their_number_of_trials():
     np.testing.assert_allclose(by_object, 1 / 3)
 
 
-def test_a_target_in_other_units_has_the_same_error():
-    data = rows()
-    larger = [[[(library, 1e3 * target) for library, target in trial] for trial in trials] for trials in data]
-    errors = [ResidualError(make_folds(compressed(each)), 0)(SHARED).errors for each in (data, larger)]
-    np.testing.assert_allclose(*errors, rtol=1e-10)
-
-
 def test_the_excess_of_a_candidate_is_taken_fold_by_fold():
     shares = np.full(4, 0.25)
     best = CrossValidationScore(np.array([1.0, 2, 3, 10]), shares)
@@ -214,21 +219,6 @@ def test_a_single_block_cannot_be_resampled():
 
 
 # The choice
-
-
-@pytest.mark.parametrize("rule", RULES)
-def test_without_noise_the_smallest_exact_candidate_wins(rule):
-    parts = compressed(rows(noise=0.0))
-    choice = choose(path(parts), parts, 0, EVERYTHING, rule=rule)
-    np.testing.assert_array_equal(choice.chosen.support, SHARED)
-    larger = [candidate(np.repeat([EVERYTHING], 3, axis=0), parts), choice.chosen]
-    np.testing.assert_array_equal(choose(larger, parts, 0, EVERYTHING, rule=rule).chosen.support, SHARED)
-
-
-def test_the_default_rule_finds_the_truth_in_noise():
-    for seed in range(10):
-        parts = compressed(rows(seed, noise=0.3, trials=4))
-        np.testing.assert_array_equal(choose(path(parts), parts, 0, EVERYTHING).chosen.support, SHARED)
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -301,3 +291,66 @@ def test_a_candidate_that_diverges_on_a_fold_is_not_chosen():
         return CrossValidationScore(np.array(errors), np.full(2, 0.5))
 
     assert choose(path(parts), parts, 0, EVERYTHING, score=score).chosen.support.sum() == 9
+
+
+TIMES = np.arange(200) / 10
+
+
+def trial(noise=0.0, times=TIMES):
+    states = np.sin(times) + noise * np.random.default_rng(0).standard_normal(len(times))
+    return Trial("A", "1", times, states[:, np.newaxis])
+
+
+def test_central_differences_of_white_noise_count_two_rows_of_three():
+    # Differences two samples apart share a sample: correlation -1/2 at lags of two, so 1 / (1 + 2 / 4)
+    assert effective_share(StrongForm(parse_differentiation("centered")), trial()) == pytest.approx(2 / 3, rel=1e-6)
+
+
+@pytest.mark.parametrize("text", ["savgol:15:3", "savgol:25:3", "finite:4"])
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_share_is_that_of_the_autocorrelation_of_differentiated_noise(text, order):
+    differentiation, count = parse_differentiation(text), 200_000
+    noise = np.random.default_rng(0).standard_normal((count, 1))
+    rates = differentiation.differentiate(np.arange(count) / 10, noise, order).derivatives[-1][:, 0]
+    middle = rates[100:-100]
+    lags = [np.mean(middle[: len(middle) - k] * middle[k:]) for k in range(60)]
+    expected = 1 / (1 + 2 * np.sum((np.array(lags[1:]) / lags[0]) ** 2))
+    assert effective_share(StrongForm(differentiation, order), trial()) == pytest.approx(expected, rel=0.03)
+
+
+def test_wider_windows_leave_fewer_independent_rows():
+    forms = [StrongForm(parse_differentiation(f"savgol:{window}:3"), trim=10) for window in (9, 17, 33)]
+    shares = [effective_share(form, trial()) for form in forms]
+    assert shares == sorted(shares, reverse=True)
+    assert 0 < shares[-1] < shares[0] < 1
+
+
+def test_a_median_that_does_not_feel_an_impulse_counts_one_row_a_window():
+    times = np.arange(50.0)
+    peaked = Trial("A", "1", times, -np.abs(times - 25)[:, np.newaxis])
+    form = StrongForm(SmoothedDifference(MedianFilter(5)))
+    assert effective_share(form, peaked) == 1 / 7
+
+
+def test_a_trial_that_is_too_short_is_named():
+    with refused("window-too-long", where="A, trial 1"):
+        effective_share(StrongForm(parse_differentiation("savgol:25:3")), trial(times=TIMES[:10]))
+
+
+@pytest.mark.parametrize(
+    ("text", "noise"), [("centered", 0.0), ("savgol:15:1", 0.0), ("savgol:15:1", 0.01), ("savgol:25:3", 0.01)]
+)
+def test_the_resolution_is_the_error_of_the_targets_without_noise(text, noise):
+    form = StrongForm(parse_differentiation(text), 2, trim=15)
+    terms = PolynomialLibrary(1).bind(law_variables(Schema(("x",)), form.order)).take([1, 2])
+    targets = form.samples(trial())[1][:, 0]
+    error = np.mean((targets + np.sin(TIMES[15:-15])) ** 2)  # x'' = -x
+    found = differentiation_bias(form, terms, [trial(noise)], 0, np.array([-1.0, 0.0]))
+    assert error / 2 < found < 2 * error
+
+
+def test_the_resolution_of_a_method_that_is_exact_is_rounding():
+    form = StrongForm(parse_differentiation("savgol:15:3"), 2, trim=10)
+    terms = PolynomialLibrary(0).bind(law_variables(Schema(("x",)), form.order))
+    falling = Trial("A", "1", TIMES, (10 - 4.9 * TIMES**2)[:, np.newaxis])
+    assert differentiation_bias(form, terms, [falling], 0, np.array([-9.8])) < 1e-18

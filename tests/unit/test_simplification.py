@@ -57,11 +57,6 @@ def test_what_is_not_known_well_or_is_far_off_stays(value, error, form):
     assert replaced(law).get("a") == form
 
 
-def test_a_wider_tolerance_replaces_more():
-    law = law_of("x' = a x + b x^3", {"a": 1.0025, "b": 0.73912}, [1e-3, 1e-5])
-    assert (replaced(law), replaced(law, tolerance=3)) == ({}, {"a": "1"})
-
-
 def test_the_numbers_that_remain_follow_as_by_least_squares_under_the_constraints():
     values, errors = {"a": 0.6670, "b": -0.9995, "c": 1.3719}, [3e-4, 5e-4, 1e-3]
     law = law_of("x' = a + b x + c x^2", values, errors, correlation=0.7)
@@ -86,13 +81,6 @@ def test_equal_and_opposite_numbers_get_one_letter():
     found = law.simplify()
     assert [(each.letter, each.form) for each in found.replaced] in ([("a", "-b")], [("b", "-a")])
     assert len(found.letters) == 2
-
-
-def test_numbers_that_are_each_other_may_be_a_ratio_too():
-    law = law_of("x' = a x + b y; y' = c x", {"a": -10.0001, "b": 9.99995, "c": 0.4321}, [2e-4, 2e-4, 1e-3])
-    found = law.simplify()
-    assert found.equations[0] in ("x' = 10*(y - x)", "x' = 10*(-x + y)", "x' = -10*(x - y)")
-    assert found.degrees_of_freedom == 2
 
 
 def test_numbers_with_units_become_each_other_and_no_ratios():
@@ -178,17 +166,6 @@ def fraction_law(a, b, half, objects=("u", "v")):
     return replace(law, uncertainty=Uncertainty(covariance=covariances, noise=np.array([0.1])))
 
 
-def test_a_part_of_a_fraction_that_vanishes_within_its_error_goes():
-    found = fraction_law(-1.2374, 0.631, 0.5113).simplify()
-    assert found.equations == ("s' = a*s/(K + s)",)
-    assert [(each.letter, each.form) for each in found.replaced] == [("b", "-K*a")]
-    sizes = np.array([1.2374, 0.631, 0.5113]) / 100
-    left = 0.5113 * -1.2374 + 0.631
-    variance = (0.5113 * sizes[0]) ** 2 + sizes[1] ** 2 + (1.2374 * sizes[2]) ** 2
-    assert found.chi_square == pytest.approx(2 * left**2 / variance, rel=1e-6)
-    assert found.degrees_of_freedom == 2
-
-
 def test_what_remains_of_a_fraction_follows_as_by_least_squares():
     found = fraction_law(-1.2374, 0.631, 0.5113, objects=("u",)).simplify()
     given, sizes = np.array([-1.2374, 0.631, 0.5113]), np.array([1.2374, 0.631, 0.5113]) / 100
@@ -235,12 +212,6 @@ def test_ones_and_ties_are_shown_in_one_line():
     (first, second) = within_errors(law(REPRESSION, VALUES, ERRORS))
     assert first == "u' = 3.440/(1 + w) - u"
     assert second in ("w' = 0.5015 u - 0.5015 w", "w' = 0.502 u - 0.502 w")
-
-
-def test_of_several_objects_letters_stay():
-    (first, second) = within_errors(law(REPRESSION, VALUES, ERRORS, objects=3))
-    assert first == "u' = a/(1 + w) - u"
-    assert second in ("w' = d u - d w", "w' = b u - b w")
 
 
 def test_nothing_is_shown_where_nothing_is_simpler():

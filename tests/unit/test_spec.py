@@ -1,12 +1,34 @@
-"""Choices written as short texts."""
+"""Choices written as short texts or as options of a fit, and names that are nearly right."""
 
-from dataclasses import dataclass
+import inspect
+import re
+from dataclasses import dataclass, field
+from typing import get_args
 
+import click
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from commonlaw.errors import CommonlawError
+import commonlaw as cl
+from commonlaw.app.question import Question, in_page, settings_form
+from commonlaw.cli.method_options import setting_options
+from commonlaw.cli.options import SettingsOption, with_options
+from commonlaw.discovery.cache import digest
+from commonlaw.errors import CommonlawError, unknown
+from commonlaw.law.script import written
 from commonlaw.runtime.arguments import format_spec, parse_spec
+from commonlaw.runtime.fit_options import (
+    CovarianceKind,
+    ErrorKind,
+    FitOptions,
+    changed_settings,
+    documented,
+    read_settings,
+    setting_rows,
+    settings_of,
+    shown,
+)
 from tests.refusals import refused
 
 
@@ -81,3 +103,183 @@ def test_an_option_given_twice_is_refused() -> None:
 def test_a_value_that_is_refused_names_the_choice_and_the_reason() -> None:
     with refused("other", where="differentiation 'savgol:1'"):
         parse_spec("differentiation", "savgol:1", MAKERS)
+
+
+def test_an_unknown_name_is_quoted_with_its_kind_and_all_known_names() -> None:
+    assert (
+        str(unknown("solver", "qqq", ["stlsq", "group-stlsq"]))
+        == "unknown solver 'qqq': Known: stlsq, group-stlsq [unknown-name]"
+    )
+
+
+@pytest.mark.parametrize("misspelt", ["hieght", "HEIGHT", "heigth"])
+def test_a_near_miss_is_suggested_in_its_known_spelling(misspelt: str) -> None:
+    assert "did you mean 'Height'?" in str(unknown("column", misspelt, ["t", "Height"]))
+
+
+def test_of_names_that_differ_in_case_only_the_first_is_suggested() -> None:
+    assert "did you mean 'Ball'?" in str(unknown("column", "bal", ["Ball", "ball"]))
+
+
+def test_nothing_known_is_said_so() -> None:
+    assert str(unknown("object", 3, [])) == "unknown object '3': Known: none [unknown-name]"
+
+
+def test_names_need_not_be_text() -> None:
+    assert str(unknown("object", 7, iter([11, 2]))) == "unknown object '7': Known: 11, 2 [unknown-name]"
+
+
+def test_a_user_error_is_a_value_error_for_those_who_catch_that() -> None:
+    assert issubclass(CommonlawError, ValueError)
+
+
+def test_names_of_the_last_release_are_deprecated():
+    trials = cl.datasets.linear_drag(noise=0.001)
+    with pytest.warns(DeprecationWarning, match="use shared"):
+        old = cl.fit("x'' = -g - c v", trials, errors="white", **{"universal": "g"})
+    new = cl.fit("x'' = -g - c v", trials, shared="g", errors="white")
+    np.testing.assert_array_equal(old.coefficients, new.coefficients)
+    assert "shared=('g',)" in old.provenance.calls[0]
+    with pytest.warns(DeprecationWarning, match="use log_states"):
+        assert cl.TrajectoryLikelihood(**{"positive": ["x"]}) == cl.TrajectoryLikelihood(log_states=["x"])
+    with pytest.warns(DeprecationWarning, match="use 'random-walk'"):
+        assert FitOptions(errors="walk").errors == "random-walk"
+
+
+FUNCTIONS = {"fit": cl.fit, "refine": cl.refine, "compare": cl.compare}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_takes_its_settings_by_name_in_order_and_with_their_defaults(name):
+    known = settings_of(FitOptions, name)
+    taken = {
+        parameter.name: parameter
+        for parameter in inspect.signature(FUNCTIONS[name]).parameters.values()
+        if parameter.name in known
+    }
+    assert list(taken) == list(known)
+    for setting, (own, about) in known.items():
+        assert taken[setting].default == about.default_of(name, own.default), setting
+        assert taken[setting].kind is inspect.Parameter.KEYWORD_ONLY, setting
+
+
+def test_the_method_of_discover_has_all_settings():
+    assert list(inspect.signature(cl.TrajectoryLikelihood).parameters) == list(settings_of(FitOptions))
+
+
+def test_discover_has_the_parameters_of_the_estimator():
+    ours, estimators = inspect.signature(cl.discover).parameters, inspect.signature(cl.LawDiscovery).parameters
+    assert list(ours) == ["trials", *estimators, "x_dot"]
+    assert all(ours[name].default == estimators[name].default for name in estimators)
+
+
+@pytest.mark.parametrize("function", [cl.discover, cl.TrajectoryLikelihood, FitOptions, *FUNCTIONS.values()])
+def test_a_docstring_describes_every_parameter_in_order(function):
+    described = (inspect.getdoc(function) or "").partition("Parameters\n----------\n")[2]
+    described = re.split(r"\n\n(?:Raises|Returns)\n", described)[0]
+    names = [name for line in re.findall(r"(?m)^(\w[\w, ]*)$", described) for name in line.split(", ")]
+    taken = list(inspect.signature(function).parameters)
+    assert [name for name in names if name in taken] == taken
+
+
+def test_choices_are_those_of_their_types():
+    choices = {name: [*about.choices] for name, (_, about) in settings_of(FitOptions).items() if about.choices}
+    assert choices["errors"] == ["auto", *get_args(ErrorKind)]
+    assert choices["covariance"] == [*get_args(CovarianceKind)]
+
+
+@pytest.mark.parametrize(
+    ("texts", "values"),
+    [
+        ({"log_states": ["x", "y"]}, {"log_states": ("x", "y")}),
+        ({"noise": ["x=0.1", "y=2"]}, {"noise": {"x": 0.1, "y": 2.0}}),
+        ({"huber_threshold": ["inf"], "max_samples": ["500"]}, {"huber_threshold": np.inf, "max_samples": 500}),
+        ({"partial_pooling": ["false"], "solver": ["forward"]}, {"partial_pooling": False, "solver": "forward"}),
+    ],
+)
+def test_texts_are_read_as_values_of_their_types(texts, values):
+    assert read_settings(FitOptions, texts) == values
+
+
+@pytest.mark.parametrize(
+    ("texts", "code"),
+    [
+        ({"huber": ["3"]}, "unknown-name"),
+        ({"huber_threshold": ["three"]}, "setting-not-a-number"),
+        ({"huber_threshold": ["3", "4"]}, "setting-twice"),
+        ({"noise": ["x=1", "x=2"]}, "setting-twice"),
+        ({"noise": ["0.1"]}, "setting-not-a-number"),
+        ({"partial_pooling": ["maybe"]}, "unknown-name"),
+    ],
+)
+def test_texts_that_are_no_settings_are_refused(texts, code):
+    with refused(code):
+        read_settings(FitOptions, texts)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_refuses_a_setting_that_does_not_fit(name):
+    drops = cl.datasets.linear_drag(drag=(-0.1,), trials=1, noise=0.05)
+    with refused("huber-threshold"):
+        FUNCTIONS[name]("x'' = -g", drops, huber_threshold=0.0)
+
+
+def test_settings_that_differ_from_the_defaults_are_those_that_were_changed():
+    values = {"errors": "white", "seed": 0, "partial_pooling": False}
+    assert changed_settings("discover", values) == {"errors": "white", "partial_pooling": False}
+    assert changed_settings("fit", values) == {"errors": "white"}
+
+
+def test_a_table_of_settings_has_their_defaults():
+    defaults = {name: default for name, default, _ in setting_rows(FitOptions)}
+    assert defaults["partial_pooling"] == "true"
+    assert defaults["noise"] == ""
+    assert {name: default for name, default, _ in setting_rows(FitOptions, "refine")}["partial_pooling"] == "false"
+
+
+@documented
+@dataclass(frozen=True, kw_only=True)
+class Extended(FitOptions):
+    """Settings, and one more.
+
+    Parameters
+    ----------
+    {parameters}
+    """
+
+    gain: float = field(
+        default=2.0, metadata=shown(label="Gain", text="Gain of the amplifier.", metavar="RATIO", everyday=True)
+    )
+
+
+Extended.__module__ = FitOptions.__module__
+
+
+@pytest.mark.parametrize("function", ["discover", "fit", "refine"])
+def test_a_new_setting_is_an_option_of_commands(function):
+    made = click.command()(with_options(lambda **_: None, setting_options(function, Extended)))
+    (option,) = [param for param in made.params if param.name == "gain"]
+    assert (option.opts, option.metavar) == (["--gain"], "RATIO")
+    assert "Gain of the amplifier." in option.help
+    (take,) = [param for param in made.params if isinstance(param, SettingsOption)]
+    assert any(("gain", "Gain of the amplifier.  [default: 2.0]") in rows for rows in take.groups().values())
+    assert read_settings(Extended, {"gain": ["3"]}) == {"gain": 3.0}
+
+
+def test_a_new_setting_is_in_the_form_the_program_the_key_and_the_tables():
+    assert settings_form(Extended)[-1] == {
+        "name": "gain", "label": "Gain", "text": "Gain of the amplifier", "choices": {}, "default": "2.0",
+        "example": "RATIO", "of_fit": True,
+    }  # fmt: skip
+    assert written(Extended(gain=3.0)) == "cl.runtime.Extended(gain=3.0)"
+    assert digest(Extended()) != digest(Extended(gain=3.0))
+    assert digest(Extended()) == digest(Extended(n_jobs=2))
+    assert [*setting_rows(Extended)][-1] == ("gain", "2.0", "Gain of the amplifier.")
+    assert "gain\n    Gain of the amplifier. Default: 2.0." in inspect.getdoc(Extended)
+
+
+def test_the_page_asks_for_the_method_with_its_settings():
+    assert Question("table").method is None
+    asked = Question("table", settings={"noise": ("x=0.1",), "errors": ("white",)})
+    assert asked.method == cl.TrajectoryLikelihood(noise={"x": 0.1}, errors="white")
+    assert in_page("noise=...") == "'Measurement noise' under More choices"

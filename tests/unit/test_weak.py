@@ -92,22 +92,6 @@ def test_without_noise_rows_balance_below_1e_8(grid, problem, library, truth, sa
     np.testing.assert_allclose(found, truth, atol=1e-7)
 
 
-@pytest.mark.parametrize("grid", [regular, uneven])
-@pytest.mark.parametrize(
-    ("problem", "library", "truth", "samples", "length"),
-    [
-        ("drag", "terms:1,v", [-9.8, -0.38], 49, 3.0),
-        ("van der pol", "terms:x,v,x**2*v,x*v", [-1, 1, -1, 0], 600, 12.0),
-        ("v squared", "terms:x,v,v**2", [-1, -0.1, 0.2], 600, 12.0),
-    ],
-)
-def test_a_law_of_second_order_comes_from_heights_alone(grid, problem, library, truth, samples, length):
-    trials = trials_of(problem, grid(samples, length), states=1)
-    form = WeakForm(2)
-    rows, targets = form.rows(trials[0], bound(library, form, trials))
-    assert np.abs(rows @ truth - targets[:, 0]).max() < 1e-8 * np.abs(rows * truth).max()
-
-
 def test_terms_by_parts_need_no_rates():
     trials = trials_of("van der pol", regular(600, 12.0), noise=0.05, states=1)
     library = "terms:x,v,x**2*v,v**2,x*v**2"
@@ -200,16 +184,6 @@ def test_solvers_find_the_law_in_compressed_trials():
 def _noisy(seed):
     trial = trials_of("lorenz", regular(1000, 5.0), 0.02, seed, 3)[0]
     return trial.times, trial.states
-
-
-def test_inputs_and_time_are_evaluated_at_the_samples():
-    times = regular(300, 6.0)
-    push = np.cos(3 * times)
-    state = np.sin(3 * times) / 3 + times**2
-    trials = Trials((Trial("it", "1", times, state, push),), Schema(("x",), ("u",)))
-    form = WeakForm()
-    rows, targets = form.rows(trials[0], bound("terms:u,t,x", form, trials))
-    np.testing.assert_allclose(np.linalg.lstsq(rows, targets, rcond=None)[0][:, 0], [1, 2, 0], atol=1e-8)
 
 
 def test_the_radius_follows_the_slowness_of_the_state():

@@ -75,12 +75,6 @@ def test_a_product_with_an_input_on_such_a_scale_is_said():
 RISING = 5 * (1 - np.exp(-0.5 * TIMES))
 
 
-def test_a_law_that_cannot_leave_the_zero_where_trials_start_is_said():
-    infusion = course(RISING, inputs=np.ones_like(TIMES))
-    (text,) = said(fitted("x' = a x + b x^2 + c x u", infusion), OutcomeKind.START)
-    assert "initial values of 1 trial are zero within the noise, but x = 0 is an equilibrium of this law" in text
-
-
 @pytest.mark.parametrize(
     ("equation", "state", "inputs"),
     [
@@ -98,20 +92,8 @@ def test_growth_from_below_the_noise_leaves_zero_by_its_law():
     assert said(fitted("x' = a x + b x^2", course(grown)), OutcomeKind.START) == []
 
 
-def test_growth_from_a_start_near_the_noise_is_not_said_to_rest():
-    grown = 5 / (1 + 17 * np.exp(-1.5 * TIMES)) + 0.1 * np.random.default_rng(1).standard_normal(len(TIMES))
-    grown[0] = 0.1
-    assert said(fitted("x' = a x + b x^2", course(grown)), OutcomeKind.START) == []
-
-
 def test_a_start_at_zero_that_the_law_has_to_miss_is_said():
     rising = RISING + 0.02 * np.random.default_rng(2).standard_normal(len(TIMES))
     rising[0] = 0.0
     (text,) = said(fitted("x' = a x + b x^2", course(rising)), OutcomeKind.START)
     assert "1 trial" in text
-
-
-def test_refining_says_it_once():
-    trials = course(COOLING, "degC")
-    law = cl.refine(fitted("x' = a + b x^3", trials), trials, errors="white", noise={"x": 0.1})
-    assert len(said(law, OutcomeKind.SCALE)) == 1
