@@ -142,6 +142,7 @@ _SQUARE = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
 _ROUND = re.compile(r"(.*?\S)(\s*)\(((?:[^()]|\([^()]*\))*)\)", re.DOTALL)
 
 
+_CONCENTRATION = re.compile(r"\[(\w+)\]\s*[(\[]?([^()\[\]]*)[)\]]?")
 _PER_UNIT = re.compile(r"(.*\S)\s*/\s*(\S+)")
 _TIME_PER_UNIT = re.compile(r"(?i)(?:t|time|zeit|temps|tiempo|tempo|tijd|tid)\s*/\s*(\S+)")
 
@@ -150,12 +151,14 @@ def split_header(header: str) -> tuple[str, str]:
     """Return the name and the unit in a header; the unit is empty where there is none.
 
     Brackets around what is no unit are part of the name; empty square brackets follow a name that seems to end in a
-    unit.
+    unit. A concentration, [A], is called after its substance.
 
-    >>> split_header("Height (m)"), split_header("drag (fitted)"), split_header("v [m/s] []")
-    (('Height', 'm'), ('drag (fitted)', ''), ('v [m/s]', ''))
+    >>> split_header("Height (m)"), split_header("drag (fitted)"), split_header("v [m/s] []"), split_header("[A] mM")
+    (('Height', 'm'), ('drag (fitted)', ''), ('v [m/s]', ''), ('A', 'mM'))
     """
     text = plain(header)
+    if (found := _CONCENTRATION.fullmatch(text)) and (not found[2].strip() or known_unit(found[2]) is not None):
+        return found[1], found[2].strip()
     square = _SQUARE.fullmatch(text)
     if square:
         unit = square[2].strip()

@@ -43,7 +43,10 @@ QUANTITIES = _vocabulary(
 """What one object may have several of."""
 _MEASURAND = _vocabulary("variable quantity parameter signal channel measurand analyte observable")
 """What names quantities that stand below each other."""
-_INPUT = _vocabulary("input setpoint command control stimulus forcing dose amt")
+_INPUT = _vocabulary(
+    "input setpoint command control stimulus forcing dose amt ambient outdoor outdoors outside weather solar "
+    "irradiance insolation radiation sunlight sunshine rain rainfall precipitation"
+)
 _DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
 _VELOCITIES = _vocabulary("v w")
 """Names next to which u is another velocity, and not an input."""
