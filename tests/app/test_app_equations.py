@@ -136,6 +136,8 @@ def test_equations_are_typed_moved_by_sliders_fitted_and_compared(page, tmp_path
         content = app.say("GET", link.get_attribute("href").partition(app.host)[2], patience=120)[1].decode()
         law = from_json(content)
         np.testing.assert_allclose(law.params.query("parameter == 'a'")["estimate"], VALUES["a"], rtol=0.02)
+        shown = page.execute_script("return document.querySelector('[data-name=a] input[type=number]').value")
+        np.testing.assert_allclose(float(shown), np.mean(VALUES["a"]), rtol=0.02)
 
         choose(page, "write_from", "model:lotka-volterra")
         wait(page, "$('equations').value.startsWith(\"x' = \")")

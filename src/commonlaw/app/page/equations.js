@@ -4,7 +4,7 @@ import { beginWritten, showCurves } from "./curves.js";
 import { equation } from "./law.js";
 import { start } from "./question.js";
 
-const written = { values: {}, ranges: {}, kept: {}, starts: {}, doses: [] };
+const written = { values: {}, ranges: {}, kept: {}, starts: {}, doses: [], fitting: false };
 
 /** What is given about a parameter; nothing by default. */
 function given(name) {
@@ -13,7 +13,7 @@ function given(name) {
 
 /** Forget what was given about other equations. */
 function reset(starts = {}, doses = [], values = {}) {
-  Object.assign(written, { values, ranges: {}, kept: {}, starts, doses });
+  Object.assign(written, { values, ranges: {}, kept: {}, starts, doses, fitting: false });
   $("parameters").replaceChildren();
   $("starts_given").value = Object.entries(starts).map(pair => pair.join("=")).join("; ");
   for (const box of $("doses_part").querySelectorAll("input")) box.checked = doses.includes(box.value);
@@ -58,17 +58,30 @@ export function offerStarts() {
   $("write_from").replaceChildren(...options.map(([value, text]) => element("option", text, { value })), ...groups.values());
 }
 
+/** Set parameters to the estimates of a law, with sliders about their intervals. */
+function takeEstimates({ values, errors }, names) {
+  const at = state.preview.objects.map(name => state.found.objects.indexOf(name));
+  for (const name of names) {
+    written.values[name] = at.map(i => values[name][Math.max(i, 0)]);
+    written.ranges[name] = around(values[name], errors[name]);
+  }
+}
+
+/** Show a fitted law: the editor may start from it, and where its equations were fitted, the sliders stand at the estimates. */
+export function offerFound() {
+  offerStarts();
+  const law = state.found.candidates[0].equations;
+  if (!written.fitting || !law) return;
+  written.fitting = false;
+  takeEstimates(law, Object.keys(written.values).filter(name => name in law.values));
+  showParameters();
+}
+
 export function startFrom() {
   const from = $("write_from").value, law = from === "law" ? state.found.candidates[state.at].equations : null;
   const model = state.preview.models.find(each => `model:${each.name}` === from);
   reset(law?.starts, (law ?? model)?.doses);
-  if (law) {
-    const at = state.preview.objects.map(name => state.found.objects.indexOf(name));
-    for (const [name, values] of Object.entries(law.values)) {
-      written.values[name] = at.map(i => values[Math.max(i, 0)]);
-      written.ranges[name] = around(values, law.errors[name]);
-    }
-  }
+  if (law) takeEstimates(law, Object.keys(law.values));
   $("equations").value = (law ?? model)?.text ?? "";
   $("initial_time").value = "";
   $("given").open = Boolean(Object.keys(written.starts).length || written.doses.length);
@@ -280,6 +293,7 @@ function about(name) {
 export async function fit() {
   const equations = asked(), fixed = equations.fixed.length;
   if (fixed && fixed === Object.keys(equations.values).length) return tell($("equations_problem"), `all ${plural(fixed, "parameter")} are fixed: leave one to be estimated`);
+  written.fitting = true;
   return start({ equations });
 }
 

@@ -3,7 +3,7 @@ import { $, ask, begin, element, fill, follow, plural, pretty, state, tell, tryi
 import { endWritten, showCurves, showViews, showResult } from "./curves.js";
 import { offerGroups, offerRivals } from "./compare.js";
 import { offerFigures } from "./figures.js";
-import { offerStarts } from "./equations.js";
+import { offerFound } from "./equations.js";
 import { showNext } from "./next.js";
 import { forecastOwn, showOwn } from "./own.js";
 import { showFiles } from "./take.js";
@@ -77,7 +77,7 @@ export function move(index) {
   $("quantities_part").hidden = !candidate.quantities.rows.length;
   fill($("quantities"), candidate.quantities.head, candidate.quantities.rows);
   endWritten();
-  offerStarts();
+  offerFound();
   offerRivals();
   offerGroups();
   offerFigures();
