@@ -16,7 +16,6 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.law import Law, with_other_laws
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import read_equations
@@ -69,13 +68,6 @@ class EstimatesDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True
     covariance: dict[str, list[float]]
 
 
-class WideningDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """See `Widening`."""
-
-    horizons: list[float]
-    factors: list[float]
-
-
 class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """Matrices by object; of a covariance the rows of its lower triangle, one after the other."""
 
@@ -87,29 +79,7 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
     unpooled: EstimatesDocument | None = None
     pooled: EstimatesDocument | None = None
     degrees_of_freedom: list[float] | None = None
-    widening: WideningDocument | None = None
-
-
-class RelationDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """See `Relation`; exponents are fractions as text."""
-
-    kind: RelationKind
-    factors: tuple[float, ...]
-    errors: tuple[float, ...]
-    properties: tuple[str, ...] = ()
-    exponents: tuple[str, ...] = ()
-    scatter: float = 0.0
-    scatter_error: float = 0.0
-    relative: bool = True
-    probability: float = 1.0
-    typical: float = 1.0
-
-
-class ExplanationDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """See `Explanation`."""
-
-    relations: list[RelationDocument | None]
-    covariance: list[list[float]]
+    widening: Widening | None = None
 
 
 class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -131,7 +101,7 @@ class OtherDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, om
     support: list[list[int]]
     coefficients: dict[str, list[float]]
     uncertainty: UncertaintyDocument
-    explanation: ExplanationDocument | None = None
+    explanation: Explanation | None = None
     terms: list[str] | None = None
     constants: list[str] = []
 
@@ -149,7 +119,7 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     uncertainty: UncertaintyDocument
     provenance: ProvenanceDocument
     properties: dict[str, dict[str, float | str]] = {}
-    explanation: ExplanationDocument | None = None
+    explanation: Explanation | None = None
     with_discrepancy: "LawDocument | None" = None
     other_laws: list[OtherDocument] = []
     constants: list[str] = []
@@ -255,7 +225,7 @@ def _alternative(value: Any) -> Any:
 
 def to_json(law: Law) -> str:
     """Return the law as JSON in a versioned schema, with terms as expressions such as ``x**2*v``."""
-    return msgspec.json.format(msgspec.json.encode(document_of(law)), indent=1).decode() + "\n"
+    return msgspec.json.format(msgspec.json.encode(document_of(law), enc_hook=_plain), indent=1).decode() + "\n"
 
 
 def document_of(law: Law) -> LawDocument:
@@ -271,16 +241,11 @@ def document_of(law: Law) -> LawDocument:
         coefficients=dict(zip(law.objects, law.coefficients.tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
         provenance=ProvenanceDocument(
-            differentiation=None if method is None else format_differentiation(method),
-            outcomes=provenance.outcomes,
-            alternatives=provenance.alternatives,
-            history=provenance.history,
-            equations=provenance.equations,
-            calls=provenance.calls,
-            domain=provenance.domain,
+            **{name: getattr(provenance, name) for name in ProvenanceDocument.__struct_fields__}
+            | {"differentiation": None if method is None else format_differentiation(method)}
         ),
         properties={name: {**values} for name, values in law.properties.items()},
-        explanation=_saved_explanation(law.uncertainty.explanation),
+        explanation=law.uncertainty.explanation,
         with_discrepancy=None if wider is None else document_of(wider),
         other_laws=[_saved_other(each.probability, each.law, terms) for each in law.uncertainty.other_laws],
         observation=law.observation,
@@ -299,14 +264,14 @@ def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
         support=[np.flatnonzero(own).tolist() for own in support],
         coefficients=dict(zip(law.objects, law.coefficients[:, support].tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
-        explanation=_saved_explanation(law.uncertainty.explanation),
+        explanation=law.uncertainty.explanation,
         terms=_saved_terms(law.terms) if own else None,
         constants=list(law.terms.variables.parameters) if own else [],
     )
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> UncertaintyDocument:
-    covariance, wider = uncertainty.covariance, uncertainty.widening
+    covariance = uncertainty.covariance
     levels = {**vars(uncertainty.error_model)}
     grown = {kind: each.tolist() for kind, each in levels.pop("heteroscedastic").items()}
     known = {name: np.asarray(level) for name, level in levels.items() if level is not None}
@@ -331,7 +296,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         unpooled=_saved_estimates(objects, uncertainty.unpooled),
         pooled=_saved_estimates(objects, uncertainty.pooled),
         degrees_of_freedom=degrees,
-        widening=WideningDocument(horizons=wider.horizons.tolist(), factors=wider.factors.tolist()) if wider else None,
+        widening=uncertainty.widening,
     )
 
 
@@ -346,24 +311,21 @@ def _triangles(objects: Sequence[str], covariance: Floats) -> dict[str, list[flo
     return dict(zip(objects, covariance[:, *np.tril_indices(covariance.shape[1])].tolist(), strict=True))
 
 
-def _saved_explanation(explanation: Explanation | None) -> ExplanationDocument | None:
-    if explanation is None:
-        return None
-    saved = [
-        RelationDocument(**vars(relation) | {"exponents": tuple(map(str, relation.exponents))}) if relation else None
-        for relation in explanation.relations
-    ]
-    return ExplanationDocument(relations=saved, covariance=explanation.covariance.tolist())
+def _plain(value: Any) -> Any:
+    """Return a fraction as text, or an array as a list."""
+    return str(value) if isinstance(value, Fraction) else value.tolist()
 
 
-def _read_relation(saved: RelationDocument) -> Relation:
+def _parsed(kind: Any, value: Any) -> Any:
+    """Return a fraction from its text, or an array from a list."""
+    if kind is not Fraction:
+        return np.array(msgspec.convert(value, list[float | list[float]]), dtype=np.float64)
     try:
-        if not all(map(_FRACTION.fullmatch, saved.exponents)):
+        if not _FRACTION.fullmatch(value):
             raise ValueError("not a fraction")
-        exponents = tuple(map(Fraction, saved.exponents))
-    except (ValueError, ZeroDivisionError):
-        raise CommonlawError("law-exponents", exponents=saved.exponents) from None
-    return Relation(**msgspec.structs.asdict(saved) | {"exponents": exponents})
+        return Fraction(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        raise CommonlawError("law-exponents", exponents=[value]) from None
 
 
 def from_json(content: str | bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
@@ -395,10 +357,10 @@ def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]]
     try:
         version = msgspec.convert(raw, HeaderDocument).version
         if 1 <= version <= VERSION:
-            document = msgspec.convert(as_now(raw, version), type=LawDocument)
+            document = msgspec.convert(as_now(raw, version), type=LawDocument, dec_hook=_parsed)
             check_numbers(raw)
     except (CommonlawError, msgspec.ValidationError) as error:
-        raise not_a_law(error) from None
+        raise error.__cause__ if isinstance(error.__cause__, CommonlawError) else not_a_law(error) from None
     if not 1 <= version <= VERSION:
         raise CommonlawError("law-version", version=version, supported=VERSION)
     if version < 3:
@@ -500,7 +462,7 @@ def _read_law(document: LawDocument, functions: tuple[Function, ...]) -> Law:
 def _read_uncertainty(
     document: LawDocument | OtherDocument, objects: tuple[str, ...], shape: tuple[int, int], parameters: int
 ) -> Uncertainty:
-    saved, explanation, shared = document.uncertainty, None, None
+    saved, shared = document.uncertainty, None
     inclusion = saved.inclusion_probabilities
     levels = msgspec.structs.asdict(saved.error_model) if saved.error_model else {}
     grown = levels.pop("heteroscedastic", {}) | {"proportional": levels.pop("proportional", None)}
@@ -515,11 +477,6 @@ def _read_uncertainty(
             for name in objects
         ]
         shared = np.array(matrices).reshape(len(objects), parameters, columns)
-    if document.explanation is not None:
-        relations = tuple(_read_relation(relation) if relation else None for relation in document.explanation.relations)
-        size = sum(len(relation.factors) for relation in relations if relation)
-        factors = _matrix(document.explanation.covariance, "the covariance of its factors is", (size, size))
-        explanation = Explanation(relations, factors)
     return Uncertainty(
         None if saved.covariance is None else _covariance(saved.covariance, objects, parameters),
         shared,
@@ -529,8 +486,8 @@ def _read_uncertainty(
         None if saved.unpooled is None else _read_estimates(saved.unpooled, objects, parameters),
         None if saved.pooled is None else _read_estimates(saved.pooled, objects, parameters),
         None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),
-        None if saved.widening is None else Widening(*map(np.array, msgspec.structs.astuple(saved.widening))),
-        explanation,
+        saved.widening,
+        document.explanation,
     )
 
 
@@ -580,7 +537,7 @@ def law_bytes(law: Law, path: str | os.PathLike[str]) -> bytes:
 
 def law_file(law: Law, path: str) -> tuple[str, bytes]:
     """Return name and content of the file of a law: the path, or where JSON is too large that of a Parquet file."""
-    document = msgspec.to_builtins(document_of(law))
+    document = msgspec.to_builtins(document_of(law), enc_hook=_plain)
     try:
         check_numbers(document)
     except CommonlawError as error:
