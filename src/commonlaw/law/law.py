@@ -250,8 +250,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         0  Ball 1         g     9.769           0.082  m/s²
         1  Ball 1         c     0.099           0.006   1/s
         """
-        level = None if self.uncertainty.covariance is None else 0.95
-        return cast("pd.DataFrame", _call("law.tables:parameter_frame", self, level))
+        return cast("pd.DataFrame", _call("law.tables:parameter_frame", self))
 
     def conf_int(self, level: float = 0.95, averaged: bool = True) -> "pd.DataFrame":
         """Return `params` with intervals of another level, or conditional on the terms of this law.

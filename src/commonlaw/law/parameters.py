@@ -1,6 +1,6 @@
 """The parameters and coefficients of a law as arrays, with errors, intervals and units; and its right-hand side."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import mul
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy.relation import units_of_coefficients
 from commonlaw.integration import VectorField
@@ -103,7 +103,7 @@ class Parameters:
         Those of ratios are Fieller's, see `propagated`.
         """
         j, k = self.places
-        if self.law.uncertainty.other_laws and averaged:
+        if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
             low, high = coefficient_intervals(self.law, level)
             return low[:, j, k], high[:, j, k]
         reach = self.law.uncertainty.reach(len(self.law.schema.states), level)[j]
@@ -158,6 +158,20 @@ def named_parameters(law: Law) -> Parameters:
     named = [(law.terms.parameter_name(k) or next(letters), j, k) for j, k in places]
     definitions = tuple(Coefficient(name, (Part(j, k),)) for name, j, k in named)
     return Parameters(law, definitions, tuple(Product(j, k, 1.0, ((name, 1),)) for name, j, k in named))
+
+
+def tabulated_parameters(law: Law, support: Bools | None = None) -> Parameters:
+    """Return what tables have a row or a column for: the parameters of given equations, else every coefficient.
+
+    With a support, shape (equations, terms), the coefficients in it in any case. Known numbers have no name.
+    """
+    named = named_parameters(law)
+    if support is None and law.provenance.equations:
+        return named
+    names = {(definition.equation, definition.term): definition.name for definition in named.definitions}
+    places = np.argwhere(law.support if support is None else support).tolist()
+    definitions = tuple(Coefficient(names.get((j, k), ""), (Part(j, k),)) for j, k in places)
+    return replace(named, definitions=definitions)
 
 
 def standard_errors(law: Law) -> Floats:

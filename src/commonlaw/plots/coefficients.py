@@ -23,12 +23,9 @@ from commonlaw.estimation import likelihood_profile
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import (
-    coefficient_intervals,
-    coefficient_units,
     equation_label,
     left_hand_sides,
-    named_parameters,
-    standard_errors,
+    tabulated_parameters,
 )
 from commonlaw.law.text import with_error
 from commonlaw.library.notation import latex_name
@@ -94,47 +91,35 @@ class DotPlot:
     @cached_property
     def coefficients(self) -> list[Coefficient]:
         """All coefficients that are in the law or in the truth, equation by equation."""
-        if self._by_letter:
-            return self._letters
-        law, labels, units = self.law, term_labels(self.law.terms), coefficient_units(self.law)
-        low, high = (law.coefficients,) * 2 if law.uncertainty.covariance is None else coefficient_intervals(law)
-        result = []
-        lefts = left_hand_sides(law)
-        standard = standard_errors(law)
-        for j, k in np.ndindex(law.support.shape):
-            name, learned = law.terms.names[k], absent_as_nan(law.coefficients[:, j, k])
-            true = learned * np.nan if self.truth is None else true_values(law, self.truth, j, name)
-            if np.any(np.isfinite([learned, true])):
-                unit = unit_text(units.get((lefts[j], name), ""))
-                errors = np.nan_to_num(standard[:, j, k])
+        law, truth, result = self.law, self.truth, list[Coefficient]()
+        labels, lefts, is_named = term_labels(law.terms), left_hand_sides(law), self._by_letter
+        support = law.support if truth is None else np.ones_like(law.support)
+        parameters = tabulated_parameters(law, None if is_named else support)
+        low, high = (parameters.values,) * 2 if law.uncertainty.covariance is None else parameters.intervals()
+        errors = np.nan_to_num(parameters.errors)
+        for i, (definition, unit) in enumerate(zip(parameters.definitions, parameters.units, strict=True)):
+            j, k, name = definition.equation, definition.term, definition.name
+            learned = parameters.values[:, i] if is_named else absent_as_nan(parameters.values[:, i])
+            true = np.full_like(learned, np.nan)
+            if truth is not None:
+                parts = ((part.equation, law.terms.names[part.term]) for part in definition.parts)
+                true = definition.value([true_values(law, truth, *part) for part in parts])
+            if is_named:
+                label = math(latex_name(name), name)
+                where = j, equation_label(law, j, k), name, label, label
+            else:
                 # The equations of an explained law have letters of their own
                 letter = letter_of(law, j, k) if law.uncertainty.explanation is None else ""
-                ends = low[:, j, k], high[:, j, k]
-                result.append(Coefficient(j, lefts[j], name, labels[k], letter, unit, learned, true, errors, *ends))
+                where = j, lefts[j], law.terms.names[k], labels[k], letter
+            if np.any(np.isfinite([learned, true])):
+                numbers = learned, true, errors[:, i], low[:, i], high[:, i]
+                result.append(Coefficient(*where, unit_text(unit or ""), *numbers))
         return result
 
     @property
     def _by_letter(self) -> bool:
         """Whether the law's own letters are shown; the equations of an explained law have others."""
         return bool(self.law.provenance.equations) and self.law.uncertainty.explanation is None
-
-    @property
-    def _letters(self) -> list[Coefficient]:
-        """The letters of given equations."""
-        law, result = self.law, list[Coefficient]()
-        parameters = named_parameters(law)
-        values, errors, (low, high) = parameters.values, parameters.errors, parameters.intervals()
-        for i, definition in enumerate(parameters.definitions):
-            parts = [(part.equation, law.terms.names[part.term]) for part in definition.parts]
-            true = values[:, i] * np.nan
-            if self.truth is not None:
-                true = definition.value([true_values(law, self.truth, *part) for part in parts])
-            label, unit = math(latex_name(definition.name), definition.name), unit_text(parameters.units[i] or "")
-            ends = (values[:, i],) * 2 if law.uncertainty.covariance is None else (low[:, i], high[:, i])
-            own = values[:, i], true, np.nan_to_num(errors[:, i]), *ends
-            left = equation_label(law, definition.equation, definition.term)
-            result.append(Coefficient(definition.equation, left, definition.name, label, label, unit, *own))
-        return result
 
     @property
     def several(self) -> bool:
