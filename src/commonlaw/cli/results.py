@@ -263,7 +263,7 @@ class FitResult:
         from commonlaw.law.parameters import named_parameters
         from commonlaw.law.simplify import within_errors
         from commonlaw.law.tables import MEANINGS, readable_candidates
-        from commonlaw.law.text import MANY, said_within_errors
+        from commonlaw.law.text import MANY
 
         law, training = self.law, self.findings.training
         if self.stream is None:
@@ -291,7 +291,7 @@ class FitResult:
                     print_columns(self._error_columns())
             else:
                 self._show_coefficients()
-            for line in said_within_errors(within_errors(law)):
+            for line in within_errors(law):
                 say(f"\n{in_line(line)}")
         else:
             say(str(law))

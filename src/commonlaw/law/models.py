@@ -14,7 +14,7 @@ import msgspec
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.formulation import law_variables
 from commonlaw.law.parse import latex_summands
-from commonlaw.law.text import Addend, aligned, latex_left_hand_sides
+from commonlaw.law.text import aligned, latex_left_hand_sides
 from commonlaw.library import one_order
 from commonlaw.library.bounds import is_bound, parts_of
 from commonlaw.library.equation import split_equations
@@ -89,8 +89,7 @@ class NamedModel:
         variables = replace(variables, states=(*self.states, *(rate for _, rate in rates)))
         rows = latex_summands([equation.text for equation in equations], schema, variables, rates, initial)
         lefts = (*latex_left_hand_sides(self.states, order), *(f"{latex_name(each[:-3])}(0)" for each in initial))
-        addends = ([Addend(negative, "", latex) for negative, latex in row] for row in rows)
-        written = aligned(zip(lefts, addends, strict=True))
+        written = aligned(zip(lefts, rows, strict=True))
         return reduce(lambda text, name: text.replace(latex_name(name), name), lagged, written)
 
     def over(self, names: Mapping[str, str]) -> "NamedModel":

@@ -12,6 +12,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.law.observation import STEADY
 from commonlaw.law.provenance import Provenance
+from commonlaw.law.text import Addend
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
@@ -192,20 +193,21 @@ def latex_summands(
     variables: Variables,
     state_rates: Sequence[tuple[str, str]],
     observed: Mapping[str, str],
-) -> tuple[tuple[tuple[bool, str], ...], ...]:
-    """Return the summands of the equations of a law in LaTeX, as they are written, and whether they are subtracted.
+) -> tuple[tuple[Addend, ...], ...]:
+    """Return the summands of the equations of a law in LaTeX, as they are written.
 
     Those of observation equations, by name, follow.
     """
     equations = split_equations(given)
     meanings = meanings_of(schema, one_order([equation.order for equation in equations]))._replace(unclear={})
     written = (*equations, *(observation_equation(name, right) for name, right in observed.items()))
-    return tuple(
+    rows = (
         ((False, rf"\text{{{each.right_hand_side}}}"),)
         if STEADY.fullmatch(each.right_hand_side)
         else each.latex(variables, state_rates, meanings)
         for each in written
     )
+    return tuple(tuple(Addend(negative, "", latex) for negative, latex in row) for row in rows)
 
 
 def observation_equation(name: str, right: str) -> Equation:

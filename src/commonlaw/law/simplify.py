@@ -207,21 +207,21 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
     )
 
 
-def within_errors(law: Law) -> tuple[str, ...]:
-    """Return the equations with letters replaced that are within errors of 1, -1, another letter or its opposite.
+def within_errors(law: Law) -> list[str]:
+    """Return a line of equations with letters replaced that are within errors of 1, -1, another letter or its opposite.
 
-    Nothing if no letter is, or estimates of each object by its own trials are unknown. Of one object, the other letters
+    No line if no letter is, or estimates of each object by its own trials are unknown. Of one object, the other letters
     are numbers: those of largest likelihood then.
     """
     known = law.uncertainty
     by_own_trials = known.shared_factor is None or known.unpooled is not None
     if not (shares_terms(law) and by_own_trials and known.explanation is None):
-        return ()
+        return []
     if known.covariance is None or not np.isfinite(known.covariance).all():
-        return ()
+        return []
     constraints, found = _constrained(_Estimates.of(law), _TOLERANCE, lambda each: abs(each.number) == 1)
     if not constraints:
-        return ()
+        return []
     errors, parameters = np.sqrt(np.maximum(np.diagonal(found.covariances[-1]), 0.0)), found.parameters
     written = {name: (False, name) for name in parameters.names}
     if len(law.objects) == 1:
@@ -231,7 +231,8 @@ def within_errors(law: Law) -> tuple[str, ...]:
         negative, text = (False, "1") if constraint.other is None else written[parameters.names[constraint.other]]
         written[constraint.letter] = (negative != (constraint.number < 0), text)
     write = {name: (lambda _, own=own: own) for name, own in written.items()}
-    return tuple(_without_ones(each.with_numbers(write)) for each in split_equations(law.structure))
+    equations = (_without_ones(each.with_numbers(write)) for each in split_equations(law.structure))
+    return [f"within errors: {'; '.join(equations)}"]
 
 
 def _without_ones(equation: str) -> str:
