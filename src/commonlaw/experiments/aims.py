@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Evidence
 from commonlaw.experiments.predictive import Hypothesis
@@ -89,8 +89,7 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
     parameters = named_parameters(law)
     named = {definition.name: definition for definition in parameters.definitions}
     named = {law.terms.names[definition.term]: definition for definition in parameters.definitions} | named
-    if name not in named:
-        raise unknown("coefficient of this law", name, named)
+    check_choice("coefficient of this law", name, named)
     columns = {term: k for k, term in enumerate(terms)}
     parts = [part._replace(term=columns.get(law.terms.names[part.term], -1)) for part in named[name].parts]
     there = [part.term >= 0 and bool(each.law.support[part.equation, part.term]) for part in parts]
@@ -108,8 +107,7 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
     law, states = each.law, each.law.terms.variables.states
     observed = each.observed(frozenset(states))
     shown = states if observed is None else measured_schema(law).states
-    if parts["state"] not in shown:
-        raise unknown("state" if observed is None else "measured quantity", parts["state"], shown)
+    check_choice("state" if observed is None else "measured quantity", parts["state"], shown)
     if measured_schema(law).inputs:
         raise CommonlawError("design-forecast-with-inputs")
     try:

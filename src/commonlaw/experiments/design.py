@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.experiments.aims import COEFFICIENTS, LAW, Aim, coefficients
 from commonlaw.experiments.experiment import (
     Options,
@@ -141,13 +141,11 @@ def design(
     aim = Aim.of(about, prior, hypotheses)
     known = start_std or {}
     for name, value in known.items():
-        if name not in first.terms.variables.states:
-            raise unknown("state", name, first.terms.variables.states)
+        check_choice("state", name, first.terms.variables.states)
         check_amount(f"the start of {name} is off by", value)
     limits = dict[str, Range]()
     for name, wanted in (within or {}).items():
-        if name not in first.terms.variables.states:
-            raise unknown("state", name, first.terms.variables.states)
+        check_choice("state", name, first.terms.variables.states)
         if not isinstance(own := read(name, wanted), Range):
             raise CommonlawError("design-range", name=name, value=wanted)
         limits[name] = own

@@ -9,7 +9,7 @@ from typing import TypeGuard
 import numpy as np
 
 from commonlaw.array_types import Floats, evenly_spaced
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
@@ -104,8 +104,7 @@ class Settings:
         else:
             named = tuple(dict.fromkeys(_words_of(options.get("object", law.objects))))
             for name in named:
-                if name not in (*law.objects, EACH):
-                    raise unknown("object of this law", name, (*law.objects, EACH))
+                check_choice("object of this law", name, (*law.objects, EACH))
             objects = _some(law.objects if EACH in named else named)
             options["object"] = named if EACH in named else objects
         _check_complete(options, law)
@@ -267,8 +266,7 @@ def _check_complete(options: Mapping[str, Options], law: Law) -> None:
             raise CommonlawError("setting-not-positive", name=name)
     for name in schema.inputs:
         for shape in _words_of(options.get(f"{name}.shape", ())):
-            if shape not in SHAPES:
-                raise unknown("shape of an input", shape, SHAPES)
+            check_choice("shape of an input", shape, SHAPES)
 
 
 NEW = "new object"

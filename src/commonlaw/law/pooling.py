@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError, check_choice, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
 from commonlaw.hierarchy.relation import dimensions_of
 from commonlaw.law.law import Law, shares_terms, with_other_laws
@@ -127,8 +127,7 @@ def _offered(law: Law, given: Any) -> tuple[Properties, list[str]]:
     if names is None:
         return result, [name for name in result.names if not _what_lacks(result, name, law.objects)]
     for name in names:
-        if name not in result.names:
-            raise unknown("property", name, result.names)
+        check_choice("property", name, result.names)
         if lack := _what_lacks(result, name, law.objects):
             raise CommonlawError("property-not-a-number", property=name, lacking=lack)
     return result, list(names)

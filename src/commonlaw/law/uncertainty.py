@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.quantiles import two_sided
 from commonlaw.likelihood import ERRORS, NO_ERRORS, ErrorModel, Heteroscedastic
@@ -307,8 +307,7 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
     found: dict[str, Any] = {}
     kinds = [kind for kind, each in ERRORS.items() if isinstance(each, Heteroscedastic)]
     for kind in errors.heteroscedastic:
-        if kind not in kinds:
-            raise unknown("kind of heteroscedastic errors", kind, kinds)
+        check_choice("kind of heteroscedastic errors", kind, kinds)
     found["heteroscedastic"] = {
         kind: checked(levels, f"level of errors ({kind})", "states", (states,), low=0)
         for kind, levels in errors.heteroscedastic.items()

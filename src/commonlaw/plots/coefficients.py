@@ -18,7 +18,7 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
-from commonlaw.errors import unknown
+from commonlaw.errors import check_choice
 from commonlaw.estimation import likelihood_profile
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
@@ -331,8 +331,7 @@ def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Fig
     terms
         ``"all"`` candidate terms, or the ``"support"``: terms in one of the equations.
     """
-    if terms not in ("all", "support"):
-        raise unknown("choice of terms", terms, ("all", "support"))
+    check_choice("choice of terms", terms, ("all", "support"))
     maps = HeatMaps(law, law.support.any(axis=0) | np.full(len(law.terms), terms == "all"))
     figure = Figure(figsize=(maps.width, maps.height), layout="constrained")
     maps.draw(figure, figure.add_gridspec(1, 1)[0])
