@@ -50,16 +50,12 @@ class SmoothBasis:
     def __len__(self) -> int:
         return len(self.knots) + 1
 
-    @property
-    def texts(self) -> tuple[str, ...]:
-        """The functions, times what they are multiplied with: the line, then the bumps."""
+    def terms(self, variables: Variables) -> tuple[Term, ...]:
+        """Return the functions as terms, times what they are multiplied with: the line, then the bumps."""
         own = f"({self.coordinate})"
         bumps = (f"exp(-(({own} - ({knot!r}))/{self.width!r})**2/2)" for knot in self.knots.tolist())
-        return tuple(f"({self.times})*{text}" for text in (f"({own} - ({self.centre!r}))", *bumps))
-
-    def terms(self, variables: Variables) -> tuple[Term, ...]:
-        """Return the functions as terms."""
-        return tuple(parse_term(text, variables) for text in self.texts)
+        texts = (f"({own} - ({self.centre!r}))", *bumps)
+        return tuple(parse_term(f"({self.times})*{text}", variables) for text in texts)
 
     def values(self, coordinate: Floats) -> Floats:
         """Return the functions, without what they are multiplied with, shape (n, functions)."""

@@ -115,11 +115,7 @@ class Search:
             own = found[i]
             best = self._best([*found[:i], None, *found[i + 1 :]], own.experiment.cost, own)
             found = [*found[:i], best or own, *found[i + 1 :]]
-        return max(before, found, key=self._bits)
-
-    def _bits(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> float:
-        evidence = self.evidence(chosen, draws)
-        return self.aim.bits(evidence) if evidence else 0.0
+        return max(before, found, key=lambda chosen: self.aim.bits(_sum(self._evidences(chosen, _MAX_DRAWS))))
 
     @cached_property
     def _spread(self) -> list[Candidate]:
@@ -191,12 +187,11 @@ class Search:
 
     def evidence(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> Evidence | None:
         """Return what experiments say together; nothing if there is none."""
-        result = None
-        for place, each in enumerate(chosen):
-            if each is not None:
-                own = self._evidence_of(each, draws, place)
-                result = result + own if result else own
-        return result
+        found = self._evidences(chosen, draws)
+        return _sum(found) if found else None
+
+    def _evidences(self, chosen: Chosen, draws: int) -> list[Evidence]:
+        return [self._evidence_of(each, draws, place) for place, each in enumerate(chosen) if each is not None]
 
     def _evidence_of(self, each: Candidate, count: int, place: int) -> Evidence:
         """Return the evidence of an experiment, with so many draws, in its place among others."""
