@@ -140,7 +140,7 @@ class Parameters:
             drawn = model.uncertainty.draws(model.coefficients[:, model.support], int(rows.sum()), seed)
             placed = np.zeros((len(drawn), *model.coefficients.shape))
             placed[..., model.support] = drawn
-            draws[rows] = _by_terms_of(law, model, placed)
+            draws[rows] = by_terms_of(law, model, placed)
         return np.stack([definition.of(draws) for definition in self.definitions], axis=-1)
 
 
@@ -193,8 +193,8 @@ def coefficient_intervals(law: Law, level: float = 0.95, averaged: bool = True) 
     law.uncertainty.known_covariance()
     laws = law.models if averaged else (PlausibleLaw(1.0, law),)
     weights = np.array([each.probability for each in laws]).reshape(-1, 1, 1, 1)
-    values = np.array([_by_terms_of(law, each.law, each.law.coefficients) for each in laws])
-    errors = np.nan_to_num([_by_terms_of(law, each.law, standard_errors(each.law)) for each in laws])
+    values = np.array([by_terms_of(law, each.law, each.law.coefficients) for each in laws])
+    errors = np.nan_to_num([by_terms_of(law, each.law, standard_errors(each.law)) for each in laws])
     degrees = [each.law.uncertainty.degrees_of_freedom for each in laws]
     whole = np.array([np.full(len(law.schema.states), np.inf) if degree is None else degree for degree in degrees])
     low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
@@ -212,7 +212,7 @@ def _units(law: Law) -> "dict[tuple[int, int], pint.Unit]":
     return units_of_coefficients(law.terms, law.support, law.schema, law.order)
 
 
-def _by_terms_of(law: Law, model: Law, values: Floats) -> Floats:
+def by_terms_of(law: Law, model: Law, values: Floats) -> Floats:
     """Return values of the terms of a model, shape (..., equations, terms), for the terms of a law, by name."""
     if model.terms is law.terms:
         return values

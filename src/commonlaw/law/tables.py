@@ -1,7 +1,7 @@
 """Tables of a law, and letter values of the coefficients of very many objects."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import starmap
+from itertools import compress, starmap
 from typing import Any
 
 import numpy as np
@@ -323,15 +323,32 @@ def letter_values(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
     return pd.concat([names, pd.DataFrame(result, columns=list(columns))], axis=1)
 
 
-def outlying(values: Floats, heads: Sequence[str], count: int) -> tuple[list[int], list[str], list[float]]:
-    """Return the indices of the objects farthest from the medians, the columns in which they are, and by how much.
+def spread_tables(law: Law, count: int, universal: bool = True) -> tuple[pd.DataFrame, pd.DataFrame] | None:
+    """Return letter values of the parameters, and so many objects farthest from the medians, with their parameters.
 
-    Distances are in standard deviations of a normal distribution with the same fourths; values have the shape
-    (objects, columns).
+    Distances are in standard deviations of a normal distribution with the same fourths. `universal` parameters, equal
+    for all objects, may be left out; None if no parameter is left.
     """
+    parameters, heads = named_parameters(law), [*starmap(with_unit, coefficient_names(law))]
+    values, errors = parameters.values, np.nan_to_num(parameters.errors)
+    kept = np.ones(len(heads), dtype=np.bool_)
+    if not universal:
+        kept = ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)
+    if not kept.any():
+        return None
+    heads, values, errors = [*compress(heads, kept)], values[:, kept], errors[:, kept]
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)
     scale = (high - low) / _NORMAL
     distances = np.where(scale > 0, np.abs(values - middle) / np.where(scale > 0, scale, 1.0), 0.0)
-    far, which = distances.max(axis=1), distances.argmax(axis=1)
-    chosen = np.argsort(-far, kind="stable")[:count]
-    return chosen.tolist(), [heads[i] for i in which[chosen].tolist()], far[chosen].tolist()
+    chosen = np.argsort(-distances.max(axis=1), kind="stable")[:count]
+    rows = [
+        [
+            law.objects[i],
+            *(Written(with_error(*pair)) for pair in zip(values[i].tolist(), errors[i].tolist(), strict=True)),
+            heads[int(distances[i].argmax())],
+            float(distances[i].max()),
+        ]
+        for i in chosen.tolist()
+    ]
+    farthest = pd.DataFrame(rows, columns=[law.schema.object, *heads, "farthest in", "by"])
+    return letter_values(dict(zip(heads, values.T, strict=True)), "object"), farthest

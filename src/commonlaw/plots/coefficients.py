@@ -23,6 +23,7 @@ from commonlaw.estimation import likelihood_profile
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import (
+    by_terms_of,
     equation_label,
     left_hand_sides,
     tabulated_parameters,
@@ -91,19 +92,16 @@ class DotPlot:
     @cached_property
     def coefficients(self) -> list[Coefficient]:
         """All coefficients that are in the law or in the truth, equation by equation."""
-        law, truth, result = self.law, self.truth, list[Coefficient]()
+        law, known, result = self.law, true_coefficients(self.law, self.truth), list[Coefficient]()
         labels, lefts, is_named = term_labels(law.terms), left_hand_sides(law), self._by_letter
-        support = law.support if truth is None else np.ones_like(law.support)
+        support = law.support if known is None else np.ones_like(law.support)
         parameters = tabulated_parameters(law, None if is_named else support)
         low, high = (parameters.values,) * 2 if law.uncertainty.covariance is None else parameters.intervals()
         errors = np.nan_to_num(parameters.errors)
         for i, (definition, unit) in enumerate(zip(parameters.definitions, parameters.units, strict=True)):
             j, k, name = definition.equation, definition.term, definition.name
             learned = parameters.values[:, i] if is_named else absent_as_nan(parameters.values[:, i])
-            true = np.full_like(learned, np.nan)
-            if truth is not None:
-                parts = ((part.equation, law.terms.names[part.term]) for part in definition.parts)
-                true = definition.value([true_values(law, truth, *part) for part in parts])
+            true = np.full_like(learned, np.nan) if known is None else definition.of(known)
             if is_named:
                 label = math(latex_name(name), name)
                 where = j, equation_label(law, j, k), name, label, label
@@ -383,7 +381,7 @@ class HeatMaps:
     def draw(self, figure: Figure, index: SubplotSpec) -> None:
         """Draw into a part of a figure."""
         panels = index.subgridspec(len(self.law.schema.states), 1).subplots(squeeze=False)[:, 0]
-        norm = scale(self.law.coefficients)
+        norm, known = scale(self.law.coefficients), true_coefficients(self.law, self.truth)
         labels = [label for label, shown in zip(term_labels(self.law.terms), self.shown, strict=True) if shown]
         for j, (panel, left) in enumerate(zip(panels, equation_labels(self.law), strict=True)):
             values = self.law.coefficients[:, j, self.shown]
@@ -398,10 +396,8 @@ class HeatMaps:
                     color = "white" if lightness[i, k] < 0.5 else "black"
                     style = {"ha": "center", "va": "center", "fontsize": 9, "color": color}
                     panel.text(k + 0.5, i + 0.5, number_text(values[i, k], 3), **style)
-            if self.truth is not None:
-                names = [name for name, shown in zip(self.law.terms.names, self.shown, strict=True) if shown]
-                true = np.transpose([true_values(self.law, self.truth, j, name) for name in names])
-                for i, k in np.argwhere(np.isfinite(true)):
+            if known is not None:
+                for i, k in np.argwhere(np.isfinite(known[:, j, self.shown])):
                     panel.add_patch(Rectangle((k, i), 1, 1, fill=False, edgecolor=COLORS[1], linewidth=2))
         if self.law.support.any():
             add_color_bar(figure, mesh, list(panels), self.width)
@@ -414,16 +410,13 @@ class HeatMaps:
         return [key("true term", color=COLORS[1], **frame)]
 
 
-def true_values(law: Law, truth: Law, equation: int, term: str) -> Floats:
-    """Return the true coefficients of a term for the law's objects, shape (objects,); NaN where it is not there."""
-    if term not in truth.terms.names:
-        return np.full(len(law.objects), np.nan)
-    index = truth.terms.index(term)
-    values = [
-        truth.coefficients[object_index(truth, name)][equation, index] if name in truth.objects else 0.0
-        for name in law.objects
-    ]
-    return absent_as_nan(np.array(values))
+def true_coefficients(law: Law, truth: Law | None) -> Floats | None:
+    """Return true coefficients of a law's objects, shape (objects, equations, terms), NaN where absent, if known."""
+    if truth is None:
+        return None
+    known, none = by_terms_of(law, truth, truth.coefficients), np.zeros(law.support.shape)
+    own = [known[object_index(truth, name)] if name in truth.objects else none for name in law.objects]
+    return absent_as_nan(np.array(own))
 
 
 def absent_as_nan(values: Floats) -> Floats:
