@@ -11,7 +11,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
 from commonlaw.hierarchy.relation import dimensions_of
-from commonlaw.law.law import Law, shares_terms, with_other_laws
+from commonlaw.law.law import Law, shares_terms, with_estimates, with_other_laws
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters
 from commonlaw.law.printing import dependence
 from commonlaw.law.provenance import Step
@@ -243,12 +243,8 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
 
     names = property_names(law.properties)
     check_choice("property", by, names)
-    own = law
-    if law.uncertainty.unpooled is not None:  # Pooled estimates depend on those of the other groups
-        estimates, coefficients = law.uncertainty.unpooled, law.coefficients.copy()
-        coefficients[:, law.support] = estimates.coefficients
-        uncertainty = replace(law.uncertainty, covariance=estimates.covariance, other_laws=())
-        own = replace(law, coefficients=coefficients, uncertainty=uncertainty)
+    # Pooled estimates depend on those of the other groups
+    own = law if law.uncertainty.unpooled is None else with_estimates(law, law.uncertainty.unpooled)
     groups = [law.properties.get(owner, {}).get(by) for owner in law.objects]
     if None in groups:
         raise CommonlawError("property-missing", object=law.objects[groups.index(None)], property=by)

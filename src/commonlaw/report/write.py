@@ -40,8 +40,8 @@ def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) 
 
     loader = PackageLoader("commonlaw.report", "templates")
     environment = Environment(
-        loader=loader, autoescape=True, finalize=_finalized, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        finalize=lambda value: visible(value) if type(value) is str else value,  # Escaped after that, but for markup
     )  # fmt: skip
     environment.filters["markdown"] = lambda text: Markup(markdown(text))
     environment.filters["inline"] = lambda text: Markup(inline(text))
@@ -58,11 +58,6 @@ def check_packages() -> None:
     """Refuse to make a report, before long work, where a package that it needs is not installed."""
     for package in ("jinja2", "markdown_it", "mdit_py_plugins", "latex2mathml"):
         optional_import(package, "making a report", "report")
-
-
-def _finalized(value: object) -> object:
-    """Return what a page shows of a value; texts are escaped after that, markup is left as it is."""
-    return visible(value) if type(value) is str else value
 
 
 def _shown(block: Block, drawings: Mapping[str, bytes], alone: bool) -> dict[str, Any]:
