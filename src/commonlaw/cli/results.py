@@ -386,7 +386,7 @@ class FitResult:
             return None
         rows = [object_index(self.truth, name) for name in self.law.objects]
         coefficients = by_terms_of(self.law, self.truth, self.truth.coefficients)[rows]
-        return np.stack([each.of(coefficients) for each in named_parameters(self.law).definitions], axis=1)
+        return named_parameters(self.law).of(coefficients)
 
     def _error_columns(self) -> dict[str, list[object]]:
         """Return the RMS residuals of each object, or RMS errors of its forecasts where there is no fit."""

@@ -146,11 +146,9 @@ def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
     if isinstance(others, list):
         found |= {"other_laws": [_with_widening(each) if isinstance(each, dict) else each for each in others]}
     wider = found.get("with_discrepancy")
-    return (
-        found | {"with_discrepancy": _with_widening({**wider, "version": VERSION})}
-        if isinstance(wider, dict)
-        else found
-    )
+    if isinstance(wider, dict):
+        found |= {"with_discrepancy": _with_widening({**wider, "version": VERSION})}
+    return found
 
 
 def _with_trial_estimates(observation: dict[str, Any]) -> dict[str, Any]:
@@ -200,20 +198,15 @@ def _renamed(document: dict[str, Any]) -> dict[str, Any]:
 
 def compared_with_the_best(alternatives: Sequence[Alternative]) -> tuple[Alternative, ...]:
     """Return alternatives whose Bayes factors are against the best of their equation, no more against the chosen."""
-    known = [
-        (alternative.equation, value)
-        for alternative in alternatives
-        if (value := alternative.measures.get(_BAYES_FACTOR)) is not None
-    ]
-    least = {name: min(value for other, value in known if other == name) for name, _ in known}
-
-    def compared(each: Alternative) -> Alternative:
-        value = each.measures.get(_BAYES_FACTOR)
-        if value is None:
-            return each
-        return replace(each, measures={**each.measures, _BAYES_FACTOR: value - least[each.equation]})
-
-    return tuple(map(compared, alternatives))
+    result, least = list[Alternative](), dict[str, float]()
+    for each in alternatives:
+        if (value := each.measures.get(_BAYES_FACTOR)) is not None:
+            least[each.equation] = min(value, least.get(each.equation, value))
+    for each in alternatives:
+        if (value := each.measures.get(_BAYES_FACTOR)) is not None:
+            each = replace(each, measures={**each.measures, _BAYES_FACTOR: value - least[each.equation]})
+        result.append(each)
+    return tuple(result)
 
 
 def _alternative(value: Any) -> Any:
@@ -274,28 +267,20 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
     covariance = uncertainty.covariance
     levels = {**vars(uncertainty.error_model)}
     grown = {kind: each.tolist() for kind, each in levels.pop("heteroscedastic").items()}
-    known = {name: np.asarray(level) for name, level in levels.items() if level is not None}
-    errors: dict[str, Any] = {name: each.tolist() for name, each in known.items() if np.isfinite(each).all()}
+    given = {name: np.asarray(level) for name, level in levels.items() if level is not None}
+    errors: dict[str, Any] = {name: each.tolist() for name, each in given.items() if np.isfinite(each).all()}
     if grown:
         errors |= {"proportional": grown.pop("proportional", None), "heteroscedastic": grown}
-    factors, noise, inclusion, degrees = (
-        None if each is None else each.tolist()
-        for each in (
-            uncertainty.shared_factor,
-            uncertainty.noise,
-            uncertainty.inclusion_probabilities,
-            uncertainty.degrees_of_freedom,
-        )
-    )
+    arrays = ("noise", "inclusion_probabilities", "degrees_of_freedom")
+    known = {name: array.tolist() for name in arrays if (array := getattr(uncertainty, name)) is not None}
+    factors = uncertainty.shared_factor
     return UncertaintyDocument(
+        **known,
         covariance=None if covariance is None else _triangles(objects, covariance),
-        shared_factor=None if factors is None else dict(zip(objects, factors, strict=True)),
-        noise=noise,
-        inclusion_probabilities=inclusion,
+        shared_factor=None if factors is None else dict(zip(objects, factors.tolist(), strict=True)),
         error_model=ErrorsDocument(**errors) if errors else None,
         unpooled=_saved_estimates(objects, uncertainty.unpooled),
         pooled=_saved_estimates(objects, uncertainty.pooled),
-        degrees_of_freedom=degrees,
         widening=uncertainty.widening,
     )
 
@@ -439,24 +424,12 @@ def _read_law(document: LawDocument, functions: tuple[Function, ...]) -> Law:
     saved = document.provenance
     method = None if saved.differentiation is None else parse_differentiation(saved.differentiation)
     provenance = Provenance(**msgspec.structs.asdict(saved) | {"differentiation": method})
-    if (
-        document.constants
-        and provenance.equations
-        and read_equations(saved.equations, schema, variables).terms != terms
-    ):
+    is_given = bool(document.constants and provenance.equations)
+    if is_given and read_equations(saved.equations, schema, variables).terms != terms:
         # Before 0.2 what stood before several terms was a constant of each: such laws are as their terms say
         provenance = replace(provenance, equations=())
-    return Law(
-        terms,
-        schema,
-        document.order,
-        objects,
-        coefficients,
-        uncertainty,
-        provenance,
-        document.properties,
-        document.observation,
-    )
+    extra = provenance, document.properties, document.observation
+    return Law(terms, schema, document.order, objects, coefficients, uncertainty, *extra)
 
 
 def _read_uncertainty(

@@ -43,18 +43,19 @@ class Parameters:
     @property
     def places(self) -> tuple[list[int], list[int]]:
         """The equation and the term in which each parameter stands first."""
-        return [definition.equation for definition in self.definitions], [
-            definition.term for definition in self.definitions
-        ]
+        return [each.equation for each in self.definitions], [each.term for each in self.definitions]
 
     @cached_property
     def values(self) -> Floats:
         """Estimates, shape (objects, parameters)."""
-        values = np.empty((len(self.law.objects), len(self.definitions)))
-        for i, definition in enumerate(self.definitions):
-            values[:, i] = definition.of(self.law.coefficients)
+        values = self.of(self.law.coefficients)
         values.flags.writeable = False
         return values
+
+    def of(self, coefficients: Floats) -> Floats:
+        """Return what they are by coefficients, from shape (..., equations, terms) to (..., parameters)."""
+        columns = [definition.of(coefficients) for definition in self.definitions]
+        return np.stack(columns, axis=-1) if columns else np.zeros((*coefficients.shape[:-2], 0))
 
     @cached_property
     def errors(self) -> Floats:
@@ -108,23 +109,19 @@ class Parameters:
             return low[:, j, k], high[:, j, k]
         reach = self.law.uncertainty.reach(len(self.law.schema.states), level)[j]
         low, high = self.values - self.errors * reach, self.values + self.errors * reach
+        support, known = self.law.support, self.law.uncertainty.covariance
+        covariances = () if known is None else known
         for i, definition in enumerate(self.definitions):
-            if len(definition.parts) > 1 and self.law.uncertainty.covariance is not None:
-                for o, covariance in enumerate(self.law.uncertainty.covariance):
-                    low[o, i], high[o, i] = self._propagated(definition, o, covariance, float(reach[i]))
+
+            def value(free: Floats, definition: Coefficient = definition) -> Floats:
+                coefficients = np.zeros((len(free), *support.shape))
+                coefficients[:, support] = free
+                return definition.of(coefficients)
+
+            for o, covariance in enumerate(covariances if len(definition.parts) > 1 else ()):
+                found = propagated(value, self.law.coefficients[o, support], covariance, float(reach[i]))
+                low[o, i], high[o, i] = found.low, found.high
         return low, high
-
-    def _propagated(self, definition: Coefficient, index: int, covariance: Floats, reach: float) -> tuple[float, float]:
-        """Return the ends of the interval of a product of powers of an object's coefficients."""
-        support = self.law.support
-
-        def value(free: Floats) -> Floats:
-            coefficients = np.zeros((len(free), *support.shape))
-            coefficients[:, support] = free
-            return definition.of(coefficients)
-
-        found = propagated(value, self.law.coefficients[index, support], covariance, reach)
-        return found.low, found.high
 
     def draws(self, n: int, seed: int, averaged: bool) -> Floats:
         """Return draws from the posterior of the parameters, shape (n, objects, parameters), see `Law.sample`."""
@@ -141,7 +138,7 @@ class Parameters:
             placed = np.zeros((len(drawn), *model.coefficients.shape))
             placed[..., model.support] = drawn
             draws[rows] = by_terms_of(law, model, placed)
-        return np.stack([definition.of(draws) for definition in self.definitions], axis=-1)
+        return self.of(draws)
 
 
 def named_parameters(law: Law) -> Parameters:

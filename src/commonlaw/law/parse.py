@@ -266,7 +266,13 @@ def stated_law(
     by_object = [value for value in values.values() if isinstance(value, Mapping)]
     objects = tuple(dict.fromkeys(name for each in by_object for name in each)) or ("object",)
     coefficients = np.tile(given.known, (len(objects), 1, 1))
-    own = {name: _by_object(name, values[name], objects) for name in letters}
+    own = dict[str, Floats]()
+    for name in letters:
+        given_values = values[name]
+        numbers = given_values if isinstance(given_values, Mapping) else dict.fromkeys(objects, given_values)
+        if lacking := [each for each in objects if each not in numbers]:
+            raise CommonlawError("parameter-value-of-objects", name=name, objects=lacking)
+        own[name] = np.array([numbers[each] for each in objects], dtype=np.float64)
     for product in given.products:
         coefficients[:, product.equation, product.term] = product.value(own)
     for bound in given.bounds:
@@ -274,11 +280,3 @@ def stated_law(
             raise CommonlawError("parameter-out-of-bounds", name=bound.name, bound=bound.text)
     provenance = Provenance(equations=given.texts)
     return given.terms, schema, given.order, objects, coefficients, Uncertainty(), provenance
-
-
-def _by_object(name: str, value: float | Mapping[str, float], objects: Sequence[str]) -> Floats:
-    own = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
-    lacking = [each for each in objects if each not in own]
-    if lacking:
-        raise CommonlawError("parameter-value-of-objects", name=name, objects=lacking)
-    return np.array([own[each] for each in objects], dtype=np.float64)

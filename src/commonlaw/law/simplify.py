@@ -185,11 +185,8 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
         )
     constraints, found = _constrained(start, tolerance)
     chi_square, degrees = start.chi_square(constraints)
-    names, gone, rights = (
-        start.parameters.names,
-        {constraint.letter for constraint in constraints},
-        right_hand_sides(law),
-    )
+    names, gone = start.parameters.names, {constraint.letter for constraint in constraints}
+    rights = right_hand_sides(law)
     left = [i for i, name in enumerate(names) if name not in gone]
     for constraint in constraints:
         number = symbolic().Rational(constraint.number.numerator, constraint.number.denominator)
@@ -325,12 +322,9 @@ class _Estimates:
         coefficients[:-1, law.support], coefficients[-1] = own.coefficients, mean.coefficients[0]
         covariances = np.concatenate([own.covariance, mean.uncertainty.known_covariance()])
         parameters = named_parameters(law)
-        values = np.zeros((len(coefficients), len(parameters.names)))
-        for i, definition in enumerate(parameters.definitions):
-            values[:, i] = definition.of(coefficients)
         # A parameter at a bound of zero has no error
         slopes = np.nan_to_num(parameters.slopes(coefficients), posinf=np.inf, neginf=-np.inf)
-        return cls(parameters, values, slopes @ covariances @ slopes.transpose(0, 2, 1))
+        return cls(parameters, parameters.of(coefficients), slopes @ covariances @ slopes.transpose(0, 2, 1))
 
     def error(self, row: Floats) -> float:
         """Return the standard error of a sum of letters with these factors, of the mean over objects."""
