@@ -30,10 +30,6 @@ from commonlaw.law.provenance import Domain
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Schema, Trials
 
-PRICES: Mapping[str, float] = {"trial": 1.0}
-"""Where no other is given: every trial costs the same."""
-
-
 _REST = 0.02
 """Estimated rates at the start below this share of their later range are zero: the objects are let go."""
 
@@ -130,7 +126,7 @@ def design(
     plausible = _plausible([law] if isinstance(law, Law) else list(law))
     first, prior = plausible[0].law, np.array([each.probability for each in plausible])
     settings = Settings.of(first, vary or {}, usual(first, trials) if trials is not None else {})
-    prices = PRICES if cost is None else cost
+    prices = {"trial": 1.0} if cost is None else cost
     priced = [name for name in settings.options if name not in ("object", "times", "repeats")]
     priced = ["trial", "sample", "duration", *priced, *first.objects]
     for name, price in prices.items():
@@ -150,10 +146,8 @@ def design(
             raise CommonlawError("design-range", name=name, value=wanted)
         limits[name] = own
     if trials is not None:
-        visited, found = (
-            first.provenance.domain.visited or Domain.of(trials, state_rates(first)).visited,
-            dict[str, Range](),
-        )
+        visited = first.provenance.domain.visited or Domain.of(trials, state_rates(first)).visited
+        found = dict[str, Range]()
         for name in first.schema.states:
             values = [*visited.get(name, ()), *numbers_of(settings.options.get(name, ()))]
             if name in visited and min(values) < max(values):
@@ -229,13 +223,12 @@ def _usual_doses(schema: Schema, trials: Trials) -> dict[str, Options]:
         amounts = [each.inputs[i, j] * (each.times[i] - each.times[i - 1]) for each, given in pulses for i in given]
         result[name] = _between(np.array(amounts)) if amounts else (0.0,)
         if pulses:
-            result[f"{name}.at"] = (
-                float(np.median([each.times[given[0] - 1] - each.times[0] for each, given in pulses])),
-            )
+            firsts = [each.times[given[0] - 1] - each.times[0] for each, given in pulses]
+            result[f"{name}.at"] = (float(np.median(firsts)),)
     return result
 
 
-def _between(values: "np.typing.NDArray[np.float64]") -> Options:
+def _between(values: Floats) -> Options:
     """Return the range of numbers, its ends rounded, or the only number."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if not low < high:

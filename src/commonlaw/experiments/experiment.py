@@ -81,8 +81,12 @@ class Settings:
         Raises `CommonlawError` if a setting is unknown, cannot be read, or is missing.
         """
         given = {name: read(name, value) for name, value in vary.items()}
+        schema, states = measured_schema(law), law.terms.variables.states
+        details = ("at", "every") if schema.doses else ("shape", "period")
+        inputs = [each for signal in schema.inputs for each in (signal, *(f"{signal}.{detail}" for detail in details))]
         for name in given:
-            _check_name(name, law)
+            if name not in (*TIMING, *states, *inputs) and not (name.startswith("object.") and name != "object."):
+                raise unknown("setting of an experiment", name, (*states, *inputs, *TIMING, "object.<property>"))
         replaced = {"rate", "samples"} if {"rate", "samples", "times"} & {*given} else set[str]()
         replaced |= {"duration"} if "times" in given else set()
         replaced |= {"object"} if any(name.startswith("object.") for name in given) else set()
@@ -224,14 +228,6 @@ def check_amount(what: str, value: object) -> None:
     """Refuse what is no finite number from zero on."""
     if not (isinstance(value, float | int | np.floating | np.integer) and 0 <= value < np.inf):
         raise CommonlawError("setting-negative", name=what, value=value)
-
-
-def _check_name(name: str, law: Law) -> None:
-    schema, states = measured_schema(law), law.terms.variables.states
-    details = ("at", "every") if schema.doses else ("shape", "period")
-    inputs = [each for signal in schema.inputs for each in (signal, *(f"{signal}.{detail}" for detail in details))]
-    if name not in (*TIMING, *states, *inputs) and not (name.startswith("object.") and name != "object."):
-        raise unknown("setting of an experiment", name, (*states, *inputs, *TIMING, "object.<property>"))
 
 
 def _some(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -132,8 +132,10 @@ class NamedModel:
             same = columns.get(name, columns.get(name.casefold()))
             if same is not None and same not in names.values():
                 names.setdefault(name, same)
+        # A state whose initial value the equations have needs no column
+        begun = re.findall(r"(?<!\w)(\w+)\(0\) *=", self.equations)
         for own, there in roles:
-            missing = [name for name in own if name not in names and not self._starts(name)]
+            missing = [name for name in own if name not in names and name not in begun]
             free = [name for name in there if name not in names.values()]
             if len(missing) == len(free) == 1:
                 names[missing[0]] = free[0]
@@ -147,10 +149,6 @@ class NamedModel:
     def _check(self, names: Iterable[str]) -> None:
         for name in names:
             check_choice(f"variable or parameter of {self.name}", name, (*self.variables, *self.parameters))
-
-    def _starts(self, name: str) -> bool:
-        """Return whether the equations have an initial value of a state, which then needs no column."""
-        return re.search(rf"\b{re.escape(name)}\(0\) *=", self.equations) is not None
 
 
 _NEED_QUOTES = (*FUNCTIONS, *OTHER_NAMES, "e", "pi", "t", "time")
