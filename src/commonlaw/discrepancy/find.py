@@ -32,20 +32,6 @@ from commonlaw.trials.transformations import with_property_inputs
 from commonlaw.trials.trial import property_names
 
 
-def with_properties_in(texts: Sequence[str], law: Law, trials: Trials) -> tuple[Law, Trials]:
-    """Return law and trials with the properties that occur in texts as constant inputs.
-
-    Raises `CommonlawError` if a text cannot be read, or names neither a variable nor a property.
-    """
-    own = law.terms.variables.names
-    names = [*own, *(name for name in property_names(trials.properties) if name not in own)]
-    used = {names[i] for text in texts for i in columns_in(write(read(text, names)))}
-    taken = [name for name in names[len(own) :] if name in used]
-    trials = with_property_inputs(trials, taken)
-    wider = replace(law.schema, inputs=(*law.schema.inputs, *taken))
-    return written_alike(law, wider), trials
-
-
 @dataclass(frozen=True, eq=False)
 class Setting(AbstractSetting):
     """A law of states that were measured, whose terms are over all that functions may take."""
@@ -58,9 +44,18 @@ class Setting(AbstractSetting):
     def of(
         cls, law: Law, trials: Trials, texts: Sequence[str], noise: Mapping[str, float] | None, huber_threshold: float
     ) -> "Setting":
-        """Return the setting for functions of some texts."""
+        """Return the setting for functions of some texts, with the properties in these as constant inputs.
+
+        Raises `CommonlawError` if a text cannot be read, or names neither a variable nor a property.
+        """
         setup = FitSetup.of(law, trials, noise, huber_threshold)
-        law, trials = with_properties_in(texts, setup.law, setup.trials)
+        law, trials = setup.law, setup.trials
+        known = law.terms.variables.names
+        names = [*known, *(name for name in property_names(trials.properties) if name not in known)]
+        used = {names[i] for text in texts for i in columns_in(write(read(text, names)))}
+        taken = [name for name in names[len(known) :] if name in used]
+        trials = with_property_inputs(trials, taken)
+        law = written_alike(law, replace(law.schema, inputs=(*law.schema.inputs, *taken)))
         problem, variables = replace(setup, law=law, trials=trials).problem(), law.terms.variables
         smoothed = [
             [

@@ -124,11 +124,10 @@ class Settings:
         result, shares = dict[str, Value](), dict(zip(self.varied, point.tolist(), strict=True))
         for name, option in self.options.items():
             share = shares.get(name, 0.0)
-            result[name] = (
-                option.at(share)
-                if isinstance(option, Range)
-                else option[min(int(share * len(option)), len(option) - 1)]
-            )
+            if isinstance(option, Range):
+                result[name] = option.at(share)
+            else:
+                result[name] = option[min(int(share * len(option)), len(option) - 1)]
         return result
 
     def spread(self, count: int, seed: int) -> Floats:
@@ -343,11 +342,9 @@ class Experiment:
     @property
     def cost(self) -> float:
         """What all of its trials cost."""
-        set_ = {
-            name: setting for name, setting in self.settings.items() if isinstance(setting, float) and name != "repeats"
-        }
-        set_ |= {"trial": 1.0, "sample": len(self.times), "duration": float(self.times[-1] - self.times[0])}
-        each = sum(self.prices.get(name, 0.0) * abs(own) for name, own in set_.items())
+        numbers = {name: own for name, own in self.settings.items() if isinstance(own, float) and name != "repeats"}
+        numbers |= {"trial": 1.0, "sample": len(self.times), "duration": float(self.times[-1] - self.times[0])}
+        each = sum(self.prices.get(name, 0.0) * abs(own) for name, own in numbers.items())
         return self.repeats * sum(each + self.prices.get(name, 0.0) for name in self.objects)
 
     def described(self, law: Law) -> str:

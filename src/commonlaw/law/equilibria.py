@@ -223,13 +223,10 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
     system, variables = _System(law, {}), law.terms.variables
     dynamic = {*range(len(variables.states))}
     used = [law.terms.terms[k] for k in np.flatnonzero(law.support.any(axis=0) & law.terms.is_factor)]
-    with_states = [[pair for pair in each.powers if columns_in(pair[0]) & dynamic] for each in used]
-    is_state = [
-        len(with_state) == 1 and with_state[0][0].column is not None and with_state[0][1] == 1
-        for with_state in with_states
-    ]
-    if not any(with_states) or any(
-        with_state and not own for with_state, own in zip(with_states, is_state, strict=True)
+    of_states = [[pair for pair in each.powers if columns_in(pair[0]) & dynamic] for each in used]
+    of_states = [powers for powers in of_states if powers]
+    if not of_states or any(
+        len(powers) > 1 or powers[0][0].column is None or powers[0][1] != 1 for powers in of_states
     ):
         return
     origin, unit = np.zeros(system.states), law.schema.units.get(law.schema.time, "")

@@ -596,9 +596,9 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         >>> found.claimed
         True
         """
-        options: dict[str, Any] = {"times": times, "equation": equation, "zero_at": zero_at}
-        options |= {"noise": noise, "huber_threshold": huber_threshold}
-        return cast("Discrepancy[Law]", _call("discrepancy:discrepancy", self, trials, of, **options))
+        options = {"times": times, "equation": equation, "zero_at": zero_at, "noise": noise}
+        found = _call("discrepancy:discrepancy", self, trials, of, huber_threshold=huber_threshold, **options)
+        return cast("Discrepancy[Law]", found)
 
     def report(
         self, trials: Trials | TrialStream, learned: Trials | TrialStream | None = None, client: "Client | None" = None

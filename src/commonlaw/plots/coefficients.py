@@ -168,10 +168,7 @@ class DotPlot:
 
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
-        learned, known = (
-            key("estimate", **_DOT),
-            any(np.isfinite(coefficient.true).any() for coefficient in self.coefficients),
-        )
+        learned, known = key("estimate", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
         bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", color=COLORS[0])]
         return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
 
@@ -188,9 +185,7 @@ class DotPlot:
         panel.set_xlabel(each.label)
 
     def _draw_lines(self, index: SubplotSpec) -> None:
-        groups = [
-            [coefficient for coefficient in self.coefficients if coefficient.equation == j] for j in range(self.lines)
-        ]
+        groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]
         ratios = [1 + len(group) for group in groups]
         panels = index.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
         for panel, group, left in zip(panels, groups, equation_labels(self.law), strict=True):
