@@ -233,11 +233,11 @@ def suggested(found: Found, asked: Budget) -> dict[str, Any]:
     return {
         "suggestions": [
             {
-                "purpose": text_in_page(each.purpose),
-                "experiments": [text_in_page(experiment.text) for experiment in each.design.experiments],
-                "trials": each.design.cost,
-                "settles": [text_in_page(sentence) for sentence in each.design.sentences],
+                "purpose": text_in_page(purpose),
+                "experiments": [text_in_page(experiment.text) for experiment in design.experiments],
+                "trials": design.cost,
+                "settles": [text_in_page(sentence) for sentence in design.sentences],
             }
-            for each in made
+            for purpose, design in made.items()
         ]
     }

@@ -1,7 +1,6 @@
 """Which experiment next: the most informative one among those that can be made."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -254,37 +253,28 @@ def _setting_of(law: Law) -> tuple[object, ...]:
     return *names, law.objects, given_starts(law)
 
 
-@dataclass(frozen=True, eq=False)
-class Suggestion:
-    """Experiments for one purpose, in words, and what is to be expected of them."""
-
-    purpose: str
-    design: Design
-
-
-def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ...]:
-    """Return what to measure next for up to three purposes: the law if it is in doubt, all coefficients, the worst one.
+def suggestions(law: Law, trials: Trials, most: int = 1) -> dict[str, Design]:
+    """Return what to measure next by purpose: the law if it is in doubt, all coefficients, the worst one.
 
     Trials start in the visited ranges, with rates, inputs, duration and samples as in the given trials, and end where
     they leave what was visited. All experiments for a purpose have at most `most` trials. Laws without noise or
     covariance, and laws in discrete time, have no suggestions.
     """
     if not has_bands(law) or law.order == 0 or not law.support.any():
-        return ()
+        return {}
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
     ranges = {
         name: Range(*visited[name]) for name in law.schema.states if name in visited and np.ptp(visited[name]) > 0
     }
     vary: dict[str, Options] = {**usual(law, trials), **ranges}
-    result = []
+    result = dict[str, Design]()
     for purpose, about in _purposes(law):
         settings: dict[str, Any] = {"experiments": most, "about": about, "points": POINTS // 4}
         try:
-            made = design(law, vary, within=ranges, progress=lambda _: None, **settings)
+            result[purpose] = design(law, vary, within=ranges, progress=lambda _: None, **settings)
         except CommonlawError:  # Forecasts may diverge from everywhere
             continue
-        result.append(Suggestion(purpose, made))
-    return tuple(result)
+    return result
 
 
 def _purposes(law: Law) -> list[tuple[str, str]]:

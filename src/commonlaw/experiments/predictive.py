@@ -111,6 +111,10 @@ _TOLERANCE = 1e-5
 """Of a step of the forecasts, which noise and errors of coefficients exceed."""
 
 
+Simulated = tuple[Floats, tuple[Gaussian, ...]]
+"""The unknowns of a draw of an experiment, and predictions of its trials about these."""
+
+
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
     """A plausible law with the uncertainty of its coefficients.
@@ -178,7 +182,7 @@ class Hypothesis:
         whole = [[next(found) for _ in own.experiment.objects] for own in planned]
         return [tuple(each for each in own if each) if all(own) else None for own in whole]
 
-    def simulated(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> "Simulated":
+    def simulated(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> list[Simulated]:
         """Return predictions of an experiment at unknowns of draws, shape (draws, unknowns).
 
         Unknowns with which the law diverges are halved until it does not.
@@ -195,10 +199,14 @@ class Hypothesis:
                     found[i] = tuple(each for each in listed if each)
                 else:
                     unknowns[i] /= 2
-        return Simulated(unknowns, [found[i] for i in range(len(unknowns))])
+        return [(unknown, found[i]) for i, unknown in enumerate(unknowns)]
 
     def refitted(
-        self, experiment: Experiment, initial: "Simulated", measured: Sequence[Sequence[Floats]], limit: float | None
+        self,
+        experiment: Experiment,
+        initial: Sequence[Simulated],
+        measured: Sequence[Sequence[Floats]],
+        limit: float | None,
     ) -> list[tuple[Gaussian, ...]]:
         """Return predictions about the best fits to measurements of each draw in each trial, shape (n,).
 
@@ -206,8 +214,8 @@ class Hypothesis:
         """
         own, count = _planned(self, experiment), len(experiment.objects)
         names = [*experiment.objects] * len(measured)
-        points = [own.point(unknown) for unknown in initial.unknowns for _ in range(count)]
-        predicted = [each for listed in initial.predicted for each in listed]
+        points = [own.point(unknown) for unknown, _ in initial for _ in range(count)]
+        predicted = [each for _, listed in initial for each in listed]
         highest = _MAX_RELATIVE_STATE * max((float(np.abs(each.mean).max()) for each in predicted), default=1.0)
         highest = highest if limit is None else min(highest, limit)
 
@@ -250,23 +258,6 @@ class _Followed(NamedTuple):
     by_start: Floats | None = None
     white: Floats | None = None
     coloured: Floats | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Simulated:
-    """Predictions of draws of an experiment: their unknowns, and about each of these its trials."""
-
-    unknowns: Floats
-    predicted: list[tuple[Gaussian, ...]]
-
-    @classmethod
-    def joined(cls, parts: "Sequence[Simulated]") -> "Simulated":
-        """Return the draws of several, one after the other."""
-        return cls(np.concatenate([part.unknowns for part in parts]), [own for part in parts for own in part.predicted])
-
-    def repeated(self, count: int) -> "Simulated":
-        """Return the same so many times."""
-        return Simulated(np.tile(self.unknowns, (count, 1)), count * self.predicted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
+from itertools import chain
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment, Range, Settings, numbers_of
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
-from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis, Simulated
+from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis
 from commonlaw.law import Law
 
 POINTS, _SHARE, _WIDTHS = 256, 8, (0.2, 0.05)
@@ -213,13 +214,13 @@ class Search:
         measured = [
             [predicted.drawn(draw.noise[i]) for predicted, draw in zip(trials, draws, strict=False)]
             for each in made
-            for i, trials in enumerate(each.predicted)
+            for i, (_, trials) in enumerate(each)
         ]
         found = []
         for k, law in enumerate(laws):
             at_once = law.simulated(experiment, np.zeros((1, law.unknowns)), limit)
-            initial = [own if i == k else at_once.repeated(len(own.predicted)) for i, own in enumerate(made)]
-            found.append(law.refitted(experiment, Simulated.joined(initial), measured, limit))
+            initial = [own if i == k else at_once * len(own) for i, own in enumerate(made)]
+            found.append(law.refitted(experiment, [*chain.from_iterable(initial)], measured, limit))
         trials = range(len(experiment.objects))
         return _sum(
             Evidence.refitted([each[i] for each in measured], [[each[i] for each in own] for own in found])

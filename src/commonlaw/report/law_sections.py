@@ -415,10 +415,10 @@ def experiments(case: LawCase) -> Section:
         "sampling as before."
     )
     lines = []
-    for each in found:
-        (planned,) = each.design.experiments
-        said = " ".join(map(literal, each.design.sentences))
-        lines.append(f"**{literal(each.purpose)}**: {literal(planned.text)}. {said}")
+    for purpose, design in found.items():
+        (planned,) = design.experiments
+        said = " ".join(map(literal, design.sentences))
+        lines.append(f"**{literal(purpose)}**: {literal(planned.text)}. {said}")
     return Section("experiments", title, (Text(intro + listed(lines)),))
 
 
