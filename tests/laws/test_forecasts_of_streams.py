@@ -7,7 +7,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.script import Source, to_script
-from commonlaw.law.tables import letter_values, outlying
+from commonlaw.law.tables import letter_values, spread_tables
 from commonlaw.report.document import Picture, Table
 from commonlaw.report.law_report import all_objects
 from commonlaw.stream import find_by_stream
@@ -178,10 +178,12 @@ def test_letter_values_are_quantiles_and_the_strangest_is_the_farthest():
     table = letter_values({"a": values[:, 0], "b": values[:, 1]}, "object").set_index("of 200 objects")
     assert table.loc["lower eighth", "a"] == pytest.approx(np.quantile(values[:, 0], 0.125))
     assert table.loc["largest", "b"] == 9.0
-    indices, columns, far = outlying(values, ["a", "b"], 3)
-    assert (indices[0], columns[0]) == (17, "b")
+    by_object = [{f"Ball {i}": value for i, value in enumerate(column)} for column in values.T.tolist()]
+    spread, farthest = spread_tables(cl.Law.from_text("x' = a - b x", dict(zip("ab", by_object, strict=True))), 3)
+    np.testing.assert_array_equal(spread["b"], table["b"])
     low, middle, high = np.quantile(values[:, 1], [0.25, 0.5, 0.75])
-    assert far[0] == pytest.approx((9 - middle) / ((high - low) / 1.349))
+    assert farthest.loc[0, ["object", "farthest in"]].tolist() == ["Ball 17", "b"]
+    assert farthest.loc[0, "by"] == pytest.approx((9 - middle) / ((high - low) / 1.349))
 
 
 def test_a_law_of_many_objects_is_printed_with_the_first_of_them(law):

@@ -211,7 +211,7 @@ def test_settings_are_those_of_trials_and_of_the_law(grown, tmp_path, run):
         cl.design(grown, {"duration": 3, "rate": 5})
     with refused("unknown-name", kind="setting of an experiment"):
         cl.design(grown, {"signal": 1, "x": 1, "duration": 3, "rate": 5})
-    assert {each.design.aim.of_law for each in suggestions(grown, trials)} == {False}
+    assert {each.aim.of_law for each in suggestions(grown, trials).values()} == {False}
     grown.save(tmp_path / "law.json")
     code, out, err = run(
         "design",

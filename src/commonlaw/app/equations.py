@@ -19,7 +19,7 @@ from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.law.models import named_models
 from commonlaw.law.observation import written as written_of
 from commonlaw.law.parse import latex_summands, read_equations
-from commonlaw.law.text import Addend, aligned, latex_left_hand_sides, latex_observed
+from commonlaw.law.text import aligned, latex_left_hand_sides, latex_observed
 from commonlaw.library import with_rates
 from commonlaw.library.bounds import parts_of as parts_of_text
 from commonlaw.library.equation import split_equations
@@ -161,8 +161,7 @@ def _formulas(begun: Beginning) -> list[list[str]]:
     second = [model.schema.states[j] for j in with_rates(model.order, len(lefts))]
     rates = list(zip(second, model.variables.states[len(lefts) :], strict=True))
     others = written_of(model.text.observed, model.text.initial, model.text.events)
-    written = latex_summands(model.text.equations, model.schema, model.variables, rates, others)
-    rows = [[Addend(negative, "", latex) for negative, latex in row] for row in written]
+    rows = latex_summands(model.text.equations, model.schema, model.variables, rates, others)
     lefts = (*lefts, *latex_observed(others))
     try:
         return [[formula(part) for part in parts] for parts in parts_of(aligned(zip(lefts, rows, strict=True)))]

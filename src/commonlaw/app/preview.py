@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.app.equations import named, words
 from commonlaw.app.question import Columns, Table, message, shown_roles, text_in_page
 from commonlaw.app.result import Found, numbers
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import forecast_from
 from commonlaw.forecast.population import with_objects_of
@@ -96,8 +96,7 @@ def sample_table(name: str) -> Table:
     """Return a simulated data set as a table, as if its file had been sent."""
     from commonlaw.datasets import load
 
-    if name not in SAMPLES:
-        raise unknown("data set of the app", name, SAMPLES)
+    check_choice("data set of the app", name, SAMPLES)
     trials = load(name, **SAMPLES[name])
     units = trials.schema.units
     frame = trials.to_frame()
@@ -234,11 +233,11 @@ def suggested(found: Found, asked: Budget) -> dict[str, Any]:
     return {
         "suggestions": [
             {
-                "purpose": text_in_page(each.purpose),
-                "experiments": [text_in_page(experiment.text) for experiment in each.design.experiments],
-                "trials": each.design.cost,
-                "settles": [text_in_page(sentence) for sentence in each.design.sentences],
+                "purpose": text_in_page(purpose),
+                "experiments": [text_in_page(experiment.text) for experiment in design.experiments],
+                "trials": design.cost,
+                "settles": [text_in_page(sentence) for sentence in design.sentences],
             }
-            for each in made
+            for purpose, design in made.items()
         ]
     }

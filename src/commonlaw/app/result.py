@@ -25,7 +25,6 @@ from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_nam
 from commonlaw.law.pooling import comparable_groups, contrasts
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import coefficients_by_object, quantities_by_object, with_interval, with_unit
-from commonlaw.law.text import said_within_errors
 from commonlaw.library import order_of_each
 from commonlaw.report.markup import equation_parts, formula
 from commonlaw.runtime.progress import Stage, part
@@ -234,7 +233,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "evidence": candidate.evidence,
         "text": list(law.structure) if shares_terms(law) else list(law.equations(law.objects[0])),
         "formula": _mathml(law),
-        "simpler": said_within_errors(within_errors(law)),
+        "simpler": within_errors(law),
         "left": left_hand_sides(law),
         "equations": _editable(law),
         "figures": _figure_kinds(law, found.findings.forecast is not None),

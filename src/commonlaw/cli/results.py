@@ -6,7 +6,7 @@ import shlex
 import sys
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from commonlaw.law import Law
-    from commonlaw.law.parse import Coefficient
     from commonlaw.law.script import Source as Program
     from commonlaw.plots import Figure
     from commonlaw.stream import ManyFindings
@@ -44,27 +43,6 @@ if TYPE_CHECKING:
 
 _MAX_LISTED, _MAX_CANDIDATES = 10, 4
 """Objects, and candidates of each equation, that are printed."""
-
-
-def print_spread(law: "Law", heads: list[str]) -> None:
-    """Print letter values of the coefficients, under these heads, and the objects farthest from the medians.
-
-    Nothing of a law that has none.
-    """
-    from commonlaw.law.parameters import named_parameters
-    from commonlaw.law.tables import letter_values, outlying
-
-    if not heads:
-        return
-    parameters = named_parameters(law)
-    values, errors = parameters.values, parameters.errors
-    print_frame(letter_values(dict(zip(heads, values.T, strict=True)), "object"))
-    say(f"\nThe {_MAX_LISTED} objects farthest from the medians, in standard deviations of a normal spread:\n")
-    rows: list[list[object]] = []
-    for i, *rest in zip(*outlying(values, heads, _MAX_LISTED), strict=True):
-        own = zip(values[i].tolist(), np.nan_to_num(errors[i]).tolist(), strict=True)
-        rows.append([law.objects[i], *own, *rest])
-    print_table([law.schema.object, *heads, "farthest in", "by"], rows)
 
 
 def compared(laws: "Mapping[str, Law]", training: "Trials", settings: Mapping[str, Any]) -> "pd.DataFrame":
@@ -263,7 +241,7 @@ class FitResult:
         from commonlaw.law.parameters import named_parameters
         from commonlaw.law.simplify import within_errors
         from commonlaw.law.tables import MEANINGS, readable_candidates
-        from commonlaw.law.text import MANY, said_within_errors
+        from commonlaw.law.text import MANY
 
         law, training = self.law, self.findings.training
         if self.stream is None:
@@ -282,16 +260,15 @@ class FitResult:
                 and law.uncertainty.covariance is not None
             ):
                 columns = parameter_columns(law)
-                if self.truth is not None:
-                    true = np.array([self._true_values(definition) for definition in parameters.definitions])
-                    columns["true"] = [float(each) for each in true.T.flat]
+                if (true := self._true_values()) is not None:
+                    columns["true"] = [*true.ravel().tolist()]
                 print_table(list(columns), zip(*columns.values(), strict=True))
                 if self.findings.shown is not None and len(law.objects) > 1:
                     say("")
                     print_columns(self._error_columns())
             else:
                 self._show_coefficients()
-            for line in said_within_errors(within_errors(law)):
+            for line in within_errors(law):
                 say(f"\n{in_line(line)}")
         else:
             say(str(law))
@@ -377,45 +354,44 @@ class FitResult:
     def _show_coefficients(self) -> None:
         """Print what the letters of the law stand for, of many objects how they are spread."""
         from commonlaw.law.parameters import named_parameters
+        from commonlaw.law.tables import spread_tables, with_unit
         from commonlaw.law.text import MANY
 
-        if len(self.law.objects) > MANY:
-            law = self.law
-            names = [definition.name for definition in named_parameters(law).definitions]
-            if law.uncertainty.explanation is not None:  # Its equations have letters of their own
-                parts = [
-                    (law.terms.names[definition.term], law.schema.states[definition.equation])
-                    for definition in named_parameters(law).definitions
-                ]
-                names = [f"of {term}{f' in {state}' * (len(law.schema.states) > 1)}" for term, state in parts]
-            print_spread(law, [_with_unit(*each) for each in zip(names, named_parameters(law).units, strict=True)])
+        law, parameters = self.law, named_parameters(self.law)
+        if len(law.objects) > MANY:
+            if tables := spread_tables(law, _MAX_LISTED):
+                spread, farthest = tables
+                print_frame(spread)
+                how = "farthest from the medians, in standard deviations of a normal spread"
+                say(f"\nThe {_MAX_LISTED} objects {how}:\n")
+                print_table([*map(str, farthest)], farthest.itertuples(index=False, name=None))
         else:
             # With standard errors, true coefficients and RMS residuals where these are known
-            law, parameters = self.law, named_parameters(self.law)
-            columns = {law.schema.object: list[object](law.objects)}
+            columns, true = {law.schema.object: list[object](law.objects)}, self._true_values()
             deviations = np.nan_to_num(parameters.errors.T)
-            letters = zip(parameters.definitions, parameters.units, parameters.values.T, deviations, strict=True)
-            for each, unit, own, errors in letters:
+            letters = zip(parameters.names, parameters.units, parameters.values.T, deviations, strict=True)
+            for i, (name, unit, own, errors) in enumerate(letters):
                 pairs = zip(own.tolist(), errors.tolist(), strict=True)
-                columns[_with_unit(each.name, unit)] = [(value, error) if error else value for value, error in pairs]
-                if self.truth is not None:
-                    columns[f"true {each.name}"] = self._true_values(each).tolist()
+                columns[with_unit(name, unit)] = [(value, error) if error else value for value, error in pairs]
+                if true is not None:
+                    columns[f"true {name}"] = true[:, i].tolist()
             print_columns(columns | self._error_columns())
 
-    def _true_values(self, coefficient: "Coefficient") -> Floats:
-        """Return what a letter stands for in the true law, shape (objects,)."""
+    def _true_values(self) -> Floats | None:
+        """Return what the letters stand for in the true law, shape (objects, letters), if it is known."""
         from commonlaw.law.law import object_index
+        from commonlaw.law.parameters import by_terms_of, named_parameters
 
-        truth, columns = cast("Law", self.truth), list[Floats]()
-        rows = [object_index(truth, name) for name in self.law.objects]
-        for each in coefficient.parts:  # Zero where the true law has no such term
-            name = self.law.terms.names[each.term]
-            known = [truth.terms.index(name)] if name in truth.terms.names else []
-            columns.append(truth.coefficients[rows][:, each.equation, known].sum(axis=1))
-        return coefficient.value(columns)
+        if self.truth is None:
+            return None
+        rows = [object_index(self.truth, name) for name in self.law.objects]
+        coefficients = by_terms_of(self.law, self.truth, self.truth.coefficients)[rows]
+        return named_parameters(self.law).of(coefficients)
 
     def _error_columns(self) -> dict[str, list[object]]:
         """Return the RMS residuals of each object, or RMS errors of its forecasts where there is no fit."""
+        from commonlaw.law.tables import with_unit
+
         law, curves = self.law, self.findings.shown
         columns = {law.schema.object: list[object](law.objects)}
         if curves is None:
@@ -426,14 +402,10 @@ class FitResult:
         schema = columns_of(law)
         for state in schema.measured:
             what = "RMS residual" if curves.is_fit else "RMS forecast error"
-            columns[_with_unit(f"{what} of {state}", schema.units.get(state))] = (
+            columns[with_unit(f"{what} of {state}", schema.units.get(state))] = (
                 errors_of[state].reindex(law.objects).tolist()
             )
         return columns
-
-
-def _with_unit(name: str, unit: str | None) -> str:
-    return f"{name} ({unit})" if unit else name
 
 
 def page(

@@ -11,7 +11,7 @@ from commonlaw.datasets.dataset import Dataset
 from commonlaw.datasets.linear_drag import linear_drag
 from commonlaw.datasets.reynolds_drag import PRINTED_VISCOSITY, reynolds_drag
 from commonlaw.datasets.systems import lorenz, lotka_volterra, nonlinear_oscillator
-from commonlaw.errors import unknown
+from commonlaw.errors import check_choice
 from commonlaw.runtime.arguments import parse_spec
 from commonlaw.trials import Trials
 
@@ -58,13 +58,11 @@ def load(name: str, **options: Any) -> Trials:
     >>> load("linear-drag", noise=0.1, seed=1)
     <Trials: 10 trials of 5 objects, 490 samples of x>
     """
-    if name not in DATASETS:
-        raise unknown("data set", name, DATASETS)
+    check_choice("data set", name, DATASETS)
     dataset = DATASETS[name]
     known = signature(dataset.load).parameters
     for option in options:
-        if option not in known:
-            raise unknown(f"option of the data set {name!r}", option, known)
+        check_choice(f"option of the data set {name!r}", option, known)
     return dataset(**options)
 
 

@@ -32,20 +32,6 @@ from commonlaw.trials.transformations import with_property_inputs
 from commonlaw.trials.trial import property_names
 
 
-def with_properties_in(texts: Sequence[str], law: Law, trials: Trials) -> tuple[Law, Trials]:
-    """Return law and trials with the properties that occur in texts as constant inputs.
-
-    Raises `CommonlawError` if a text cannot be read, or names neither a variable nor a property.
-    """
-    own = law.terms.variables.names
-    names = [*own, *(name for name in property_names(trials.properties) if name not in own)]
-    used = {names[i] for text in texts for i in columns_in(write(read(text, names)))}
-    taken = [name for name in names[len(own) :] if name in used]
-    trials = with_property_inputs(trials, taken)
-    wider = replace(law.schema, inputs=(*law.schema.inputs, *taken))
-    return written_alike(law, wider), trials
-
-
 @dataclass(frozen=True, eq=False)
 class Setting(AbstractSetting):
     """A law of states that were measured, whose terms are over all that functions may take."""
@@ -58,9 +44,18 @@ class Setting(AbstractSetting):
     def of(
         cls, law: Law, trials: Trials, texts: Sequence[str], noise: Mapping[str, float] | None, huber_threshold: float
     ) -> "Setting":
-        """Return the setting for functions of some texts."""
+        """Return the setting for functions of some texts, with the properties in these as constant inputs.
+
+        Raises `CommonlawError` if a text cannot be read, or names neither a variable nor a property.
+        """
         setup = FitSetup.of(law, trials, noise, huber_threshold)
-        law, trials = with_properties_in(texts, setup.law, setup.trials)
+        law, trials = setup.law, setup.trials
+        known = law.terms.variables.names
+        names = [*known, *(name for name in property_names(trials.properties) if name not in known)]
+        used = {names[i] for text in texts for i in columns_in(write(read(text, names)))}
+        taken = [name for name in names[len(known) :] if name in used]
+        trials = with_property_inputs(trials, taken)
+        law = written_alike(law, replace(law.schema, inputs=(*law.schema.inputs, *taken)))
         problem, variables = replace(setup, law=law, trials=trials).problem(), law.terms.variables
         smoothed = [
             [
@@ -140,24 +135,15 @@ class Setting(AbstractSetting):
         return replace(own, coefficients=coefficients, uncertainty=uncertainty), whole
 
 
-@dataclass(frozen=True, eq=False)
-class CandidateFunction:
-    """A function of a coordinate in an equation, and the value that its evidence has about the law alone."""
-
-    basis: SmoothBasis
-    equation: int
-    value: float
-
-
 def candidates(
     setting: AbstractSetting,
     coordinates: Sequence[str],
     times: str,
     equations: Sequence[int],
     zero_at: float | str | None,
-) -> list[CandidateFunction]:
-    """Return functions of coordinates in equations, that of largest evidence first."""
-    result, reasons = [], []
+) -> list[tuple[float, SmoothBasis, int]]:
+    """Return functions of coordinates in equations after the value of each about the law alone, that of best first."""
+    found, reasons = [], []
     for coordinate in coordinates:
         try:
             values = setting.visited.evaluate(coordinate)
@@ -168,15 +154,14 @@ def candidates(
         except CommonlawError as error:
             reasons.append(error)
             continue
-        result += [CandidateFunction(basis, equation, 0.0) for equation in equations]
-    if not result:
+        found += [(basis, equation) for equation in equations]
+    if not found:
         raise CommonlawError("several", messages=reasons)
-    if len(result) == 1:
-        return result
+    if len(found) == 1:
+        return [(0.0, *found[0])]
     alone = best(setting.annealed(setting.alone))
-    models = [setting.with_function(each.basis, each.equation, zero_at) for each in result]
-    valued = [replace(each, value=setting.value(alone, model)) for each, model in zip(result, models, strict=True)]
-    return sorted(valued, key=lambda each: each.value)
+    valued = [(setting.value(alone, setting.with_function(*each, zero_at)), *each) for each in found]
+    return sorted(valued, key=lambda each: each[0])
 
 
 _FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (
@@ -280,17 +265,17 @@ def discrepancy(
     able = np.flatnonzero(setting.own.any(axis=1)).tolist() or list(range(len(law.schema.states)))
     places = able if equation is None else [law.schema.states.index(equation)]
     listed = candidates(setting, written[1:], written[0], places, zero_at)
-    first = listed[0]
-    setting = setting.resolving(first.basis)
-    model = setting.with_function(first.basis, first.equation, zero_at)
+    least, basis, place = listed[0]
+    setting = setting.resolving(basis)
+    model = setting.with_function(basis, place, zero_at)
     alone, shared = (setting.annealed(each) for each in (setting.alone, model))
     law_alone, found = (setting.converged(best(each)) for each in (alone, shared))
     # What the choice among several costs: all of them are as probable beforehand
     evidence = law_alone.value - found.value - 2 * float(np.log(len(listed)))
-    visited = setting.visited.evaluate(first.basis.coordinate)
+    visited = setting.visited.evaluate(basis.coordinate)
     step = Step(
         "discrepancy",
-        f"a function of {first.basis.coordinate} in {left[first.equation]}",
+        f"a function of {basis.coordinate} in {left[place]}",
         f"coefficients estimated jointly with it; noise scaled by {found.posterior.noise_factor:.3g}",
     )
     narrow, wide = setting.refitted(law, found)
@@ -298,8 +283,8 @@ def discrepancy(
     provenance = replace(law.provenance, history=history, calls=calls, with_discrepancy=wide)
     return Discrepancy(
         law=replace(narrow, provenance=provenance),
-        equation=left[first.equation],
-        basis=first.basis,
+        equation=left[place],
+        basis=basis,
         weights=found.posterior.weights,
         covariance=found.posterior.covariance,
         zero_at=model.zero_at,
@@ -307,10 +292,8 @@ def discrepancy(
         visited=visited,
         evidence=evidence,
         shares=shares(setting.given_deviance(), alone, shared, found),
-        descriptions=descriptions(found, first.basis, visited),
-        compared=tuple(
-            Compared(each.basis.coordinate, left[each.equation], evidence + first.value - each.value) for each in listed
-        ),
+        descriptions=descriptions(found, basis, visited),
+        compared=tuple(Compared(own.coordinate, left[j], evidence + least - value) for value, own, j in listed),
     )
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.discrepancy.residuals import untested
 from commonlaw.discrepancy.setting import AbstractSetting, Visited
-from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import (
     CONVERGED,
     MAX_ROUNDS,
@@ -101,10 +100,6 @@ class ObservedSetting(AbstractSetting):
         row = highest_columns(model.order, len(model.schema.states))[equation]
         return np.asarray(model.rates.evaluate(self.points)[:, row])
 
-    def resolving(self, basis: SmoothBasis) -> "ObservedSetting":
-        """Return the same, as steps of solutions are as fine as they have to be."""
-        return self
-
     @property
     def _free(self) -> list[int]:
         """The unknowns of the law that are not at a bound, by index."""
@@ -169,10 +164,6 @@ class ObservedSetting(AbstractSetting):
             if abs(found.value - last.value) < CONVERGED:
                 break
         return [found]
-
-    def converged(self, fitted: FunctionFit) -> FunctionFit:
-        """Return the same."""
-        return fitted
 
     def value(self, alone: FunctionFit, model: FunctionModel) -> float:
         """Return the value about the solutions of the law alone."""

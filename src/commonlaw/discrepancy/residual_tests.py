@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -320,13 +320,8 @@ _MIN_RESIDUALS = 20
 """Fewer residuals are not tested."""
 
 
-class Tested(NamedTuple):
-    """A pattern with its statistic and p-value, and what it means if it is significant."""
-
-    pattern: str
-    statistic: float
-    p_value: float
-    meaning: str
+Tested = tuple[str, float, float, str]
+"""A pattern with its statistic and p-value, and what it means if it is significant."""
 
 
 def patterns(
@@ -349,17 +344,17 @@ def patterns_of(
     from scipy.stats import false_discovery_control
 
     found = [
-        (name, each)
+        (name, *each)
         for name, own, taken in zip(names, sums, spent, strict=True)
         if own is not None and own.count >= _MIN_RESIDUALS
         for each in _of_state(names, name, own, time, taken)
     ]
     if not found:
         return ()
-    adjusted = false_discovery_control([each.p_value for _, each in found], method="by")
+    adjusted = false_discovery_control([p_value for *_, p_value, _ in found], method="by")
     return tuple(
-        Pattern(name, *each[:3], share, each.meaning if share < FALSE_DISCOVERY_RATE else "")
-        for (name, each), share in zip(found, adjusted.tolist(), strict=True)
+        Pattern(name, pattern, statistic, p_value, share, meaning if share < FALSE_DISCOVERY_RATE else "")
+        for (name, pattern, statistic, p_value, meaning), share in zip(found, adjusted.tolist(), strict=True)
     )
 
 
@@ -377,7 +372,7 @@ def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent
     ratio, p_value = size_over_noise(sums.count, float(sums.powers[1]), spent)
     larger = "lack of fit, or the noise is underestimated"
     smaller = "the noise is overestimated"
-    yield Tested("RMS over noise", ratio, p_value, larger if ratio > 1 else smaller)
+    yield ("RMS over noise", ratio, p_value, larger if ratio > 1 else smaller)
     for variable, trend in sums.trends.items():
         yield _trend(trend, sums.count, variable, time)
     for other, (count, factor) in zip(names, sums.together, strict=False):
@@ -391,7 +386,7 @@ def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent
     total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
     positive = "autocorrelated: an unmodelled force, or autocorrelated errors (`errors='autocorrelated'`)"
     negative = "negatively autocorrelated: rounded or differenced samples, or too coarse steps"
-    yield Tested("autocorrelation", float(found), float(chi2.sf(total, 1)), positive if found > 0 else negative)
+    yield ("autocorrelation", float(found), float(chi2.sf(total, 1)), positive if found > 0 else negative)
     yield _growth(sums, name, spent / sums.count)
     yield _normal(sums)
 
@@ -408,7 +403,7 @@ def _trend(trend: Trend, count: int, name: str, time: str) -> Tested:
         meaning = "an unmodelled change with time, or a transient at the start"
     else:
         meaning = f"a term in {name}, or in a collinear variable, is missing; estimate it with discrepancy"
-    return Tested(f"trend with {name}", share, p_value, meaning)
+    return (f"trend with {name}", share, p_value, meaning)
 
 
 def _together(count: int, factor: Floats, name: str) -> Tested:
@@ -418,11 +413,11 @@ def _together(count: int, factor: Floats, name: str) -> Tested:
     across, rest = factor[1:, 2].tolist()
     total = np.hypot(across, rest)
     if count < _MIN_RESIDUALS or not (factor[1, 1] and total):
-        return Tested(f"correlation with residuals of {name}", 0.0, 1.0, "")
+        return (f"correlation with residuals of {name}", 0.0, 1.0, "")
     found = float(np.sign(factor[1, 1]) * across / total)
     p_value = 2 * float(beta.sf(abs(found), count / 2 - 1, count / 2 - 1, loc=-1, scale=2))
     meaning = "a common disturbance or a common measurement error"
-    return Tested(f"correlation with residuals of {name}", found, p_value, meaning)
+    return (f"correlation with residuals of {name}", found, p_value, meaning)
 
 
 def _growth(sums: StateSums, name: str, spent: float) -> Tested:
@@ -439,13 +434,13 @@ def _growth(sums: StateSums, name: str, spent: float) -> Tested:
     first, second = (ranks(each, counts) - (sums.count + 1) / 2 for each in cells.T)
     scale = np.sqrt((counts @ first**2) * (counts @ second**2))
     if not scale:
-        return Tested("heteroscedasticity", 0.0, 1.0, "")
+        return ("heteroscedasticity", 0.0, 1.0, "")
     found = float(np.clip(counts @ (first * second) / scale, -1.0, 1.0))
     free = sums.count - 2
     odds = free / ((1 + found) * (1 - found)) if abs(found) < 1 else np.inf
     meaning = f"noise changes with {name}: `errors='proportional'`, or a logarithmic scale if it is above zero"
     beyond = max(abs(found) - spent / 2, 0.0)
-    return Tested("heteroscedasticity", found, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
+    return ("heteroscedasticity", found, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
 
 
 def _normal(sums: StateSums) -> Tested:
@@ -469,4 +464,4 @@ def _normal(sums: StateSums) -> Tested:
         meaning = "errors lean to one side: values are cut off, or a logarithmic scale fits better"
     else:
         meaning = "errors are not normal: values were rounded, or come from a mixture"
-    return Tested("normality (excess kurtosis)", tails, p_value, meaning)
+    return ("normality (excess kurtosis)", tails, p_value, meaning)

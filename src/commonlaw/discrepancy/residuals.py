@@ -22,9 +22,8 @@ def residuals(law: Law, trials: Trials) -> Residuals:
     """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
     refuse_discrete_time(law)
     result, spent = untested(law, trials, measured_noise(law))
-    tested = patterns(
-        measured_schema(law).states, result.standardized, result.columns, law.schema.time, spent.sum(axis=0).tolist()
-    )
+    names, totals = measured_schema(law).states, spent.sum(axis=0).tolist()
+    tested = patterns(names, result.standardized, result.columns, law.schema.time, totals)
     return replace(result, patterns=tested)
 
 
@@ -85,10 +84,7 @@ def _spent(law: Law, trials: Trials) -> Floats:
 
     Pooled coefficients count by the trace of their covariance times the information of the object's own trials.
     """
-    there = np.array([name in law.objects for name in trials.objects])
-    indices = [object_index(law, name) for name in trials.objects if name in law.objects]
     known, unpooled = law.uncertainty.covariance, law.uncertainty.unpooled
-    found = np.zeros((len(trials.objects), *law.support.shape))
     shares = np.ones((len(law.objects), int(law.support.sum())))
     if known is not None:
         own = known if unpooled is None else unpooled.covariance
@@ -97,9 +93,10 @@ def _spent(law: Law, trials: Trials) -> Floats:
         alike = scales * scales.transpose(0, 2, 1)
         information = np.linalg.pinv(own / alike, hermitian=True)
         shares = np.clip(np.einsum("nij,nji->ni", known / alike, information), 0.0, 1.0)
-    own_shares = np.zeros((len(indices), *law.support.shape))
-    own_shares[:, law.support] = shares[indices]
-    found[there] = own_shares
+    found = np.zeros((len(trials.objects), *law.support.shape))
+    for whole, name in zip(found, trials.objects, strict=True):
+        if name in law.objects:
+            whole[law.support] = shares[object_index(law, name)]
     return np.asarray(found.sum(axis=2))
 
 

@@ -55,14 +55,6 @@ class Visited:
         return np.delete(found, np.array(self.begins[1:], dtype=int) - 1)
 
 
-def zero_in(basis: SmoothBasis, zero_at: float | str | None, time: str) -> float | None:
-    """Return where a function is to be zero, see `Law.discrepancy`, None if nowhere."""
-    if zero_at != "auto":
-        return None if zero_at is None else float(zero_at)
-    near = basis.low - _NEAR_ZERO * basis.range <= 0.0 <= basis.high + _NEAR_ZERO * basis.range
-    return 0.0 if near and basis.coordinate != time else None
-
-
 class AbstractSetting(ABC):
     """A law that is fitted to trials, alone and together with functions."""
 
@@ -91,17 +83,17 @@ class AbstractSetting(ABC):
     def annealed(self, model: FunctionModel) -> list[FunctionFit]:
         """Return the fits of a model at all model errors, from large ones to none."""
 
-    @abstractmethod
     def converged(self, fitted: FunctionFit) -> FunctionFit:
         """Return a fit after its trajectories have followed the coefficients until these converge."""
+        return fitted
 
     @abstractmethod
     def value(self, alone: FunctionFit, model: FunctionModel) -> float:
         """Return minus twice the log-evidence of a model about trajectories of the law alone."""
 
-    @abstractmethod
     def resolving(self, basis: SmoothBasis) -> Self:
         """Return the setting with solutions that are fine enough for bumps."""
+        return self
 
     @abstractmethod
     def given_deviance(self) -> float:
@@ -126,7 +118,10 @@ class AbstractSetting(ABC):
         values, times = visited.evaluate(basis.coordinate), visited.evaluate(basis.times)
         names, matrix = self.directions(equation)
         samples = [Samples(values[name], times[name], matrix[name]) for name in visited.objects]
-        kept = meaning(basis, samples, zero_in(basis, zero_at, law.schema.time))
+        if zero_at == "auto":
+            near = basis.low - _NEAR_ZERO * basis.range <= 0.0 <= basis.high + _NEAR_ZERO * basis.range
+            zero_at = 0.0 if near and basis.coordinate != law.schema.time else None
+        kept = meaning(basis, samples, None if zero_at is None else float(zero_at))
         size = float(np.sqrt(np.mean(self.rates(equation) ** 2))) / np.sqrt(np.mean(times**2))
         return FunctionModel(
             terms,

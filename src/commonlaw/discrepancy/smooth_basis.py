@@ -50,16 +50,12 @@ class SmoothBasis:
     def __len__(self) -> int:
         return len(self.knots) + 1
 
-    @property
-    def texts(self) -> tuple[str, ...]:
-        """The functions, times what they are multiplied with: the line, then the bumps."""
+    def terms(self, variables: Variables) -> tuple[Term, ...]:
+        """Return the functions as terms, times what they are multiplied with: the line, then the bumps."""
         own = f"({self.coordinate})"
         bumps = (f"exp(-(({own} - ({knot!r}))/{self.width!r})**2/2)" for knot in self.knots.tolist())
-        return tuple(f"({self.times})*{text}" for text in (f"({own} - ({self.centre!r}))", *bumps))
-
-    def terms(self, variables: Variables) -> tuple[Term, ...]:
-        """Return the functions as terms."""
-        return tuple(parse_term(text, variables) for text in self.texts)
+        texts = (f"({own} - ({self.centre!r}))", *bumps)
+        return tuple(parse_term(f"({self.times})*{text}", variables) for text in texts)
 
     def values(self, coordinate: Floats) -> Floats:
         """Return the functions, without what they are multiplied with, shape (n, functions)."""
@@ -92,27 +88,21 @@ def factors(basis: SmoothBasis, constraints: Floats) -> list[Floats]:
     The sum of the bumps has variance one, and so has the line at both ends of twice the visited range. Linear
     combinations of the weights, shape (constraints, functions), are zero.
     """
-    return [_conditioned(_covariance(basis, length * basis.range), constraints) for length in LENGTHS]
-
-
-def _covariance(basis: SmoothBasis, length: float) -> Floats:
-    result = np.zeros((len(basis), len(basis)))
-    distances = np.subtract.outer(basis.knots, basis.knots) / length
-    bumps = basis.values(np.array([basis.centre]))[0, 1:]
-    result[1:, 1:] = np.exp(-(distances**2) / 2)
-    result /= bumps @ result[1:, 1:] @ bumps
-    result[0, 0] = 1 / basis.range**2
+    result, bumps = list[Floats](), basis.values(np.array([basis.centre]))[0, 1:]
+    distances = np.subtract.outer(basis.knots, basis.knots) / basis.range
+    for length in LENGTHS:
+        covariance = np.zeros((len(basis), len(basis)))
+        covariance[1:, 1:] = np.exp(-((distances / length) ** 2) / 2)
+        covariance /= bumps @ covariance[1:, 1:] @ bumps
+        covariance[0, 0] = 1 / basis.range**2
+        if len(constraints):
+            across = covariance @ constraints.T
+            inner = np.linalg.pinv(constraints @ across, rcond=1e-10, hermitian=True)
+            covariance = covariance - across @ inner @ across.T
+        values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+        kept = values > _ROUNDING * values[-1]
+        result.append(np.asarray(vectors[:, kept] * np.sqrt(values[kept])))
     return result
-
-
-def _conditioned(covariance: Floats, constraints: Floats) -> Floats:
-    """Return a factor, shape (functions, rank), of a covariance given that combinations are zero."""
-    if len(constraints):
-        across = covariance @ constraints.T
-        covariance = covariance - across @ np.linalg.pinv(constraints @ across, rcond=1e-10, hermitian=True) @ across.T
-    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-    kept = values > _ROUNDING * values[-1]
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
 class Samples(NamedTuple):

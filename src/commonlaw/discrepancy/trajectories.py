@@ -212,16 +212,12 @@ class FunctionFit:
         return self.model_error > NO_ERROR
 
 
-def start(problem: SearchProblem, model: FunctionModel) -> tuple[Estimate, ...]:
-    """Return smoothed measurements, with known coefficients and none of the others."""
-    size = model.own.shape[1]
-    known = (np.pad(np.nan_to_num(own), ((0, 0), (0, size - own.shape[1]))) for own in problem.known)
-    return tuple(replace(each, coefficients=own) for each, own in zip(problem.starts, known, strict=True))
-
-
 def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
     """Return the fits at all model errors, from large ones to none; raises `CommonlawError` if none can be computed."""
-    estimates, result = start(problem, model), list[FunctionFit]()
+    # Smoothed measurements, with known coefficients and none of the others
+    size, result = model.own.shape[1], list[FunctionFit]()
+    known = (np.pad(np.nan_to_num(own), ((0, 0), (0, size - own.shape[1]))) for own in problem.known)
+    estimates = tuple(replace(each, coefficients=own) for each, own in zip(problem.starts, known, strict=True))
     for model_error in ANY_ERROR:
         with suppress(NotPositiveError):
             first = fit_about(problem, model, estimates, model_error)

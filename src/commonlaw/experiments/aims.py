@@ -1,13 +1,13 @@
 """What one wants to know of a law, and its value after an experiment."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Evidence
 from commonlaw.experiments.predictive import Hypothesis
@@ -62,9 +62,8 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
         raise unknown("object of this law", chosen, objects)
     names = objects if chosen is None else (chosen,)
     if forecast is None:
-        return _of_hypotheses(text, hypotheses, found["name"], names)
-    made = [_forecast(found, hypothesis, names) for hypothesis in hypotheses]
-    return Quantity(text, np.array([value for value, _ in made]), tuple(slopes for _, slopes in made))
+        return _of_hypotheses(text, (_coefficient(found["name"], hypotheses[0], each, names) for each in hypotheses))
+    return _of_hypotheses(text, (_forecast(found, each, names) for each in hypotheses))
 
 
 def coefficients(hypotheses: Sequence[Hypothesis]) -> list[Quantity]:
@@ -72,15 +71,18 @@ def coefficients(hypotheses: Sequence[Hypothesis]) -> list[Quantity]:
     first = hypotheses[0]
     letters, objects = [definition.name for definition in named_parameters(first.law).definitions], first.objects
     return [
-        _of_hypotheses(f"{letter} of {name}" if len(objects) > 1 else letter, hypotheses, letter, (name,))
+        _of_hypotheses(
+            f"{letter} of {name}" if len(objects) > 1 else letter,
+            (_coefficient(letter, first, each, (name,)) for each in hypotheses),
+        )
         for letter in letters
         for name in objects
     ]
 
 
-def _of_hypotheses(text: str, hypotheses: Sequence[Hypothesis], letter: str, names: Sequence[str]) -> Quantity:
-    made = [_coefficient(letter, hypotheses[0], hypothesis, names) for hypothesis in hypotheses]
-    return Quantity(text, np.array([value for value, _ in made]), tuple(slopes for _, slopes in made))
+def _of_hypotheses(text: str, made: Iterable[tuple[float, Floats]]) -> Quantity:
+    values, slopes = zip(*made, strict=True)
+    return Quantity(text, np.array(values), slopes)
 
 
 def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:
@@ -89,8 +91,7 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
     parameters = named_parameters(law)
     named = {definition.name: definition for definition in parameters.definitions}
     named = {law.terms.names[definition.term]: definition for definition in parameters.definitions} | named
-    if name not in named:
-        raise unknown("coefficient of this law", name, named)
+    check_choice("coefficient of this law", name, named)
     columns = {term: k for k, term in enumerate(terms)}
     parts = [part._replace(term=columns.get(law.terms.names[part.term], -1)) for part in named[name].parts]
     there = [part.term >= 0 and bool(each.law.support[part.equation, part.term]) for part in parts]
@@ -108,8 +109,7 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
     law, states = each.law, each.law.terms.variables.states
     observed = each.observed(frozenset(states))
     shown = states if observed is None else measured_schema(law).states
-    if parts["state"] not in shown:
-        raise unknown("state" if observed is None else "measured quantity", parts["state"], shown)
+    check_choice("state" if observed is None else "measured quantity", parts["state"], shown)
     if measured_schema(law).inputs:
         raise CommonlawError("design-forecast-with-inputs")
     try:

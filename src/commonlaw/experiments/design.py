@@ -1,13 +1,12 @@
 """Which experiment next: the most informative one among those that can be made."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.experiments.aims import COEFFICIENTS, LAW, Aim, coefficients
 from commonlaw.experiments.experiment import (
     Options,
@@ -29,10 +28,6 @@ from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Schema, Trials
-
-PRICES: Mapping[str, float] = {"trial": 1.0}
-"""Where no other is given: every trial costs the same."""
-
 
 _REST = 0.02
 """Estimated rates at the start below this share of their later range are zero: the objects are let go."""
@@ -130,7 +125,7 @@ def design(
     plausible = _plausible([law] if isinstance(law, Law) else list(law))
     first, prior = plausible[0].law, np.array([each.probability for each in plausible])
     settings = Settings.of(first, vary or {}, usual(first, trials) if trials is not None else {})
-    prices = PRICES if cost is None else cost
+    prices = {"trial": 1.0} if cost is None else cost
     priced = [name for name in settings.options if name not in ("object", "times", "repeats")]
     priced = ["trial", "sample", "duration", *priced, *first.objects]
     for name, price in prices.items():
@@ -141,21 +136,17 @@ def design(
     aim = Aim.of(about, prior, hypotheses)
     known = start_std or {}
     for name, value in known.items():
-        if name not in first.terms.variables.states:
-            raise unknown("state", name, first.terms.variables.states)
+        check_choice("state", name, first.terms.variables.states)
         check_amount(f"the start of {name} is off by", value)
     limits = dict[str, Range]()
     for name, wanted in (within or {}).items():
-        if name not in first.terms.variables.states:
-            raise unknown("state", name, first.terms.variables.states)
+        check_choice("state", name, first.terms.variables.states)
         if not isinstance(own := read(name, wanted), Range):
             raise CommonlawError("design-range", name=name, value=wanted)
         limits[name] = own
     if trials is not None:
-        visited, found = (
-            first.provenance.domain.visited or Domain.of(trials, state_rates(first)).visited,
-            dict[str, Range](),
-        )
+        visited = first.provenance.domain.visited or Domain.of(trials, state_rates(first)).visited
+        found = dict[str, Range]()
         for name in first.schema.states:
             values = [*visited.get(name, ()), *numbers_of(settings.options.get(name, ()))]
             if name in visited and min(values) < max(values):
@@ -231,13 +222,12 @@ def _usual_doses(schema: Schema, trials: Trials) -> dict[str, Options]:
         amounts = [each.inputs[i, j] * (each.times[i] - each.times[i - 1]) for each, given in pulses for i in given]
         result[name] = _between(np.array(amounts)) if amounts else (0.0,)
         if pulses:
-            result[f"{name}.at"] = (
-                float(np.median([each.times[given[0] - 1] - each.times[0] for each, given in pulses])),
-            )
+            firsts = [each.times[given[0] - 1] - each.times[0] for each, given in pulses]
+            result[f"{name}.at"] = (float(np.median(firsts)),)
     return result
 
 
-def _between(values: "np.typing.NDArray[np.float64]") -> Options:
+def _between(values: Floats) -> Options:
     """Return the range of numbers, its ends rounded, or the only number."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if not low < high:
@@ -263,37 +253,28 @@ def _setting_of(law: Law) -> tuple[object, ...]:
     return *names, law.objects, given_starts(law)
 
 
-@dataclass(frozen=True, eq=False)
-class Suggestion:
-    """Experiments for one purpose, in words, and what is to be expected of them."""
-
-    purpose: str
-    design: Design
-
-
-def suggestions(law: Law, trials: Trials, most: int = 1) -> tuple[Suggestion, ...]:
-    """Return what to measure next for up to three purposes: the law if it is in doubt, all coefficients, the worst one.
+def suggestions(law: Law, trials: Trials, most: int = 1) -> dict[str, Design]:
+    """Return what to measure next by purpose: the law if it is in doubt, all coefficients, the worst one.
 
     Trials start in the visited ranges, with rates, inputs, duration and samples as in the given trials, and end where
     they leave what was visited. All experiments for a purpose have at most `most` trials. Laws without noise or
     covariance, and laws in discrete time, have no suggestions.
     """
     if not has_bands(law) or law.order == 0 or not law.support.any():
-        return ()
+        return {}
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
     ranges = {
         name: Range(*visited[name]) for name in law.schema.states if name in visited and np.ptp(visited[name]) > 0
     }
     vary: dict[str, Options] = {**usual(law, trials), **ranges}
-    result = []
+    result = dict[str, Design]()
     for purpose, about in _purposes(law):
         settings: dict[str, Any] = {"experiments": most, "about": about, "points": POINTS // 4}
         try:
-            made = design(law, vary, within=ranges, progress=lambda _: None, **settings)
+            result[purpose] = design(law, vary, within=ranges, progress=lambda _: None, **settings)
         except CommonlawError:  # Forecasts may diverge from everywhere
             continue
-        result.append(Suggestion(purpose, made))
-    return tuple(result)
+    return result
 
 
 def _purposes(law: Law) -> list[tuple[str, str]]:

@@ -9,7 +9,7 @@ from typing import TypeGuard
 import numpy as np
 
 from commonlaw.array_types import Floats, evenly_spaced
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
@@ -81,8 +81,12 @@ class Settings:
         Raises `CommonlawError` if a setting is unknown, cannot be read, or is missing.
         """
         given = {name: read(name, value) for name, value in vary.items()}
+        schema, states = measured_schema(law), law.terms.variables.states
+        details = ("at", "every") if schema.doses else ("shape", "period")
+        inputs = [each for signal in schema.inputs for each in (signal, *(f"{signal}.{detail}" for detail in details))]
         for name in given:
-            _check_name(name, law)
+            if name not in (*TIMING, *states, *inputs) and not (name.startswith("object.") and name != "object."):
+                raise unknown("setting of an experiment", name, (*states, *inputs, *TIMING, "object.<property>"))
         replaced = {"rate", "samples"} if {"rate", "samples", "times"} & {*given} else set[str]()
         replaced |= {"duration"} if "times" in given else set()
         replaced |= {"object"} if any(name.startswith("object.") for name in given) else set()
@@ -104,8 +108,7 @@ class Settings:
         else:
             named = tuple(dict.fromkeys(_words_of(options.get("object", law.objects))))
             for name in named:
-                if name not in (*law.objects, EACH):
-                    raise unknown("object of this law", name, (*law.objects, EACH))
+                check_choice("object of this law", name, (*law.objects, EACH))
             objects = _some(law.objects if EACH in named else named)
             options["object"] = named if EACH in named else objects
         _check_complete(options, law)
@@ -121,11 +124,10 @@ class Settings:
         result, shares = dict[str, Value](), dict(zip(self.varied, point.tolist(), strict=True))
         for name, option in self.options.items():
             share = shares.get(name, 0.0)
-            result[name] = (
-                option.at(share)
-                if isinstance(option, Range)
-                else option[min(int(share * len(option)), len(option) - 1)]
-            )
+            if isinstance(option, Range):
+                result[name] = option.at(share)
+            else:
+                result[name] = option[min(int(share * len(option)), len(option) - 1)]
         return result
 
     def spread(self, count: int, seed: int) -> Floats:
@@ -227,14 +229,6 @@ def check_amount(what: str, value: object) -> None:
         raise CommonlawError("setting-negative", name=what, value=value)
 
 
-def _check_name(name: str, law: Law) -> None:
-    schema, states = measured_schema(law), law.terms.variables.states
-    details = ("at", "every") if schema.doses else ("shape", "period")
-    inputs = [each for signal in schema.inputs for each in (signal, *(f"{signal}.{detail}" for detail in details))]
-    if name not in (*TIMING, *states, *inputs) and not (name.startswith("object.") and name != "object."):
-        raise unknown("setting of an experiment", name, (*states, *inputs, *TIMING, "object.<property>"))
-
-
 def _some(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return names, of many some that are evenly spread."""
     return tuple(names[i] for i in evenly_spaced(len(names), MAX_OBJECTS))
@@ -267,8 +261,7 @@ def _check_complete(options: Mapping[str, Options], law: Law) -> None:
             raise CommonlawError("setting-not-positive", name=name)
     for name in schema.inputs:
         for shape in _words_of(options.get(f"{name}.shape", ())):
-            if shape not in SHAPES:
-                raise unknown("shape of an input", shape, SHAPES)
+            check_choice("shape of an input", shape, SHAPES)
 
 
 NEW = "new object"
@@ -349,11 +342,9 @@ class Experiment:
     @property
     def cost(self) -> float:
         """What all of its trials cost."""
-        set_ = {
-            name: setting for name, setting in self.settings.items() if isinstance(setting, float) and name != "repeats"
-        }
-        set_ |= {"trial": 1.0, "sample": len(self.times), "duration": float(self.times[-1] - self.times[0])}
-        each = sum(self.prices.get(name, 0.0) * abs(own) for name, own in set_.items())
+        numbers = {name: own for name, own in self.settings.items() if isinstance(own, float) and name != "repeats"}
+        numbers |= {"trial": 1.0, "sample": len(self.times), "duration": float(self.times[-1] - self.times[0])}
+        each = sum(self.prices.get(name, 0.0) * abs(own) for name, own in numbers.items())
         return self.repeats * sum(each + self.prices.get(name, 0.0) for name in self.objects)
 
     def described(self, law: Law) -> str:

@@ -48,12 +48,6 @@ class Forecasts:
         means = np.array([each.mean for each in first]).reshape(shape)
         return cls(times, states, means, np.sqrt(total).reshape(shape), measured_schema(law).logarithmic)
 
-    def parting(self, one: int, two: int) -> tuple[int, int]:
-        """Return the index of the time and of the state where two laws are farthest apart for their errors."""
-        apart = np.abs(self.means[one] - self.means[two]) / np.hypot(self.std[one], self.std[two])
-        time, state = np.unravel_index(int(apart.argmax()), apart.shape)
-        return int(time), int(state)
-
 
 @dataclass(frozen=True, eq=False)
 class Gain:
@@ -192,7 +186,8 @@ class Design(ShownInNotebooks):
         """Return where the two most probable laws part."""
         one, two = np.argsort(-self.aim.prior, kind="stable")[:2].tolist()
         own, first = self.experiments[0].forecasts, self.laws[0].law
-        time, state = own.parting(one, two)
+        apart = np.abs(own.means[one] - own.means[two]) / np.hypot(own.std[one], own.std[two])
+        time, state = map(int, np.unravel_index(int(apart.argmax()), apart.shape))
         units, name = first.schema.units, own.states[state]
         values = [with_error(*_natural(own, each, time, state)) for each in (one, two)]
         at = f"{first.schema.time} = {own.times[time]:.3g} {units.get(first.schema.time, '')}".rstrip()

@@ -28,48 +28,41 @@ _MAX_STEPS = 15
 """Steps of a fit at most, those that lead to nothing better and are halved among them."""
 
 
-@dataclass(frozen=True, eq=False)
-class Point:
-    """Where a law is linearised in a trial: unknowns, shape (p,), and what is added to what is free, shape (f,)."""
+Linearise = Callable[[Sequence[int], Sequence[Floats]], Sequence[Gaussian | None]]
+"""From trials, by their numbers, and points to a law's predictions about these; None where it diverges.
 
-    unknowns: Floats
-    shifts: Floats
-
-    def moved(self, step: Floats) -> "Point":
-        """Return the point a step away, shape (p + f,)."""
-        count = len(self.unknowns)
-        return Point(self.unknowns + step[:count], self.shifts + step[count:])
-
-
-Linearise = Callable[[Sequence[int], Sequence[Point]], Sequence[Gaussian | None]]
-"""From trials, by their numbers, and points to a law's predictions about these; None where it diverges."""
+A point has the p unknowns of the law, and what is added to the f free initial values (and parameters) of the trial.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A law in a trial, fitted to its measurements, shape (n,), as far as it has come."""
+    """A law in a trial, fitted to its measurements, shape (n,), as far as it has come: to a point, shape (p + f,)."""
 
     measured: Floats
-    point: Point
+    point: Floats
     predicted: Gaussian
 
     @cached_property
     def _residuals(self) -> Floats:
         return self.predicted.white((self.measured - self.predicted.mean)[:, np.newaxis])[:, 0]
 
+    @property
+    def unknowns(self) -> Floats:
+        """Those of the law, shape (p,)."""
+        return self.point[: self.predicted.by_unknowns.shape[1]]
+
     @cached_property
     def deviance(self) -> float:
         """Minus twice the log-density of the measurements and of the unknowns, but for a constant."""
-        return float(np.sum(self._residuals**2) + np.sum(self.point.unknowns**2))
+        return float(np.sum(self._residuals**2) + np.sum(self.unknowns**2))
 
     @cached_property
     def gauss_newton(self) -> tuple[Floats, float]:
         """The step of least squares (Gauss and Newton), shape (p + f,), and the deviance if all were linear."""
-        unknowns = self.point.unknowns
-        count, free = len(unknowns), len(self.point.shifts)
         slopes = self.predicted.white(np.column_stack([self.predicted.by_unknowns, self.predicted.by_start]))
-        columns = np.vstack([slopes, np.eye(count, count + free)])
-        wanted = np.concatenate([self._residuals, -unknowns])
+        columns = np.vstack([slopes, np.eye(len(self.unknowns), len(self.point))])
+        wanted = np.concatenate([self._residuals, -self.unknowns])
         step = np.linalg.lstsq(columns, wanted, rcond=None)[0]
         return np.asarray(step), float(np.sum((wanted - columns @ step) ** 2))
 
@@ -80,7 +73,7 @@ class _Fit:
 
 
 def refitted(
-    predicted: Sequence[Gaussian], points: Sequence[Point], measured: Sequence[Floats], linearise: Linearise
+    predicted: Sequence[Gaussian], points: Sequence[Floats], measured: Sequence[Floats], linearise: Linearise
 ) -> list[Gaussian]:
     """Return what a law predicts of trials, linearized about the best fits to their measurements, each of shape (n,).
 
@@ -89,7 +82,7 @@ def refitted(
     fits = [_Fit(*each) for each in zip(measured, points, predicted, strict=True)]
     shares = {i: 1.0 for i, each in enumerate(fits) if not each.converged}
     for _ in range(_MAX_STEPS):
-        moved = [fits[i].point.moved(share * fits[i].gauss_newton[0]) for i, share in shares.items()]
+        moved = [fits[i].point + share * fits[i].gauss_newton[0] for i, share in shares.items()]
         for i, point, found in zip([*shares], moved, linearise([*shares], moved), strict=True):
             fit = None if found is None else _Fit(measured[i], point, found)
             if fit is None or not fit.deviance < fits[i].deviance:
@@ -100,8 +93,7 @@ def refitted(
                 del shares[i]
     # Linear about the best fit
     return [
-        replace(each.predicted, mean=each.predicted.mean - each.predicted.by_unknowns @ each.point.unknowns)
-        for each in fits
+        replace(each.predicted, mean=each.predicted.mean - each.predicted.by_unknowns @ each.unknowns) for each in fits
     ]
 
 
@@ -117,6 +109,10 @@ _MAX_HALVINGS = 20
 
 _TOLERANCE = 1e-5
 """Of a step of the forecasts, which noise and errors of coefficients exceed."""
+
+
+Simulated = tuple[Floats, tuple[Gaussian, ...]]
+"""The unknowns of a draw of an experiment, and predictions of its trials about these."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +182,7 @@ class Hypothesis:
         whole = [[next(found) for _ in own.experiment.objects] for own in planned]
         return [tuple(each for each in own if each) if all(own) else None for own in whole]
 
-    def simulated(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> "Simulated":
+    def simulated(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> list[Simulated]:
         """Return predictions of an experiment at unknowns of draws, shape (draws, unknowns).
 
         Unknowns with which the law diverges are halved until it does not.
@@ -203,10 +199,14 @@ class Hypothesis:
                     found[i] = tuple(each for each in listed if each)
                 else:
                     unknowns[i] /= 2
-        return Simulated(unknowns, [found[i] for i in range(len(unknowns))])
+        return [(unknown, found[i]) for i, unknown in enumerate(unknowns)]
 
     def refitted(
-        self, experiment: Experiment, initial: "Simulated", measured: Sequence[Sequence[Floats]], limit: float | None
+        self,
+        experiment: Experiment,
+        initial: Sequence[Simulated],
+        measured: Sequence[Sequence[Floats]],
+        limit: float | None,
     ) -> list[tuple[Gaussian, ...]]:
         """Return predictions about the best fits to measurements of each draw in each trial, shape (n,).
 
@@ -214,12 +214,12 @@ class Hypothesis:
         """
         own, count = _planned(self, experiment), len(experiment.objects)
         names = [*experiment.objects] * len(measured)
-        points = [own.point(unknown) for unknown in initial.unknowns for _ in range(count)]
-        predicted = [each for listed in initial.predicted for each in listed]
+        points = [own.point(unknown) for unknown, _ in initial for _ in range(count)]
+        predicted = [each for _, listed in initial for each in listed]
         highest = _MAX_RELATIVE_STATE * max((float(np.abs(each.mean).max()) for each in predicted), default=1.0)
         highest = highest if limit is None else min(highest, limit)
 
-        def linearised(indices: Sequence[int], moved: Sequence[Point]) -> list[Gaussian | None]:
+        def linearised(indices: Sequence[int], moved: Sequence[Floats]) -> list[Gaussian | None]:
             pairs = zip(indices, moved, strict=True)
             return self._predictions([(own, names[i], point) for i, point in pairs], highest)
 
@@ -227,14 +227,14 @@ class Hypothesis:
         return [tuple(found[i : i + count]) for i in range(0, len(found), count)]
 
     def _predictions(
-        self, trials: "Sequence[tuple[_Planned, str, Point | None]]", limit: float | None
+        self, trials: "Sequence[tuple[_Planned, str, Floats | None]]", limit: float | None
     ) -> list[Gaussian | None]:
         """Return predictions of trials of objects about points; None where the law diverges."""
         followed = self._followed(trials, True, limit)
         return [own.gaussian(name, each) for (own, name, _), each in zip(trials, followed, strict=True)]
 
     def _followed(
-        self, trials: "Sequence[tuple[_Planned, str, Point | None]]", slopes: bool = False, limit: float | None = None
+        self, trials: "Sequence[tuple[_Planned, str, Floats | None]]", slopes: bool = False, limit: float | None = None
     ) -> "list[_Followed]":
         """Return trajectories of trials of objects at points."""
         if self.law.observation is not None:
@@ -261,23 +261,6 @@ class _Followed(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated:
-    """Predictions of draws of an experiment: their unknowns, and about each of these its trials."""
-
-    unknowns: Floats
-    predicted: list[tuple[Gaussian, ...]]
-
-    @classmethod
-    def joined(cls, parts: "Sequence[Simulated]") -> "Simulated":
-        """Return the draws of several, one after the other."""
-        return cls(np.concatenate([part.unknowns for part in parts]), [own for part in parts for own in part.predicted])
-
-    def repeated(self, count: int) -> "Simulated":
-        """Return the same so many times."""
-        return Simulated(np.tile(self.unknowns, (count, 1)), count * self.predicted)
-
-
-@dataclass(frozen=True, eq=False)
 class _Planned:
     """An experiment, at the times that are looked at, and the law of its objects.
 
@@ -293,26 +276,21 @@ class _Planned:
     start: Floats
     start_std: Floats
 
-    @property
-    def is_new(self) -> bool:
-        """Whether the object is new."""
-        return bool(self.experiment.properties)
-
-    def _coefficients(self, name: str, coefficients: Floats, point: Point | None) -> Floats:
+    def _coefficients(self, name: str, coefficients: Floats, point: Floats | None) -> Floats:
         """Return the coefficients of an object at a point."""
-        if point is None or self.is_new:
+        if point is None or self.experiment.properties:
             return coefficients
-        result = coefficients.copy()
-        result[self.law.support] += self.known.roots[self.known.objects.index(name)] @ point.unknowns
+        result, unknowns = coefficients.copy(), point[: self.known.unknowns]
+        result[self.law.support] += self.known.roots[self.known.objects.index(name)] @ unknowns
         return result
 
-    def _shifted(self, point: Point | None) -> Floats:
+    def _shifted(self, point: Floats | None) -> Floats:
         result = self.start.copy()
         if point is not None:
-            result[self.free] += point.shifts
+            result[self.free] += point[self.known.unknowns :]
         return result
 
-    def problem(self, name: str, point: Point | None) -> InitialValueProblem:
+    def problem(self, name: str, point: Floats | None) -> InitialValueProblem:
         """Return the problem of one object at a point."""
         own = self._own(name)
         own = replace(own, coefficients=self._coefficients(name, own.coefficients, point))
@@ -325,9 +303,9 @@ class _Planned:
             lambda name: replace(vector_field(self.law, name), free=self.law.support, inputs=self.experiment.inputs)
         )
 
-    def point(self, unknowns: Floats) -> Point:
+    def point(self, unknowns: Floats) -> Floats:
         """Return unknowns with the start that is set."""
-        return Point(unknowns, np.zeros(len(self.free)))
+        return np.append(unknowns, np.zeros(len(self.free)))
 
     @cached_property
     def free(self) -> list[int]:
@@ -346,9 +324,7 @@ class _Planned:
             values = states[:, variables.index(name)]
             inside &= (values >= limit.low) & (values <= limit.high)
         outside = np.flatnonzero(~inside)
-        return float(
-            found.times[outside[0] - 1] if len(outside) and outside[0] else found.times[-1 if not len(outside) else 0]
-        )
+        return float(found.times[max(outside[0] - 1, 0) if len(outside) else -1])
 
     def measured(self, found: Trajectory) -> _Followed:
         """Return the trajectory of a law whose states are measured themselves."""
@@ -360,13 +336,12 @@ class _Planned:
         values = found.states[:, seen]
         return _Followed(found.times, found.states, values, slopes[:, seen, :-width], by_start[:, seen], *errors)
 
-    def observed_at(self, name: str, point: Point | None, slopes: bool, limit: float | None) -> _Followed:
+    def observed_at(self, name: str, point: Floats | None, slopes: bool, limit: float | None) -> _Followed:
         """Return the trajectory of an object of a law with observation equations at a point."""
         law, observed = self.law, self.observed
         assert observed is not None
         coefficients = self._coefficients(name, law.coefficients[object_index(law, name)], point)
-        start = self._shifted(point)
-        found = observed.predicted(law, self.experiment, name, self.times, coefficients, start, slopes)
+        found = observed.predicted(law, self.experiment, name, self.times, coefficients, self._shifted(point), slopes)
         followed = _Followed(self.times, found.states)
         too_far = limit is not None and bool(np.abs(found.states).max() > limit)
         if found.slopes is None or too_far or not np.isfinite(found.slopes).all():
@@ -383,7 +358,7 @@ class _Planned:
         if found.values is None or found.by_coefficients is None or found.by_start is None or found.white is None:
             return None
         measured, by_set = (each.reshape(found.values.size, -1) for each in (found.by_coefficients, found.by_start))
-        if self.is_new:
+        if own.properties:
             common = measured @ law.uncertainty.known_covariance()[object_index(law, name)] @ measured.T
             by_unknowns = np.zeros((len(measured), known.unknowns))
         else:
@@ -426,10 +401,7 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats) -> tuple[F
     assert law.uncertainty.noise is not None
     errors, measured = law.uncertainty.error_model, ~law.schema.is_latent
     own = states[:, : len(law.schema.states)]
-    white_std = np.asarray(
-        law.uncertainty.error_model.white_std(own, np.asarray(law.uncertainty.noise)) + np.zeros_like(own)
-    )
-    white = white_std[:, measured]
+    white = np.broadcast_to(errors.white_std(own, law.uncertainty.noise), own.shape)[:, measured]
     parts = list[Floats]()
     if errors.correlated is not None:
         kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)

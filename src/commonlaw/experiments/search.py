@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
+from itertools import chain
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments.aims import Aim
 from commonlaw.experiments.experiment import Experiment, Range, Settings, numbers_of
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
-from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis, Simulated
+from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis
 from commonlaw.law import Law
 
 POINTS, _SHARE, _WIDTHS = 256, 8, (0.2, 0.05)
@@ -115,11 +116,7 @@ class Search:
             own = found[i]
             best = self._best([*found[:i], None, *found[i + 1 :]], own.experiment.cost, own)
             found = [*found[:i], best or own, *found[i + 1 :]]
-        return max(before, found, key=self._bits)
-
-    def _bits(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> float:
-        evidence = self.evidence(chosen, draws)
-        return self.aim.bits(evidence) if evidence else 0.0
+        return max(before, found, key=lambda chosen: self.aim.bits(_sum(self._evidences(chosen, _MAX_DRAWS))))
 
     @cached_property
     def _spread(self) -> list[Candidate]:
@@ -191,12 +188,11 @@ class Search:
 
     def evidence(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> Evidence | None:
         """Return what experiments say together; nothing if there is none."""
-        result = None
-        for place, each in enumerate(chosen):
-            if each is not None:
-                own = self._evidence_of(each, draws, place)
-                result = result + own if result else own
-        return result
+        found = self._evidences(chosen, draws)
+        return _sum(found) if found else None
+
+    def _evidences(self, chosen: Chosen, draws: int) -> list[Evidence]:
+        return [self._evidence_of(each, draws, place) for place, each in enumerate(chosen) if each is not None]
 
     def _evidence_of(self, each: Candidate, count: int, place: int) -> Evidence:
         """Return the evidence of an experiment, with so many draws, in its place among others."""
@@ -218,13 +214,13 @@ class Search:
         measured = [
             [predicted.drawn(draw.noise[i]) for predicted, draw in zip(trials, draws, strict=False)]
             for each in made
-            for i, trials in enumerate(each.predicted)
+            for i, (_, trials) in enumerate(each)
         ]
         found = []
         for k, law in enumerate(laws):
             at_once = law.simulated(experiment, np.zeros((1, law.unknowns)), limit)
-            initial = [own if i == k else at_once.repeated(len(own.predicted)) for i, own in enumerate(made)]
-            found.append(law.refitted(experiment, Simulated.joined(initial), measured, limit))
+            initial = [own if i == k else at_once * len(own) for i, own in enumerate(made)]
+            found.append(law.refitted(experiment, [*chain.from_iterable(initial)], measured, limit))
         trials = range(len(experiment.objects))
         return _sum(
             Evidence.refitted([each[i] for each in measured], [[each[i] for each in own] for own in found])

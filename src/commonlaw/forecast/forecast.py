@@ -312,9 +312,13 @@ class Forecast(ShownInNotebooks):
         return float(np.mean(1 - missed[varied > 0] / varied[varied > 0])) if varied.any() else np.nan
 
     def metric(self, metric: Metric = "r2") -> float:
-        """Return the mean over states of a metric of measurements and forecasts, see `Law.score`.
+        """Return the mean over states of a metric of scikit-learn; missing measurements do not count.
 
-        Where a forecast diverged, R^2 is minus infinity, and errors are infinite. States that do not vary have no R^2.
+        ``"r2"``, 1 - sum (y - f)^2 / sum (y - mean y)^2; ``"rmse"`` or ``"mae"``, in the unit of the state; or a
+        function of measurements and forecasts of a state, shape (n,) each. Where a forecast diverged, R^2 is minus
+        infinity, and errors are infinite. States that do not vary have no R^2.
+
+        Raises `CommonlawError` if there is no such metric.
         """
         if isinstance(metric, str):
             check_choice("metric", metric, _METRICS)

@@ -10,7 +10,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation
 from commonlaw.law import average_law, pool_objects
-from commonlaw.law.law import Law, object_index, with_other_laws
+from commonlaw.law.law import Law, object_index, with_estimates, with_other_laws
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.uncertainty import ObjectEstimates
@@ -94,16 +94,7 @@ def _by_pooled(law: Law) -> Law:
     pooled = law.uncertainty.pooled
     if pooled is None:
         return law
-    coefficients = law.coefficients.copy()
-    coefficients[:, law.support] = pooled.coefficients
-    uncertainty = replace(
-        law.uncertainty,
-        covariance=pooled.covariance,
-        shared_factor=None,
-        pooled=None,
-        other_laws=law.uncertainty.map_other_laws(_by_pooled),
-    )
-    return replace(law, coefficients=coefficients, uncertainty=uncertainty)
+    return with_other_laws(with_estimates(law, pooled), law.uncertainty.map_other_laws(_by_pooled))
 
 
 def is_typical(law: Law, name: str, trials: Trials) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 from itertools import combinations
 
@@ -12,13 +13,13 @@ from commonlaw.array_types import Floats, Indices
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 from commonlaw.hierarchy.random_effects import JITTER
 from commonlaw.hierarchy.relation import (
+    MAX_DENOMINATOR,
     ONE_MORE,
     ExponentSets,
     PropertyTable,
     Relation,
     RelationKind,
     exponent_sets,
-    simple_fraction,
 )
 
 _ODDS = {RelationKind.UNIVERSAL: 3.0, RelationKind.OWN: 1.0, RelationKind.POWER_LAW: 0.1, RelationKind.AFFINE: 0.1}
@@ -388,7 +389,7 @@ def _in_given_units(
         tuple(factors.tolist()),
         (),
         used.names,
-        tuple(map(simple_fraction, choice.exponents)),
+        tuple(Fraction(exponent).limit_denominator(MAX_DENOMINATOR) for exponent in choice.exponents),
         choice.scatter * (1.0 if model.in_logs else unit),
         choice.scatter_error * (1.0 if model.in_logs else unit),
         model.in_logs,

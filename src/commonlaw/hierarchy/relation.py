@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _MAX_BITS = (9, 12, 10)
 """Largest price of the exponents of one, of two and of three properties together; more properties are not tried."""
 
-_MAX_DENOMINATOR = 4
+MAX_DENOMINATOR = 4
 """Of exponents."""
 
 ONE_MORE = 0.5
@@ -47,7 +47,7 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
     An exponent p/q, of at most 4, costs p + q bits, so that simple ones are more probable. Sets of the same number of
     properties share one probability, whichever these are: the more properties are offered, the less probable is each.
     """
-    found = {Fraction(p, q) for q in range(1, _MAX_DENOMINATOR + 1) for p in range(1, 4 * q + 1)}
+    found = {Fraction(p, q) for q in range(1, MAX_DENOMINATOR + 1) for p in range(1, 4 * q + 1)}
     priced = [(each.numerator + each.denominator, float(each)) for each in sorted(found)]
     signed = [(bits, sign * value) for bits, value in priced if bits <= _MAX_BITS[0] for sign in (1, -1)]
     bits, values = np.array(signed).T
@@ -70,11 +70,6 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
     weights = np.concatenate(log_prior)
     total = np.logaddexp.reduce(weights) if len(weights) else 0.0
     return ExponentSets(np.concatenate(exponents), weights - total)
-
-
-def simple_fraction(value: float) -> Fraction:
-    """Return the exponent of this value."""
-    return Fraction(value).limit_denominator(_MAX_DENOMINATOR)
 
 
 class RelationKind(StrEnum):

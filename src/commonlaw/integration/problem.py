@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Terms, parse_term
 from commonlaw.outcomes import Outcome, note
@@ -49,8 +49,7 @@ class Event:
     terminal: bool = False
 
     def __post_init__(self) -> None:
-        if self.direction not in _SIGNS:
-            raise unknown("direction of an event", self.direction, _SIGNS)
+        check_choice("direction of an event", self.direction, _SIGNS)
         if not np.isfinite(self.level):
             raise CommonlawError("event-level", expression=self.expression, level=self.level)
 

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration.problem import (
     FAR,
     AbstractIntegrator,
@@ -117,8 +117,7 @@ def simulate_each(
     problems: Iterable[InitialValueProblem], options: OutputOptions, method: str = "auto"
 ) -> Iterator[Trajectory]:
     """Yield the trajectories of `simulate`, one after the other."""
-    if method not in METHODS:
-        raise unknown("method of integration", method, METHODS)
+    check_choice("method of integration", method, METHODS)
     problems = tuple(problems)
     # A knot of the inputs costs LSODA as much as ten points
     points = sum(len(problem.times) + 10 * (len(problem.stops) - 1) for problem in problems)

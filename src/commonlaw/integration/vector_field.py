@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.errors import unknown
+from commonlaw.errors import check_choice
 from commonlaw.library import Order, Terms, highest_columns, with_rates
 
 _NODES = (1 - np.cos(np.pi * (np.arange(8) + 0.5) / 8)) / 2
@@ -47,8 +47,7 @@ class Inputs:
 
         Raises `CommonlawError` if `between` is not one of `BETWEEN`.
         """
-        if between not in BETWEEN:
-            raise unknown("interpolation of inputs between samples", between, BETWEEN)
+        check_choice("interpolation of inputs between samples", between, BETWEEN)
         coefficients = np.zeros((len(times), 4, values.shape[1]))
         coefficients[:, 0] = values
         if between == "linear":

@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,9 +28,6 @@ from commonlaw.trials.transformations import (
 )
 from commonlaw.trials.trial import as_numbers, property_names
 
-if TYPE_CHECKING:
-    from commonlaw.law.law import Law
-
 
 def matched(
     law: Law,
@@ -49,8 +46,8 @@ def matched(
 
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
-    if not observed:
-        refuse_observation(law)
+    if law.observation is not None and not observed:
+        raise CommonlawError("law-with-observation")
     schema = measured_schema(law)
     trials = without_states(without_rates(trials, schema.rates), law.provenance.domain.constant)
     known = property_names(trials.properties)
@@ -69,12 +66,6 @@ def matched(
     if law.observation is not None and noise:
         converted = with_noise(converted, law.observation.noise_of)
     return with_starts(converted, starts, schema.initial_time)
-
-
-def refuse_observation(law: Law) -> None:
-    """Refuse a law whose states were not measured themselves, or whose initial values are known."""
-    if law.observation is not None:
-        raise CommonlawError("law-with-observation")
 
 
 def measured_schema(law: Law) -> Schema:
@@ -122,7 +113,7 @@ def _units(law: Law, given: Schema) -> dict[str, str]:
     return units | ({given.time: own.units[own.time]} if own.time in own.units else {})
 
 
-def with_parameters_of(other: "Law", law: "Law") -> "Law":
+def with_parameters_of(other: Law, law: Law) -> Law:
     """Return another law in which a constant has the name that it has in a law, where it is inside the same terms."""
     same = defaultdict[frozenset[tuple[int, str]], list[str]](list)
     for name in law.terms.variables.parameters:
@@ -135,7 +126,7 @@ def with_parameters_of(other: "Law", law: "Law") -> "Law":
     return replace(other, terms=replace(other.terms, variables=replace(variables, parameters=tuple(names))))
 
 
-def _places(law: "Law", name: str) -> frozenset[tuple[int, str]]:
+def _places(law: Law, name: str) -> frozenset[tuple[int, str]]:
     """Return in which equations' terms a constant is, these with a sign in place of it and of others."""
     variables, column = law.terms.variables, law.terms.variables.index(name)
     signs = [*variables.measured, *("?" if parameter == name else "#" for parameter in variables.parameters)]

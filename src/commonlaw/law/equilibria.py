@@ -43,10 +43,10 @@ class Equilibrium(NamedTuple):
 class _System:
     """The equations of a law at constant inputs, for coefficients of shape (equations, terms)."""
 
-    def __init__(self, law: Law, inputs: Mapping[str, float] | None = None) -> None:
+    def __init__(self, law: Law, inputs: Mapping[str, float]) -> None:
         self.law, self.states = law, len(law.schema.states)
         self.rest = np.zeros(len(law.terms.variables.measured))
-        for name, value in (inputs or {}).items():
+        for name, value in inputs.items():
             self.rest[law.terms.variables.index(name)] = value
         self.second = with_rates(law.order, self.states)
 
@@ -140,7 +140,7 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
     """
     if depends_on(law, *law.terms.variables.inputs, law.terms.variables.time):
         return
-    system = _System(law)
+    system = _System(law, {})
     visited, sizes = law.provenance.domain.visited, {} if law.observation is None else law.observation.sizes
     ends = [visited.get(name, (-sizes.get(name, 1e3), sizes.get(name, 1e3))) for name in law.schema.states]
     low, high = np.array(ends).T
@@ -152,7 +152,7 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
         """Return the largest real part of the eigenvalues."""
         return float(system.eigenvalues(system.coefficients(at), state).real.max())
 
-    for point, eigenvalues in _fixed_points(system, system.coefficients(parameters), low, high):
+    for point, eigenvalues in fixed_points(law, system.coefficients(parameters), low, high, {}):
         errors, is_sure = np.full(len(point), np.nan), True
         if covariance is not None:
             slopes = system.slopes(parameters, point)
@@ -177,12 +177,7 @@ def fixed_points(
 
     Coefficients have the shape (equations, terms), `low` and `high` (states,).
     """
-    return _fixed_points(_System(law, inputs), coefficients, low, high)
-
-
-def _fixed_points(
-    system: _System, coefficients: Floats, low: Floats, high: Floats
-) -> Iterator[tuple[Floats, Complexes]]:
+    system = _System(law, inputs)
     random, span = np.random.default_rng(0), high - low
     starts = np.concatenate([np.zeros((1, len(low))), low + random.random((_STARTS, len(low))) * span])
     changes = np.abs(system.at(coefficients, starts)[1][:, :, : system.states]) @ span
@@ -225,16 +220,13 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
     parameters
         Coefficients of one object in the support.
     """
-    system, variables = _System(law), law.terms.variables
+    system, variables = _System(law, {}), law.terms.variables
     dynamic = {*range(len(variables.states))}
     used = [law.terms.terms[k] for k in np.flatnonzero(law.support.any(axis=0) & law.terms.is_factor)]
-    with_states = [[pair for pair in each.powers if columns_in(pair[0]) & dynamic] for each in used]
-    is_state = [
-        len(with_state) == 1 and with_state[0][0].column is not None and with_state[0][1] == 1
-        for with_state in with_states
-    ]
-    if not any(with_states) or any(
-        with_state and not own for with_state, own in zip(with_states, is_state, strict=True)
+    of_states = [[pair for pair in each.powers if columns_in(pair[0]) & dynamic] for each in used]
+    of_states = [powers for powers in of_states if powers]
+    if not of_states or any(
+        len(powers) > 1 or powers[0][0].column is None or powers[0][1] != 1 for powers in of_states
     ):
         return
     origin, unit = np.zeros(system.states), law.schema.units.get(law.schema.time, "")

@@ -16,7 +16,6 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.law import Law, with_other_laws
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import read_equations
@@ -69,13 +68,6 @@ class EstimatesDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True
     covariance: dict[str, list[float]]
 
 
-class WideningDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """See `Widening`."""
-
-    horizons: list[float]
-    factors: list[float]
-
-
 class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """Matrices by object; of a covariance the rows of its lower triangle, one after the other."""
 
@@ -87,29 +79,7 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
     unpooled: EstimatesDocument | None = None
     pooled: EstimatesDocument | None = None
     degrees_of_freedom: list[float] | None = None
-    widening: WideningDocument | None = None
-
-
-class RelationDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """See `Relation`; exponents are fractions as text."""
-
-    kind: RelationKind
-    factors: tuple[float, ...]
-    errors: tuple[float, ...]
-    properties: tuple[str, ...] = ()
-    exponents: tuple[str, ...] = ()
-    scatter: float = 0.0
-    scatter_error: float = 0.0
-    relative: bool = True
-    probability: float = 1.0
-    typical: float = 1.0
-
-
-class ExplanationDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """See `Explanation`."""
-
-    relations: list[RelationDocument | None]
-    covariance: list[list[float]]
+    widening: Widening | None = None
 
 
 class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -131,7 +101,7 @@ class OtherDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, om
     support: list[list[int]]
     coefficients: dict[str, list[float]]
     uncertainty: UncertaintyDocument
-    explanation: ExplanationDocument | None = None
+    explanation: Explanation | None = None
     terms: list[str] | None = None
     constants: list[str] = []
 
@@ -149,7 +119,7 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     uncertainty: UncertaintyDocument
     provenance: ProvenanceDocument
     properties: dict[str, dict[str, float | str]] = {}
-    explanation: ExplanationDocument | None = None
+    explanation: Explanation | None = None
     with_discrepancy: "LawDocument | None" = None
     other_laws: list[OtherDocument] = []
     constants: list[str] = []
@@ -176,11 +146,9 @@ def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
     if isinstance(others, list):
         found |= {"other_laws": [_with_widening(each) if isinstance(each, dict) else each for each in others]}
     wider = found.get("with_discrepancy")
-    return (
-        found | {"with_discrepancy": _with_widening({**wider, "version": VERSION})}
-        if isinstance(wider, dict)
-        else found
-    )
+    if isinstance(wider, dict):
+        found |= {"with_discrepancy": _with_widening({**wider, "version": VERSION})}
+    return found
 
 
 def _with_trial_estimates(observation: dict[str, Any]) -> dict[str, Any]:
@@ -230,20 +198,15 @@ def _renamed(document: dict[str, Any]) -> dict[str, Any]:
 
 def compared_with_the_best(alternatives: Sequence[Alternative]) -> tuple[Alternative, ...]:
     """Return alternatives whose Bayes factors are against the best of their equation, no more against the chosen."""
-    known = [
-        (alternative.equation, value)
-        for alternative in alternatives
-        if (value := alternative.measures.get(_BAYES_FACTOR)) is not None
-    ]
-    least = {name: min(value for other, value in known if other == name) for name, _ in known}
-
-    def compared(each: Alternative) -> Alternative:
-        value = each.measures.get(_BAYES_FACTOR)
-        if value is None:
-            return each
-        return replace(each, measures={**each.measures, _BAYES_FACTOR: value - least[each.equation]})
-
-    return tuple(map(compared, alternatives))
+    result, least = list[Alternative](), dict[str, float]()
+    for each in alternatives:
+        if (value := each.measures.get(_BAYES_FACTOR)) is not None:
+            least[each.equation] = min(value, least.get(each.equation, value))
+    for each in alternatives:
+        if (value := each.measures.get(_BAYES_FACTOR)) is not None:
+            each = replace(each, measures={**each.measures, _BAYES_FACTOR: value - least[each.equation]})
+        result.append(each)
+    return tuple(result)
 
 
 def _alternative(value: Any) -> Any:
@@ -255,7 +218,7 @@ def _alternative(value: Any) -> Any:
 
 def to_json(law: Law) -> str:
     """Return the law as JSON in a versioned schema, with terms as expressions such as ``x**2*v``."""
-    return msgspec.json.format(msgspec.json.encode(document_of(law)), indent=1).decode() + "\n"
+    return msgspec.json.format(msgspec.json.encode(document_of(law), enc_hook=_plain), indent=1).decode() + "\n"
 
 
 def document_of(law: Law) -> LawDocument:
@@ -271,16 +234,11 @@ def document_of(law: Law) -> LawDocument:
         coefficients=dict(zip(law.objects, law.coefficients.tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
         provenance=ProvenanceDocument(
-            differentiation=None if method is None else format_differentiation(method),
-            outcomes=provenance.outcomes,
-            alternatives=provenance.alternatives,
-            history=provenance.history,
-            equations=provenance.equations,
-            calls=provenance.calls,
-            domain=provenance.domain,
+            **{name: getattr(provenance, name) for name in ProvenanceDocument.__struct_fields__}
+            | {"differentiation": None if method is None else format_differentiation(method)}
         ),
         properties={name: {**values} for name, values in law.properties.items()},
-        explanation=_saved_explanation(law.uncertainty.explanation),
+        explanation=law.uncertainty.explanation,
         with_discrepancy=None if wider is None else document_of(wider),
         other_laws=[_saved_other(each.probability, each.law, terms) for each in law.uncertainty.other_laws],
         observation=law.observation,
@@ -299,39 +257,31 @@ def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
         support=[np.flatnonzero(own).tolist() for own in support],
         coefficients=dict(zip(law.objects, law.coefficients[:, support].tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
-        explanation=_saved_explanation(law.uncertainty.explanation),
+        explanation=law.uncertainty.explanation,
         terms=_saved_terms(law.terms) if own else None,
         constants=list(law.terms.variables.parameters) if own else [],
     )
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> UncertaintyDocument:
-    covariance, wider = uncertainty.covariance, uncertainty.widening
+    covariance = uncertainty.covariance
     levels = {**vars(uncertainty.error_model)}
     grown = {kind: each.tolist() for kind, each in levels.pop("heteroscedastic").items()}
-    known = {name: np.asarray(level) for name, level in levels.items() if level is not None}
-    errors: dict[str, Any] = {name: each.tolist() for name, each in known.items() if np.isfinite(each).all()}
+    given = {name: np.asarray(level) for name, level in levels.items() if level is not None}
+    errors: dict[str, Any] = {name: each.tolist() for name, each in given.items() if np.isfinite(each).all()}
     if grown:
         errors |= {"proportional": grown.pop("proportional", None), "heteroscedastic": grown}
-    factors, noise, inclusion, degrees = (
-        None if each is None else each.tolist()
-        for each in (
-            uncertainty.shared_factor,
-            uncertainty.noise,
-            uncertainty.inclusion_probabilities,
-            uncertainty.degrees_of_freedom,
-        )
-    )
+    arrays = ("noise", "inclusion_probabilities", "degrees_of_freedom")
+    known = {name: array.tolist() for name in arrays if (array := getattr(uncertainty, name)) is not None}
+    factors = uncertainty.shared_factor
     return UncertaintyDocument(
+        **known,
         covariance=None if covariance is None else _triangles(objects, covariance),
-        shared_factor=None if factors is None else dict(zip(objects, factors, strict=True)),
-        noise=noise,
-        inclusion_probabilities=inclusion,
+        shared_factor=None if factors is None else dict(zip(objects, factors.tolist(), strict=True)),
         error_model=ErrorsDocument(**errors) if errors else None,
         unpooled=_saved_estimates(objects, uncertainty.unpooled),
         pooled=_saved_estimates(objects, uncertainty.pooled),
-        degrees_of_freedom=degrees,
-        widening=WideningDocument(horizons=wider.horizons.tolist(), factors=wider.factors.tolist()) if wider else None,
+        widening=uncertainty.widening,
     )
 
 
@@ -346,24 +296,21 @@ def _triangles(objects: Sequence[str], covariance: Floats) -> dict[str, list[flo
     return dict(zip(objects, covariance[:, *np.tril_indices(covariance.shape[1])].tolist(), strict=True))
 
 
-def _saved_explanation(explanation: Explanation | None) -> ExplanationDocument | None:
-    if explanation is None:
-        return None
-    saved = [
-        RelationDocument(**vars(relation) | {"exponents": tuple(map(str, relation.exponents))}) if relation else None
-        for relation in explanation.relations
-    ]
-    return ExplanationDocument(relations=saved, covariance=explanation.covariance.tolist())
+def _plain(value: Any) -> Any:
+    """Return a fraction as text, or an array as a list."""
+    return str(value) if isinstance(value, Fraction) else value.tolist()
 
 
-def _read_relation(saved: RelationDocument) -> Relation:
+def _parsed(kind: Any, value: Any) -> Any:
+    """Return a fraction from its text, or an array from a list."""
+    if kind is not Fraction:
+        return np.array(msgspec.convert(value, list[float | list[float]]), dtype=np.float64)
     try:
-        if not all(map(_FRACTION.fullmatch, saved.exponents)):
+        if not _FRACTION.fullmatch(value):
             raise ValueError("not a fraction")
-        exponents = tuple(map(Fraction, saved.exponents))
-    except (ValueError, ZeroDivisionError):
-        raise CommonlawError("law-exponents", exponents=saved.exponents) from None
-    return Relation(**msgspec.structs.asdict(saved) | {"exponents": exponents})
+        return Fraction(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        raise CommonlawError("law-exponents", exponents=[value]) from None
 
 
 def from_json(content: str | bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
@@ -395,10 +342,10 @@ def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]]
     try:
         version = msgspec.convert(raw, HeaderDocument).version
         if 1 <= version <= VERSION:
-            document = msgspec.convert(as_now(raw, version), type=LawDocument)
+            document = msgspec.convert(as_now(raw, version), type=LawDocument, dec_hook=_parsed)
             check_numbers(raw)
     except (CommonlawError, msgspec.ValidationError) as error:
-        raise not_a_law(error) from None
+        raise error.__cause__ if isinstance(error.__cause__, CommonlawError) else not_a_law(error) from None
     if not 1 <= version <= VERSION:
         raise CommonlawError("law-version", version=version, supported=VERSION)
     if version < 3:
@@ -477,30 +424,18 @@ def _read_law(document: LawDocument, functions: tuple[Function, ...]) -> Law:
     saved = document.provenance
     method = None if saved.differentiation is None else parse_differentiation(saved.differentiation)
     provenance = Provenance(**msgspec.structs.asdict(saved) | {"differentiation": method})
-    if (
-        document.constants
-        and provenance.equations
-        and read_equations(saved.equations, schema, variables).terms != terms
-    ):
+    is_given = bool(document.constants and provenance.equations)
+    if is_given and read_equations(saved.equations, schema, variables).terms != terms:
         # Before 0.2 what stood before several terms was a constant of each: such laws are as their terms say
         provenance = replace(provenance, equations=())
-    return Law(
-        terms,
-        schema,
-        document.order,
-        objects,
-        coefficients,
-        uncertainty,
-        provenance,
-        document.properties,
-        document.observation,
-    )
+    extra = provenance, document.properties, document.observation
+    return Law(terms, schema, document.order, objects, coefficients, uncertainty, *extra)
 
 
 def _read_uncertainty(
     document: LawDocument | OtherDocument, objects: tuple[str, ...], shape: tuple[int, int], parameters: int
 ) -> Uncertainty:
-    saved, explanation, shared = document.uncertainty, None, None
+    saved, shared = document.uncertainty, None
     inclusion = saved.inclusion_probabilities
     levels = msgspec.structs.asdict(saved.error_model) if saved.error_model else {}
     grown = levels.pop("heteroscedastic", {}) | {"proportional": levels.pop("proportional", None)}
@@ -515,11 +450,6 @@ def _read_uncertainty(
             for name in objects
         ]
         shared = np.array(matrices).reshape(len(objects), parameters, columns)
-    if document.explanation is not None:
-        relations = tuple(_read_relation(relation) if relation else None for relation in document.explanation.relations)
-        size = sum(len(relation.factors) for relation in relations if relation)
-        factors = _matrix(document.explanation.covariance, "the covariance of its factors is", (size, size))
-        explanation = Explanation(relations, factors)
     return Uncertainty(
         None if saved.covariance is None else _covariance(saved.covariance, objects, parameters),
         shared,
@@ -529,8 +459,8 @@ def _read_uncertainty(
         None if saved.unpooled is None else _read_estimates(saved.unpooled, objects, parameters),
         None if saved.pooled is None else _read_estimates(saved.pooled, objects, parameters),
         None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),
-        None if saved.widening is None else Widening(*map(np.array, msgspec.structs.astuple(saved.widening))),
-        explanation,
+        saved.widening,
+        document.explanation,
     )
 
 
@@ -580,7 +510,7 @@ def law_bytes(law: Law, path: str | os.PathLike[str]) -> bytes:
 
 def law_file(law: Law, path: str) -> tuple[str, bytes]:
     """Return name and content of the file of a law: the path, or where JSON is too large that of a Parquet file."""
-    document = msgspec.to_builtins(document_of(law))
+    document = msgspec.to_builtins(document_of(law), enc_hook=_plain)
     try:
         check_numbers(document)
     except CommonlawError as error:

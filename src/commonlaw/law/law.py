@@ -21,7 +21,7 @@ from commonlaw.law.observation import Observation
 from commonlaw.law.parse import Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.simplification import Simplification
-from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
+from commonlaw.law.uncertainty import ObjectEstimates, PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.outcomes import Outcome
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Residuals
-    from commonlaw.forecast.forecast import Forecast, Metric
+    from commonlaw.forecast.forecast import Forecast
     from commonlaw.integration.vector_field import InputFunction
     from commonlaw.report.page import Page
     from commonlaw.verdict.law_verdict import LawVerdict
@@ -250,8 +250,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         0  Ball 1         g     9.769           0.082  m/s²
         1  Ball 1         c     0.099           0.006   1/s
         """
-        level = None if self.uncertainty.covariance is None else 0.95
-        return cast("pd.DataFrame", _call("law.tables:parameter_frame", self, level))
+        return cast("pd.DataFrame", _call("law.tables:parameter_frame", self))
 
     def conf_int(self, level: float = 0.95, averaged: bool = True) -> "pd.DataFrame":
         """Return `params` with intervals of another level, or conditional on the terms of this law.
@@ -426,11 +425,10 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
             function of time; or either by name: ``{"voltage": lambda t: np.sin(t), "load": 2.0}``.
         """
         how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
-        how["inputs"] = inputs
+        how |= {"inputs": inputs, "sensitivities": sensitivities}
         has_events = self.observation is not None and self.observation.events
         function = "estimation:simulate_observed" if has_events else "forecast:simulate_law"
-        found = _call(function, self, times, initial, sensitivities=sensitivities, **how)
-        return cast(dict[str, Trajectory], found)
+        return cast(dict[str, Trajectory], _call(function, self, times, initial, **how))
 
     @with_renamed_arguments
     def predict(
@@ -490,38 +488,16 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         if start not in (None, "all") and (not isinstance(start, Integral) or start < 1):
             raise CommonlawError("forecast-start", start=start)
-        options = {
-            "start": start,
-            "from_time": from_time,
-            "return_std": return_std,
-            "input_interpolation": input_interpolation,
-        }
+        options = {"times": times, "start": start, "from_time": from_time, "return_std": return_std}
+        options |= {"input_interpolation": input_interpolation}
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
         if self.observation is not None:
             if discrepancy:
                 raise CommonlawError("discrepancy-forecast-observed")
-            known = self, self.observation, trials
-            return cast("Forecast", _call("estimation:predict_observed", *known, times=times, **options))
-        return cast("Forecast", _call("forecast:predict", self, trials, times=times, **options, **how))
+            return cast("Forecast", _call("estimation:predict_observed", self, self.observation, trials, **options))
+        return cast("Forecast", _call("forecast:predict", self, trials, **options, **how))
 
     # Comparison with measurements
-
-    def score(self, trials: Trials, metric: "Metric" = "r2", *, start: int | None = None) -> float:
-        """Return the score of forecasts by a metric of scikit-learn, averaged over states.
-
-        Raises `CommonlawError` if there is no such metric, or the trials cannot be forecast.
-
-        Parameters
-        ----------
-        trials
-            Measurements; missing values do not count.
-        metric
-            ``"r2"``, 1 - sum (y - f)^2 / sum (y - mean y)^2; ``"rmse"`` or ``"mae"``, in the unit of the state; or a
-            function of measurements and forecasts of a state, shape (n,) each.
-        start
-            Number of first samples that determine the initial state, see `predict`.
-        """
-        return self.predict(trials, start=start).metric(metric)
 
     def residuals(self, trials: Trials) -> "Residuals":
         """Return the residuals of trials about the trajectories of the law, with tests for patterns.
@@ -620,9 +596,9 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         >>> found.claimed
         True
         """
-        options: dict[str, Any] = {"times": times, "equation": equation, "zero_at": zero_at}
-        options |= {"noise": noise, "huber_threshold": huber_threshold}
-        return cast("Discrepancy[Law]", _call("discrepancy:discrepancy", self, trials, of, **options))
+        options = {"times": times, "equation": equation, "zero_at": zero_at, "noise": noise}
+        found = _call("discrepancy:discrepancy", self, trials, of, huber_threshold=huber_threshold, **options)
+        return cast("Discrepancy[Law]", found)
 
     def report(
         self, trials: Trials | TrialStream, learned: Trials | TrialStream | None = None, client: "Client | None" = None
@@ -846,6 +822,14 @@ def average_law(law: Law) -> Law:
     mean = law.coefficients.mean(axis=0, keepdims=True)
     others = law.uncertainty.map_other_laws(average_law)
     return law._of_others(("average",), mean, law.uncertainty.average(), others)
+
+
+def with_estimates(law: Law, estimates: ObjectEstimates) -> Law:
+    """Return a law with these coefficients, of objects that do not depend on each other."""
+    coefficients = law.coefficients.copy()
+    coefficients[:, law.support] = estimates.coefficients
+    known = replace(law.uncertainty, covariance=estimates.covariance, shared_factor=None, pooled=None)
+    return replace(law, coefficients=coefficients, uncertainty=known)
 
 
 def object_index(law: Law, name: object) -> int:

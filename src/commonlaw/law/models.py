@@ -14,7 +14,7 @@ import msgspec
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.formulation import law_variables
 from commonlaw.law.parse import latex_summands
-from commonlaw.law.text import Addend, aligned, latex_left_hand_sides
+from commonlaw.law.text import aligned, latex_left_hand_sides
 from commonlaw.library import one_order
 from commonlaw.library.bounds import is_bound, parts_of
 from commonlaw.library.equation import split_equations
@@ -89,8 +89,7 @@ class NamedModel:
         variables = replace(variables, states=(*self.states, *(rate for _, rate in rates)))
         rows = latex_summands([equation.text for equation in equations], schema, variables, rates, initial)
         lefts = (*latex_left_hand_sides(self.states, order), *(f"{latex_name(each[:-3])}(0)" for each in initial))
-        addends = ([Addend(negative, "", latex) for negative, latex in row] for row in rows)
-        written = aligned(zip(lefts, addends, strict=True))
+        written = aligned(zip(lefts, rows, strict=True))
         return reduce(lambda text, name: text.replace(latex_name(name), name), lagged, written)
 
     def over(self, names: Mapping[str, str]) -> "NamedModel":
@@ -133,8 +132,10 @@ class NamedModel:
             same = columns.get(name, columns.get(name.casefold()))
             if same is not None and same not in names.values():
                 names.setdefault(name, same)
+        # A state whose initial value the equations have needs no column
+        begun = re.findall(r"(?<!\w)(\w+)\(0\) *=", self.equations)
         for own, there in roles:
-            missing = [name for name in own if name not in names and not self._starts(name)]
+            missing = [name for name in own if name not in names and name not in begun]
             free = [name for name in there if name not in names.values()]
             if len(missing) == len(free) == 1:
                 names[missing[0]] = free[0]
@@ -148,10 +149,6 @@ class NamedModel:
     def _check(self, names: Iterable[str]) -> None:
         for name in names:
             check_choice(f"variable or parameter of {self.name}", name, (*self.variables, *self.parameters))
-
-    def _starts(self, name: str) -> bool:
-        """Return whether the equations have an initial value of a state, which then needs no column."""
-        return re.search(rf"\b{re.escape(name)}\(0\) *=", self.equations) is not None
 
 
 _NEED_QUOTES = (*FUNCTIONS, *OTHER_NAMES, "e", "pi", "t", "time")

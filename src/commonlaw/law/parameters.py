@@ -1,6 +1,6 @@
 """The parameters and coefficients of a law as arrays, with errors, intervals and units; and its right-hand side."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import mul
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy.relation import units_of_coefficients
 from commonlaw.integration import VectorField
@@ -43,18 +43,19 @@ class Parameters:
     @property
     def places(self) -> tuple[list[int], list[int]]:
         """The equation and the term in which each parameter stands first."""
-        return [definition.equation for definition in self.definitions], [
-            definition.term for definition in self.definitions
-        ]
+        return [each.equation for each in self.definitions], [each.term for each in self.definitions]
 
     @cached_property
     def values(self) -> Floats:
         """Estimates, shape (objects, parameters)."""
-        values = np.empty((len(self.law.objects), len(self.definitions)))
-        for i, definition in enumerate(self.definitions):
-            values[:, i] = definition.of(self.law.coefficients)
+        values = self.of(self.law.coefficients)
         values.flags.writeable = False
         return values
+
+    def of(self, coefficients: Floats) -> Floats:
+        """Return what they are by coefficients, from shape (..., equations, terms) to (..., parameters)."""
+        columns = [definition.of(coefficients) for definition in self.definitions]
+        return np.stack(columns, axis=-1) if columns else np.zeros((*coefficients.shape[:-2], 0))
 
     @cached_property
     def errors(self) -> Floats:
@@ -103,28 +104,24 @@ class Parameters:
         Those of ratios are Fieller's, see `propagated`.
         """
         j, k = self.places
-        if self.law.uncertainty.other_laws and averaged:
+        if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
             low, high = coefficient_intervals(self.law, level)
             return low[:, j, k], high[:, j, k]
         reach = self.law.uncertainty.reach(len(self.law.schema.states), level)[j]
         low, high = self.values - self.errors * reach, self.values + self.errors * reach
+        support, known = self.law.support, self.law.uncertainty.covariance
+        covariances = () if known is None else known
         for i, definition in enumerate(self.definitions):
-            if len(definition.parts) > 1 and self.law.uncertainty.covariance is not None:
-                for o, covariance in enumerate(self.law.uncertainty.covariance):
-                    low[o, i], high[o, i] = self._propagated(definition, o, covariance, float(reach[i]))
+
+            def value(free: Floats, definition: Coefficient = definition) -> Floats:
+                coefficients = np.zeros((len(free), *support.shape))
+                coefficients[:, support] = free
+                return definition.of(coefficients)
+
+            for o, covariance in enumerate(covariances if len(definition.parts) > 1 else ()):
+                found = propagated(value, self.law.coefficients[o, support], covariance, float(reach[i]))
+                low[o, i], high[o, i] = found.low, found.high
         return low, high
-
-    def _propagated(self, definition: Coefficient, index: int, covariance: Floats, reach: float) -> tuple[float, float]:
-        """Return the ends of the interval of a product of powers of an object's coefficients."""
-        support = self.law.support
-
-        def value(free: Floats) -> Floats:
-            coefficients = np.zeros((len(free), *support.shape))
-            coefficients[:, support] = free
-            return definition.of(coefficients)
-
-        found = propagated(value, self.law.coefficients[index, support], covariance, reach)
-        return found.low, found.high
 
     def draws(self, n: int, seed: int, averaged: bool) -> Floats:
         """Return draws from the posterior of the parameters, shape (n, objects, parameters), see `Law.sample`."""
@@ -140,8 +137,8 @@ class Parameters:
             drawn = model.uncertainty.draws(model.coefficients[:, model.support], int(rows.sum()), seed)
             placed = np.zeros((len(drawn), *model.coefficients.shape))
             placed[..., model.support] = drawn
-            draws[rows] = _by_terms_of(law, model, placed)
-        return np.stack([definition.of(draws) for definition in self.definitions], axis=-1)
+            draws[rows] = by_terms_of(law, model, placed)
+        return self.of(draws)
 
 
 def named_parameters(law: Law) -> Parameters:
@@ -158,6 +155,20 @@ def named_parameters(law: Law) -> Parameters:
     named = [(law.terms.parameter_name(k) or next(letters), j, k) for j, k in places]
     definitions = tuple(Coefficient(name, (Part(j, k),)) for name, j, k in named)
     return Parameters(law, definitions, tuple(Product(j, k, 1.0, ((name, 1),)) for name, j, k in named))
+
+
+def tabulated_parameters(law: Law, support: Bools | None = None) -> Parameters:
+    """Return what tables have a row or a column for: the parameters of given equations, else every coefficient.
+
+    With a support, shape (equations, terms), the coefficients in it in any case. Known numbers have no name.
+    """
+    named = named_parameters(law)
+    if support is None and law.provenance.equations:
+        return named
+    names = {(definition.equation, definition.term): definition.name for definition in named.definitions}
+    places = np.argwhere(law.support if support is None else support).tolist()
+    definitions = tuple(Coefficient(names.get((j, k), ""), (Part(j, k),)) for j, k in places)
+    return replace(named, definitions=definitions)
 
 
 def standard_errors(law: Law) -> Floats:
@@ -179,8 +190,8 @@ def coefficient_intervals(law: Law, level: float = 0.95, averaged: bool = True) 
     law.uncertainty.known_covariance()
     laws = law.models if averaged else (PlausibleLaw(1.0, law),)
     weights = np.array([each.probability for each in laws]).reshape(-1, 1, 1, 1)
-    values = np.array([_by_terms_of(law, each.law, each.law.coefficients) for each in laws])
-    errors = np.nan_to_num([_by_terms_of(law, each.law, standard_errors(each.law)) for each in laws])
+    values = np.array([by_terms_of(law, each.law, each.law.coefficients) for each in laws])
+    errors = np.nan_to_num([by_terms_of(law, each.law, standard_errors(each.law)) for each in laws])
     degrees = [each.law.uncertainty.degrees_of_freedom for each in laws]
     whole = np.array([np.full(len(law.schema.states), np.inf) if degree is None else degree for degree in degrees])
     low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
@@ -198,7 +209,7 @@ def _units(law: Law) -> "dict[tuple[int, int], pint.Unit]":
     return units_of_coefficients(law.terms, law.support, law.schema, law.order)
 
 
-def _by_terms_of(law: Law, model: Law, values: Floats) -> Floats:
+def by_terms_of(law: Law, model: Law, values: Floats) -> Floats:
     """Return values of the terms of a model, shape (..., equations, terms), for the terms of a law, by name."""
     if model.terms is law.terms:
         return values

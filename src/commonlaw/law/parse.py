@@ -12,6 +12,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables, plain_rates
 from commonlaw.law.observation import STEADY
 from commonlaw.law.provenance import Provenance
+from commonlaw.law.text import Addend
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
 from commonlaw.library.bounds import Bound, bounds_in
@@ -192,20 +193,21 @@ def latex_summands(
     variables: Variables,
     state_rates: Sequence[tuple[str, str]],
     observed: Mapping[str, str],
-) -> tuple[tuple[tuple[bool, str], ...], ...]:
-    """Return the summands of the equations of a law in LaTeX, as they are written, and whether they are subtracted.
+) -> tuple[tuple[Addend, ...], ...]:
+    """Return the summands of the equations of a law in LaTeX, as they are written.
 
     Those of observation equations, by name, follow.
     """
     equations = split_equations(given)
     meanings = meanings_of(schema, one_order([equation.order for equation in equations]))._replace(unclear={})
     written = (*equations, *(observation_equation(name, right) for name, right in observed.items()))
-    return tuple(
+    rows = (
         ((False, rf"\text{{{each.right_hand_side}}}"),)
         if STEADY.fullmatch(each.right_hand_side)
         else each.latex(variables, state_rates, meanings)
         for each in written
     )
+    return tuple(tuple(Addend(negative, "", latex) for negative, latex in row) for row in rows)
 
 
 def observation_equation(name: str, right: str) -> Equation:
@@ -264,7 +266,13 @@ def stated_law(
     by_object = [value for value in values.values() if isinstance(value, Mapping)]
     objects = tuple(dict.fromkeys(name for each in by_object for name in each)) or ("object",)
     coefficients = np.tile(given.known, (len(objects), 1, 1))
-    own = {name: _by_object(name, values[name], objects) for name in letters}
+    own = dict[str, Floats]()
+    for name in letters:
+        given_values = values[name]
+        numbers = given_values if isinstance(given_values, Mapping) else dict.fromkeys(objects, given_values)
+        if lacking := [each for each in objects if each not in numbers]:
+            raise CommonlawError("parameter-value-of-objects", name=name, objects=lacking)
+        own[name] = np.array([numbers[each] for each in objects], dtype=np.float64)
     for product in given.products:
         coefficients[:, product.equation, product.term] = product.value(own)
     for bound in given.bounds:
@@ -272,11 +280,3 @@ def stated_law(
             raise CommonlawError("parameter-out-of-bounds", name=bound.name, bound=bound.text)
     provenance = Provenance(equations=given.texts)
     return given.terms, schema, given.order, objects, coefficients, Uncertainty(), provenance
-
-
-def _by_object(name: str, value: float | Mapping[str, float], objects: Sequence[str]) -> Floats:
-    own = value if isinstance(value, Mapping) else dict.fromkeys(objects, value)
-    lacking = [each for each in objects if each not in own]
-    if lacking:
-        raise CommonlawError("parameter-value-of-objects", name=name, objects=lacking)
-    return np.array([own[each] for each in objects], dtype=np.float64)

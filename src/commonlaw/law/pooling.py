@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError, check_choice, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
 from commonlaw.hierarchy.relation import dimensions_of
-from commonlaw.law.law import Law, shares_terms, with_other_laws
+from commonlaw.law.law import Law, shares_terms, with_estimates, with_other_laws
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters
 from commonlaw.law.printing import dependence
 from commonlaw.law.provenance import Step
@@ -51,51 +51,46 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
     """
     other_laws = law.uncertainty.map_other_laws(lambda other: pool_objects(other, shared, others))
     unchanged = with_other_laws(law, other_laws) if other_laws else law
-    covariance, coefficients, support = law.uncertainty.known_covariance(), law.coefficients, law.support
+    covariance, values = law.uncertainty.known_covariance(), law.coefficients[:, law.support]
     if law.uncertainty.shared_factor is not None:
         raise CommonlawError("already-pooled")
-    shared = np.zeros_like(support) if shared is None else shared
+    in_common = np.zeros(values.shape[1], dtype=np.bool_) if shared is None else shared[law.support]
     # What is known, or what an object does not have, has no variance
-    free = np.all(np.diagonal(covariance, axis1=1, axis2=2) > 0, axis=0)
-    if len(law.objects) == 1 or not free.any() or not (others or shared.any()):
+    own_variances = np.diagonal(covariance, axis1=1, axis2=2)
+    free = np.all(own_variances > 0, axis=0)
+    if len(law.objects) == 1 or not free.any() or not (others or in_common.any()):
         return unchanged
-    indices = np.argwhere(support)[free].T
     informed: Bools = np.ones(len(law.objects), dtype=np.bool_)
-    if not shared.any():
-        variances = np.diagonal(covariance, axis1=1, axis2=2)[:, free]
-        informed = np.asarray(informative(coefficients[:, *indices], variances).any(axis=1))
+    if not in_common.any():
+        informed = np.asarray(informative(values[:, free], own_variances[:, free]).any(axis=1))
     if informed.sum() < 2:
         return unchanged
-    variances = np.where(shared[support][free], 0.0, np.nan if others else np.inf)
-    found = shrink(coefficients[informed][:, *indices], covariance[informed][:, free][:, :, free], variances)
-    drawn, errors, factor = coefficients.copy(), covariance.copy(), np.zeros_like(covariance)
+    variances = np.where(in_common[free], 0.0, np.nan if others else np.inf)
     inner = np.ix_(informed, free, free)
-    drawn[np.flatnonzero(informed)[:, np.newaxis], *indices] = found.estimates
+    found = shrink(values[np.ix_(informed, free)], covariance[inner], variances)
+    drawn, errors, factor, shrinkage = values.copy(), covariance.copy(), np.zeros_like(covariance), np.zeros(len(free))
+    drawn[np.ix_(informed, free)], shrinkage[free] = found.estimates, found.shrinkage
     errors[inner], factor[inner] = found.covariances, found.shared_factors
-    shrinkage = np.zeros(support.shape)
-    shrinkage[*indices] = found.shrinkage
-    choices = []
-    lefts = left_hand_sides(law)
-    for j, k in np.argwhere(support):
-        share = shrinkage[j, k]
+    choices, lefts = [], left_hand_sides(law)
+    for (j, k), share in zip(np.argwhere(law.support).tolist(), shrinkage.tolist(), strict=True):
         how = "shared" if share > _MIN_SHARED else "object-specific" if share < _MAX_SPECIFIC else "partly pooled"
         choices.append(f"{law.terms.names[k]} in {lefts[j]}: {how} ({share:.2f})")
     reason = "shrinkage of each object's coefficient to the mean, by the between-object variance"
-    diagnostics = law.diagnostics
     if not informed.all():
         apart = [name for name, is_informative in zip(law.objects, informed, strict=True) if not is_informative]
-        diagnostics = (*diagnostics, note("not-pooled", objects=shown(apart, "object")))
-    history = (*law.history, Step("pooling", "; ".join(choices), reason))
-    uncertainty = replace(
-        law.uncertainty,
-        covariance=errors,
-        shared_factor=factor,
-        unpooled=ObjectEstimates(coefficients[:, support], covariance),
-        pooled=None,
-        other_laws=other_laws,
-    )
-    provenance = replace(law.provenance, history=history, outcomes=diagnostics)
-    return replace(law, coefficients=drawn, uncertainty=uncertainty, provenance=provenance)
+        diagnostics = (*law.diagnostics, note("not-pooled", objects=shown(apart, "object")))
+        law = replace(law, provenance=replace(law.provenance, outcomes=diagnostics))
+    known = {"covariance": errors, "shared_factor": factor, "unpooled": ObjectEstimates(values, covariance)}
+    return _with_values(law, drawn, Step("pooling", "; ".join(choices), reason), other_laws=other_laws, **known)
+
+
+def _with_values(law: Law, values: Floats, step: Step, **known: Any) -> Law:
+    """Return a law with other coefficients in its support, shape (objects, parameters), their errors and a step."""
+    coefficients = law.coefficients.copy()
+    coefficients[:, law.support] = values
+    provenance = replace(law.provenance, history=(*law.history, step))
+    uncertainty = replace(law.uncertainty, pooled=None, **known)
+    return replace(law, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
 
 
 def explained(law: Law, given: Any) -> Law:
@@ -127,8 +122,7 @@ def _offered(law: Law, given: Any) -> tuple[Properties, list[str]]:
     if names is None:
         return result, [name for name in result.names if not _what_lacks(result, name, law.objects)]
     for name in names:
-        if name not in result.names:
-            raise unknown("property", name, result.names)
+        check_choice("property", name, result.names)
         if lack := _what_lacks(result, name, law.objects):
             raise CommonlawError("property-not-a-number", property=name, lacking=lack)
     return result, list(names)
@@ -151,11 +145,11 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
     if len(law.objects) < 2 or not free.any():
         raise CommonlawError("one-object-to-explain")
     rows = [[float(properties.values[name][each]) for each in names] for name in law.objects]
-    units, known = {**law.schema.units, **properties.units}, coefficient_units(law)
+    units, named = {**law.schema.units, **properties.units}, coefficient_units(law)
     lefts = left_hand_sides(law)
     keys = [(lefts[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
     dimensions = dimensions_of(
-        [known.get(key) for key, is_free in zip(keys, free, strict=True) if is_free],
+        [named.get(key) for key, is_free in zip(keys, free, strict=True) if is_free],
         {name: units[name] for name in names if name in units},
     )
     table = PropertyTable(tuple(names), np.array(rows).reshape(len(law.objects), len(names)), dimensions)
@@ -177,25 +171,10 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
         follows = " of ".join(filter(None, (str(relation.kind), dependence(relation))))
         choices.append(f"{term} in {equation}: {follows} ({relation.probability:.2g})")
     reason = f"largest evidence, with its posterior probability; offered: {', '.join(names) or 'no properties'}"
-    coefficients = law.coefficients.copy()
-    coefficients[:, law.support] = values
-    uncertainty = replace(
-        law.uncertainty,
-        covariance=covariance,
-        shared_factor=factor,
-        unpooled=estimates,
-        pooled=None,
-        explanation=Explanation(tuple(relations), found.factor_covariance),
-    )
-    history = (*law.history, Step("relations", "; ".join(choices), reason))
-    return replace(
-        law,
-        coefficients=coefficients,
-        uncertainty=uncertainty,
-        provenance=replace(law.provenance, history=history),
-        schema=replace(law.schema, units=units),
-        properties=properties.values,
-    )
+    explanation = Explanation(tuple(relations), found.factor_covariance)
+    known = {"covariance": covariance, "shared_factor": factor, "unpooled": estimates, "explanation": explanation}
+    result = _with_values(law, values, Step("relations", "; ".join(choices), reason), **known)
+    return replace(result, schema=replace(law.schema, units=units), properties=properties.values)
 
 
 def contrasts(law: Law, by: str, reference: str | float | None = None, level: float = 0.95) -> "pd.DataFrame":
@@ -244,12 +223,8 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
 
     names = property_names(law.properties)
     check_choice("property", by, names)
-    own = law
-    if law.uncertainty.unpooled is not None:  # Pooled estimates depend on those of the other groups
-        estimates, coefficients = law.uncertainty.unpooled, law.coefficients.copy()
-        coefficients[:, law.support] = estimates.coefficients
-        uncertainty = replace(law.uncertainty, covariance=estimates.covariance, other_laws=())
-        own = replace(law, coefficients=coefficients, uncertainty=uncertainty)
+    # Pooled estimates depend on those of the other groups
+    own = law if law.uncertainty.unpooled is None else with_estimates(law, law.uncertainty.unpooled)
     groups = [law.properties.get(owner, {}).get(by) for owner in law.objects]
     if None in groups:
         raise CommonlawError("property-missing", object=law.objects[groups.index(None)], property=by)

@@ -1,6 +1,6 @@
 """Laws as text, LaTeX and SymPy, with what decides their coefficients by `Law.explain`."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
@@ -32,32 +32,29 @@ def structure(law: Law) -> tuple[str, ...]:
     """Return the equations with names for parameters, see `Law.structure`."""
     if law.provenance.equations:
         return law.provenance.equations
-    rows = text.labelled(law.terms.factors, _labels(law, str))
-    return text.written_structure(left_hand_sides(law), rows)
+    return text.written_equations(left_hand_sides(law), _with_names(law, law.terms.factors, PLAIN))
 
 
-def _labels(law: Law, write: Callable[[str], str]) -> list[list[tuple[int, text.Label]]]:
-    """Return for each equation its terms, by index, each with a number or a written parameter before it."""
-    names = {
-        (definition.equation, definition.term): write(definition.name)
-        for definition in named_parameters(law).definitions
-    }
-    rows: list[list[tuple[int, text.Label]]] = [[] for _ in law.schema.states]
+def _with_names(law: Law, terms: Sequence[str], notation: "Notation") -> tuple[tuple[Addend, ...], ...]:
+    """Return the right-hand sides of `Law.structure`: terms with a name or a known number before each."""
+    names = {(each.equation, each.term): notation.name(each.name) for each in named_parameters(law).definitions}
+    rows: list[list[Addend]] = [[] for _ in law.schema.states]
     for j, k in np.argwhere(law.support & law.terms.is_factor).tolist():
-        rows[j].append((k, names.get((j, k), float(law.coefficients[0, j, k]))))
-    return rows
+        known = float(law.coefficients[0, j, k])
+        number = "" if abs(known) == 1 and terms[k] != "1" else notation.number(abs(known), 0.0)
+        is_named = (j, k) in names
+        rows[j].append(Addend(not is_named and known < 0, names.get((j, k), number), terms[k]))
+    return tuple(map(tuple, rows))
 
 
-def latex_structure(law: Law) -> tuple[tuple[text.Addend, ...], ...]:
+def latex_structure(law: Law) -> tuple[tuple[Addend, ...], ...]:
     """Return the right-hand sides of `Law.structure` in LaTeX."""
     variables = law.terms.variables
     if law.provenance.equations:
         observed = {} if law.observation is None else law.observation.written
-        rows = latex_summands(law.provenance.equations, law.schema, variables, state_rates(law), observed)
-        return tuple(tuple(text.Addend(negative, "", latex) for negative, latex in row) for row in rows)
+        return latex_summands(law.provenance.equations, law.schema, variables, state_rates(law), observed)
     factors = zip(law.terms.names, law.terms.latex_factors(variables.names), strict=True)
-    names = ["1" if name == "1" else latex for name, latex in factors]
-    return text.labelled(names, _labels(law, latex_name), text.latex_with_error)
+    return _with_names(law, ["1" if name == "1" else latex for name, latex in factors], LATEX)
 
 
 def equations(law: Law, name: str | None, digits: int, errors: bool | None) -> tuple[str, ...]:
@@ -66,16 +63,22 @@ def equations(law: Law, name: str | None, digits: int, errors: bool | None) -> t
     if name is None and _has_relations(law):
         lefts = (*lefts, *law.terms.variables.parameters)
         related = related_rows(law, PLAIN, lefts, law.terms.factors, digits, errors is not False)
-        return tuple(f"{left} = {text.summed(addends, PLAIN.times)}" for left, addends in related)
+        return text.written_equations(*zip(*related, strict=True))
     values = _Values.of(law, name, errors)
     if law.provenance.equations:
-        numbers = {key: text.numbered(*pair, digits) for key, pair in values.parameters(law).items()}
+
+        def number(value: float, error: float) -> Callable[[bool], tuple[bool, str]]:
+            return lambda is_factor: (value < 0, with_error(abs(value), error, digits, bracket=is_factor))
+
+        numbers = {key: number(*pair) for key, pair in values.parameters(law).items()}
         return tuple(each.with_numbers(numbers) for each in split_equations(law.provenance.equations))
     parameters = [text.with_error(*pair, digits, bracket=True) for pair in values.inner_parameters(law)]
     written = (f"({parameter})" if parameter.startswith("-") else parameter for parameter in parameters)
     names = law.terms.factors_over((*law.terms.variables.measured, *written))
-    rows = zip(lefts, values.factors(law), values.errors, strict=True)
-    return tuple(text.equation(*row, names, digits, law.terms.have_parameters) for row in rows)
+    pairs = zip(values.factors(law), values.errors, strict=True)
+    return text.written_equations(
+        lefts, (text.addends_of(*pair, names, digits, law.terms.have_parameters) for pair in pairs)
+    )
 
 
 def latex_lefts(law: Law) -> tuple[str, ...]:
@@ -92,16 +95,19 @@ def to_latex(law: Law, name: str | None = None, digits: int = 4, errors: bool | 
     parameters = [latex_name(parameter) for parameter in law.terms.variables.parameters]
     if name is None and _has_relations(law):
         return text.aligned(related_rows(law, LATEX, (*lefts, *parameters), terms, digits, errors is not False))
-    values = _Values.of(law, name, errors)
+    values, rows = _Values.of(law, name, errors), list[tuple[str, Iterable[Addend]]]()
     if law.provenance.equations:
-        pairs = [(latex_name(key), pair) for key, pair in values.parameters(law).items()]
-        rows = zip(latex_lefts(law), latex_structure(law), strict=True)
-        return text.aligned([*rows, *text.latex_values(pairs, digits)])
-    factors = zip(lefts, values.factors(law), values.errors, strict=True)
-    written = text.latex_equations(factors, terms, digits, law.terms.have_parameters)
-    return text.aligned(
-        [*written, *text.latex_values(zip(parameters, values.inner_parameters(law), strict=True), digits)]
-    )
+        rows += zip(latex_lefts(law), latex_structure(law), strict=True)
+        pairs = {latex_name(key): pair for key, pair in values.parameters(law).items()}
+    else:
+        numbers = zip(values.factors(law), values.errors, strict=True)
+        have = law.terms.have_parameters
+        sums = (text.addends_of(*pair, terms, digits, have, latex_with_error) for pair in numbers)
+        rows += zip(lefts, sums, strict=True)
+        pairs = dict(zip(parameters, values.inner_parameters(law), strict=True))
+    for key, (value, error) in pairs.items():
+        rows.append((key, [Addend(value < 0, latex_with_error(abs(value), error, digits), "1")]))
+    return text.aligned(rows)
 
 
 def to_sympy(law: Law, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
@@ -189,7 +195,7 @@ def printed(law: Law) -> str:
         by_object = {name: law.equations(name) for name in law.objects}
         body = [line for name, lines in by_object.items() for line in (f"{name}:", *(f"  {line}" for line in lines))]
     meanings = ", ".join([*(f"{rate} = {state}'" for state, rate in state_rates(law)), *values])
-    lines = [*body, *(["", f"with {meanings}"] if meanings else []), *text.said_within_errors(within_errors(law))]
+    lines = [*body, *(["", f"with {meanings}"] if meanings else []), *within_errors(law)]
     return "\n".join(map(in_line, [*lines, *(f"Note: {diagnostic}" for diagnostic in law.diagnostics)]))
 
 

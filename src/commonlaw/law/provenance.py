@@ -3,7 +3,7 @@
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import product, zip_longest
 from typing import TYPE_CHECKING, Any
 
@@ -254,10 +254,6 @@ class Provenance:
     def is_learned(self) -> bool:
         """Whether anything is on record of how the law was learned from trials: it may have been given as it is."""
         return bool(self.history or self.calls or self.alternatives or self.outcomes or self.differentiation)
-
-    def judged(self, horizon: float, longest: float) -> "Provenance":
-        """Return the same with the reliable forecast horizon, and the longest horizon that was tested."""
-        return replace(self, domain=replace(self.domain, horizon=horizon, judged=longest))
 
 
 def path_segments(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, float, Alternative]]:

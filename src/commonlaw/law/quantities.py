@@ -32,8 +32,6 @@ from commonlaw.trials.trial import property_names
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS = ("object", "form", "quantity", "symbol", "estimate", "standard error", "low", "high", "unit")
-
 
 @dataclass(frozen=True)
 class Form:
@@ -83,10 +81,7 @@ def _patterns() -> tuple[_Pattern, ...]:
     for form in forms():
         for text in form.equations:
             equations = split_equations(text)
-            states, orders = (
-                tuple(equation.state for equation in equations),
-                tuple(equation.order for equation in equations),
-            )
+            states, orders = zip(*((equation.state, equation.order) for equation in equations), strict=True)
             inputs = tuple(name for name in form.inputs if re.search(rf"\b{name}\b", text))
             given = read_equations(text, Schema(states, inputs))
             variables, entries = given.terms.variables, _entries(given)
@@ -353,8 +348,10 @@ def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quan
         for source, place in gains:
             found = function(formula, where[0] if where else "1", place)
             if found is not None:
-                units = _units(match, source)
-                yield Quantity(f"{name} of {source}" if source else name, symbol, found, _unit(unit, units))
+                variables = Variables(tuple(dict.fromkeys([*re.findall(r"[A-Za-z]+", unit), "t"]))[:-1] or ("x",))
+                known = term_unit(parse_term(unit, variables), variables, _units(match, source))
+                written = "" if known is None else f"{known:~P}"
+                yield Quantity(f"{name} of {source}" if source else name, symbol, found, written)
 
 
 def _units(match: _Match, source: str) -> dict[str, str]:
@@ -365,12 +362,6 @@ def _units(match: _Match, source: str) -> dict[str, str]:
     observation = match.law.observation
     units = {**({} if observation is None else observation.measured.units), **match.law.schema.units}
     return {own: units[name] for own, name in names.items() if name in units}
-
-
-def _unit(text: str, units: Mapping[str, str]) -> str:
-    variables = Variables(tuple(dict.fromkeys([*re.findall(r"[A-Za-z]+", text), "t"]))[:-1] or ("x",))
-    found = term_unit(parse_term(text, variables), variables, units)
-    return "" if found is None else f"{found:~P}"
 
 
 def _most_specific(matches: Sequence[_Match]) -> list[_Match]:
@@ -420,4 +411,5 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
                 rows.append(
                     (owner, "Equilibria", name, f"{state}*", float(value), float(error), *map(float, ends), unit)
                 )
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    columns = ["object", "form", "quantity", "symbol", "estimate", "standard error", "low", "high", "unit"]
+    return pd.DataFrame(rows, columns=columns)

@@ -185,11 +185,8 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
         )
     constraints, found = _constrained(start, tolerance)
     chi_square, degrees = start.chi_square(constraints)
-    names, gone, rights = (
-        start.parameters.names,
-        {constraint.letter for constraint in constraints},
-        right_hand_sides(law),
-    )
+    names, gone = start.parameters.names, {constraint.letter for constraint in constraints}
+    rights = right_hand_sides(law)
     left = [i for i, name in enumerate(names) if name not in gone]
     for constraint in constraints:
         number = symbolic().Rational(constraint.number.numerator, constraint.number.denominator)
@@ -207,21 +204,21 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
     )
 
 
-def within_errors(law: Law) -> tuple[str, ...]:
-    """Return the equations with letters replaced that are within errors of 1, -1, another letter or its opposite.
+def within_errors(law: Law) -> list[str]:
+    """Return a line of equations with letters replaced that are within errors of 1, -1, another letter or its opposite.
 
-    Nothing if no letter is, or estimates of each object by its own trials are unknown. Of one object, the other letters
+    No line if no letter is, or estimates of each object by its own trials are unknown. Of one object, the other letters
     are numbers: those of largest likelihood then.
     """
     known = law.uncertainty
     by_own_trials = known.shared_factor is None or known.unpooled is not None
     if not (shares_terms(law) and by_own_trials and known.explanation is None):
-        return ()
+        return []
     if known.covariance is None or not np.isfinite(known.covariance).all():
-        return ()
+        return []
     constraints, found = _constrained(_Estimates.of(law), _TOLERANCE, lambda each: abs(each.number) == 1)
     if not constraints:
-        return ()
+        return []
     errors, parameters = np.sqrt(np.maximum(np.diagonal(found.covariances[-1]), 0.0)), found.parameters
     written = {name: (False, name) for name in parameters.names}
     if len(law.objects) == 1:
@@ -231,7 +228,8 @@ def within_errors(law: Law) -> tuple[str, ...]:
         negative, text = (False, "1") if constraint.other is None else written[parameters.names[constraint.other]]
         written[constraint.letter] = (negative != (constraint.number < 0), text)
     write = {name: (lambda _, own=own: own) for name, own in written.items()}
-    return tuple(_without_ones(each.with_numbers(write)) for each in split_equations(law.structure))
+    equations = (_without_ones(each.with_numbers(write)) for each in split_equations(law.structure))
+    return [f"within errors: {'; '.join(equations)}"]
 
 
 def _without_ones(equation: str) -> str:
@@ -324,12 +322,9 @@ class _Estimates:
         coefficients[:-1, law.support], coefficients[-1] = own.coefficients, mean.coefficients[0]
         covariances = np.concatenate([own.covariance, mean.uncertainty.known_covariance()])
         parameters = named_parameters(law)
-        values = np.zeros((len(coefficients), len(parameters.names)))
-        for i, definition in enumerate(parameters.definitions):
-            values[:, i] = definition.of(coefficients)
         # A parameter at a bound of zero has no error
         slopes = np.nan_to_num(parameters.slopes(coefficients), posinf=np.inf, neginf=-np.inf)
-        return cls(parameters, values, slopes @ covariances @ slopes.transpose(0, 2, 1))
+        return cls(parameters, parameters.of(coefficients), slopes @ covariances @ slopes.transpose(0, 2, 1))
 
     def error(self, row: Floats) -> float:
         """Return the standard error of a sum of letters with these factors, of the mean over objects."""

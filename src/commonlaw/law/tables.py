@@ -1,7 +1,7 @@
 """Tables of a law, and letter values of the coefficients of very many objects."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import starmap
+from itertools import compress, starmap
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,10 @@ import pandas as pd
 from commonlaw.array_types import Floats
 from commonlaw.law.law import Law, object_index, only_object, shares_terms
 from commonlaw.law.parameters import (
-    coefficient_intervals,
-    coefficient_units,
     equation_label,
     left_hand_sides,
     named_parameters,
-    standard_errors,
+    tabulated_parameters,
 )
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.text import MANY, Written, probability_text, rounded, with_error
@@ -63,41 +61,29 @@ def readable(frame: pd.DataFrame) -> pd.DataFrame:
     return shown
 
 
-def parameter_frame(law: Law, level: float | None = None, averaged: bool = True) -> pd.DataFrame:
-    """Return `Law.params` with intervals of a level, see `Law.conf_int`; without any if there is no level."""
-    lefts = left_hand_sides(law)
-    parameters = named_parameters(law)
-    if law.provenance.equations:
-        values, errors, names = parameters.values, parameters.errors, np.array(parameters.names)
-        rows, p = np.indices(values.shape).reshape(2, -1)
-        indices: tuple[Any, ...] = (rows, p)
-        j, k = (np.array(place, dtype=np.intp)[p] for place in parameters.places)
-        labels, units = names[p].tolist(), [parameters.units[each] or "" for each in p.tolist()]
-        ends = None if level is None else parameters.intervals(level, averaged)
-    else:
-        values, errors = law.coefficients, standard_errors(law)
-        indices = rows, j, k = np.nonzero(values)
-        by_place = {(definition.equation, definition.term): definition.name for definition in parameters.definitions}
-        known, places = coefficient_units(law), list(zip(j.tolist(), k.tolist(), strict=True))
-        labels = [by_place.get(place, "") for place in places]
-        units = [known.get((lefts[a], law.terms.names[b]), "") for a, b in places]
-        ends = None if level is None else coefficient_intervals(law, level, averaged)
-    equations = [equation_label(law, *place) for place in zip(j.tolist(), k.tolist(), strict=True)]
-    columns: dict[str, Any] = {
-        "object": [law.objects[row] for row in rows.tolist()],
-        "equation": equations,
-        "term": [law.terms.names[each] for each in k.tolist()],
-        "parameter": labels,
-        "estimate": values[indices],
-        "standard error": errors[indices],
-        "low": np.nan if ends is None else ends[0][indices],
-        "high": np.nan if ends is None else ends[1][indices],
-        "unit": units,
-    }
+def parameter_frame(law: Law, level: float = 0.95, averaged: bool = True) -> pd.DataFrame:
+    """Return `Law.params` with intervals of a level, see `Law.conf_int`."""
+    parameters, is_given = tabulated_parameters(law), bool(law.provenance.equations)
+    low, high = parameters.intervals(level, averaged)
+    rows, columns = np.nonzero(np.ones_like(low) if is_given else parameters.values)
+    places = [parameters.definitions[i].parts[0] for i in columns]
+    frame = pd.DataFrame(
+        {
+            "object": [law.objects[row] for row in rows],
+            "equation": [equation_label(law, place.equation, place.term) for place in places],
+            "term": [law.terms.names[place.term] for place in places],
+            "parameter": [parameters.names[i] for i in columns],
+            "estimate": parameters.values[rows, columns],
+            "standard error": parameters.errors[rows, columns],
+            "low": low[rows, columns],
+            "high": high[rows, columns],
+            "unit": [parameters.units[i] or "" for i in columns],
+        }
+    )
     inclusion = law.uncertainty.inclusion_probabilities
-    if inclusion is not None and not law.provenance.equations:
-        columns["inclusion probability"] = inclusion[j, k]
-    return pd.DataFrame(columns)
+    if inclusion is not None and not is_given:
+        frame["inclusion probability"] = [inclusion[place.equation, place.term] for place in places]
+    return frame
 
 
 def covariance_frame(law: Law, name: str | None) -> pd.DataFrame:
@@ -137,20 +123,18 @@ def to_frame(law: Law, errors: bool = False) -> pd.DataFrame:
     """
     if errors:
         law.uncertainty.known_covariance()
-    if law.provenance.equations:
-        parameters = named_parameters(law)
-        keys = [("", name) for name in parameters.names]
-        values, deviations = parameters.values, parameters.errors
-    else:
-        lefts = left_hand_sides(law)
-        keys = [(lefts[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
-        values, deviations = law.coefficients[:, law.support], standard_errors(law)[:, law.support]
+    parameters, lefts, is_given = tabulated_parameters(law), left_hand_sides(law), bool(law.provenance.equations)
+    values, deviations = parameters.values, np.nan_to_num(parameters.errors)
+    keys = [
+        ("", each.name) if is_given else (lefts[each.equation], law.terms.names[each.term])
+        for each in parameters.definitions
+    ]
     if errors:
         keys = [key for equation, name in keys for key in ((equation, name), (equation, f"{name} ±"))]
         values = np.stack([values, deviations], axis=2).reshape(len(values), -1)
     columns: pd.Index[Any] = pd.MultiIndex.from_tuples(keys, names=["equation", "term"])
-    if law.provenance.equations or len(law.schema.states) == 1:
-        kind = None if law.provenance.equations else "term"
+    if is_given or len(law.schema.states) == 1:
+        kind = None if is_given else "term"
         columns = pd.Index([name for _, name in keys], dtype=object, name=kind)
     return pd.DataFrame(values, index=pd.Index(law.objects, name="object"), columns=columns)
 
@@ -339,15 +323,32 @@ def letter_values(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
     return pd.concat([names, pd.DataFrame(result, columns=list(columns))], axis=1)
 
 
-def outlying(values: Floats, heads: Sequence[str], count: int) -> tuple[list[int], list[str], list[float]]:
-    """Return the indices of the objects farthest from the medians, the columns in which they are, and by how much.
+def spread_tables(law: Law, count: int, universal: bool = True) -> tuple[pd.DataFrame, pd.DataFrame] | None:
+    """Return letter values of the parameters, and so many objects farthest from the medians, with their parameters.
 
-    Distances are in standard deviations of a normal distribution with the same fourths; values have the shape
-    (objects, columns).
+    Distances are in standard deviations of a normal distribution with the same fourths. `universal` parameters, equal
+    for all objects, may be left out; None if no parameter is left.
     """
+    parameters, heads = named_parameters(law), [*starmap(with_unit, coefficient_names(law))]
+    values, errors = parameters.values, np.nan_to_num(parameters.errors)
+    kept = np.ones(len(heads), dtype=np.bool_)
+    if not universal:
+        kept = ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)
+    if not kept.any():
+        return None
+    heads, values, errors = [*compress(heads, kept)], values[:, kept], errors[:, kept]
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)
     scale = (high - low) / _NORMAL
     distances = np.where(scale > 0, np.abs(values - middle) / np.where(scale > 0, scale, 1.0), 0.0)
-    far, which = distances.max(axis=1), distances.argmax(axis=1)
-    chosen = np.argsort(-far, kind="stable")[:count]
-    return chosen.tolist(), [heads[i] for i in which[chosen].tolist()], far[chosen].tolist()
+    chosen = np.argsort(-distances.max(axis=1), kind="stable")[:count]
+    rows = [
+        [
+            law.objects[i],
+            *(Written(with_error(*pair)) for pair in zip(values[i].tolist(), errors[i].tolist(), strict=True)),
+            heads[int(distances[i].argmax())],
+            float(distances[i].max()),
+        ]
+        for i in chosen.tolist()
+    ]
+    farthest = pd.DataFrame(rows, columns=[law.schema.object, *heads, "farthest in", "by"])
+    return letter_values(dict(zip(heads, values.T, strict=True)), "object"), farthest

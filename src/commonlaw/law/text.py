@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Floats
 from commonlaw.library import Order, order_of_each
 from commonlaw.library.notation import latex_name
 from commonlaw.library.terms import Fraction
@@ -130,41 +130,6 @@ class Addend(NamedTuple):
     name: str
 
 
-Label = str | float
-"""What stands before a term: a letter, or a known number."""
-
-
-def equation(
-    left: str, coefficients: Floats, errors: Floats, names: Sequence[str], digits: int, numbered: Sequence[bool] = ()
-) -> str:
-    """Return ``left = sum of coefficients times names``, terms with coefficient zero left out.
-
-    Before names that have numbers of their own a known coefficient of one is left out too.
-
-    >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), np.zeros(3), ["1", "x", "v"], 4)
-    "x'' = -9.34 + 0.0466 v"
-    >>> equation("x''", np.array([-9.34, 0.0, 0.0466]), np.array([0.12, np.nan, 0.0051]), ["1", "x", "v"], 4)
-    "x'' = -9.34 ± 0.12 + (0.0466 ± 0.0051) v"
-    """
-    return f"{left} = {summed(_addends(coefficients, errors, names, digits, with_error, numbered), ' ')}"
-
-
-def latex_equations(
-    rows: Iterable[tuple[str, Floats, Floats]], terms: Sequence[str], digits: int, numbered: Sequence[bool] = ()
-) -> Iterator[tuple[str, Iterable[Addend]]]:
-    """Yield equations for `aligned` from left-hand sides, coefficients and errors, see `equation`."""
-    for left, coefficients, errors in rows:
-        yield left, _addends(coefficients, errors, terms, digits, latex_with_error, numbered)
-
-
-def latex_values(
-    values: Iterable[tuple[str, tuple[float, float]]], digits: int
-) -> Iterator[tuple[str, Iterable[Addend]]]:
-    """Yield lines for `aligned` from names with their values and standard errors."""
-    for name, (value, error) in values:
-        yield name, (Addend(value < 0, latex_with_error(abs(value), error, digits), "1"),)
-
-
 def aligned(rows: Iterable[tuple[str, Iterable[Addend]]]) -> str:
     """Return equations, left-hand sides and addends in LaTeX, as an ``aligned`` block."""
     times = r"\, "
@@ -209,40 +174,13 @@ def order_in_words(order: Order, states: Sequence[str]) -> str:
     return ", ".join(f"{state} {each}" for state, each in zip(states, order, strict=True))
 
 
-def labelled(
-    names: Sequence[str], rows: Iterable[Iterable[tuple[int, Label]]], write: Callable[[float, float], str] = with_error
-) -> tuple[tuple[Addend, ...], ...]:
-    """Return the sums of terms, by their indices, each with a letter or a known number before it.
+def written_equations(lefts: Iterable[str], rows: Iterable[Iterable[Addend]]) -> tuple[str, ...]:
+    """Return equations with these summands.
 
-    >>> summed(*labelled(("1", "v"), [[(0, -9.81), (1, "a")]]), " ")
-    '-9.81 + a v'
+    >>> written_equations(["x'"], [[Addend(True, "9.81", "1"), Addend(False, "a", "v")]])
+    ("x' = -9.81 + a v",)
     """
-
-    def addend(k: int, label: Label) -> Addend:
-        if isinstance(label, str):
-            return Addend(False, label, names[k])
-        one = abs(label) == 1 and names[k] != "1"
-        return Addend(label < 0, "" if one else write(abs(label), 0.0), names[k])
-
-    return tuple(tuple(addend(*each) for each in row) for row in rows)
-
-
-def structure(lefts: Sequence[str], names: Sequence[str], support: Bools, letters: Sequence[str]) -> tuple[str, ...]:
-    """Return the form of each equation, with a letter for each coefficient in the support: ``x'' = a + b v``."""
-    rows: list[list[tuple[int, Label]]] = [[] for _ in lefts]
-    for letter, (j, k) in zip(letters, np.argwhere(support).tolist(), strict=True):
-        rows[j].append((k, letter))
-    return written_structure(lefts, labelled(names, rows))
-
-
-def written_structure(lefts: Sequence[str], rows: Iterable[Iterable[Addend]]) -> tuple[str, ...]:
-    """Return equations with these summands."""
     return tuple(f"{left} = {summed(row, ' ')}" for left, row in zip(lefts, rows, strict=True))
-
-
-def numbered(value: float, error: float, digits: int) -> Callable[[bool], tuple[bool, str]]:
-    """Return what `Equation.with_numbers` takes for a coefficient with its standard error."""
-    return lambda factor: (value < 0, with_error(abs(value), error, digits, bracket=factor))
 
 
 def free_letters(count: int, variables: Sequence[str]) -> tuple[str, ...]:
@@ -280,11 +218,6 @@ def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients:
     return [*lines, *([f"and {counted(left_out, 'more object')}"] if left_out > 0 else [])]
 
 
-def said_within_errors(simpler: Sequence[str]) -> list[str]:
-    """Return the line that shows equations as they are within errors, if there are any."""
-    return [f"within errors: {'; '.join(simpler)}"] if simpler else []
-
-
 def summed(addends: Iterable[Addend], times: str) -> str:
     """Return the sum of these: their signs, numbers and names; fractions of one denominator are one fraction."""
     text = ""
@@ -310,17 +243,24 @@ def _together(addends: Sequence[Addend], times: str) -> Iterator[Addend]:
         yield from own
 
 
-def _addends(
+def addends_of(
     coefficients: Floats,
     errors: Floats,
     names: Sequence[str],
     digits: int,
-    write: Callable[..., str],
-    numbered: Sequence[bool] = (),
+    numbered: Sequence[bool],
+    write: Callable[..., str] = with_error,
 ) -> Iterator[Addend]:
-    """Yield coefficients and their names, with a function that writes a number and its error; zeros are left out."""
+    """Yield coefficients that are not zero, with a function that writes a number and its error, and their names.
+
+    Before names that have numbers of their own (`numbered`) a known coefficient of one is left out.
+
+    >>> errors = np.array([0.12, np.nan, 0.0051])
+    >>> summed(addends_of(np.array([-9.34, 0.0, 0.0466]), errors, ["1", "x", "v"], 4, [False] * 3), " ")
+    '-9.34 ± 0.12 + (0.0466 ± 0.0051) v'
+    """
     first = True
-    for c, error, name, alone in zip(coefficients, errors, names, numbered or [False] * len(names), strict=True):
+    for c, error, name, alone in zip(coefficients, errors, names, numbered, strict=True):
         if c:
             one = alone and abs(c) == 1 and error == 0
             yield Addend(c < 0, "" if one else write(abs(c), error, digits, bracket=not first or name != "1"), name)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.quantiles import two_sided
 from commonlaw.likelihood import ERRORS, NO_ERRORS, ErrorModel, Heteroscedastic
@@ -188,28 +188,27 @@ class Uncertainty:
 
         Raises `CommonlawError` if an array does not fit the law, or is no covariance, noise or probability.
         """
-        covariance, factor = self.covariance, self.shared_factor
-        noise, inclusion, size = self.noise, self.inclusion_probabilities, int(support.sum())
-        if covariance is not None:
-            covariance = checked_covariance(covariance, objects, size)
-        if factor is not None:
-            columns = np.shape(factor)[2] if np.ndim(factor) == 3 else size
-            axes = "objects, coefficients in the law, columns"
-            factor = checked(factor, "shared factor of errors", axes, (len(objects), size, columns))
-        if noise is not None:
-            noise = checked(noise, "noise", "states", support.shape[:1], low=0)
-        if inclusion is not None:
-            what = "array of inclusion probabilities"
-            inclusion = checked(inclusion, what, "equations, terms", support.shape, 0, 1)
-        own, errors = self.unpooled and self.unpooled.checked(objects, size), self.error_model
-        degrees = self.degrees_of_freedom
-        if degrees is not None:
-            degrees = checked(degrees, "degrees of freedom", "states", support.shape[:1], low=np.finfo(float).tiny)
-        pooled = self.pooled and self.pooled.checked(objects, size)
-        errors, wider = _checked_errors(errors, len(support)), self.widening and self.widening.checked()
-        explanation = self.explanation and _checked_explanation(self.explanation, size)
-        return Uncertainty(
-            covariance, factor, noise, inclusion, errors, own, pooled, degrees, wider, explanation, self.other_laws
+        size, states, factor = int(support.sum()), support.shape[:1], np.asarray(self.shared_factor)
+        shared = (len(objects), size, factor.shape[2] if factor.ndim == 3 else size)
+        arrays = (
+            ("shared_factor", "shared factor of errors", "objects, coefficients in the law, columns", shared),
+            ("noise", "noise", "states", states, 0),
+            ("inclusion_probabilities", "array of inclusion probabilities", "equations, terms", support.shape, 0, 1),
+            ("degrees_of_freedom", "degrees of freedom", "states", states, np.finfo(float).tiny),
+        )
+        found: dict[str, Any] = {
+            name: checked(getattr(self, name), *how) for name, *how in arrays if getattr(self, name) is not None
+        }
+        if self.covariance is not None:
+            found["covariance"] = checked_covariance(self.covariance, objects, size)
+        return replace(
+            self,
+            **found,
+            error_model=_checked_errors(self.error_model, len(support)),
+            unpooled=self.unpooled and self.unpooled.checked(objects, size),
+            pooled=self.pooled and self.pooled.checked(objects, size),
+            widening=self.widening and self.widening.checked(),
+            explanation=self.explanation and _checked_explanation(self.explanation, size),
         )
 
     @property
@@ -250,20 +249,9 @@ class Uncertainty:
         return ObjectEstimates(coefficients, self.known_covariance())
 
     def draws(self, coefficients: Floats, count: int, seed: int) -> Floats:
-        """Return so many draws of all objects' parameters, shape (count, objects, parameters).
+        """Return so many draws of all objects' parameters about their means, shape (count, objects, parameters).
 
         They are normal, or of Student's t distribution with the fewest degrees of freedom of a state's noise.
-
-        Raises `CommonlawError` if the covariance is not known.
-
-        Parameters
-        ----------
-        coefficients
-            The mean, shape (objects, parameters).
-        count
-            How many.
-        seed
-            Of the random numbers.
         """
         random, own = np.random.default_rng(seed), self.known_covariance()
         result = np.tile(coefficients, (count, 1, 1))
@@ -319,8 +307,7 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
     found: dict[str, Any] = {}
     kinds = [kind for kind, each in ERRORS.items() if isinstance(each, Heteroscedastic)]
     for kind in errors.heteroscedastic:
-        if kind not in kinds:
-            raise unknown("kind of heteroscedastic errors", kind, kinds)
+        check_choice("kind of heteroscedastic errors", kind, kinds)
     found["heteroscedastic"] = {
         kind: checked(levels, f"level of errors ({kind})", "states", (states,), low=0)
         for kind, levels in errors.heteroscedastic.items()

@@ -18,17 +18,15 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
-from commonlaw.errors import unknown
+from commonlaw.errors import check_choice
 from commonlaw.estimation import likelihood_profile
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import (
-    coefficient_intervals,
-    coefficient_units,
+    by_terms_of,
     equation_label,
     left_hand_sides,
-    named_parameters,
-    standard_errors,
+    tabulated_parameters,
 )
 from commonlaw.law.text import with_error
 from commonlaw.library.notation import latex_name
@@ -94,47 +92,32 @@ class DotPlot:
     @cached_property
     def coefficients(self) -> list[Coefficient]:
         """All coefficients that are in the law or in the truth, equation by equation."""
-        if self._by_letter:
-            return self._letters
-        law, labels, units = self.law, term_labels(self.law.terms), coefficient_units(self.law)
-        low, high = (law.coefficients,) * 2 if law.uncertainty.covariance is None else coefficient_intervals(law)
-        result = []
-        lefts = left_hand_sides(law)
-        standard = standard_errors(law)
-        for j, k in np.ndindex(law.support.shape):
-            name, learned = law.terms.names[k], absent_as_nan(law.coefficients[:, j, k])
-            true = learned * np.nan if self.truth is None else true_values(law, self.truth, j, name)
-            if np.any(np.isfinite([learned, true])):
-                unit = unit_text(units.get((lefts[j], name), ""))
-                errors = np.nan_to_num(standard[:, j, k])
+        law, known, result = self.law, true_coefficients(self.law, self.truth), list[Coefficient]()
+        labels, lefts, is_named = term_labels(law.terms), left_hand_sides(law), self._by_letter
+        support = law.support if known is None else np.ones_like(law.support)
+        parameters = tabulated_parameters(law, None if is_named else support)
+        low, high = (parameters.values,) * 2 if law.uncertainty.covariance is None else parameters.intervals()
+        errors = np.nan_to_num(parameters.errors)
+        for i, (definition, unit) in enumerate(zip(parameters.definitions, parameters.units, strict=True)):
+            j, k, name = definition.equation, definition.term, definition.name
+            learned = parameters.values[:, i] if is_named else absent_as_nan(parameters.values[:, i])
+            true = np.full_like(learned, np.nan) if known is None else definition.of(known)
+            if is_named:
+                label = math(latex_name(name), name)
+                where = j, equation_label(law, j, k), name, label, label
+            else:
                 # The equations of an explained law have letters of their own
                 letter = letter_of(law, j, k) if law.uncertainty.explanation is None else ""
-                ends = low[:, j, k], high[:, j, k]
-                result.append(Coefficient(j, lefts[j], name, labels[k], letter, unit, learned, true, errors, *ends))
+                where = j, lefts[j], law.terms.names[k], labels[k], letter
+            if np.any(np.isfinite([learned, true])):
+                numbers = learned, true, errors[:, i], low[:, i], high[:, i]
+                result.append(Coefficient(*where, unit_text(unit or ""), *numbers))
         return result
 
     @property
     def _by_letter(self) -> bool:
         """Whether the law's own letters are shown; the equations of an explained law have others."""
         return bool(self.law.provenance.equations) and self.law.uncertainty.explanation is None
-
-    @property
-    def _letters(self) -> list[Coefficient]:
-        """The letters of given equations."""
-        law, result = self.law, list[Coefficient]()
-        parameters = named_parameters(law)
-        values, errors, (low, high) = parameters.values, parameters.errors, parameters.intervals()
-        for i, definition in enumerate(parameters.definitions):
-            parts = [(part.equation, law.terms.names[part.term]) for part in definition.parts]
-            true = values[:, i] * np.nan
-            if self.truth is not None:
-                true = definition.value([true_values(law, self.truth, *part) for part in parts])
-            label, unit = math(latex_name(definition.name), definition.name), unit_text(parameters.units[i] or "")
-            ends = (values[:, i],) * 2 if law.uncertainty.covariance is None else (low[:, i], high[:, i])
-            own = values[:, i], true, np.nan_to_num(errors[:, i]), *ends
-            left = equation_label(law, definition.equation, definition.term)
-            result.append(Coefficient(definition.equation, left, definition.name, label, label, unit, *own))
-        return result
 
     @property
     def several(self) -> bool:
@@ -185,10 +168,7 @@ class DotPlot:
 
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
-        learned, known = (
-            key("estimate", **_DOT),
-            any(np.isfinite(coefficient.true).any() for coefficient in self.coefficients),
-        )
+        learned, known = key("estimate", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
         bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", color=COLORS[0])]
         return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
 
@@ -205,9 +185,7 @@ class DotPlot:
         panel.set_xlabel(each.label)
 
     def _draw_lines(self, index: SubplotSpec) -> None:
-        groups = [
-            [coefficient for coefficient in self.coefficients if coefficient.equation == j] for j in range(self.lines)
-        ]
+        groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]
         ratios = [1 + len(group) for group in groups]
         panels = index.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
         for panel, group, left in zip(panels, groups, equation_labels(self.law), strict=True):
@@ -346,8 +324,7 @@ def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Fig
     terms
         ``"all"`` candidate terms, or the ``"support"``: terms in one of the equations.
     """
-    if terms not in ("all", "support"):
-        raise unknown("choice of terms", terms, ("all", "support"))
+    check_choice("choice of terms", terms, ("all", "support"))
     maps = HeatMaps(law, law.support.any(axis=0) | np.full(len(law.terms), terms == "all"))
     figure = Figure(figsize=(maps.width, maps.height), layout="constrained")
     maps.draw(figure, figure.add_gridspec(1, 1)[0])
@@ -399,7 +376,7 @@ class HeatMaps:
     def draw(self, figure: Figure, index: SubplotSpec) -> None:
         """Draw into a part of a figure."""
         panels = index.subgridspec(len(self.law.schema.states), 1).subplots(squeeze=False)[:, 0]
-        norm = scale(self.law.coefficients)
+        norm, known = scale(self.law.coefficients), true_coefficients(self.law, self.truth)
         labels = [label for label, shown in zip(term_labels(self.law.terms), self.shown, strict=True) if shown]
         for j, (panel, left) in enumerate(zip(panels, equation_labels(self.law), strict=True)):
             values = self.law.coefficients[:, j, self.shown]
@@ -414,10 +391,8 @@ class HeatMaps:
                     color = "white" if lightness[i, k] < 0.5 else "black"
                     style = {"ha": "center", "va": "center", "fontsize": 9, "color": color}
                     panel.text(k + 0.5, i + 0.5, number_text(values[i, k], 3), **style)
-            if self.truth is not None:
-                names = [name for name, shown in zip(self.law.terms.names, self.shown, strict=True) if shown]
-                true = np.transpose([true_values(self.law, self.truth, j, name) for name in names])
-                for i, k in np.argwhere(np.isfinite(true)):
+            if known is not None:
+                for i, k in np.argwhere(np.isfinite(known[:, j, self.shown])):
                     panel.add_patch(Rectangle((k, i), 1, 1, fill=False, edgecolor=COLORS[1], linewidth=2))
         if self.law.support.any():
             add_color_bar(figure, mesh, list(panels), self.width)
@@ -430,16 +405,13 @@ class HeatMaps:
         return [key("true term", color=COLORS[1], **frame)]
 
 
-def true_values(law: Law, truth: Law, equation: int, term: str) -> Floats:
-    """Return the true coefficients of a term for the law's objects, shape (objects,); NaN where it is not there."""
-    if term not in truth.terms.names:
-        return np.full(len(law.objects), np.nan)
-    index = truth.terms.index(term)
-    values = [
-        truth.coefficients[object_index(truth, name)][equation, index] if name in truth.objects else 0.0
-        for name in law.objects
-    ]
-    return absent_as_nan(np.array(values))
+def true_coefficients(law: Law, truth: Law | None) -> Floats | None:
+    """Return true coefficients of a law's objects, shape (objects, equations, terms), NaN where absent, if known."""
+    if truth is None:
+        return None
+    known, none = by_terms_of(law, truth, truth.coefficients), np.zeros(law.support.shape)
+    own = [known[object_index(truth, name)] if name in truth.objects else none for name in law.objects]
+    return absent_as_nan(np.array(own))
 
 
 def absent_as_nan(values: Floats) -> Floats:

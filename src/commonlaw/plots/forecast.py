@@ -98,10 +98,10 @@ def omission(forecast: Forecast, shown: Sequence[str]) -> str:
     return f"{some} of {count} objects, evenly spaced by the rank of their RMS error" if some < count else ""
 
 
-def forecast_grid(forecast: Forecast, most: int = 4) -> tuple[int, int]:
-    """Return the columns of pairs of panels, at most `most` unless there are more states, and their lines."""
+def forecast_grid(forecast: Forecast) -> tuple[int, int]:
+    """Return the columns of pairs of panels, at most four unless there are more states, and their lines."""
     states, objects = len(forecast.trials.schema.states), len(forecast.trials.objects)
-    across = columns_for(objects, max(1, most // states))
+    across = columns_for(objects, max(1, 4 // states))
     return across * states, -(-objects // across)
 
 

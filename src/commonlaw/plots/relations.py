@@ -163,19 +163,15 @@ def _draw(panel: Axes, each: _Coefficient, column: int, law: Law) -> None:
         return  # The other properties differ between the objects: there is no one line
     ends = (positions.min(), positions.max())
     along = np.geomspace(*ends, _POINTS) if each.logarithmic else np.linspace(*ends, _POINTS)
-    curve = _curve(relation, along, column)
+    if column < len(relation.properties):
+        curve = np.asarray(relation.columns(along[:, np.newaxis]) @ relation.factors)
+    elif relation.properties:
+        curve = along if relation.kind is RelationKind.AFFINE else relation.factors[0] * along
+    else:
+        curve = np.full_like(along, relation.factors[0])
     panel.plot(along, each.sign * curve, color="black", zorder=1)
     if relation.scatter:
         width = two_sided(0.95) * relation.scatter
         share = curve / (relation.factors[0] * relation.typical)
         low, high = (curve * np.exp(s * width) if relation.relative else curve + s * width * share for s in (-1, 1))
         panel.fill_between(along, each.sign * low, each.sign * high, color=GREY, alpha=0.25, zorder=0)
-
-
-def _curve(relation: Relation, along: Floats, column: int) -> Floats:
-    """Return what the relation gives along a panel's horizontal axis."""
-    if not relation.properties:
-        return np.full_like(along, relation.factors[0])
-    if column < len(relation.properties):
-        return np.asarray(relation.columns(along[:, np.newaxis]) @ relation.factors)
-    return along if relation.kind is RelationKind.AFFINE else relation.factors[0] * along

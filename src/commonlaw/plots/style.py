@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 
-from commonlaw.errors import unknown
+from commonlaw.errors import check_choice
 from commonlaw.runtime.files import write_whole
 from commonlaw.runtime.packages import quiet
 from commonlaw.text import in_line
@@ -219,8 +219,7 @@ def figure_format(path: str | os.PathLike[str]) -> str:
     """Return the figure format of a path or suffix: ``"png"``, ``"svg"`` or ``"pdf"``."""
     name = Path(path)
     kind = (name.suffix or name.name).lstrip(".").lower()
-    if kind not in _METADATA:
-        raise unknown("format of a figure", kind, _METADATA)
+    check_choice("format of a figure", kind, _METADATA)
     return kind
 
 

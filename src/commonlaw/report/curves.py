@@ -92,15 +92,12 @@ class Curves:
         """RMS errors of each object, the smallest first, see `relative_errors`."""
         return relative_errors(self.forecast)
 
-    @property
-    def _object(self) -> str:
-        return self.forecast.trials.schema.object
-
     @cached_property
     def _rms(self) -> pd.DataFrame:
         """Root mean square errors, a row for each object and a column for each state."""
-        squared = (self.errors["rms error"] ** 2).groupby([self.errors[self._object], self.errors["state"]]).mean()
-        return squared.pow(0.5).unstack("state").reindex(columns=list(self.forecast.trials.schema.states))
+        schema = self.forecast.trials.schema
+        squared = (self.errors["rms error"] ** 2).groupby([self.errors[schema.object], self.errors["state"]]).mean()
+        return squared.pow(0.5).unstack("state").reindex(columns=list(schema.states))
 
     def in_words(self, name: str) -> str:
         """Return the root mean square error of an object, in the states' units, in words."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.text import json_text
 
 if TYPE_CHECKING:
@@ -154,8 +154,7 @@ class Verdict:
     text: str
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise unknown("kind of verdict", self.kind, KINDS)
+        check_choice("kind of verdict", self.kind, KINDS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import starmap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +10,9 @@ import pandas as pd
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
-from commonlaw.law.parameters import named_parameters
 from commonlaw.law.script import Source
-from commonlaw.law.tables import coefficient_names, letter_values, outlying, with_unit
-from commonlaw.law.text import MANY, with_error
+from commonlaw.law.tables import letter_values, spread_tables
+from commonlaw.law.text import MANY
 from commonlaw.plots import plot_intervals
 from commonlaw.report import curves, law_sections
 from commonlaw.report.document import Block, Picture, Report, Section, Table, Text
@@ -141,26 +139,9 @@ def _forecasts(found: ManyFindings) -> Iterator[Block]:
 
 
 def _coefficients(law: Law) -> Iterator[Block]:
-    heads = [*starmap(with_unit, coefficient_names(law))]
-    parameters = named_parameters(law)
-    values, errors = parameters.values, parameters.errors
-    differ = ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)  # What is universal is said above
-    if differ.any():
-        heads, values, errors = (
-            [head for head, own in zip(heads, differ, strict=True) if own],
-            values[:, differ],
-            errors[:, differ],
-        )
-        spread = letter_values(dict(zip(heads, values.T, strict=True)), "object")
+    if tables := spread_tables(law, _MAX_LISTED, universal=False):  # What is universal is said above
+        spread, farthest = tables
         yield Table("spread", "Coefficients of all objects: letter values (Tukey 1977).", spread)
-        indices, columns, far = outlying(values, heads, _MAX_LISTED)
-        cells = [
-            [with_error(*pair) for pair in zip(values[i].tolist(), np.nan_to_num(errors[i]).tolist(), strict=True)]
-            for i in indices
-        ]
-        frame = pd.DataFrame(cells, columns=heads)
-        frame.insert(0, law.schema.object, [law.objects[i] for i in indices])
         caption = "The objects farthest from the medians, in standard deviations of a normal spread."
-        frame["farthest in"], frame["by"] = columns, far
-        yield Table("outlying", caption, frame)
+        yield Table("outlying", caption, farthest)
     yield Picture("coefficients-of-all", "Coefficients of all objects in order.", partial(plot_intervals, law))

@@ -230,10 +230,8 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
     except _FAILURES as error:
         yield Text(f"A discrepancy shared by all objects could not be estimated: {case.said(error)}.")
         return
-    of, strength = (
-        literal(f"{found.basis.coordinate} in {found.equation}"),
-        f"2 log B = {found.evidence:.1f}".replace("-", "−"),
-    )
+    of = literal(f"{found.basis.coordinate} in {found.equation}")
+    strength = f"2 log B = {found.evidence:.1f}".replace("-", "−")
     if found.claimed:
         yield Text(f"Strong evidence for a discrepancy shared by all objects, a function of {of} ({strength}).")
     else:
@@ -357,17 +355,16 @@ def _contrasts(case: LawCase) -> Iterator[Block]:
 
 def candidates(case: LawCase) -> Section:
     """Return the part on candidate laws."""
-    law, blocks = case.law, list[Block]()
-    if not law.provenance.alternatives:
+    law, blocks, listed = case.law, list[Block](), case.law.provenance.alternatives
+    if not listed:
         text = "The terms were given; no other law was compared."
         return Section("candidates", "Candidate laws", (Text(text),))
     if case.rivals or len(law.objects) <= 100:  # Of more, fits take long
         blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
-    listed = case.law.provenance.alternatives
     caption = "Candidates of each equation (* chosen)."
     there = {name for each in listed for name in each.measures}
     caption += "".join(f" {said}" for name, said in _MEASURES.items() if name in there)
-    table = Table("compared", caption, readable_candidates(law.provenance.alternatives))
+    table = Table("compared", caption, readable_candidates(listed))
     return Section("candidates", "Candidate laws", (*blocks, folded(table, "Candidates")))
 
 
@@ -418,10 +415,10 @@ def experiments(case: LawCase) -> Section:
         "sampling as before."
     )
     lines = []
-    for each in found:
-        (planned,) = each.design.experiments
-        said = " ".join(map(literal, each.design.sentences))
-        lines.append(f"**{literal(each.purpose)}**: {literal(planned.text)}. {said}")
+    for purpose, design in found.items():
+        (planned,) = design.experiments
+        said = " ".join(map(literal, design.sentences))
+        lines.append(f"**{literal(purpose)}**: {literal(planned.text)}. {said}")
     return Section("experiments", title, (Text(intro + listed(lines)),))
 
 

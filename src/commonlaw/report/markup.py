@@ -13,7 +13,7 @@ from commonlaw.law import Law, to_latex
 from commonlaw.law.law import shares_terms
 from commonlaw.law.printing import latex_lefts, latex_structure
 from commonlaw.law.simplify import within_errors
-from commonlaw.law.text import aligned, said_within_errors
+from commonlaw.law.text import aligned
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import visible
 
@@ -31,7 +31,7 @@ def law_markdown(law: Law) -> str:
     if not shares_terms(law) and len(law.objects) > 1:
         return "".join(_own(law))
     shown = _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure)
-    return "\n\n".join([shown, *(literal(line) for line in said_within_errors(within_errors(law)))])
+    return "\n\n".join([shown, *(literal(line) for line in within_errors(law))])
 
 
 def law_latex(law: Law) -> str:

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law.tables import readable
-from commonlaw.plots import render
+from commonlaw.plots import Figure, render
 from commonlaw.report.document import (
     KINDS,
     Block,
@@ -40,8 +40,8 @@ def to_html(report: Report, drawings: Mapping[str, bytes], alone: bool = False) 
 
     loader = PackageLoader("commonlaw.report", "templates")
     environment = Environment(
-        loader=loader, autoescape=True, finalize=_finalized, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        finalize=lambda value: visible(value) if type(value) is str else value,  # Escaped after that, but for markup
     )  # fmt: skip
     environment.filters["markdown"] = lambda text: Markup(markdown(text))
     environment.filters["inline"] = lambda text: Markup(inline(text))
@@ -58,11 +58,6 @@ def check_packages() -> None:
     """Refuse to make a report, before long work, where a package that it needs is not installed."""
     for package in ("jinja2", "markdown_it", "mdit_py_plugins", "latex2mathml"):
         optional_import(package, "making a report", "report")
-
-
-def _finalized(value: object) -> object:
-    """Return what a page shows of a value; texts are escaped after that, markup is left as it is."""
-    return visible(value) if type(value) is str else value
 
 
 def _shown(block: Block, drawings: Mapping[str, bytes], alone: bool) -> dict[str, Any]:
@@ -175,18 +170,11 @@ def write_report(
 
 def contents(report: Report, drawn: Callable[[str], None] | None = None) -> dict[str, bytes]:
     """Return the report's files by their path in its folder, the page first; see `write_report`."""
-    _check_names(report)
-    drawings: dict[str, bytes] = {}
-    files: dict[str, bytes] = {}
-    for block in report.named_blocks():
-        if isinstance(block, Picture):
-            figure = block.draw()
-            drawings[block.name] = files[f"figures/{block.name}.svg"] = render(figure, ".svg")
-            files[f"figures/{block.name}.png"] = render(figure, ".png")
-            if drawn is not None:
-                drawn(block.name)
-        else:
-            files[f"tables/{block.name}.csv"] = block.csv()
+    drawings, files = dict[str, bytes](), dict[str, bytes]()
+    for name, figure in _figures(report, drawn):
+        drawings[name] = files[f"figures/{name}.svg"] = render(figure, ".svg")
+        files[f"figures/{name}.png"] = render(figure, ".png")
+    files |= {f"tables/{block.name}.csv": block.csv() for block in report.named_blocks() if isinstance(block, Table)}
     return {"report.html": to_html(report, drawings), "results.json": to_json(report.results), **files}
 
 
@@ -196,17 +184,12 @@ def to_page(report: Report, drawn: Callable[[str], None] | None = None) -> bytes
     `drawn` is called with the name of each picture when it is drawn. Raises `CommonlawError` if two parts have the same
     name, or a formula cannot be read.
     """
-    _check_names(report)
-    drawings: dict[str, bytes] = {}
-    for block in report.named_blocks():
-        if isinstance(block, Picture):
-            drawings[block.name] = render(block.draw(), ".svg", text=True)
-            if drawn is not None:
-                drawn(block.name)
+    drawings = {name: render(figure, ".svg", text=True) for name, figure in _figures(report, drawn)}
     return to_html(report, drawings, alone=True)
 
 
-def _check_names(report: Report) -> None:
+def _figures(report: Report, drawn: Callable[[str], None] | None) -> Iterator[tuple[str, Figure]]:
+    """Yield the figures of a report, whose parts must have different names; `drawn` is called after each."""
     for what, names in (
         ("parts", [part.name for part in (*report.sections, *report.named_blocks())]),
         ("results", [key for section in report.sections for key in section.results]),
@@ -214,3 +197,8 @@ def _check_names(report: Report) -> None:
         repeated = [name for name in names if names.count(name) > 1]
         if repeated:
             raise CommonlawError("report-name-twice", parts=what, name=repeated[0])
+    for block in report.named_blocks():
+        if isinstance(block, Picture):
+            yield block.name, block.draw()
+            if drawn is not None:
+                drawn(block.name)

@@ -8,7 +8,7 @@ from math import inf, isfinite, nan
 from numbers import Integral, Real
 from typing import Any, ParamSpec, TypeVar
 
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 
 
 def check_whole_number(
@@ -92,8 +92,7 @@ def parse_spec(kind: str, text: str, makers: Mapping[str, Callable[..., T]]) -> 
     (3+4j)
     """
     name, *parts = text.split(":")
-    if name not in makers:
-        raise unknown(kind, name, makers)
+    check_choice(kind, name, makers)
     positional = [_value(part) for part in parts if "=" not in part]
     named = [part.split("=", 1) for part in parts if "=" in part]
     try:

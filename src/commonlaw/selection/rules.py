@@ -7,7 +7,7 @@ from math import lgamma
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import merge
 from commonlaw.selection.cross_validation import (
     CrossValidationScore,
@@ -184,8 +184,7 @@ def choose(
     stability
         Of the solver on resampled data.
     """
-    if rule not in RULES:
-        raise unknown("rule", rule, RULES)
+    check_choice("rule", rule, RULES)
     if not candidates:
         raise CommonlawError("no-candidate")
     measure = score or ResidualError(make_folds(groups), target)

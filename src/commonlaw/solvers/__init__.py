@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.arguments import parse_spec
 from commonlaw.solvers.base import AbstractSolver, Candidate
 from commonlaw.solvers.constrained import ConstrainedSolver, constrained_least_squares
@@ -58,8 +58,7 @@ def _group_stlsq(
     normalize: bool = False,
 ) -> STLSQ:
     """Make an `STLSQ` with an importance given by its name, and the level of a quantile or of a vote."""
-    if importance not in IMPORTANCES:
-        raise unknown("importance", importance, IMPORTANCES)
+    check_choice("importance", importance, IMPORTANCES)
     if level is not None and importance not in ("quantile", "count"):
         raise CommonlawError("importance-without-level", importance=importance)
     measure = IMPORTANCES[importance]() if level is None else IMPORTANCES[importance](level)

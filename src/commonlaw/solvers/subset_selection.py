@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Bools, Indices
-from commonlaw.errors import unknown
+from commonlaw.errors import check_choice
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.solvers.base import (
     AbstractSolver,
@@ -54,8 +54,7 @@ class StepwiseSelection(AbstractSolver):
     def __post_init__(self) -> None:
         check_whole_number("terms", self.terms, 1, optional=True)
         check_shared(self.shared)
-        if self.direction not in ("forward", "backward"):
-            raise unknown("direction", self.direction, ("forward", "backward"))
+        check_choice("direction", self.direction, ("forward", "backward"))
 
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         return fixed_cardinality(self._choose, self.shared, problems, target, allowed, values)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.errors import CommonlawError, check_choice, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.outcomes import Outcome, note
 from commonlaw.text import shown
 from commonlaw.trials.headers import find_name, parse_unit, registry
@@ -242,8 +242,7 @@ def number_of(name: str, owner: str, trials: Trials) -> float:
     value = trials.properties.get(owner, {}).get(name)
     if value is None:
         known = property_names(trials.properties)
-        if name not in known:
-            raise unknown("property", name, known)
+        check_choice("property", name, known)
         raise CommonlawError("property-missing", object=owner, property=name)
     if not isinstance(value, float):
         raise CommonlawError("property-number", property=name, object=owner, value=value)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.array_types import Floats, same_content
-from commonlaw.errors import CommonlawError, unknown
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import as_text, counted
 from commonlaw.trials.check import Report, check, clipped
@@ -473,12 +473,10 @@ class Trials(ShownInNotebooks):
             names = labels(wanted)
             present = dict.fromkeys(name_of(trial, name) for trial in self.trials)
             for each in names:
-                if each not in present:
-                    raise unknown(name, each, present)
+                check_choice(name, each, present)
             return lambda trial: name_of(trial, name) in names
         known = property_names(self.properties)
-        if name not in known:
-            raise unknown("property", name, known)
+        check_choice("property", name, known)
         fits = wanted if callable(wanted) else listed(wanted).__contains__
         return lambda trial: bool(
             name in self.properties.get(trial.object, {}) and fits(self.properties[trial.object][name])

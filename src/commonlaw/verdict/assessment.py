@@ -183,15 +183,12 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     errors = _joined(found, spread)
     horizon = _horizon(errors.leads, errors.errors / spread)
     kinds = [each.kind for each in judged]
-    known, inexact = (
-        {diagnostic.kind for diagnostic in law.diagnostics},
-        {OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION},
-    )
-    states = np.isfinite(spread)
-    seen = {(each.trial.object, each.trial.name): 0 for each in judged}
+    known = {diagnostic.kind for diagnostic in law.diagnostics}
+    is_inexact = not known.isdisjoint({OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION})
+    states, seen = np.isfinite(spread), dict[tuple[str, str], int]()
     for each in judged:
         key = each.trial.object, each.trial.name
-        seen[key] = max(seen[key], int(np.isfinite(each.trial.states[each.first :, states]).sum()))
+        seen[key] = max(seen.get(key, 0), int(np.isfinite(each.trial.states[each.first :, states]).sum()))
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
         in_sample=Kind.SEEN in kinds and law.provenance.is_learned,
@@ -210,8 +207,8 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         poorly_known=_poorly_known(law),
         not_assessable=tuple(dict.fromkeys(not_assessable)),
         unknown_objects=tuple(dict.fromkeys(each.object for each in once if is_typical(law, each.object, trials))),
-        exact=not (inexact & known or law.uncertainty.error_model.of_law),
-        none_exact=bool(inexact & known and law.provenance.alternatives),
+        exact=not (is_inexact or law.uncertainty.error_model.of_law),
+        none_exact=is_inexact and bool(law.provenance.alternatives),
         few_samples=OutcomeKind.FEW_SAMPLES in known,
         without_terms=tuple(
             diagnostic.where for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.EMPTY_SUPPORT
@@ -305,12 +302,8 @@ def _r_squared_error(judged: Sequence[Segment], found: Sequence[SegmentErrors], 
 
 def _poorly_known(law: Law) -> tuple[str, ...]:
     """Return the coefficients with large errors, with the terms that they stand before and the objects they are of."""
-    result = []
-    lefts = left_hand_sides(law)
-    parameters = named_parameters(law)
-    for each, values, errors in zip(
-        parameters.definitions, *(part.T for part in (parameters.values, parameters.errors)), strict=True
-    ):
+    result, lefts, parameters = [], left_hand_sides(law), named_parameters(law)
+    for each, values, errors in zip(parameters.definitions, parameters.values.T, parameters.errors.T, strict=True):
         poor = np.flatnonzero(errors > _POOR * np.abs(values))
         if len(poor):
             where = f"{lefts[each.equation]}, before {law.terms.factors[each.term]}"
@@ -410,7 +403,8 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     forecast = _tried("the law was not checked by forecasts", checking, lacking)
     if verdict is not None and verdict.usable is not None:
         horizon = verdict.horizon if verdict.usable else 0.0
-        law = replace(law, provenance=law.provenance.judged(horizon, verdict.longest))
+        domain = replace(law.provenance.domain, horizon=horizon, judged=verdict.longest)
+        law = replace(law, provenance=replace(law.provenance, domain=domain))
     return Findings(law, whole, training, verdict, fit, forecast, start, tuple(lacking))
 
 

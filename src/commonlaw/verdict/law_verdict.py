@@ -51,17 +51,9 @@ class StateError(NamedTuple):
         """Return an error with its unit, and as a share of the measured range, whose ends are given if wanted."""
         share = _percent(error / (self.high - self.low))
         if not ends:
-            return f"{self._with_unit(error)} ({share})"
-        ends_of = f"{_number(self.low)} to {self._with_unit(self.high)}"
-        return f"{self._with_unit(error)} in {self.state} ({share} of its range, {ends_of})"
-
-    @property
-    def spread_in_words(self) -> str:
-        """The spread with its unit."""
-        return f"{self._with_unit(self.spread)} in {self.state}"
-
-    def _with_unit(self, value: float) -> str:
-        return _number(value, self.unit)
+            return f"{_number(error, self.unit)} ({share})"
+        ends_of = f"{_number(self.low)} to {_number(self.high, self.unit)}"
+        return f"{_number(error, self.unit)} in {self.state} ({share} of its range, {ends_of})"
 
 
 @dataclass(frozen=True)
@@ -156,9 +148,8 @@ class LawVerdict(ShownInNotebooks):
         if self.horizon and not self.diverged and (self.r_squared < 0 or self.r_squared < self.r_squared_error):
             error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
             whole = f"R^2 over all tested forecasts is {self.r_squared:.3g}{error}"
-            result.append(
-                f"beyond {self._time(self.horizon)} ahead they are no better than the mean of the states: {whole}"
-            )
+            ahead = _number(self.horizon, self.time_unit)
+            result.append(f"beyond {ahead} ahead they are no better than the mean of the states: {whole}")
         if self.coverage is not None and self.coverage < _FAILED_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:
             result.append(f"only {_percent(self.coverage)} of the measurements lie within the 95 % bands")
         return tuple(result)
@@ -184,7 +175,7 @@ class LawVerdict(ShownInNotebooks):
             can = "Forecasts its training data well" if self.in_sample else "This law can be used for forecasts"
             only = "" if self.exact else "; it is an approximation"
             new = " Not tested on new data." if self.in_sample else ""
-            yield f"{can} up to {self._time(self.horizon)} ahead{end}{only}.{new}"
+            yield f"{can} up to {_number(self.horizon, self.time_unit)} ahead{end}{only}.{new}"
         else:
             yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
         if self.without_terms:
@@ -246,11 +237,9 @@ class LawVerdict(ShownInNotebooks):
 
     @property
     def _spreads(self) -> str:
-        spreads = [state_error.spread_in_words for state_error in self.state_errors if state_error.spread > 0]
+        known = [each for each in self.state_errors if each.spread > 0]
+        spreads = [f"{_number(each.spread, each.unit)} in {each.state}" for each in known]
         return f" ({' and '.join(spreads)})" if spreads else ""
-
-    def _time(self, span: float) -> str:
-        return _number(span, self.time_unit)
 
 
 def _number(value: float, unit: str = "") -> str:

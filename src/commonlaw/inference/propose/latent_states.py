@@ -24,7 +24,7 @@ from commonlaw.inference.search.law_search import PATH
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Step
 from commonlaw.law.parameters import left_hand_sides, named_parameters
-from commonlaw.law.text import structure
+from commonlaw.law.text import Addend, written_equations
 from commonlaw.library import ParametricTerm, Terms, Variables, parse_term
 from commonlaw.library.notation import quoted
 from commonlaw.library.parametric import free_name, parametric_term, terms_of_family
@@ -124,14 +124,13 @@ def _structure(fit: Fit) -> tuple[str, ...]:
     """Return the structure of each equation, with numbers for known coefficients."""
     coefficients = np.array([estimate.coefficients for estimate in fit.estimates])
     law, known = replace(fit.problem.law, coefficients=coefficients), fit.problem.known[0]
-    letters = [
-        definition.name
-        if np.isnan(known[definition.equation, definition.term])
-        else f"{known[definition.equation, definition.term]:g}"
-        for definition in named_parameters(law).definitions
-        if law.terms.is_factor[definition.term]
-    ]
-    return structure(left_hand_sides(law), law.terms.factors, law.support & law.terms.is_factor, letters)
+    rows: list[list[Addend]] = [[] for _ in law.schema.states]
+    for each in named_parameters(law).definitions:
+        if law.terms.is_factor[each.term]:
+            number = known[each.equation, each.term]
+            label = each.name if np.isnan(number) else f"{number:g}"
+            rows[each.equation].append(Addend(False, label, law.terms.factors[each.term]))
+    return written_equations(left_hand_sides(law), rows)
 
 
 def _is_equivalent(one: Fit, other: Fit) -> bool:
