@@ -208,10 +208,10 @@ def test_a_law_is_scored_as_by_scikit_learn(predators):
         "mae": metrics.mean_absolute_error,
     }.items():
         expected = np.mean([metric(*pair) for pair in pairs])
-        assert predators.predict(trials).metric(name) == pytest.approx(expected, rel=1e-6)
-        assert predators.predict(trials).metric(metric) == pytest.approx(expected, rel=1e-6)
+        assert predators.score(trials, name) == pytest.approx(expected, rel=1e-6)
+        assert predators.score(trials, metric) == pytest.approx(expected, rel=1e-6)
     with refused("unknown-name"):
-        predators.predict(trials).metric("r3")
+        predators.score(trials, "r3")
 
 
 @pytest.mark.parametrize("rule", ["savgol:35:3", "finite:4", None])

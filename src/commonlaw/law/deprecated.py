@@ -21,10 +21,6 @@ def _parameters(law: Any) -> Any:
     return resolve_name("commonlaw.law.parameters:named_parameters")(law)
 
 
-def _score(law: Any, trials: Any, metric: Any = "r2", *, start: int | None = None) -> float:
-    return float(law.predict(trials, start=start).metric(metric))
-
-
 DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "adapt": ("update(trials)", lambda law: law.update),
     "alternatives": ("provenance.alternatives", lambda law: law.provenance.alternatives),
@@ -75,7 +71,6 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "pool": ("commonlaw.law.pool_objects(law)", _method("pooling:pool_objects")),
     "rates": ("terms.variables.states", _value("parameters:rate_names")),
     "relations": ("commonlaw.law.relations_frame(law)", _method("printing:relations_frame")),
-    "score": ("predict(trials).metric(metric)", _method("deprecated:_score")),
     "shared": ("support", _value("law:shares_terms")),
     "standard_errors": ("params", _value("parameters:standard_errors")),
     "state_rates": ("terms.variables.states", _value("parameters:state_rates")),

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Residuals
-    from commonlaw.forecast.forecast import Forecast
+    from commonlaw.forecast.forecast import Forecast, Metric
     from commonlaw.integration.vector_field import InputFunction
     from commonlaw.report.page import Page
     from commonlaw.verdict.law_verdict import LawVerdict
@@ -498,6 +498,23 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("Forecast", _call("forecast:predict", self, trials, **options, **how))
 
     # Comparison with measurements
+
+    def score(self, trials: Trials, metric: "Metric" = "r2", *, start: int | None = None) -> float:
+        """Return the score of forecasts by a metric of scikit-learn, averaged over states.
+
+        Raises `CommonlawError` if there is no such metric, or the trials cannot be forecast.
+
+        Parameters
+        ----------
+        trials
+            Measurements; missing values do not count.
+        metric
+            ``"r2"``, 1 - sum (y - f)^2 / sum (y - mean y)^2; ``"rmse"`` or ``"mae"``, in the unit of the state; or a
+            function of measurements and forecasts of a state, shape (n,) each.
+        start
+            Number of first samples that determine the initial state, see `predict`.
+        """
+        return self.predict(trials, start=start).metric(metric)
 
     def residuals(self, trials: Trials) -> "Residuals":
         """Return the residuals of trials about the trajectories of the law, with tests for patterns.
