@@ -14,8 +14,13 @@ from commonlaw.inference.propose.parametric import (
     with_parametric_terms_under_errors,
 )
 from commonlaw.inference.propose.screening import screen_terms, terms_by_score_test
-from commonlaw.inference.result.approximation import best_of_whole_trials, fits_whole_trials
+from commonlaw.inference.result.approximation import (
+    choose_deterministic,
+    fits_whole_trials,
+    index_of_best_fit_to_whole_trials,
+)
 from commonlaw.inference.result.assembly import assemble
+from commonlaw.inference.result.held_out_forecasts import best_forecaster
 from commonlaw.inference.result.history import levels_in_words
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import choose_errors
@@ -25,6 +30,7 @@ from commonlaw.inference.search.law_search import (
     resolved,
     search_on_finer_mesh,
     search_supports,
+    with_leading_support,
 )
 from commonlaw.inference.search.pool import Pool, score_of_order
 from commonlaw.inference.search.setup import error_kinds, transform_trials, with_interpolation
@@ -47,11 +53,12 @@ __all__ = [
     "Score",
     "adapt",
     "assemble",
-    "best_of_whole_trials",
+    "best_forecaster",
     "bounds",
     "can_be_subsampled",
     "candidate_law",
     "candidate_laws",
+    "choose_deterministic",
     "choose_errors",
     "choose_interpolation",
     "compare",
@@ -61,6 +68,7 @@ __all__ = [
     "fit_supports",
     "fits_whole_trials",
     "fitted_by_parts",
+    "index_of_best_fit_to_whole_trials",
     "is_truncated_series",
     "iterate_candidates",
     "known_noise",
@@ -81,6 +89,7 @@ __all__ = [
     "with_initial_parameters",
     "with_interpolation",
     "with_latent_state",
+    "with_leading_support",
     "with_parametric_terms",
     "with_parametric_terms_under_errors",
     "written_alike",

@@ -80,7 +80,7 @@ def fits_whole_trials(fit: Fit) -> bool:
     return all(_mean_square(series) <= 4 * variance for series, variance in pairs)
 
 
-def best_of_whole_trials(ranked: Sequence[Pool]) -> int:
+def index_of_best_fit_to_whole_trials(ranked: Sequence[Pool]) -> int:
     """Return the index of the pool whose law fits whole trials best, among several orders.
 
     It is the first, of largest evidence, unless the evidence for a deterministic law of another one is strong, as in

@@ -65,7 +65,7 @@ class StandardizedErrors:
         return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(settings.LEVEL)))
 
 
-def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
+def interval_inflation(found: Sequence[StandardizedErrors]) -> Widening | None:
     """Return the factors by which intervals are inflated at each horizon; None if nothing was forecast.
 
     With enough held-out trials, the factor is the conformal quantile of the errors near a horizon at the level
@@ -231,7 +231,7 @@ def best_forecaster(
     `pooled` pools the coefficients of the objects.
     """
     own = standardized_errors(pool.best, pooled)
-    if not _are_forecasts_off(pool.best, own):
+    if pool.is_approximation or not _are_forecasts_off(pool.best, own):
         return pool, own
     progress("comparing forecasts of held-out data")
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))

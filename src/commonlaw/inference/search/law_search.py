@@ -18,6 +18,7 @@ from commonlaw.inference.fit.annealing import (
     fit_supports,
     fit_with,
     refine_support,
+    refit_leading,
     rescale_noise,
     search,
     with_neighbours,
@@ -193,6 +194,15 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
             return pool.with_best(best)
         progress("fitting more plausible candidates")
         fit = best
+
+
+def with_leading_support(pool: Pool) -> Pool:
+    """Return a pool whose best has the supports that its linearization ranks first, if these have a better fit."""
+    if pool.best.problem.solver is None:
+        return pool
+    fit = refit_leading(pool.best)
+    same = np.array_equal(fit.supports, pool.best.supports)
+    return pool.with_best(fit if same else rescale_noise(fit))
 
 
 def subproblems(problem: SearchProblem, prepare_problem: Callable[..., SearchProblem]) -> list[SearchProblem]:
