@@ -346,8 +346,8 @@ class CandidateSearch:
         """Return the pool with laws with a latent state, if one is requested or the law may lack one."""
         # With more objects it takes minutes; with one trial a latent state is hardly identifiable
         few = len(trials.objects) <= 10 and len(trials) > 1
-        lacking = few and may_be_simpler(pool.best, MAX_TERMS_WITHOUT_LATENT_STATE)
-        seeks = self.options.latent_states or (lacking and screened.whole.library.seeks_latent_states)
+        may_have_one = few and may_be_simpler(pool.best, MAX_TERMS_WITHOUT_LATENT_STATE)
+        seeks = self.options.latent_states or (may_have_one and screened.whole.library.seeks_latent_states)
         if screened.whole.order != 1 or not seeks:
             return pool
         return with_latent_state(pool, trials, most_samples=self.options.max_samples, progress=self.progress)

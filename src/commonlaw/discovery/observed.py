@@ -296,8 +296,9 @@ class _WeakSearch:
             best = add(p, min(self.path(p)[0], key=lambda support: self.score(p, support)))
             while any(best.support):
                 # What is left out may change the parameters, so each is tried
-                fewer = [add(np.array(best.parameters), each) for each in _without_one(np.array(best.support))]
-                less = min(fewer, key=lambda each: each.score)
+                support, parameters = np.array(best.support), np.array(best.parameters)
+                fewer = [support & (np.arange(len(support)) != i) for i in np.flatnonzero(support)]
+                less = min((add(parameters, each) for each in fewer), key=lambda each: each.score)
                 if less.score >= best.score:
                     break
                 best = less
@@ -311,11 +312,6 @@ def _apart(starts: Sequence[Floats]) -> list[Floats]:
         if not any(np.all((start / each > 1 / _NEIGHBOUR) & (start / each < _NEIGHBOUR)) for each in result):
             result.append(start)
     return result
-
-
-def _without_one(support: Bools) -> list[Bools]:
-    """Return supports without each of the terms."""
-    return [support & (np.arange(len(support)) != i) for i in np.flatnonzero(support)]
 
 
 def _least(function: Callable[[Floats], float], start: Floats, sizes: Floats) -> tuple[float, Floats]:
@@ -381,8 +377,21 @@ def discover_observed(
     for i, candidate in enumerate(near):
         progress(f"fitting law {i + 1} of {len(near)}")
         try:
-            law = _exact(
-                search, begun, trials, observe, candidate, noise=noise, seed=seed, progress=progress, calls=calls
+            equations, first, shared = _equations(search, begun, trials, candidate)
+            law = fit_model(
+                ModelText.of(equations, observe),
+                trials,
+                initial_values={},
+                initial_time=None,
+                shared=dict.fromkeys(shared, ALL),
+                guesses=None,
+                priors=None,
+                log_states=(),
+                noise=noise,
+                seed=seed,
+                progress=progress,
+                calls=calls,
+                first=first,
             )
         except CommonlawError as error:
             refused.append(error)
@@ -413,18 +422,10 @@ def _begun(
     return begin(text, trials, {}, shared=dict.fromkeys(shared, ALL), noise=noise or {})
 
 
-def _exact(
-    search: _WeakSearch,
-    begun: Beginning,
-    trials: Trials,
-    observe: Mapping[str, str],
-    found: _Candidate,
-    noise: Mapping[str, float] | None,
-    seed: int,
-    progress: ProgressCallback,
-    calls: tuple[str, ...],
-) -> Law:
-    """Return the law of a candidate with the largest likelihood, searched from what is known of it."""
+def _equations(
+    search: _WeakSearch, begun: Beginning, trials: Trials, found: _Candidate
+) -> tuple[str, dict[str, float], list[str]]:
+    """Return the equations of a candidate, initial guesses of all unknowns, and the names of shared parameters."""
     p, support, fixed = np.array(found.parameters), np.array(found.support), search.fixed[0]
     variables, shared = search.terms.variables, [begun.unknowns.names[i] for i in search.free]
     names = [quoted(name) for name in variables.names]
@@ -449,18 +450,4 @@ def _exact(
     for row, part in zip(search.rows, search.parts, strict=True):
         label = row.data.trial.label
         first |= {f"{name}(0) of {label}": float(point[part.start, j]) for j, name in enumerate(states)}
-    return fit_model(
-        ModelText.of(text, observe),
-        trials,
-        initial_values={},
-        initial_time=None,
-        shared=dict.fromkeys(shared, ALL),
-        guesses=None,
-        priors=None,
-        log_states=(),
-        noise=noise,
-        seed=seed,
-        progress=progress,
-        calls=calls,
-        first=first,
-    )
+    return text, first, shared

@@ -69,9 +69,8 @@ def _by_state(asked: Mapping[str, int], schema: Schema) -> list[int]:
         check_choice("state", name, schema.states)
         if not _is_among(each, (1, 2)):
             raise CommonlawError("order-of-state", order=each, name=name)
-    lacking = [name for name in schema.states if name not in asked]
-    if lacking:
-        raise CommonlawError("order-missing", states=lacking)
+    if missing := [name for name in schema.states if name not in asked]:
+        raise CommonlawError("order-missing", states=missing)
     return [asked[name] for name in schema.states]
 
 
@@ -95,10 +94,10 @@ def _orders_from_measured_rates(trials: Trials) -> Orders:
     trials = without_rates(trials, left_out)
     of_each = tuple((2,) if name in second else (1,) if name in first else (1, 2) for name in trials.schema.states)
     known = {name: own[0] for name, own in zip(trials.schema.states, of_each, strict=True) if len(own) == 1}
-    lacking = [name for name in trials.schema.states if name not in known]
-    why = rates_in_words(rates) + (f"; the rate of {', '.join(lacking)} was not measured" if lacking else "")
-    alike = not lacking and len(set(known.values())) == 1
-    choice = str(of_each[0][0]) if alike else ", ".join(f"{name} {order}" for name, order in known.items())
+    missing = [name for name in trials.schema.states if name not in known]
+    why = rates_in_words(rates) + (f"; the rate of {', '.join(missing)} was not measured" if missing else "")
+    is_one = not missing and len(set(known.values())) == 1
+    choice = str(of_each[0][0]) if is_one else ", ".join(f"{name} {order}" for name, order in known.items())
     return Orders(trials, of_each, (Step("order", choice, why),))
 
 

@@ -144,9 +144,7 @@ class AbstractRegression(AbstractMethod):
             rest = data.subtract(law.coefficients).problems
             result = fitted_law(law, _sharing(solver, shared).solve(rest, np.isnan(known[0])), solver)
         else:
-            listed: tuple[AbstractSolver, ...] = (
-                (solver,) if solver is not None else (STLSQ(normalize=True), BestSubset())
-            )
+            listed: tuple[AbstractSolver, ...] = (solver,) if solver else (STLSQ(normalize=True), BestSubset())
             if solver is None and len(terms) > 60:
                 listed = StepwiseSelection(direction="forward"), StepwiseSelection(direction="backward")
             solvers = [_sharing(each, shared) for each in listed]
@@ -156,8 +154,13 @@ class AbstractRegression(AbstractMethod):
             )
             result = chosen_law(law, choose())
             if self.scoring == "forecasts":
+                if not isinstance(trials, Trials) or any(
+                    len(trials.of_object(name)) > MAX_GROUPS for name in trials.objects
+                ):
+                    raise CommonlawError("scoring-of-stream", limit=MAX_GROUPS)
                 progress("comparing forecasts of held-out trials")
-                scores = _forecast_scores(trials, data.subtract(law.coefficients), result, np.isnan(known[0]))
+                folds, free = make_folds(data.subtract(law.coefficients).groups), np.isnan(known[0])
+                scores = [ForecastError(folds, j, result, free, trials) for j in range(len(schema.states))]
                 result = chosen_law(law, choose(scores=scores))
         outcomes = (*result.diagnostics, *ill_conditions(result, data.problems))
         if isinstance(solver, STLSQ | SR3) and not solver.normalize and solver.hyperparameter is None:
@@ -203,16 +206,6 @@ def _sharing(solver: AbstractSolver, shared: Bools) -> AbstractSolver:
         equal = tuple(int(term) for term in np.flatnonzero(shared[equation]))
         solver = ConstrainedSolver(solver, equal, equation=int(equation))
     return solver
-
-
-def _forecast_scores(
-    trials: Trials | TrialStream, data: CompressedTrials, law: Law, free: Bools
-) -> list[ForecastError]:
-    """Return the score by forecasts of held-out trials for each equation, with the others as in `law`."""
-    if not isinstance(trials, Trials) or any(len(trials.of_object(name)) > MAX_GROUPS for name in trials.objects):
-        raise CommonlawError("scoring-of-stream", limit=MAX_GROUPS)
-    folds = make_folds(data.groups)
-    return [ForecastError(folds, target, law, free, trials) for target in range(len(law.schema.states))]
 
 
 @documented

@@ -336,7 +336,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     offsets: dict[Part, float] = {
         "latent states": sum(linearization.log_determinant for linearization in linear),
         "model error": model_error_penalty(model_error, sum(problem.measured)),
-        "error levels": problem.error_level_penalty,
+        "error levels": problem.measurements.level_penalty(problem.noise, problem.errors, problem.white_std),
         "outliers": 0.0 if problem.noise_is_fixed else cost,
     }
     log_parametrized = None

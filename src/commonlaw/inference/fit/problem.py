@@ -87,14 +87,8 @@ class SearchProblem:
     @property
     def law(self) -> Law:
         """The law of these trials with the fixed coefficients alone."""
-        return Law(
-            self.terms,
-            self.trials.schema,
-            self.order,
-            self.trials.objects,
-            np.nan_to_num(self.known),
-            provenance=Provenance(self.differentiation),
-        )
+        known, provenance = np.nan_to_num(self.known), Provenance(self.differentiation)
+        return Law(self.terms, self.trials.schema, self.order, self.trials.objects, known, provenance=provenance)
 
     @property
     def allowed(self) -> Bools:
@@ -104,10 +98,9 @@ class SearchProblem:
     @cached_property
     def measured_states(self) -> tuple[Bools, ...]:
         """Which states of each object were measured in one of its trials, each of shape (states,)."""
-        groups = (self.trials.of_object(name) for name in self.trials.objects)
-        return tuple(
-            np.asarray(np.isfinite(np.concatenate([trial.states for trial in group])).any(axis=0)) for group in groups
-        )
+        groups = [self.trials.of_object(name) for name in self.trials.objects]
+        states = (np.concatenate([trial.states for trial in group]) for group in groups)
+        return tuple(np.asarray(np.isfinite(measured).any(axis=0)) for measured in states)
 
     @property
     def most_terms(self) -> int:
@@ -125,9 +118,8 @@ class SearchProblem:
     @property
     def noise_is_fixed(self) -> bool:
         """Whether the noise is kept: given, estimated from more samples than are fitted, or not identifiable."""
-        return (
-            self.noise_given or bool(self.samples) or not (self.noise_is_identifiable or self.residuals_estimate_noise)
-        )
+        is_estimated = self.noise_is_identifiable or self.residuals_estimate_noise
+        return self.noise_given or bool(self.samples) or not is_estimated
 
     @property
     def noise_is_identifiable(self) -> bool:
@@ -205,9 +197,8 @@ class SearchProblem:
             changed, start = changed.with_latent(errors.latent, replace(start, states=states))
             models.append(changed)
             starts.append(start)
-        return replace(
-            self, models=tuple(models), starts=tuple(starts), noise=noise, errors=errors, noise_reason=reason
-        )
+        problem = replace(self, models=tuple(models), starts=tuple(starts))
+        return replace(problem, noise=noise, errors=errors, noise_reason=reason)
 
     @property
     def under_white_noise(self) -> "SearchProblem":
@@ -216,9 +207,8 @@ class SearchProblem:
 
     def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
         """Return the problem with the states of estimates, at which heteroscedastic noise is evaluated."""
-        starts = tuple(
-            replace(start, states=estimate.states) for start, estimate in zip(self.starts, estimates, strict=True)
-        )
+        pairs = zip(self.starts, estimates, strict=True)
+        starts = tuple(replace(start, states=estimate.states) for start, estimate in pairs)
         return replace(self, starts=starts).with_errors(self.noise, self.errors, self.noise_reason)
 
     @cached_property
@@ -261,11 +251,6 @@ class SearchProblem:
             complexity_penalties(terms), tuple(origins), float(np.log(sum(self.measured))), self.excluded_terms
         )
 
-    @cached_property
-    def error_level_penalty(self) -> float:
-        """Minus twice the log prior of the levels of errors, see `Measurements.level_penalty`."""
-        return self.measurements.level_penalty(self.noise, self.errors, self.white_std)
-
     def std_of(self, mesh: Mesh) -> Floats:
         """Return the white-noise standard deviation of each measurement on a mesh, shape (n, d)."""
         return mesh.scale * self.noise
@@ -287,20 +272,21 @@ class SearchProblem:
 
     def finer(self) -> "SearchProblem":
         """Return the problem with twice as many points for each sampling step."""
-        points = 2 * self.points
-        groups = [self.trials.of_object(name) for name in self.trials.objects]
-        pairs = zip(self.models, groups, strict=True)
-        between = self.trials.schema.input_interpolation
-        models = tuple(
-            replace(model, meshes=meshes(group, points, input_interpolation=between)) for model, group in pairs
-        )
         starts = tuple(
             replace(start, states=tuple(map(Mesh.halfway, model.meshes, start.states)))
             for model, start in zip(self.models, self.starts, strict=True)
         )
-        return replace(self, models=models, starts=starts, points=points).with_errors(
-            self.noise, self.errors, self.noise_reason
+        return replace(self, starts=starts, points=2 * self.points).with_meshes_of(self.trials)
+
+    def with_meshes_of(self, trials: Trials) -> "SearchProblem":
+        """Return the problem with new meshes of the same trials, or of these with another interpolation of inputs."""
+        between, groups = trials.schema.input_interpolation, [trials.of_object(name) for name in trials.objects]
+        models = tuple(
+            replace(model, meshes=meshes(group, self.points, input_interpolation=between))
+            for model, group in zip(self.models, groups, strict=True)
         )
+        changed = replace(self, trials=trials, models=models)
+        return changed.with_errors(self.noise, self.errors, self.noise_reason)
 
 
 def prepare(
@@ -330,16 +316,14 @@ def prepare(
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.fmin.reduce(states), np.fmax.reduce(states)]) for name, states in samples.items()}
     started = trials.schema.is_latent
-    refuse_constant_states(
-        {name: np.where(started, np.nan, bounds) for name, bounds in extremes.items()}, trials.schema
-    )
+    extremes = {name: np.where(started, np.nan, bounds) for name, bounds in extremes.items()}
+    refuse_constant_states(extremes, trials.schema)
     given = noise is not None
     noise, reason = estimated_noise(trials) if noise is None else (noise, "as given")
     levels = np.fmax(noise, settings.MIN_NOISE * scale if given else noise_floor(trials))
     if started.any():
         levels = with_latent_noise(levels, trials)
-    carried = subsample(trials, levels, most_samples)
-    trials = carried.trials
+    trials, subsampled = subsample(trials, levels, most_samples)
     groups = [trials.of_object(name) for name in trials.objects]
     curves = [[smooth_curves(trial, order, started) for trial in group] for group in groups]
     unit, second = levels, with_rates(order, len(scale))
@@ -347,15 +331,14 @@ def prepare(
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([levels, levels[second] * np.nanstd(rates, axis=0) / scale[second]])
     between, observation = trials.schema.input_interpolation, ObservationModel(levels, huber_threshold)
-    models = [
-        TrajectoryModel(
-            terms,
-            [_with_starts(mesh, levels, started) for mesh in meshes(group, input_interpolation=between)],
-            observation,
-            unit,
-        )
-        for group in groups
-    ]
+    models = list[TrajectoryModel]()
+    for group in groups:
+        on_meshes = meshes(group, input_interpolation=between)
+        if started.any():  # With the standard deviations of the initial values of latent states
+            stds = [with_typical(mesh.noise, levels) * mesh.averaging / levels for mesh in on_meshes]
+            pairs = zip(on_meshes, stds, strict=True)
+            on_meshes = [mesh.with_scale(np.where(started & mesh.observed, std, 1.0)) for mesh, std in pairs]
+        models.append(TrajectoryModel(terms, on_meshes, observation, unit))
     if started.any():
         starts, curves, equivalent_optima = initial_latent_estimates(
             models, trials, curves, known, np.zeros_like(known) if guess is None else guess
@@ -377,19 +360,10 @@ def prepare(
         known,
         levels,
         given,
-        samples=carried.words,
+        samples=subsampled,
         equivalent_optima=tuple(equivalent_optima),
     )
     return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
-
-
-def _with_starts(mesh: Mesh, levels: Floats, started: Bools) -> Mesh:
-    """Return a mesh with the standard deviations of the initial values of latent states."""
-    if not started.any():
-        return mesh
-    return mesh.with_scale(
-        np.where(started & mesh.observed, with_typical(mesh.noise, levels) * mesh.averaging / levels, 1.0)
-    )
 
 
 def _smoothed_estimates(

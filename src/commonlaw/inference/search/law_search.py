@@ -32,7 +32,7 @@ from commonlaw.inference.search.setup import FitSetup, error_kinds, with_interpo
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
 from commonlaw.library import Terms
-from commonlaw.likelihood import meshes, threads_are_worthwhile
+from commonlaw.likelihood import threads_are_worthwhile
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.parallel import in_parallel
 from commonlaw.runtime.progress import ProgressCallback, Stage, part
@@ -146,29 +146,18 @@ def best_interpolation(fit: Fit, is_chosen: bool) -> Step:
     the law has no lack of fit under the other.
     """
     before, gains = fit.problem.trials.schema.input_interpolation, dict[str, float]()
-    for other in (_with_interpolation(fit, each) for each in BETWEEN if each != before):
+    for between in (each for each in BETWEEN if each != before):
+        problem = fit.problem.with_meshes_of(with_interpolation(fit.problem.trials, between))
+        other = fit_supports(problem, fit.supports, ANY_ERROR)
         gain = fit.score - other.score
         if gain > settings.STRONG and not (is_chosen and other.lack_of_fit):
-            gains[other.problem.trials.schema.input_interpolation] = gain
+            gains[between] = gain
     if gains:
-        best = max(gains, key=lambda each: gains[each])
+        best = max(gains, key=gains.__getitem__)
         why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
         return Step("inputs", best, why)
     why = "the evidence for no other interpolation is strong, or the law has a lack of fit with it"
     return Step("inputs", before, f"between samples: {why}")
-
-
-def _with_interpolation(fit: Fit, between: str) -> Fit:
-    """Return the fit of the same supports under another input interpolation."""
-    problem = fit.problem
-    groups = [problem.trials.of_object(name) for name in problem.trials.objects]
-    models = tuple(
-        replace(model, meshes=meshes(group, problem.points, input_interpolation=between))
-        for model, group in zip(problem.models, groups, strict=True)
-    )
-    changed = replace(problem, trials=with_interpolation(problem.trials, between), models=models)
-    changed = changed.with_errors(problem.noise, problem.errors, problem.noise_reason)
-    return fit_supports(changed, fit.supports, ANY_ERROR)
 
 
 def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
