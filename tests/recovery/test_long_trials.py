@@ -5,8 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import default_method
-from commonlaw.inference import can_be_subsampled
-from commonlaw.inference.data.subsampling import subsample
+from commonlaw.inference.data.subsampling import can_be_subsampled, subsample
 from commonlaw.law.parameters import standard_errors
 from commonlaw.outcomes import OutcomeKind
 

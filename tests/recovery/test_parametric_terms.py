@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import curve_fit
 
 import commonlaw as cl
-from commonlaw.inference import prepare
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import CurveData
 from commonlaw.inference.fit.parameter_grid import ParameterGrids, frequencies_in_time

@@ -11,31 +11,27 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.method import ModelStructure, parsed
 from commonlaw.discovery.regression import DerivativeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import (
-    PATH,
-    Fit,
-    Pool,
-    Score,
-    choose_errors,
-    choose_interpolation,
-    drives,
-    error_kinds,
+from commonlaw.inference.data.noise import known_noise
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.propose.latent_states import drives, with_forcing_step, with_latent_state
+from commonlaw.inference.propose.parametric import (
     is_truncated_series,
-    known_noise,
     may_be_simpler,
-    resolved,
-    score_of_order,
-    screen_terms,
-    search_on_finer_mesh,
-    search_supports,
-    terms_by_score_test,
-    transform_trials,
-    with_forcing_step,
-    with_interpolation,
-    with_latent_state,
     with_parametric_terms,
     with_parametric_terms_under_errors,
 )
+from commonlaw.inference.propose.screening import screen_terms, terms_by_score_test
+from commonlaw.inference.score.score import Score
+from commonlaw.inference.search.error_models import choose_errors
+from commonlaw.inference.search.law_search import (
+    PATH,
+    choose_interpolation,
+    resolved,
+    search_on_finer_mesh,
+    search_supports,
+)
+from commonlaw.inference.search.pool import Pool, score_of_order
+from commonlaw.inference.search.setup import error_kinds, transform_trials, with_interpolation
 from commonlaw.law import Step
 from commonlaw.library import Offer, Order, ParametricTerm, SelectedLibrary, Terms, highest_order, order_of_each
 from commonlaw.runtime.fit_options import FitOptions

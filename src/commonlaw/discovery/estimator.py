@@ -25,7 +25,7 @@ from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeReg
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_latent_states
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
-from commonlaw.inference import can_be_subsampled
+from commonlaw.inference.data.subsampling import can_be_subsampled
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched

@@ -17,9 +17,11 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import fit_model, needs_model
 from commonlaw.estimation.fitting import InitialGiven, check_white
 from commonlaw.estimation.model import ModelText
-from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine, with_initial_parameters
+from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
+from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
 from commonlaw.inference.settings import STRONG
+from commonlaw.inference.verbs.chunks import fitted_by_parts
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects
 from commonlaw.law.models import model_named

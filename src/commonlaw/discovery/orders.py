@@ -12,7 +12,9 @@ from commonlaw.array_types import Floats
 from commonlaw.discovery.candidate_search import Candidate
 from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import Fit, Pool, settings
+from commonlaw.inference import settings
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, with_rates

@@ -31,15 +31,15 @@ from commonlaw.discovery.orders import (
 )
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_pooled_forecasts
-from commonlaw.inference import (
-    assemble,
-    best_forecaster,
+from commonlaw.inference.result.approximation import (
     choose_deterministic,
-    error_kinds,
     fits_whole_trials,
     index_of_best_fit_to_whole_trials,
-    with_leading_support,
 )
+from commonlaw.inference.result.assembly import assemble
+from commonlaw.inference.result.held_out_forecasts import best_forecaster
+from commonlaw.inference.search.law_search import with_leading_support
+from commonlaw.inference.search.setup import error_kinds
 from commonlaw.law import Law, pool_objects
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order

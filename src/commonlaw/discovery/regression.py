@@ -27,7 +27,7 @@ from commonlaw.formulation import (
     rows_by_object,
     some_trials,
 )
-from commonlaw.inference import known_noise
+from commonlaw.inference.data.noise import known_noise
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import note

@@ -12,7 +12,9 @@ from commonlaw.discovery.method import AbstractMethod, ModelStructure, check_sup
 from commonlaw.discovery.pipeline import law_of_best_order
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_pooled_forecasts
-from commonlaw.inference import compare_by_parts, fitted_by_parts, refine, typical, written_alike
+from commonlaw.inference import refine
+from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
+from commonlaw.inference.verbs.comparison import compare_by_parts, written_alike
 from commonlaw.law import Law, Step
 from commonlaw.library import order_of_each
 from commonlaw.runtime.cluster import done_in_parts
