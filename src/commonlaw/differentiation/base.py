@@ -32,12 +32,12 @@ class AbstractDifferentiator(ABC):
     takes_missing: ClassVar[bool] = False
     """Whether measured states may be missing (NaN)."""
 
-    @abstractmethod
     def reach(self, order: int) -> int | None:
         """Return how many samples away on each side the derivatives up to `order` at a sample can depend on.
 
-        None means all of them. Near the ends of a trial, where formulas are one-sided, it may be more.
+        None, the default, means all of them. Near the ends of a trial, where formulas are one-sided, it may be more.
         """
+        return None
 
     def takes(self, times: Floats, states: Floats) -> bool:
         """Whether these samples of a trial meet what the method assumes."""
@@ -68,9 +68,9 @@ class AbstractSmoother(ABC):
     """From measured states to smoothed states."""
 
     @property
-    @abstractmethod
     def half_window(self) -> int | None:
-        """How many samples away on each side a smoothed state can depend on; None means all of them."""
+        """How many samples away on each side a smoothed state can depend on; None, the default, means all of them."""
+        return None
 
     @abstractmethod
     def smooth(self, times: Floats, states: Floats) -> Floats:
@@ -93,12 +93,5 @@ def check_uniform(times: Floats, tolerance: float, method: str) -> None:
     far = np.flatnonzero(np.abs(steps - median) > tolerance * median)
     if len(far):
         i = int(far[0])
-        raise CommonlawError(
-            "uneven-sampling",
-            sample=i + 1,
-            next_sample=i + 2,
-            step=steps[i],
-            median=median,
-            method=method,
-            tolerance=tolerance,
-        )
+        known = {"step": steps[i], "median": median, "method": method, "tolerance": tolerance}
+        raise CommonlawError("uneven-sampling", sample=i + 1, next_sample=i + 2, **known)

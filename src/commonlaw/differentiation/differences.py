@@ -217,9 +217,6 @@ class SpectralDerivative(AbstractDifferentiator):
     def __post_init__(self) -> None:
         check_number("cutoff", self.cutoff, 0, above=True, optional=True)
 
-    def reach(self, order: int) -> int | None:
-        return None
-
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         count = len(times)
         need_samples(count, 3, "spectral derivatives")

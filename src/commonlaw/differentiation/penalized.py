@@ -99,9 +99,6 @@ class SmoothingSpline(AbstractDifferentiator):
     def __post_init__(self) -> None:
         check_number("strength", self.strength, 0, above=True, optional=True)
 
-    def reach(self, order: int) -> int | None:
-        return None
-
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 5, "smoothing splines")
         if order > 2:
@@ -228,9 +225,6 @@ class TotalVariationDerivative(AbstractDifferentiator):
 
     def __post_init__(self) -> None:
         check_number("strength", self.strength, 0, above=True)
-
-    def reach(self, order: int) -> int | None:
-        return None
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 3, "total-variation derivatives")

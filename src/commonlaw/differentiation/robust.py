@@ -55,9 +55,6 @@ class RobustSpline(AbstractDifferentiator):
     def __post_init__(self) -> None:
         check_number("strength", self.strength, 0, above=True, optional=True)
 
-    def reach(self, order: int) -> int | None:
-        return None
-
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         columns = []
         for j, column in enumerate(states.T):

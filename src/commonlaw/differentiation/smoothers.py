@@ -40,9 +40,8 @@ class SavitzkyGolay(AbstractSmoother):
         _check_window(self.window)
         check_whole_number("polynomial", self.polynomial, 0)
         if self.polynomial >= self.window:
-            raise CommonlawError(
-                "polynomial-fills-window", degree=self.polynomial, window=self.window, limit=self.window - 1
-            )
+            limit = self.window - 1
+            raise CommonlawError("polynomial-fills-window", degree=self.polynomial, window=self.window, limit=limit)
 
     @property
     def half_window(self) -> int | None:
@@ -124,10 +123,6 @@ class WienerFilter(AbstractSmoother):
 
     def __post_init__(self) -> None:
         _check_window(self.window)
-
-    @property
-    def half_window(self) -> int | None:
-        return None
 
     def smooth(self, times: Floats, states: Floats) -> Floats:
         _check_fit(len(times), self.window)

@@ -107,10 +107,8 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
     norms = np.array([problem.norms for problem in problems])
     scales = np.where(norms > 0, norms, 1.0)
     terms = problems[0].terms
-    blocks = [
-        (problem.factor[:, :terms] / scale)[:, row]
-        for problem, scale, row in zip(problems, scales, support, strict=True)
-    ]
+    listed = zip(problems, scales, support, strict=True)
+    blocks = [(problem.factor[:, :terms] / scale)[:, row] for problem, scale, row in listed]
     columns, goal = block_diag(*blocks), np.concatenate([problem.factor[:, terms + target] for problem in problems])
     solutions = _solutions(matrix[:, support.ravel()] / scales[support], right)
     if solutions is None:
@@ -124,14 +122,9 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
 
 def _check(matrix: Floats, right: Floats, support: Bools) -> None:
     if np.shape(matrix) != (len(right), support.size):
-        raise CommonlawError(
-            "constraints-shape",
-            shape=np.shape(matrix),
-            objects=support.shape[0],
-            terms=support.shape[1],
-            constraints=len(right),
-            columns=support.size,
-        )
+        objects, terms = support.shape
+        known = {"objects": objects, "terms": terms, "constraints": len(right), "columns": support.size}
+        raise CommonlawError("constraints-shape", shape=np.shape(matrix), **known)
     values = _unit_rows(matrix, right)[0]
     if np.linalg.matrix_rank(values, tol=_RANK * max(values.shape)) < len(values):
         raise CommonlawError("constraints-dependent")

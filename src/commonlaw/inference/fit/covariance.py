@@ -97,8 +97,7 @@ def regressions(fit: Fit) -> list[Regression | None]:
     models = fit.problem.models
     if fit.has_model_error or models[0].latent.width:
         return [None] * len(models)
-    listed = zip(models, fit.estimates, free_coefficients(fit), strict=True)
-    return [Regression.of(*arguments) for arguments in listed]
+    return list(map(Regression.of, models, fit.estimates, free_coefficients(fit)))
 
 
 def factors(fit: Fit) -> list[Floats]:
@@ -135,9 +134,8 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
     support = np.any(coefficients != 0, axis=0)
     by_object = np.zeros((len(fit.estimates), support.sum(), support.sum()))
     triangles = factors(fit) if kind == "likelihood" else ()
-    for o, (model, estimate, free) in enumerate(
-        zip(problem.models, fit.estimates, free_coefficients(fit), strict=True)
-    ):
+    listed = zip(problem.models, fit.estimates, free_coefficients(fit), strict=True)
+    for o, (model, estimate, free) in enumerate(listed):
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
         if kind == "bootstrap":
             trials = [rows for rows, _ in whitened(model, estimate, fit.fitted_model_error)]
@@ -169,9 +167,8 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
     norms = column_scales(np.concatenate(factors))
     reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(indices))
     # Minimum-norm solutions: coefficients that the drawn blocks do not identify are zero
-    estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=settings.COLLINEAR), reduced[:, inner, -1:])[
-        ..., 0
-    ]
+    inverse = np.linalg.pinv(reduced[:, inner, inner], rcond=settings.COLLINEAR)
+    estimates = np.matmul(inverse, reduced[:, inner, -1:])[..., 0]
     return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))
 
 

@@ -323,7 +323,9 @@ def restricted(
 def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
     """Return the evidence of supports by the likelihood linearized about estimates, comparable between model errors.
 
-    Raises `NotPositiveError` if numbers are not finite, or too far apart.
+    With the Huber threshold c, an outlier of size u contributes ``c u`` to the sum of weighted squares, and has the
+    penalty ``c^2``, that of a measurement at the threshold. Raises `NotPositiveError` if numbers are not finite, or too
+    far apart.
     """
     linear = linearize_each(problem.models, estimates, model_error)
     pairs = zip(linear, np.nan_to_num(problem.known), strict=True)
@@ -331,13 +333,21 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
         linearization.problem.subtract(beta.reshape(1, -1)) if beta.any() else linearization.problem
         for linearization, beta in pairs
     ]
-    outliers, cost, count = _outliers(problem, estimates)
-    noise_scale = problem.noise_scale.with_outliers(outliers, count)
+    model, states = problem.models[0], np.concatenate([z for estimate in estimates for z in estimate.states])
+    sizes = np.abs((problem.measurements.measured - states @ model.observed.T) / problem.white_std)
+    threshold = model.observation.huber_threshold
+    outliers = sizes[sizes > threshold]
+    penalty = float(threshold**2 * len(outliers)) if len(outliers) else 0.0
+    noise_scale = replace(
+        problem.noise_scale,
+        outliers=float(threshold * outliers.sum()) if len(outliers) else 0.0,
+        freedom=problem.noise_scale.freedom - len(outliers),
+    )
     offsets: dict[Part, float] = {
         "latent states": sum(linearization.log_determinant for linearization in linear),
         "model error": model_error_penalty(model_error, sum(problem.measured)),
         "error levels": problem.measurements.level_penalty(problem.noise, problem.errors, problem.white_std),
-        "outliers": 0.0 if problem.noise_is_fixed else cost,
+        "outliers": 0.0 if problem.noise_is_fixed else penalty,
     }
     log_parametrized = None
     if problem.terms.parameters:  # Those whose signs differ between objects have no logarithms
@@ -354,16 +364,3 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
 def model_error_penalty(model_error: float, count: int) -> float:
     """Return the penalty log n of a model error, one fitted number (BIC)."""
     return float(np.log(count)) if model_error > settings.FINAL_MODEL_ERRORS[0] else 0.0
-
-
-def _outliers(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[float, float, int]:
-    """Return the contribution of outliers to the sum of squares, their penalty, and their number.
-
-    With the Huber threshold c, an outlier of size u contributes ``c u`` to the sum of weighted squares, and has the
-    penalty ``c^2``, that of a measurement at the threshold.
-    """
-    model, states = problem.models[0], np.concatenate([z for estimate in estimates for z in estimate.states])
-    residuals = problem.measurements.measured - states @ model.observed.T
-    sizes, bound = np.abs(residuals / problem.white_std), model.observation.huber_threshold
-    far = sizes[sizes > bound]
-    return (float(bound * far.sum()), float(bound**2 * len(far)), len(far)) if len(far) else (0.0, 0.0, 0)

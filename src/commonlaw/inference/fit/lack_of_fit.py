@@ -91,16 +91,13 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
         return [Departure(f"mostly larger than {MAX_STANDARDIZED_RESIDUAL:g} noise standard deviations")]
     if not is_measured:
         return []
-    squared, listed, price = np.concatenate(squares), [], np.log(max(count, 2))
-    schema = problem.trials.schema
-    if (
-        schema.states[j] not in schema.logarithmic
-        and proportional_noise_gain(squared, np.concatenate(sizes))[0] > price
-    ):
+    squared, listed, penalty = np.concatenate(squares), [], np.log(max(count, 2))
+    is_logarithmic = problem.trials.schema.states[j] in problem.trials.schema.logarithmic
+    if not is_logarithmic and proportional_noise_gain(squared, np.concatenate(sizes))[0] > penalty:
         listed.append(Departure("heteroscedastic", is_of_noise=True))
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
-    if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * price:
+    if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * penalty:
         listed.append(Departure("autocorrelated"))
     return listed
 
@@ -237,9 +234,8 @@ def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
         if not orders or None in orders:
             continue
         order = max(order for order in orders if order)
-        squared, sizes = (
-            np.concatenate(values) for values in zip(*(_differences(*column, order) for column in columns), strict=True)
-        )
+        squares = zip(*(_differences(*column, order) for column in columns), strict=True)
+        squared, sizes = map(np.concatenate, squares)
         if np.sqrt(np.mean(squared)) <= 1.001 * floor[j]:  # At the noise floor
             continue
         gain, (constant, share) = proportional_noise_gain(squared, sizes)

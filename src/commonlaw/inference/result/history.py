@@ -132,15 +132,13 @@ def _not_identifiable(law: Law) -> tuple[Outcome, ...]:
     lost = dict[str, list[str]]()
     parameters = named_parameters(law)
     for name, values, errors in zip(law.objects, parameters.values, parameters.errors, strict=True):
-        letters = [
-            name for name, value, error in zip(parameters.names, values, errors, strict=True) if error > abs(value)
-        ]
-        if letters:
-            lost.setdefault(", ".join(letters), []).append(name)
-    names = ", ".join(law.schema.initial_values)
+        unsure = [parameters.names[i] for i in np.flatnonzero(errors > abs(values))]
+        if unsure:
+            lost.setdefault(", ".join(unsure), []).append(name)
+    states = ", ".join(law.schema.initial_values)
     return tuple(
-        note("parameters-with-latent-states", ", ".join(objects), states=names, parameters=letters)
-        for letters, objects in lost.items()
+        note("parameters-with-latent-states", ", ".join(objects), states=states, parameters=names)
+        for names, objects in lost.items()
     )
 
 
@@ -158,9 +156,9 @@ def _left(fit: Fit) -> str:
 def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
     """Return which samples were fitted, if these are not all, and which states were never measured in a trial."""
     why = "sample limit of the trajectory likelihood"
-    lacking = unmeasured_in_words(problem.trials)
-    latent = Step("latent states", lacking, "estimated jointly with the law, identified by the other trials")
-    return (*((Step("samples", problem.samples, why),) if problem.samples else ()), *((latent,) if lacking else ()))
+    unmeasured = unmeasured_in_words(problem.trials)
+    latent = Step("latent states", unmeasured, "estimated jointly with the law, identified by the other trials")
+    return (*((Step("samples", problem.samples, why),) if problem.samples else ()), *((latent,) if unmeasured else ()))
 
 
 def history(law: Law, fit: Fit, compared: Sequence[Compared], chosen_by: str) -> tuple[Step, ...]:

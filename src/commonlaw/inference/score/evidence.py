@@ -63,10 +63,6 @@ class NoiseScale:
         """Return the posterior with fewer degrees of freedom, for coefficients that are fitted besides."""
         return replace(self, freedom=self.freedom - coefficients)
 
-    def with_outliers(self, outliers: float, count: int) -> "NoiseScale":
-        """Return the posterior with so many outliers, which contribute `outliers` to sums of squares."""
-        return replace(self, outliers=outliers, freedom=self.freedom - count)
-
     def variance(self, squares: float, coefficients: int) -> float:
         """Return the noise variance s^2 given the residual sum of squares of so many coefficients."""
         if np.isinf(self.freedom):

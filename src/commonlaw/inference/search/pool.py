@@ -144,9 +144,9 @@ def score_of_order(fit: Fit) -> Score:
     if not len(with_rates(problem.order, states)):
         return score
     rates = np.concatenate([each[:, states:] for own in problem.smoothed for each in own])
-    variances, price = np.nanmean(rates**2, axis=0), 0.0
+    variances, penalty = np.nanmean(rates**2, axis=0), 0.0
     for model, estimate in zip(problem.models, fit.estimates, strict=True):
         for mesh, found, _ in model.parts(estimate):
             starts = found[mesh.first, states : model.width]
-            price += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
-    return score.plus("initial conditions", price)
+            penalty += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
+    return score.plus("initial conditions", penalty)

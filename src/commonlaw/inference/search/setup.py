@@ -118,7 +118,12 @@ class FitSetup:
         check_gaps(tuple(trials), trials.schema)
         between = law.schema.input_interpolation if input_interpolation is None else input_interpolation
         trials = transform_trials(trials, law.schema.logarithmic, between)
-        return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold, between)
+        if law.order == 0:
+            raise CommonlawError("discrete-not-refined")
+        law = law.select(trials.objects)
+        if not shares_terms(law):
+            raise CommonlawError("refine-own-terms")
+        return cls(law, trials, known_noise(levels, trials), huber_threshold, between)
 
     @property
     def known(self) -> Floats:
@@ -130,21 +135,16 @@ class FitSetup:
 
     def problem(self) -> SearchProblem:
         """Return the measurements prepared for a fit of the terms of the law."""
-        noise, huber, law = self.noise, self.huber_threshold, self.law
-        begin = law.coefficients
-        problem = prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, guess=begin)
+        problem = prepare(
+            self.trials,
+            self.law.terms,
+            self.known,
+            noise=self.noise,
+            huber_threshold=self.huber_threshold,
+            guess=self.law.coefficients,
+        )
         problem = replace(problem, residuals_estimate_noise=problem.is_determined(int(np.isnan(self.known).sum())))
         return problem.with_priors(self.priors) if self.priors else problem
-
-
-def _of_objects(law: Law, trials: Trials) -> Law:
-    """Return the law of the objects of these trials."""
-    if law.order == 0:
-        raise CommonlawError("discrete-not-refined")
-    law = law.select(trials.objects)
-    if not shares_terms(law):
-        raise CommonlawError("refine-own-terms")
-    return law
 
 
 def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[ErrorKind, ...]:
