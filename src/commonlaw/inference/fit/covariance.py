@@ -66,7 +66,7 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
     """
     problem = fit.problem
     meshes = [mesh for model in problem.models for mesh in model.meshes]
-    counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.measurements.pure_error[1]
+    counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.pure_error[1]
     listed = zip(problem.models, free_coefficients(fit), regressions(fit), strict=True)
     used = [
         np.array(model.order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in model.meshes], axis=0)
@@ -221,6 +221,5 @@ def with_pooled_coefficients(fit: Fit) -> Fit:
 
 
 def _fully_measured(fit: Fit) -> list[Floats]:
-    """Return the coefficients of the objects on which all states were measured."""
     pairs = zip(fit.estimates, fit.problem.measured_states, strict=True)
     return [estimate.coefficients for estimate, measured in pairs if measured.all()]

@@ -334,7 +334,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
         for linearization, beta in pairs
     ]
     model, states = problem.models[0], np.concatenate([z for estimate in estimates for z in estimate.states])
-    sizes = np.abs((problem.measurements.measured - states @ model.observed.T) / problem.white_std)
+    sizes = np.abs((problem.measurements - states @ model.observed.T) / problem.white_std)
     threshold = model.observation.huber_threshold
     outliers = sizes[sizes > threshold]
     penalty = float(threshold**2 * len(outliers)) if len(outliers) else 0.0
@@ -346,7 +346,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     offsets: dict[Part, float] = {
         "latent states": sum(linearization.log_determinant for linearization in linear),
         "model error": model_error_penalty(model_error, sum(problem.measured)),
-        "error levels": problem.measurements.level_penalty(problem.noise, problem.errors, problem.white_std),
+        "error levels": problem.level_penalty(problem.noise, problem.errors, problem.white_std),
         "outliers": 0.0 if problem.noise_is_fixed else penalty,
     }
     log_parametrized = None

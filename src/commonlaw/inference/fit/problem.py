@@ -11,7 +11,14 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import by_columns, estimated_noise, has_replicates, noise_floor, within_trial_std
+from commonlaw.inference.data.noise import (
+    by_columns,
+    estimated_noise,
+    has_replicates,
+    noise_floor,
+    noise_floors,
+    within_trial_std,
+)
 from commonlaw.inference.data.smoothing import filled_curves, gradient_matching, smooth_curves, typical_states
 from commonlaw.inference.data.subsampling import subsample
 from commonlaw.inference.fit.latent_initialization import (
@@ -21,7 +28,7 @@ from commonlaw.inference.fit.latent_initialization import (
     with_latent_noise,
 )
 from commonlaw.inference.score.evidence import NoiseScale
-from commonlaw.inference.score.priors import Measurements, StructurePrior, complexity_penalties, shifted
+from commonlaw.inference.score.priors import StructurePrior, complexity_penalties, shifted
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (
@@ -38,6 +45,7 @@ from commonlaw.likelihood import (
 )
 from commonlaw.solvers import AbstractSolver
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.repeats import pure_error
 from commonlaw.trials.trial import with_typical
 
 
@@ -121,7 +129,7 @@ class SearchProblem:
         is_estimated = self.noise_is_identifiable or self.residuals_estimate_noise
         return self.noise_given or bool(self.samples) or not is_estimated
 
-    @property
+    @cached_property
     def noise_is_identifiable(self) -> bool:
         """Whether replicates, or differences of the samples of some trial, estimate the noise of a state."""
         return bool(has_replicates(self.trials).any()) or any(
@@ -187,7 +195,7 @@ class SearchProblem:
     def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
         """Return the problem with other noise, shape (d,), other errors, and their description."""
         lengths = [len(mesh) for model in self.models for mesh in model.meshes]
-        scales = iter(np.split(self.measurements.white_std(noise, errors) / noise, np.cumsum(lengths)[:-1]))
+        scales = iter(np.split(self.white_std_at(noise, errors) / noise, np.cumsum(lengths)[:-1]))
         models, starts = [], []
         for model, start in zip(self.models, self.starts, strict=True):
             states = tuple(state[:, : model.width] for state in start.states)
@@ -211,31 +219,104 @@ class SearchProblem:
         starts = tuple(replace(start, states=estimate.states) for start, estimate in pairs)
         return replace(self, starts=starts).with_errors(self.noise, self.errors, self.noise_reason)
 
-    @cached_property
-    def measurements(self) -> Measurements:
-        """The measurements with the prior of error levels."""
-        meshes = tuple(mesh for model in self.models for mesh in model.meshes)
-        states = tuple(state for start in self.starts for state in start.states)
-        return Measurements(
-            self.trials,
-            meshes,
-            states,
-            self.noise_estimate,
-            self.models[0].order,
-            sum(self.measured),
-            self.noise_is_fixed,
-            settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0,
-        )
+    def white_std_at(self, noise: Floats, errors: ErrorModel) -> Floats:
+        """Return the white-noise standard deviation of each measurement, shape (points, d), given that of states, (d,).
+
+        Constant states keep their prior noise; that of absent ones (exactly zero) is negligible. Heteroscedastic noise
+        is evaluated at the initial estimates.
+        """
+        states = np.concatenate([state for start in self.starts for state in start.states])[:, : len(noise)]
+        std = errors.white_std(states, with_typical(self._given, noise))
+        still = np.where(self._absent, settings.MIN_NOISE * self.noise_estimate, self.noise_estimate)
+        return np.where(self._still, with_typical(self._given, still), std) * self._averaging
+
+    def noise_scale_at(self, noise: Floats, errors: ErrorModel, std: Floats) -> NoiseScale:
+        """Return the inverse-gamma posterior of the noise variance at these levels, in units of these.
+
+        The prior estimate counts as `PRIOR_OBSERVATIONS` of each state, and replicates add their pure error. The
+        variance is at least that of rounding, and `RESOLVED_NOISE` squared times that of the noise floor.
+        """
+        count = sum(self.measured)
+        if self.noise_is_fixed:
+            return NoiseScale(count)
+        inflation = self._inflation(noise, errors, std)
+        prior, least = self._prior_observations * float(np.sum(1 / inflation)), self._noise_floors[1] / noise
+        squares, repeated = self.pure_error
+        freedom = self._freedom + float(repeated.sum()) + self._prior_observations * len(inflation)
+        prior += float(np.sum(squares / noise**2))
+        return NoiseScale(count, freedom, prior, least=float(np.max(least) ** 2))
 
     @cached_property
     def noise_scale(self) -> NoiseScale:
         """The posterior of the noise variance."""
-        return self.measurements.noise_scale(self.noise, self.errors, self.white_std)
+        return self.noise_scale_at(self.noise, self.errors, self.white_std)
 
     @property
     def least_variance(self) -> float:
-        """The lower bound of the noise variance, in units of its present value."""
-        return self.measurements.least_variance(self.noise)
+        """The lower bound of the noise variance that laws are fitted under, in units of its present value."""
+        return float(np.max(self._noise_floors[0] / self.noise) ** 2)
+
+    def level_penalty(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
+        """Return minus twice the log prior of error levels: log n each (BIC), inverse gamma for the noise variance."""
+        penalty = errors.hyperparameters * float(np.log(sum(self.measured)))
+        if not self.noise_is_fixed:
+            penalty += self._prior_observations * float(np.sum(np.log(self._inflation(noise, errors, std))))
+        return penalty
+
+    def _inflation(self, noise: Floats, errors: ErrorModel, std: Floats) -> Floats:
+        """Return the noise variance over its prior estimate, of each measured state.
+
+        Both are variances of neighbouring differences: of autocorrelated errors of standard deviation sigma and
+        correlation time tau at sampling step h, this is ``sigma^2 tanh(h / (2 tau))``.
+        """
+        relative = np.where(self._absent, 1.0, std / (with_typical(self._given, noise) * self._averaging))
+        variance = noise**2 * np.mean(relative**2, axis=0)
+        if errors.correlated is not None:
+            step = float(np.median(np.concatenate([np.diff(trial.times) for trial in self.trials])))
+            variance = variance + errors.correlated**2 * np.tanh(step / (2 * errors.memory))
+        return np.asarray(variance / self.noise_estimate**2)[~self.trials.schema.is_latent]
+
+    @property
+    def _prior_observations(self) -> float:
+        return settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0
+
+    @property
+    def _meshes(self) -> list[Mesh]:
+        return [mesh for model in self.models for mesh in model.meshes]
+
+    @cached_property
+    def measurements(self) -> Floats:
+        """Measured states at all points, shape (points, d), NaN where missing."""
+        return np.concatenate([mesh.measured for mesh in self._meshes])
+
+    @cached_property
+    def pure_error(self) -> tuple[Floats, Floats]:
+        """The pure-error sum of squares of replicates of each state, and its degrees of freedom, each of shape (d,)."""
+        return pure_error([trial.repeats for trial in self.trials], len(self.noise))
+
+    @cached_property
+    def _given(self) -> Floats:
+        return np.concatenate([np.broadcast_to(mesh.noise, mesh.measured.shape) for mesh in self._meshes])
+
+    @cached_property
+    def _averaging(self) -> Floats:
+        return np.concatenate([np.broadcast_to(mesh.averaging, mesh.measured.shape) for mesh in self._meshes])
+
+    @cached_property
+    def _still(self) -> Bools:
+        return np.concatenate([mesh.still for mesh in self._meshes])
+
+    @cached_property
+    def _absent(self) -> Bools:
+        return np.concatenate([mesh.absent for mesh in self._meshes])
+
+    @cached_property
+    def _freedom(self) -> int:
+        return sum(mesh.degrees_of_freedom(self.order) for mesh in self._meshes)
+
+    @cached_property
+    def _noise_floors(self) -> tuple[Floats, Floats]:
+        return noise_floors(self.trials, settings.RESOLVED_NOISE)
 
     @cached_property
     def structure_prior(self) -> StructurePrior:
@@ -258,7 +339,7 @@ class SearchProblem:
     @cached_property
     def white_std(self) -> Floats:
         """The same of all meshes in turn, shape (points, d)."""
-        return np.concatenate([self.std_of(mesh) for model in self.models for mesh in model.meshes])
+        return np.concatenate([self.std_of(mesh) for mesh in self._meshes])
 
     def padded(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return estimates with the latent processes of the problem, zero if they are new."""

@@ -214,7 +214,7 @@ def fit_steps(fit: Fit) -> tuple[Step, ...]:
         levels = levels_in_words(errors.correlated, schema)
         result.append(Step("autocorrelated errors", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
     deviance, count = sum(estimate.deviance for estimate in fit.estimates), sum(problem.measured)
-    deviance += float(np.sum(problem.measurements.pure_error[0] / problem.noise**2))
+    deviance += float(np.sum(problem.pure_error[0] / problem.noise**2))
     return (
         *result,
         model_error_step(fit),
@@ -245,7 +245,6 @@ def model_error_step(fit: Fit) -> Step:
 
 
 def _why(listed: Compared, chosen_by: str) -> str:
-    """Return what speaks for the chosen support of an equation."""
     if len(listed) == 1:
         return "no other support was compared" if chosen_by == Kind.EVIDENCE else chosen_by
     _, (names, ahead), *_ = listed.items()

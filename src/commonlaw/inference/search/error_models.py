@@ -257,15 +257,15 @@ class _Levels:
 
 def _value(levels: _Levels, problem: SearchProblem, about: LinearizedObjects, logs: Floats) -> float:
     """Return minus twice the log-evidence at given levels, with the likelihood linearised about the estimates."""
-    measurements, (noise, errors), model_error = problem.measurements, levels.errors(logs), levels.model_error(logs)
-    std = measurements.white_std(noise, errors)
+    (noise, errors), model_error, count = levels.errors(logs), levels.model_error(logs), sum(problem.measured)
+    std = problem.white_std_at(noise, errors)
     try:
         factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
     except NotPositiveError:
         return 1e12
-    prior = measurements.noise_scale(noise, errors, std).prior
-    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), NoiseScale(measurements.count))
-    penalty = measurements.level_penalty(noise, errors, std) + model_error_penalty(model_error, measurements.count)
+    prior = problem.noise_scale_at(noise, errors, std).prior
+    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), NoiseScale(count))
+    penalty = problem.level_penalty(noise, errors, std) + model_error_penalty(model_error, count)
     optimum = evidence + prior + log_determinant + penalty
     return optimum if np.isfinite(optimum) else 1e12
 
