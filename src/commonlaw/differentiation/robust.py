@@ -176,7 +176,6 @@ def _differences(times: Floats, values: Floats) -> tuple[dict[int, Floats], int,
 
 
 def _sizes(times: Floats, values: Floats, highest: int) -> dict[int, Floats]:
-    """Return the sizes of the differences of one state by their order."""
     return {k: np.abs(each[:, 0]) for k, each in enumerate(differences(times, values[:, np.newaxis], highest), 1)}
 
 

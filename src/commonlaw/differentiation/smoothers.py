@@ -179,7 +179,6 @@ def _check_window(window: int) -> None:
 
 
 def _check_fit(count: int, window: int) -> None:
-    """Refuse a trial of fewer samples than the window."""
     if count < window:
         largest = count - 1 + count % 2
         way_out = f"choose a window of at most {largest}" if largest >= 3 else "drop the trial"

@@ -90,24 +90,10 @@ MAX_TERMS_OF_SIMPLE_LAW, MAX_TERMS_WITHOUT_LATENT_STATE = 3, 5
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """The best law of one order so far.
+    """The best law of one order so far, among the screened terms, with its rivals and the steps of its history.
 
-    Parameters
-    ----------
-    screened
-        The candidate terms.
-    pool
-        The law among them, and its rivals.
-    steps
-        Steps of the history.
-    transformed
-        The trials after `transform_trials`.
-    has_richer
-        Whether richer terms were searched.
-    is_coarse
-        Whether only a coarse mesh was tried, on which the law has a model error.
-    is_of_higher_degree
-        Whether the plain terms are of higher degree.
+    Trials are transformed by `transform_trials`. If the candidate `is_coarse`, only a coarse mesh was tried, on which
+    the law has a model error.
     """
 
     screened: Screened
@@ -163,17 +149,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class CandidateSearch:
-    """The steps of the search for laws; each takes a candidate and returns a better one.
-
-    Parameters
-    ----------
-    trials
-        The measurements.
-    options
-        See `TrajectoryLikelihood`.
-    progress
-        Callback for the progress.
-    """
+    """The steps of the search for laws; each takes a candidate and returns a better one."""
 
     trials: Trials
     options: FitOptions

@@ -146,7 +146,6 @@ class LawDiscovery:
         progress: ProgressCallback,
         derivatives: GivenDerivatives | None,
     ) -> Law:
-        """Return the law of states that observation equations determine."""
         if isinstance(trials, TrialStream):
             raise CommonlawError("not-for-streams")
         given = self.get_params(deep=False)

@@ -318,7 +318,6 @@ _DELAY = re.compile(r"\(t - (\w+)\)$")
 def _of_model(
     text: ModelText, trials: Trials, calls: tuple[str, ...], given: dict[str, Any], settings: dict[str, Any]
 ) -> Law:
-    """Return the law of equations that only `commonlaw.estimation` fits: by least squares of trajectories."""
     check_white(settings)
     between = settings.get("input_interpolation") or ("linear" if trials.schema.doses else "auto")
     if between != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
@@ -403,7 +402,6 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
 def _of_stream(
     equations: str | Sequence[str], stream: TrialStream, settings: dict[str, Any], client: "Client | None"
 ) -> Law:
-    """Return the law of the objects of a stream, fitted part by part."""
     given = read_equations(equations, stream.schema)
     if given.terms.parameters or given.order == 0:
         what = "a discrete-time law is" if given.order == 0 else "nonlinear parameters are"
@@ -438,7 +436,6 @@ def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
 
 
 def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
-    """Return a law, refused if a coefficient is outside of its bound."""
     for name, bound, as_found in _outside(law, bounds):
         raise CommonlawError(
             "estimate-out-of-bounds", name=name, parameter=bound.name, value=as_found, bound=bound.text

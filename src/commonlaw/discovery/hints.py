@@ -169,13 +169,6 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     very strong against the means and against the solutions of the law, where S are residual sums of squares:
 
     ``n log(min(S_mean, S_law) / S_regression) - p log n > 10``
-
-    Parameters
-    ----------
-    law
-        In continuous time, fitted to the trials.
-    trials
-        Of the objects of the law.
     """
     times = [trial.times for trial in trials]
     steps = np.unique(np.concatenate([np.diff(time) for time in times]))
@@ -239,7 +232,6 @@ def _regressions(trials: Trials) -> Iterator[_Regression]:
 
 
 def _about_means(values: Floats, objects: Indices) -> Floats:
-    """Return values, shape (n, columns), without the means of objects."""
     counts = np.maximum(np.bincount(objects), 1)
     means = [np.bincount(objects, column) / counts for column in values.T]
     return values - np.column_stack(means)[objects]
@@ -274,7 +266,6 @@ def outcomes_of_confounding(trials: Trials, order: Order, library: AbstractLibra
 
 
 def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
-    """Return a note on confounded variables, with the cause."""
     states = trials.schema.states
     varying = ", with coefficients by trial," if found.by_trial else ""
     rms = " or ".join(f"{value:.3g}" for value in found.rms[:_LISTED])

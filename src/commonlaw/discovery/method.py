@@ -156,7 +156,6 @@ def _number(key: Key, value: Any) -> float:
 
 
 def _index_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
-    """Return the indices of the equation and of the term of a key."""
     if not isinstance(key, tuple) and len(states) > 1:
         raise CommonlawError("known-term-ambiguous", key=key, state=states[0])
     state, term = key if isinstance(key, tuple) else (states[0], key)

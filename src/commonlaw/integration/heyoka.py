@@ -311,7 +311,6 @@ class _Path:
 
 
 def _propagate(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> _Path:
-    """Integrate over the times from the present state."""
     stepper, row, times, most = law.stepper, law.stepper.state.copy(), problem.times, step_limit(problem.stops)
     if len(times) == 1:
         return _Path(row[np.newaxis], [], _dense(None, row, law.width) if options.dense else None)
@@ -370,7 +369,6 @@ def _dense(output: Any, row: Floats, width: int) -> Dense:
 
 
 def _has_diverged(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> bool:
-    """Return whether a state exceeds the limit, or is not finite."""
     return not np.max(np.abs(law.stepper.state[: law.width])) <= largest_state(problem, options)
 
 

@@ -263,7 +263,6 @@ class VectorField:
         return self.terms.take([int(k) for k in indices]), self.coefficients[:, indices]
 
     def _natural(self, values: Floats) -> Floats:
-        """Return the values of all variables, parameters among them."""
         return self.terms.at(self.terms.variables.natural(values), self.coefficients)
 
     def _with_rates(self, values: Floats, highest: Floats) -> Floats:

@@ -137,7 +137,6 @@ class SumLibrary(AbstractLibrary):
         return self.left.seeks_latent_states or self.right.seeks_latent_states
 
     def _sides(self) -> tuple[tuple[AbstractLibrary, AbstractLibrary], ...]:
-        """Return each of both libraries, with the other."""
         return (self.left, self.right), (self.right, self.left)
 
 
@@ -621,7 +620,6 @@ def parse_library(given: LibraryGiven) -> AbstractLibrary:
 
 
 def _listed(expressions: str) -> AbstractLibrary:
-    """Return the library of expressions between commas."""
     return ExpressionLibrary(*_pieces(str(expressions), ","))
 
 

@@ -36,24 +36,11 @@ Columns = tuple[int, ...]
 
 @dataclass(frozen=True)
 class ConfoundedVariables:
-    """The confounded variables of an equation.
+    """The confounded variables of the equation of a state: its minimal sufficient sets of variables.
 
-    Parameters
-    ----------
-    state
-        The state of the equation.
-    sets
-        The minimal sufficient sets of variables.
-    rms
-        Root mean square residual of the state for the terms over each set.
-    rms_of_all
-        The same for all terms, with coefficients common to the trials of an object.
-    by_trial
-        Whether sets suffice only with coefficients that differ between trials.
-    starts
-        Range of the initial values of each variable in a set.
-    visited
-        Range of all its values.
+    `rms` are root mean square residuals of the state for the terms over each set, and `rms_of_all` that for all terms,
+    with coefficients common to the trials of an object. With `by_trial`, sets suffice only with coefficients that
+    differ between trials. Each variable in a set has the range of its initial values, and of all it visited.
     """
 
     state: str
@@ -69,16 +56,9 @@ class ConfoundedVariables:
 def confounded_sets(
     trials: Trials, order: Order, library: LibraryGiven | None = None
 ) -> tuple[ConfoundedVariables, ...]:
-    """Return the confounded variables of each equation that has any.
+    """Return the confounded variables of each equation that has any, in laws of order 1 or 2.
 
-    Parameters
-    ----------
-    trials
-        The measurements.
-    order
-        Of the candidate laws, 1 or 2, or that of each equation.
-    library
-        Their terms. Default: polynomials of degree 3, or of the highest degree for which trials have enough samples.
+    Without a library, terms are polynomials of degree 3, or of the highest degree for which trials have enough samples.
 
     Raises `CommonlawError` if the library does not fit the variables.
     """

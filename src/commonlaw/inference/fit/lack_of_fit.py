@@ -197,14 +197,7 @@ def proportional_noise_gain(squared: Floats, sizes: Floats) -> tuple[float, Floa
     """Return twice the log-likelihood ratio of proportional to constant noise, and the levels a and b.
 
     The variance is ``a^2 + b^2 x^2``, with b/a on a logarithmic grid and a of largest likelihood, against a constant
-    one.
-
-    Parameters
-    ----------
-    squared
-        Squared residuals, shape (n,).
-    sizes
-        Absolute values of the state, shape (n,).
+    one. Squared residuals, and sizes |x| of the state, have shape (n,).
     """
     typical = max(np.sqrt(np.mean(sizes**2)), np.finfo(float).tiny)
     shares = log_grid(PER_DECADE[1], 2 * MAX_DECADES)

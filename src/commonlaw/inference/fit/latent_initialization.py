@@ -409,7 +409,6 @@ class _Object:
         return replace(converged, deviance=squares, objective=squares), self._filled([path[0] for path in states])
 
     def _filled(self, states: Sequence[Floats]) -> list[Curve]:
-        """Return states with the smoothed rates of measured ones."""
         pairs = zip(states, self.curves, strict=True)
         return [(path, np.where(self.started, 0.0, rates)) for path, (_, rates) in pairs]
 

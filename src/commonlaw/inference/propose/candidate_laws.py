@@ -27,22 +27,11 @@ from commonlaw.runtime.parallel import in_parallel
 
 @dataclass(frozen=True, eq=False)
 class ParametricSearch:
-    """The search among laws with parametric terms, with all fits so far by the terms of their equations.
+    """The search among laws with offered terms, with all fits so far by the terms of their equations.
 
-    Parameters
-    ----------
-    plain, explored
-        The best law among plain terms, and all fits of its search.
-    base
-        The problem that laws are fitted to.
-    offer
-        The parametric terms and ratios to choose from.
-    fewest
-        Equations without lack of fit are only replaced if they have more parameters than this.
-    fitted
-        All fits.
-    near, typical
-        Quick fits along the current curves, and their median objectives over objects.
+    It starts from the best law among plain terms, and all fits explored in its search. Equations without lack of fit
+    are only replaced if they have more parameters than `fewest`. Quick fits `near` the current curves are kept, and
+    their median objectives over objects.
     """
 
     plain: Fit
@@ -176,7 +165,6 @@ class ParametricSearch:
     def _fit_problem(
         self, rows: tuple[CandidateSupport, ...], estimates: Sequence[Estimate]
     ) -> tuple[SearchProblem, Sequence[Estimate], list[Floats]]:
-        """Return the problem of fitting a law, estimated states, and starting values of the coefficients."""
         assembled = assemble_terms(self.base, rows)
         models = tuple(replace(model, terms=assembled.terms) for model in self.base.models)
         excluded = self.base.excluded_terms - int(assembled.terms.is_factor.sum())

@@ -42,16 +42,9 @@ from commonlaw.trials import Trials
 class _Profile:
     """The profile likelihood of an object's nonlinear parameters: linear coefficients follow by least squares.
 
-    Parameters
-    ----------
-    terms, known
-        Of the law, and its known coefficients, shape (equations, terms), NaN where they are estimated.
-    values
-        Variables along the smoothed trials, shape (n, variables).
-    targets
-        Rates, or measurements, of each equation, shape (m,).
-    regressors
-        For each equation the linear map from terms, shape (n, terms), to regressors, shape (m, terms).
+    Known coefficients have shape (equations, terms), NaN where they are estimated; variables along the smoothed trials
+    (n, variables). The targets of each equation are rates or measurements, shape (m,); its regressors, shape (m,
+    terms), follow by a linear map from terms, shape (n, terms).
     """
 
     terms: Terms
@@ -410,7 +403,6 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
 
 
 def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequence[Floats]) -> None:
-    """Refuse coefficients of which only a combination is identifiable."""
     listed = []
     for profile, parameter in zip(profiles, parameters, strict=True):
         _, sizes, directions = np.linalg.svd(profile.derivatives(parameter, law.order), full_matrices=False)
@@ -434,6 +426,5 @@ def _refuse_combination(law: Law, part: Bools) -> None:
 
 
 def _rms(residuals: Floats) -> float:
-    """Return the root mean square."""
     with np.errstate(over="ignore"):
         return float(np.sqrt(np.mean(residuals**2)))

@@ -178,7 +178,6 @@ def _run_search(
 def _eliminate_terms(
     search: ParametricSearch, best: Fit, rows: "tuple[CandidateSupport, ...]", progress: ProgressCallback
 ) -> "tuple[Fit, tuple[CandidateSupport, ...]]":
-    """Return the law of largest evidence in a backward elimination of terms."""
     done, before = partial(_stage, progress, 1.0, 0.0), None
     while best is not before and best is not search.plain:
         before, near = best, without_processes(best, best.estimates)

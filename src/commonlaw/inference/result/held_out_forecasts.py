@@ -39,15 +39,9 @@ from commonlaw.trials import Trial, Trials
 class StandardizedErrors:
     """Standardized errors of the forecasts of one trial.
 
-    Parameters
-    ----------
-    ahead
-        Horizon: time since the last sample used for the initial state, shape (n,).
-    sizes
-        Absolute errors over half widths of the 95 % intervals, shape (n, states); NaN for missing values, and for all
-        of a forecast without intervals; infinite for all of one that diverges.
-    reach
-        The half widths, shape (n, states).
+    Horizons `ahead` are times since the last sample used for the initial state, shape (n,). Sizes are absolute errors
+    over half widths of the 95 % intervals, `reach`, both of shape (n, states): NaN for missing values, and for all of a
+    forecast without intervals; infinite for all of one that diverges.
     """
 
     ahead: Floats
@@ -201,7 +195,6 @@ def _fitted_to(fit: Fit, kept: Sequence[Trial]) -> Law:
 def _standardized_errors(
     law: Law, trials: Trials, start: int | None
 ) -> Iterator[tuple[tuple[str, str], StandardizedErrors]]:
-    """Yield the errors of forecasts of trials, by object and name."""
     forecast = law.predict(trials, start=start, return_std=True, tolerance=1e-6)
     forecast = forecast.followed or forecast
     for trial, trajectory, (low, high), ahead in zip(

@@ -194,7 +194,6 @@ def _along_mean(effects: RandomEffects, common: int) -> RandomEffects | None:
 
 
 def _worst_condition(objects: int) -> float:
-    """Return the largest condition number of the information on identifiable coefficients."""
     return WORST_CONDITION if objects > 1 else MIN_SINGULAR_VALUE**-2
 
 

@@ -20,18 +20,12 @@ from commonlaw.likelihood import variance_of_rates
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Fits of different models to the same trials.
+    """Fits of different models to the same trials, the best first, then its rivals.
 
-    Parameters
-    ----------
-    fits
-        The best first, then its rivals. Those whose problem has a solver were selected among plain terms.
-    explored
-        All fits of the search among plain terms, the largest evidence first.
-    approximations
-        Fits of largest evidence under white noise, if the best has process noise.
-    is_approximation
-        Whether the best replaces a law with process noise because its solutions fit whole trials better.
+    Those whose problem has a solver were selected among plain terms; `explored` are all fits of that search, the
+    largest evidence first. If the best has process noise, `approximations` are fits of largest evidence under white
+    noise. The best `is_approximation` if it replaces a law with process noise because its solutions fit whole trials
+    better.
 
     Raises `CommonlawError` if the best fit failed.
     """
@@ -121,7 +115,6 @@ class Pool:
 
 
 def _with_support(supports: Bools, equation: int, support: Bools) -> Bools:
-    """Return supports with that of one equation replaced by another one, shape (terms,)."""
     changed = supports.copy()
     changed[equation] = support
     return changed

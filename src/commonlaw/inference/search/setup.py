@@ -67,22 +67,11 @@ def _leave_one_out_squares(trial: Trial) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class FitSetup:
-    """A law of given terms, and the trials that its coefficients are fitted to.
+    """A law of given terms, and the trials of its objects that its coefficients are fitted to.
 
-    Parameters
-    ----------
-    law
-        Of the objects of the trials.
-    trials
-        The measurements in the units of the law, transformed by `transform_trials`.
-    noise
-        Standard deviation of each state's noise, shape (states,), if it is known.
-    huber_threshold
-        Standard deviations beyond which a measurement counts as an outlier, infinite for none.
-    input_interpolation
-        The interpolation of inputs between samples, or ``"auto"``, which begins with what these support.
-    priors
-        Priors of the coefficients of each object, None for flat; all flat if empty.
+    Trials are in the units of the law, transformed by `transform_trials`. Known noise has shape (states,). The
+    interpolation of inputs may be ``"auto"``, which begins with what these support. Priors of the coefficients of each
+    object are None for flat; all are flat if empty.
     """
 
     law: Law

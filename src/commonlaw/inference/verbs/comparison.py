@@ -149,7 +149,6 @@ def _frame(
     departs: Sequence[bool],
     above: Floats,
 ) -> "pd.DataFrame":
-    """Return the table of `compare`, from minus twice the log-evidence above the least."""
     import pandas as pd
 
     lines = [[] if law.observation is None else law.observation.lines for law in laws.values()]
@@ -171,7 +170,6 @@ def _frame(
 def _of_observations(
     laws: Mapping[str, Law], trials: Trials | TrialStream, noise: Mapping[str, float] | None
 ) -> "pd.DataFrame":
-    """Return what `compare` says of laws of which some have an observation."""
     if isinstance(trials, TrialStream):
         raise CommonlawError("not-refined-file-by-file", what="observation equations")
     units = dict[str, str]()

@@ -160,7 +160,6 @@ def _supports(law: Law, most: int) -> list[Bools]:
 
 
 def _in_one_equation(law: Law) -> Iterator[Bools]:
-    """Yield supports with an alternative in one of the equations, the best first."""
     known = (
         [value for name in _MEASURES if (value := alternative.measures.get(name)) is not None]
         for alternative in law.provenance.alternatives

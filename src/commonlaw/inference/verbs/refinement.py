@@ -151,7 +151,6 @@ def _of_observation(
     calls: tuple[str, ...],
     progress: ProgressCallback,
 ) -> Law:
-    """Return a law with an observation fitted to trials as `commonlaw.estimation` does."""
     if isinstance(trials, TrialStream):
         raise CommonlawError("not-refined-file-by-file", what="observation equations")
     known = settings_of(FitOptions, "refine")
@@ -223,7 +222,6 @@ class _Fit:
 
 
 def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallback) -> Law:
-    """Return the law of the objects of a stream, fitted part by part."""
     if law.terms.parameters or law.schema.initial_values:
         what = "nonlinear parameters" if law.terms.parameters else "latent states"
         raise CommonlawError("not-refined-file-by-file", what=what)
