@@ -272,7 +272,6 @@ class CandidateSearch:
             begin,
             transformed,
             input_interpolation=options.input_interpolation,
-            errors=options.errors,
             progress=self.progress,
             is_chosen=richer and plain is not None,
         )

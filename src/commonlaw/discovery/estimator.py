@@ -117,11 +117,8 @@ class LawDiscovery:
 
         A stream is gone through once. Derivatives y may be given, see `x_dot` of `discover`.
 
-        Raises
-        ------
-        CommonlawError
-            If the trials cannot be used as they are, or do not go with the method; the message names the object and
-            trial and says what to do.
+        Raises `CommonlawError` if the trials cannot be used as they are, or do not go with the method; the message
+        names the object and trial and says what to do.
         """
         if not isinstance(trials, Trials | TrialStream):
             trials = Trials.from_frame(trials)
@@ -294,10 +291,7 @@ class LawDiscovery:
     def set_params(self, **parameters: Any) -> Self:
         """Set parameters by name, also those of the method (``method__trim=5``), and return the estimator.
 
-        Raises
-        ------
-        CommonlawError
-            If a name is not a parameter.
+        Raises `CommonlawError` if a name is not a parameter.
         """
         for name in sorted(parameters, key=lambda parameter: parameter.count("__")):
             first, _, rest = name.partition("__")

@@ -126,10 +126,8 @@ def of_each_equation(
 ) -> tuple[AbstractLibrary, Known]:
     """Return the joint library of all equations, and zero coefficients for the terms an equation does not have.
 
-    Raises
-    ------
-    CommonlawError
-        If a state has no library, or one has terms with nonlinear parameters, which apply to all equations.
+    Raises `CommonlawError` if a state has no library, or one has terms with nonlinear parameters, which apply to all
+    equations.
     """
     for name in libraries:
         check_choice("state", name, schema.states)
@@ -207,22 +205,10 @@ class AbstractMethod(ABC):
 
     @abstractmethod
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
-        """Return the best law of a structure for these trials.
+        """Return the best law of a structure for these trials; `progress` is called with the text of each step.
 
-        Parameters
-        ----------
-        trials
-            The measurements.
-        structure
-            The candidate laws.
-        progress
-            Callback for the text of each step.
-
-        Raises
-        ------
-        CommonlawError
-            If the method does not support the order or a stream, or the trials cannot be used as they are; the message
-            names the object and trial, and a remedy.
+        Raises `CommonlawError` if the method does not support the order or a stream, or the trials cannot be used as
+        they are; the message names the object and trial, and a remedy.
         """
 
 

@@ -213,14 +213,11 @@ def _sharing(solver: AbstractSolver, shared: Bools) -> AbstractSolver:
 class DiscreteTimeRegression(AbstractRegression):
     """Regression of the next sample on terms of the present one: ``x[k+1] = f(x[k])``. Supports streams.
 
+    Raises `CommonlawError` if a text names nothing, or a value does not fit.
+
     Parameters
     ----------
     {parameters}
-
-    Raises
-    ------
-    CommonlawError
-        If a text names nothing, or a value does not fit.
     """
 
     orders: ClassVar[tuple[int, ...]] = (0,)
@@ -240,14 +237,11 @@ class DerivativeRegression(AbstractRegression):
 
     With a group solver this is the method of de Silva, Higdon, Brunton and Kutz (2020). It takes streams.
 
+    Raises `CommonlawError` if a text names nothing, or a value does not fit.
+
     Parameters
     ----------
     {parameters}
-
-    Raises
-    ------
-    CommonlawError
-        If a text names nothing, or a value does not fit.
 
     Examples
     --------
@@ -321,14 +315,11 @@ class WeakRegression(AbstractRegression):
 
     Rows are whitened by their covariance (Bortz, Messenger and Dukic 2023), see `WeakForm`.
 
+    Raises `CommonlawError` if a text names nothing, or a value does not fit.
+
     Parameters
     ----------
     {parameters}
-
-    Raises
-    ------
-    CommonlawError
-        If a text names nothing, or a value does not fit.
     """
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)

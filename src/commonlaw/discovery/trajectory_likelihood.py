@@ -36,14 +36,11 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 
     The law has standard errors and intervals. See `commonlaw.inference`, and docs/method for all formulas.
 
+    Raises `CommonlawError` if a text cannot be parsed, or a value is invalid.
+
     Parameters
     ----------
     {parameters}
-
-    Raises
-    ------
-    CommonlawError
-        If a text cannot be parsed, or a value is invalid.
     """
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)

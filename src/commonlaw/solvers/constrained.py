@@ -20,6 +20,9 @@ class ConstrainedSolver(AbstractSolver):
     The terms are chosen without the constraints. Objects count relative to their residual variance, see
     `StandardizedProblem`. Wrap once for each equation that has constraints.
 
+    Raises `CommonlawError` when it solves, if the constraints depend on each other, do not fit the library, or cannot
+    be met.
+
     Parameters
     ----------
     solver
@@ -32,10 +35,6 @@ class ConstrainedSolver(AbstractSolver):
     equation
         The equation that is constrained.
 
-    Raises
-    ------
-    CommonlawError
-        When it solves: if the constraints depend on each other, do not fit the library, or cannot be met.
     """
 
     solver: AbstractSolver

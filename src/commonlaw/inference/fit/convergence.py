@@ -44,10 +44,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     if not fit.is_usable:
         return before, False
     while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
-        estimates = tuple(
-            replace(estimate, states=tuple(map(type(model.meshes[0]).halfway, model.meshes, estimate.states)))
-            for model, estimate in zip(fit.problem.models, fit.estimates, strict=True)
-        )
+        estimates = fit.problem.on_half_steps(fit.estimates)
         finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
         if not finer.is_usable:
             break

@@ -173,8 +173,7 @@ class SearchProblem:
         model, some = self.models[0], self.trials.with_trials(trials)
         threshold = model.observation.huber_threshold
         problem = prepare(some, model.terms, known, noise=self.noise_estimate, huber_threshold=threshold, guess=guess)
-        while problem.points < self.points:
-            problem = problem.finer()
+        problem = problem.with_points(self.points)
         models = tuple(replace(fine, unit=model.unit) for fine in problem.models)
         return replace(problem, models=models).with_errors(self.noise, self.errors, self.noise_reason)
 
@@ -353,11 +352,22 @@ class SearchProblem:
 
     def finer(self) -> "SearchProblem":
         """Return the problem with twice as many points for each sampling step."""
-        starts = tuple(
-            replace(start, states=tuple(map(Mesh.halfway, model.meshes, start.states)))
-            for model, start in zip(self.models, self.starts, strict=True)
-        )
+        starts = self.on_half_steps(self.starts)
         return replace(self, starts=starts, points=2 * self.points).with_meshes_of(self.trials)
+
+    def with_points(self, points: int) -> "SearchProblem":
+        """Return the problem with at least so many points for each sampling step."""
+        problem = self
+        while problem.points < points:
+            problem = problem.finer()
+        return problem
+
+    def on_half_steps(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+        """Return estimates with states interpolated linearly to the mesh of half steps."""
+        return tuple(
+            replace(estimate, states=tuple(map(Mesh.halfway, model.meshes, estimate.states)))
+            for model, estimate in zip(self.models, estimates, strict=True)
+        )
 
     def with_meshes_of(self, trials: Trials) -> "SearchProblem":
         """Return the problem with new meshes of the same trials, or of these with another interpolation of inputs."""

@@ -195,11 +195,8 @@ class ParametricSearch:
     def on_finer_mesh(self, best: Fit, points: int) -> "tuple[ParametricSearch, tuple[Estimate, ...]]":
         """Return the search on a finer mesh, and the estimates of the best law there."""
         plain, estimates = self.plain, without_processes(best, best.estimates)
-        base, problem = replace(self.base, starts=estimates), plain.problem.about(plain.estimates)
-        while base.points < points:
-            base = base.finer()
-        while problem.points < points:
-            problem = problem.finer()
+        base = replace(self.base, starts=estimates).with_points(points)
+        problem = plain.problem.about(plain.estimates).with_points(points)
         plain = best_of([rescale_noise(fit_supports(problem, plain.supports, ANY_ERROR))])
         finer = replace(self, plain=plain, explored=(plain,), base=base, fitted={}, near={}, typical={})
         return finer, base.starts

@@ -6,7 +6,6 @@ supports. With long trials or many objects it runs on a subset; all samples then
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, best_of
 from commonlaw.inference.fit.lack_of_fit import with_proportional_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.pool import Pool
-from commonlaw.inference.search.setup import FitSetup, error_kinds, with_interpolation
+from commonlaw.inference.search.setup import FitSetup, with_interpolation
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
 from commonlaw.library import Terms
@@ -117,7 +116,6 @@ def choose_interpolation(
     trials: Trials,
     *,
     input_interpolation: str,
-    errors: ErrorKind | Literal["auto"],
     progress: ProgressCallback,
     is_chosen: bool = False,
 ) -> tuple[Pool, list[Step]]:
@@ -127,9 +125,8 @@ def choose_interpolation(
     `input_interpolation` is ``"auto"``. If plain terms have already chosen that of the trials (`is_chosen`), it is
     replaced only by one without lack of fit.
 
-    Raises `CommonlawError` if the likelihood cannot be computed, or the error model is not defined for the trials.
+    Raises `CommonlawError` if the likelihood cannot be computed.
     """
-    error_kinds(errors, trials.schema)
     pool, steps = begin(trials, part(progress, 0.0, 0.75)), list[Step]()
     if input_interpolation == "auto" and any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
         progress("comparing interpolations of inputs between samples")

@@ -126,7 +126,10 @@ def compare(
     with threads(n_jobs):
         fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
         finest = max(pool.best.problem.points for pool in fitted)
-        pools = in_parallel(lambda pool: _on_mesh(pool.best, finest), fitted)
+        # Evidence compares on one mesh alone
+        fits = [pool.best for pool in fitted]
+        fits = in_parallel(lambda fit: fit_supports(fit.problem.with_points(finest), fit.supports, ANY_ERROR), fits)
+        pools = [Pool((fit,)) for fit in fits]
         best = min((pool.best for pool in pools), key=score)
         if errors != "auto" or best.departures or best.lack_of_fit:
             kinds = error_kinds(errors, trials.schema)
@@ -235,11 +238,3 @@ def written_alike(law: Law, schema: Schema) -> Law:
         uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=()),
         provenance=Provenance(),
     )
-
-
-def _on_mesh(fit: Fit, points: int) -> Pool:
-    """Return what was fitted, as it is on a mesh of so many points: evidence compares on one mesh alone."""
-    fine = fit.problem
-    while fine.points < points:
-        fine = fine.finer()
-    return Pool((fit_supports(fine, fit.supports, ANY_ERROR),))

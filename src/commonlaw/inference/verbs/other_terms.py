@@ -96,6 +96,8 @@ def iterate_candidates(law: Law, trials: Trials, most: int, progress: Callable[[
 def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool = False) -> CandidateLaw:
     """Return the law with other terms of its library, fitted as by `candidate_laws`.
 
+    Raises `CommonlawError` if there is no term, or coefficients cannot be found for them.
+
     Parameters
     ----------
     law
@@ -106,11 +108,6 @@ def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool =
         Which terms it has, shape (equations, terms); known coefficients are always kept.
     own_noise
         Whether the white noise is estimated from its own residuals, and not that of the law.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no term, or coefficients cannot be found for them.
 
     Examples
     --------
