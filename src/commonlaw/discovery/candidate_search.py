@@ -110,17 +110,14 @@ class Candidate:
 
     @property
     def order(self) -> Order:
-        """Of the law."""
         return self.pool.best.problem.order
 
     @property
     def total_order(self) -> int:
-        """Sum of the orders of all states."""
         return sum(order_of_each(self.order, len(self.pool.best.supports)))
 
     @property
     def most_terms(self) -> int:
-        """Of the longest equation."""
         return int(self.pool.best.supports.sum(axis=1).max())
 
     @cached_property

@@ -19,7 +19,7 @@ from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, with_rates
 from commonlaw.outcomes import Outcome, note
-from commonlaw.trials import Schema, Trials, TrialStream
+from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.transformations import rates_in_words, without_rates
 
 Given = TypeVar("Given")
@@ -56,7 +56,13 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
         if isinstance(trials, Trials):
             second = [name for name, each in asked.items() if each == 2]
             trials, outcomes = without_measured_rates(trials, second, asked)
-        own = _by_state(asked, trials.schema)
+        for name, each in asked.items():
+            check_choice("state", name, trials.schema.states)
+            if not _is_among(each, (1, 2)):
+                raise CommonlawError("order-of-state", order=each, name=name)
+        if missing := [name for name in trials.schema.states if name not in asked]:
+            raise CommonlawError("order-missing", states=missing)
+        own = [asked[name] for name in trials.schema.states]
     else:
         if not _is_among(asked, (0, 1, 2)):
             raise CommonlawError("order-not-offered", order=asked)
@@ -64,16 +70,6 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
             trials, outcomes = without_measured_rates(trials, trials.schema.states if asked == 2 else ())
         own = [asked] * len(trials.schema.states)
     return Orders(trials, tuple((each,) for each in own), outcomes=outcomes)
-
-
-def _by_state(asked: Mapping[str, int], schema: Schema) -> list[int]:
-    for name, each in asked.items():
-        check_choice("state", name, schema.states)
-        if not _is_among(each, (1, 2)):
-            raise CommonlawError("order-of-state", order=each, name=name)
-    if missing := [name for name in schema.states if name not in asked]:
-        raise CommonlawError("order-missing", states=missing)
-    return [asked[name] for name in schema.states]
 
 
 def _is_among(order: object, known: Container[object]) -> bool:

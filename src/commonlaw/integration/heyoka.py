@@ -112,7 +112,6 @@ class Structure:
 
     @classmethod
     def of(cls, vector_field: VectorField, options: OutputOptions) -> "Structure":
-        """Return the structure of a vector field."""
         used = np.flatnonzero(vector_field.kept.any(axis=0))
         columns = np.argwhere(vector_field.kept)[:, 1].tolist()
         events = EventFunctions(options.events, vector_field).terms.terms

@@ -30,12 +30,7 @@ InputFunction = Callable[[float], ArrayLike]
 class Inputs:
     """Inputs as piecewise polynomials of the time since a knot.
 
-    Parameters
-    ----------
-    knots
-        Increasing, shape (n,).
-    coefficients
-        In order of increasing power, shape (n, powers, inputs).
+    Knots increase, shape (n,); coefficients are in order of increasing power, shape (n, powers, inputs).
     """
 
     knots: Floats

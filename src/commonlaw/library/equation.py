@@ -272,7 +272,6 @@ class _Reader:
         return tuple((negative, expression_latex(write(tree), self.names)) for negative, tree in trees)
 
     def refuse(self, name: str, problem: Diagnostic) -> NoReturn:
-        """Fail where a coefficient stands."""
         self._fail(next(token for token in self.tokens if (token.kind, token.text) == ("name", name)), problem)
 
     def _addends(self) -> list[tuple[float, _Token, str]]:

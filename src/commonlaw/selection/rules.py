@@ -138,7 +138,6 @@ class Selection:
 
     @property
     def chosen(self) -> Candidate:
-        """The chosen candidate."""
         return self.table[self.index].candidate
 
 

@@ -13,7 +13,7 @@ comparison is made with these.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import chain, combinations, product
 
@@ -146,10 +146,11 @@ Fits = Sequence[tuple[float, int]]
 
 @dataclass(frozen=True, eq=False)
 class _IntegralForm:
-    """Rows of each object's trials."""
+    """Rows of each object's trials; `white` caches forms by shares and memories of errors, often equal in equations."""
 
     terms: Terms
     objects: tuple[tuple[_Rows, ...], ...]
+    white: "dict[tuple[float, float], _IntegralForm]" = field(default_factory=dict)
 
     @classmethod
     def of(cls, curves: Sequence[_Curve], terms: Terms, order: int) -> "_IntegralForm":
@@ -187,7 +188,6 @@ class _IntegralForm:
         return listed
 
     def rms(self, fits: Fits) -> float:
-        """Return the root mean square residual."""
         return float(np.sqrt(sum(squares for squares, _ in fits) / self.free.sum()))
 
     def criterion(self, equation: int) -> Callable[[Fits], float]:
@@ -214,15 +214,10 @@ class _IntegralForm:
         all terms and free initial conditions.
         """
         errors = min(self._deviances, key=lambda rows: rows[1][equation])[0]
-        if errors not in self._white:
+        if errors not in self.white:
             rows = tuple(tuple(row.whitened(*errors) for row in rows) for rows in self.objects)
-            self._white[errors] = _IntegralForm(self.terms, rows) if errors[0] else self
-        return self._white[errors]
-
-    @cached_property
-    def _white(self) -> "dict[tuple[float, float], _IntegralForm]":
-        """Forms that were made already, by shares and memories of errors, as equations often have the same."""
-        return {}
+            self.white[errors] = _IntegralForm(self.terms, rows) if errors[0] else self
+        return self.white[errors]
 
     @cached_property
     def _deviances(self) -> list[tuple[tuple[float, float], Floats]]:

@@ -11,7 +11,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departure, departures, diverges, in_words, is_resolved
+from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departures, departures, diverges, is_resolved
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import SupportEvidence
@@ -94,11 +94,9 @@ class Fit:
 
     @classmethod
     def failed(cls, problem: SearchProblem, supports: Bools, status: Status, model_error: float = NO_ERROR) -> "Fit":
-        """Return a failed fit, of infinite score."""
         return cls(problem, supports, (), model_error, Score({"likelihood": np.inf}), status)
 
     def but(self, status: Status) -> "Fit":
-        """Return the fit as failed."""
         return Fit.failed(self.problem, self.supports, status, self.model_error)
 
     def __lt__(self, reference: "Fit") -> bool:
@@ -107,11 +105,9 @@ class Fit:
 
     @property
     def is_usable(self) -> bool:
-        """Whether the fit succeeded."""
         return self.status is Status.FITTED
 
     def with_score(self, score: Score) -> Self:
-        """Return the fit with another score."""
         return self._like(score=score)
 
     def with_alternatives(self, others: Sequence["Fit"]) -> Self:
@@ -144,7 +140,6 @@ class Fit:
 
     @property
     def errors(self) -> ErrorKind:
-        """The kind of errors of the model."""
         return "random-walk" if self.has_model_error else self.problem.errors.kind
 
     @property
@@ -203,9 +198,8 @@ class Fit:
         return self.predicted_decrease < settings.MAX_PREDICTED_DECREASE * len(self.estimates)
 
     @cached_property
-    def departures(self) -> tuple[Departure, ...]:
-        """Departures of the residuals from white noise."""
-        return (NO_LAW,) if self.has_model_error else departures(self.problem, self.estimates)
+    def departures(self) -> Departures:
+        return NO_LAW if self.has_model_error else departures(self.problem, self.estimates)
 
     @cached_property
     def is_resolved(self) -> bool:
@@ -225,7 +219,7 @@ class Fit:
     @property
     def lack_of_fit(self) -> str:
         """Description of the lack of fit, empty if there is none."""
-        reason = in_words(departure for departure in self.departures if not departure.is_of_noise)
+        reason = "; ".join(words for words, is_of_noise in self.departures.items() if not is_of_noise)
         if not reason and self.diverges:
             return "trajectories of training trials diverge"
         return reason
@@ -240,7 +234,7 @@ class Fit:
     @property
     def reason_for_errors(self) -> str:
         """Why errors other than white noise are estimated, as text; empty if they are not."""
-        reason = in_words(self.departures) or self.lack_of_fit
+        reason = "; ".join(self.departures) or self.lack_of_fit
         if reason or not self.problem.errors:
             few = self.has_few_measurements and not self.problem.noise_is_fixed
             return reason or ("too few measurements to test for heteroscedasticity" if few else "")

@@ -40,7 +40,6 @@ class CurveData:
     def of(
         cls, problem: SearchProblem, index: int, estimate: Estimate, others: Sequence[ParametricTerm]
     ) -> "CurveData":
-        """Return the terms along the estimated states of an object."""
         terms, values = problem.models[index].terms, values_between_jumps(problem, index, estimate)
         sampled = np.concatenate([mesh.observed.any(axis=1) for mesh in problem.models[index].meshes])
         sampled = sampled[points_between_jumps(problem, index)]

@@ -15,7 +15,6 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import initial_value_scales
 from commonlaw.inference.data.smoothing import Curve, gradient_matching, terms_and_rates
 from commonlaw.inference.fit.parameter_grid import factor_powers, grid_product, parameter_values
 from commonlaw.inference.fit.structural_identifiability import (
@@ -78,17 +77,6 @@ def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) ->
         noise[0, started] = std[started]
         changed.append(replace(trial, states=states, noise=noise))
     return trials.with_trials(changed)
-
-
-def with_latent_noise(noise: Floats, trials: Trials) -> Floats:
-    """Return the noise of each state, shape (states,), for latent states with the median noise-to-signal ratio.
-
-    It is the unit of their model errors.
-    """
-    started = trials.schema.is_latent
-    spread = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
-    share = np.median(noise[~started] / spread)
-    return np.where(started, share * initial_value_scales(trials), noise)
 
 
 def pooled_start(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> Estimate:

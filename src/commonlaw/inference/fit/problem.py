@@ -15,6 +15,7 @@ from commonlaw.inference.data.noise import (
     by_columns,
     estimated_noise,
     has_replicates,
+    initial_value_scales,
     noise_floor,
     noise_floors,
     within_trial_std,
@@ -25,10 +26,9 @@ from commonlaw.inference.fit.latent_initialization import (
     initial_latent_estimates,
     pooled_start,
     with_initial_condition_noise,
-    with_latent_noise,
 )
 from commonlaw.inference.score.evidence import NoiseScale
-from commonlaw.inference.score.priors import StructurePrior, complexity_penalties, shifted
+from commonlaw.inference.score.priors import StructurePrior, shifted
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (
@@ -84,7 +84,6 @@ class SearchProblem:
 
     @property
     def terms(self) -> Terms:
-        """The candidate terms."""
         return self.models[0].terms
 
     @property
@@ -185,7 +184,6 @@ class SearchProblem:
         return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
 
     def with_huber_threshold(self, threshold: float) -> "SearchProblem":
-        """Return the problem with another Huber threshold."""
         models = (
             replace(model, observation=replace(model.observation, huber_threshold=threshold)) for model in self.models
         )
@@ -247,7 +245,6 @@ class SearchProblem:
 
     @cached_property
     def noise_scale(self) -> NoiseScale:
-        """The posterior of the noise variance."""
         return self.noise_scale_at(self.noise, self.errors, self.white_std)
 
     @property
@@ -327,9 +324,8 @@ class SearchProblem:
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
                 origins.append(shifted(terms, j) & ~given)
-        return StructurePrior(
-            complexity_penalties(terms), tuple(origins), float(np.log(sum(self.measured))), self.excluded_terms
-        )
+        bits, penalty = 2 * np.log(2) * terms.complexities, float(np.log(sum(self.measured)))
+        return StructurePrior(bits, tuple(origins), penalty, self.excluded_terms)
 
     def std_of(self, mesh: Mesh) -> Floats:
         """Return the white-noise standard deviation of each measurement on a mesh, shape (n, d)."""
@@ -412,8 +408,10 @@ def prepare(
     given = noise is not None
     noise, reason = estimated_noise(trials) if noise is None else (noise, "as given")
     levels = np.fmax(noise, settings.MIN_NOISE * scale if given else noise_floor(trials))
-    if started.any():
-        levels = with_latent_noise(levels, trials)
+    if started.any():  # With the median noise-to-signal ratio, as the unit of model errors
+        deviations = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
+        share = np.median(levels[~started] / deviations)
+        levels = np.where(started, share * initial_value_scales(trials), levels)
     trials, subsampled = subsample(trials, levels, most_samples)
     groups = [trials.of_object(name) for name in trials.objects]
     curves = [[smooth_curves(trial, order, started) for trial in group] for group in groups]

@@ -43,11 +43,6 @@ class ParametricSearch:
     near: dict[tuple[CandidateSupport, ...], list[Estimate]] = field(default_factory=dict)
     typical: dict[tuple[CandidateSupport, ...], float] = field(default_factory=dict)
 
-    def offering(self, offer: Offer, fewest: int) -> "ParametricSearch":
-        """Return the search with another offer, whose terms add to the number of candidate terms."""
-        base = replace(self.base, excluded_terms=self.base.excluded_terms + offer.count)
-        return replace(self, base=base, offer=offer, fewest=fewest)
-
     def rows_of_plain(self) -> tuple[CandidateSupport, ...]:
         """Return the best law among plain terms as candidate supports."""
         supports, estimates = self.plain.supports, self.plain.estimates
@@ -200,10 +195,6 @@ class ParametricSearch:
         plain = best_of([rescale_noise(fit_supports(problem, plain.supports, ANY_ERROR))])
         finer = replace(self, plain=plain, explored=(plain,), base=base, fitted={}, near={}, typical={})
         return finer, base.starts
-
-    def listed(self) -> list[Fit]:
-        """Return the best law among plain terms, and all usable fits."""
-        return [self.plain, *(fit for fit in self.fitted.values() if fit.is_usable)]
 
 
 def _is_sigmoid(other: ParametricTerm, first: int) -> bool:

@@ -158,7 +158,6 @@ class _SumsOfSquares:
 
     @property
     def best(self) -> tuple[float, _Key]:
-        """The least sum of squares, and its set."""
         place = int(np.argmin(self.squares))
         return float(self.squares[place]), (self.sets[place], self.others)
 

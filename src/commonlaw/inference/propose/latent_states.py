@@ -50,7 +50,6 @@ class Family:
 
     @property
     def is_of_state(self) -> bool:
-        """Whether its equation contains a measured state."""
         return "{x}" in self.estimated + self.fixed
 
 
@@ -163,7 +162,6 @@ class _LatentStateModel:
         return self.family.description.format(x=self.followed)
 
     def fitted(self, trials: Trials, most_samples: int) -> Fit:
-        """Return the law of largest evidence."""
         return min(self._run_search(trials, few, most_samples) for few in self._initial_supports)
 
     def restarted(self, trials: Trials, most_samples: int, fit: Fit) -> Fit:

@@ -55,7 +55,6 @@ class _Profile:
 
     @cached_property
     def divisors(self) -> list[str]:
-        """The code of the denominators of terms."""
         return divisors(self.terms)
 
     @cached_property

@@ -77,7 +77,6 @@ class _Sides:
 
     @classmethod
     def of(cls, course: CurveData, equation: int, offered: Ratios) -> "_Sides":
-        """Return the terms of ratios for an equation of an object."""
         match, values = course.regression(equation), course.grids.values
         variables = course.problem.models[course.index].terms.variables
         added, above, below = (Terms(variables, each) for each in (offered.added, offered.above, offered.below))

@@ -7,7 +7,6 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.data.noise import by_columns
 from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.fit.lack_of_fit import in_words
 from commonlaw.inference.fit.latent_initialization import unmeasured_in_words
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
@@ -150,7 +149,7 @@ def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
 
 def _left(fit: Fit) -> str:
     """Return in words which patterns of the residuals white noise does not explain; nothing under other errors."""
-    return "" if fit.problem.errors else in_words(fit.departures)
+    return "" if fit.problem.errors else "; ".join(fit.departures)
 
 
 def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:

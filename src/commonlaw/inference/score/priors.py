@@ -21,7 +21,8 @@ class StructurePrior:
 
     The first part is beta-binomial: each term is included with a probability that has the beta distribution of
     parameters 1 and N, so that one term is expected (Castillo, Schmidt-Hieber and van der Vaart 2015). w_k is the
-    description length of term k, and z(S) counts the states with an arbitrary origin of which S fixes the origin.
+    description length of term k, one bit (2 log 2) for each factor, and z(S) counts the states with an arbitrary origin
+    of which S fixes the origin.
 
     Parameters
     ----------
@@ -47,11 +48,6 @@ class StructurePrior:
         log_prior = _betaln(1 + size, 2 * count - size) - _betaln(1, count)
         fixed_origins = sum(bool((needed[support] & ~support).any()) for needed in self.shifted)
         return -2 * log_prior + float(self.terms[support].sum()) + fixed_origins * self.zero
-
-
-def complexity_penalties(terms: Terms) -> Floats:
-    """Return the description length of terms, shape (terms,): one bit, 2 log 2, for each factor."""
-    return np.asarray(2 * np.log(2) * terms.complexities)
 
 
 def shifted(terms: Terms, column: int) -> Bools:

@@ -153,16 +153,12 @@ def _fit_all_pairs(pools: Sequence[Pool], others: Sequence[Bools]) -> list[Fit]:
     distinct = list({each.tobytes(): each for each in listed if each.sum(axis=1).max() <= most}.values())
     fits = list[Fit]()
     for pool in pools:
-        values = [pool.best.evidence.value(each) for each in distinct]
-        fits += [fit_under_errors_of(pool.best, distinct[i]) for i in np.argsort(values)[: settings.MAX_PROPOSED]]
+        best = pool.best
+        values = [best.evidence.value(each) for each in distinct]
+        for supports in (distinct[i] for i in np.argsort(values)[: settings.MAX_PROPOSED]):
+            fit = fit_with(best.problem, supports, best.model_error)
+            fits.append(rescale_noise(fit) if best.errors == "white" else estimate_error_model(fit, best.errors))
     return [fit for fit in fits if fit.is_usable]
-
-
-def fit_under_errors_of(fit: Fit, supports: Bools) -> Fit:
-    """Return supports, shape (equations, terms), under the error model of a fit with its levels estimated again."""
-    if fit.errors == "white":
-        return fit_solutions(fit.problem, supports)
-    return estimate_error_model(fit_with(fit.problem, supports, fit.model_error), fit.errors)
 
 
 def most_probable(fits: Sequence[Fit], needed: float = 0.0) -> Fit:
@@ -217,7 +213,6 @@ class _Levels:
         return values[:d], ERRORS[self.kind].model(values[d:])
 
     def problem(self, logs: Floats, before: SearchProblem) -> SearchProblem:
-        """Return a problem with these levels."""
         return before.with_errors(*self.errors(logs), "maximum-marginal-likelihood estimate under this error model")
 
     def model_error(self, logs: Floats) -> float:

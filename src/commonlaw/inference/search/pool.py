@@ -52,7 +52,6 @@ class Pool:
         return cls((*first, *last), explored, tuple(approximations))
 
     def joined(self, others: Sequence[Fit] = (), approximations: Sequence[Fit] = ()) -> "Pool":
-        """Return the pool with other fits."""
         return Pool.of((*self.fits, *others), self.explored, (*self.approximations, *approximations))
 
     def with_best(self, fit: Fit) -> "Pool":
@@ -61,12 +60,10 @@ class Pool:
 
     @property
     def best(self) -> Fit:
-        """The chosen fit."""
         return self.fits[0]
 
     @property
     def rivals(self) -> tuple[Fit, ...]:
-        """The others."""
         return self.fits[1:]
 
     @property

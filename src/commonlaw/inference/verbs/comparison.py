@@ -155,7 +155,6 @@ def _frame(
     import pandas as pd
 
     lines = [[] if law.observation is None else law.observation.lines for law in laws.values()]
-    weights = np.exp(-above / 2)
     frame = pd.DataFrame(
         {
             "law": list(laws),
@@ -164,10 +163,14 @@ def _frame(
             "errors": errors,
             "model error": departs,
             "2 log B": above,
-            "probability": weights / weights.sum(),
         }
     )
-    return frame.sort_values("2 log B", ignore_index=True)
+    return _with_probabilities(frame)
+
+
+def _with_probabilities(frame: "pd.DataFrame") -> "pd.DataFrame":
+    weights = np.exp(-frame["2 log B"] / 2)
+    return frame.assign(probability=weights / weights.sum()).sort_values("2 log B", ignore_index=True)
 
 
 def _of_observations(
@@ -203,17 +206,12 @@ def compare_by_parts(
 
     light = {name: average_law(law) for name, law in laws.items()}
     frames = done_in_parts(partial(_of_part, light, settings), parts, f"comparing {len(laws)} laws", progress)
-    said = pd.concat(frames).groupby("law", sort=False)
-    frame = said.agg(
-        {"equations": "first", "coefficients": "first", "errors": _listed, "model error": "any", "2 log B": "sum"}
-    ).reset_index()
+    rows = pd.concat(frames).groupby("law", sort=False)
+    merged: dict[str, Any] = dict.fromkeys(("equations", "coefficients"), "first")
+    merged |= {"errors": lambda errors: ", ".join(dict.fromkeys(errors)), "model error": "any", "2 log B": "sum"}
+    frame = rows.agg(merged).reset_index()
     frame["2 log B"] -= frame["2 log B"].min()
-    weights = np.exp(-frame["2 log B"] / 2)
-    return frame.assign(probability=weights / weights.sum()).sort_values("2 log B", ignore_index=True)
-
-
-def _listed(errors: "pd.Series[str]") -> str:
-    return ", ".join(dict.fromkeys(errors))
+    return _with_probabilities(frame)
 
 
 def _of_part(laws: Mapping[str, Law], settings: Mapping[str, Any], part: TrialStream) -> "pd.DataFrame":
