@@ -222,9 +222,14 @@ class LawDiscovery:
                 own = order_of_base(known, trials)
                 possible = tuple((each,) for each in order_of_each(own, len(trials.schema.states)))
             library, known = with_base(library, known, one_order([each[0] for each in possible]), trials)
-        if isinstance(trials, TrialStream) or not isinstance(method, TrajectoryLikelihood):
-            possible, without = _without_evidence(method, possible, isinstance(trials, TrialStream))
-            instead = (*instead, *without)
+        has_evidence = isinstance(method, TrajectoryLikelihood) and isinstance(trials, Trials)
+        if not has_evidence and any(len(each) > 1 for each in possible):
+            is_discrete = method.orders == (0,)
+            possible = tuple((0,) if is_discrete else each[:1] for each in possible)
+            if not is_discrete:
+                what = "in a stream" if isinstance(trials, TrialStream) else f"by {type(method).__name__}"
+                order = one_order([each for (each,) in possible])
+                instead = (*instead, note("order-without-evidence", order=order, what=what))
         first = one_order([each[0] for each in possible])
         structure = ModelStructure(first, library, {**absent, **known}, self.shared, derivatives)
         copies, resting = tuple[Outcome, ...](), tuple[str, ...]()
@@ -329,20 +334,6 @@ def default_method(trials: Trials | TrialStream, order: AskedOrder = "auto") -> 
         return DiscreteTimeRegression()
     many = isinstance(trials, TrialStream) or not can_be_subsampled(trials)
     return DerivativeRegression() if many else TrajectoryLikelihood()
-
-
-def _without_evidence(
-    method: AbstractMethod, possible: Sequence[tuple[int, ...]], is_stream: bool
-) -> tuple[tuple[tuple[int, ...], ...], tuple[Outcome, ...]]:
-    """Return one order for each state where no evidence compares laws, and what to know if there was a choice."""
-    if all(len(each) == 1 for each in possible):
-        return tuple(possible), ()
-    if method.orders == (0,):
-        return ((0,),) * len(possible), ()
-    chosen = tuple(each[:1] for each in possible)
-    what = "in a stream" if is_stream else f"by {type(method).__name__}"
-    order = one_order([each for (each,) in chosen])
-    return chosen, (note("order-without-evidence", order=order, what=what),)
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:

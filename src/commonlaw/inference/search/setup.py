@@ -16,7 +16,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched, matched_noise, measured_schema
+from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms
@@ -145,13 +145,6 @@ def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[Er
     if errors in grown:
         raise CommonlawError("log-states-with-errors", states=schema.logarithmic)
     return tuple(kind for kind in (ERRORS if errors == "auto" else (errors,)) if kind not in grown)
-
-
-def check_one_scale(laws: Sequence[Law]) -> None:
-    """Refuse to compare laws with states on different scales."""
-    scales = [", ".join(measured_schema(law).logarithmic) or "none" for law in laws]
-    if len(set(scales)) > 1:
-        raise CommonlawError("log-states-differ", scales=dict.fromkeys(scales))
 
 
 def on_log_scale(law: Law, states: Sequence[str]) -> Law:

@@ -16,7 +16,7 @@ from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.pool import Pool, score_of_order
-from commonlaw.inference.search.setup import FitSetup, check_one_scale, error_kinds
+from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched, measured_schema
@@ -105,7 +105,9 @@ def compare(
     states = [measured_schema(law).measured if observed else law.schema.states for law in laws.values()]
     if len(listed := dict.fromkeys(", ".join(sorted(state)) for state in states)) > 1:
         raise CommonlawError("laws-of-other-states", states=listed)
-    check_one_scale(list(laws.values()))
+    scales = dict.fromkeys(", ".join(measured_schema(law).logarithmic) or "none" for law in laws.values())
+    if len(scales) > 1:
+        raise CommonlawError("log-states-differ", scales=scales)
     if observed:
         refuse_client(client)
         check_white(changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold}))
