@@ -143,7 +143,13 @@ def _residuals_of_trials(fit: Fit) -> list[Series]:
 
 def _constants(trials: Trials) -> list[Series]:
     """Return the deviations from the mean of each trial, state by state."""
-    return _deviations(trials, [np.nanmean(trial.states, axis=0, keepdims=True) for trial in trials])
+    means, measured = (
+        [np.zeros((1, len(trials.schema.states))) for _ in trials],
+        np.flatnonzero(~trials.schema.is_latent),
+    )
+    for mean, trial in zip(means, trials, strict=True):
+        mean[0, measured] = [np.nanmean(trial.states[:, j]) for j in measured]
+    return _deviations(trials, means)
 
 
 def _deviations(trials: Trials, references: Sequence[Floats]) -> list[Series]:
