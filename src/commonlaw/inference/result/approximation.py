@@ -143,16 +143,15 @@ def _residuals_of_trials(fit: Fit) -> list[Series]:
 
 def _constants(trials: Trials) -> list[Series]:
     """Return the deviations from the mean of each trial, state by state."""
-    means, measured = (
-        [np.zeros((1, len(trials.schema.states))) for _ in trials],
-        np.flatnonzero(~trials.schema.is_latent),
-    )
-    for mean, trial in zip(means, trials, strict=True):
-        mean[0, measured] = [np.nanmean(trial.states[:, j]) for j in measured]
-    return _deviations(trials, means)
+    latent = trials.schema.is_latent
+    means = [
+        [[0.0 if hidden else np.nanmean(column) for column, hidden in zip(trial.states.T, latent, strict=True)]]
+        for trial in trials
+    ]
+    return _deviations(trials, np.array(means))
 
 
-def _deviations(trials: Trials, references: Sequence[Floats]) -> list[Series]:
+def _deviations(trials: Trials, references: Iterable[Floats]) -> list[Series]:
     """Return the deviations of measurements from reference values, state by state, where there are any.
 
     States are those measured, as laws may differ in their latent states.
