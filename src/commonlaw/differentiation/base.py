@@ -12,14 +12,9 @@ from commonlaw.errors import CommonlawError
 
 @dataclass(frozen=True)
 class Rates:
-    """What a differentiator makes of the measured states of one trial.
+    """The states of one trial, smoothed or as measured, and their first, second, ... derivatives by time.
 
-    Parameters
-    ----------
-    states
-        The states as the method sees them (smoothed, or as measured), shape (n, d).
-    derivatives
-        The first, second, ... derivatives by time, each of shape (n, d).
+    Each has the shape (n, d).
     """
 
     states: Floats

@@ -42,20 +42,9 @@ Known = Mapping[Key, float | Mapping[str, float]]
 
 @dataclass(frozen=True, eq=False)
 class ModelStructure:
-    """The family of candidate laws.
+    """The family of candidate laws, of order 1 or 2, or that of each equation; 0 for laws in discrete time.
 
-    Parameters
-    ----------
-    order
-        1 or 2, or that of each equation; 0 for laws in discrete time.
-    library
-        Candidate terms.
-    known
-        Known coefficients, see `Known`.
-    shared
-        Terms with a shared coefficient of all objects.
-    derivatives
-        Given derivatives of the states in each trial.
+    All objects share the coefficients of `shared` terms. Derivatives of the states in each trial may be given.
     """
 
     order: Order

@@ -17,14 +17,8 @@ from commonlaw.runtime.fit_options import ErrorKind
 class ErrorModel:
     """Levels of errors besides white noise, in units of states and time; None without a kind.
 
-    Parameters
-    ----------
-    heteroscedastic
-        Levels of white noise that grows with the states, by kind, each of shape (d,); see `Heteroscedastic`.
-    correlated, memory, force, force_time
-        See `LatentProcesses`.
-    walk
-        A random walk of states and rates, for a unit of time, shape (D,).
+    Levels of `Heteroscedastic` noise are by kind, each of shape (d,); `walk` is a random walk of states and rates, for
+    a unit of time, shape (D,). For the others see `LatentProcesses`.
     """
 
     heteroscedastic: Mapping[ErrorKind, Floats] = field(default_factory=dict)

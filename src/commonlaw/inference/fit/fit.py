@@ -60,26 +60,11 @@ class Model(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A model with its estimates for all objects.
+    """A model with its estimates for all objects, the steps of its history, and its diagnostics.
 
-    Parameters
-    ----------
-    problem
-        Trials on meshes, candidate terms, and the error model.
-    supports
-        The terms of each equation, shape (equations, terms).
-    estimates
-        States and coefficients of each object; none if the fit failed.
-    model_error
-        Standard deviation of a random walk in each step, relative to the noise; zero for solutions of the law.
-    score
-        Minus twice the log-evidence, up to a constant; infinite if the fit failed.
-    status
-        The outcome.
-    alternatives
-        Fits of other supports under the same errors.
-    steps, outcomes
-        History of the model, and its diagnostics.
+    Supports are the terms of each equation, shape (equations, terms); alternatives are fits of other supports under the
+    same errors. The model error is the standard deviation of a random walk in each step, relative to the noise, zero
+    for solutions of the law. A failed fit has no estimates, and an infinite score.
     """
 
     problem: SearchProblem

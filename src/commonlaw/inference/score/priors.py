@@ -24,17 +24,9 @@ class StructurePrior:
     description length of term k, one bit (2 log 2) for each factor, and z(S) counts the states with an arbitrary origin
     of which S fixes the origin.
 
-    Parameters
-    ----------
-    terms
-        The penalties w_k, shape (terms,).
-    shifted
-        For each state with an arbitrary origin, which terms each term needs to be invariant to a shift of the origin,
-        shape (terms, terms).
-    zero
-        The penalty c of a fixed origin, that of one fitted number.
-    excluded_terms
-        Candidate terms that were screened out before, part of N.
+    The penalties w_k of terms have shape (terms,); `zero` is the penalty c of a fixed origin, that of one fitted
+    number. `shifted` has for each state with an arbitrary origin which terms each term needs to be invariant to a shift
+    of the origin, shape (terms, terms). N includes `excluded_terms`, those that were screened out before.
     """
 
     terms: Floats

@@ -12,7 +12,6 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
 from commonlaw.inference.score.score import Kind, Score
-from commonlaw.law import Law
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import with_rates
 from commonlaw.likelihood import variance_of_rates
@@ -91,10 +90,6 @@ class Pool:
         for j in equations:
             yield from (_with_support(best.supports, j, own) for own in best.evidence.path(best.supports, j, solver))
 
-    def law(self) -> Law:
-        """Return the law of the best fit, with coefficients and standard errors."""
-        return fitted_law(self.best.problem.law, self.best)
-
     @cached_property
     def is_determined(self) -> bool:
         """Whether each coefficient exceeds its standard error (RMS over objects), and in each object at least one does.
@@ -102,7 +97,7 @@ class Pool:
         A term is kept for what it explains. If its coefficient is smaller than its standard error all the same, terms
         are collinear and the likelihood is flat along a combination of them.
         """
-        law = self.law()
+        law = fitted_law(self.best.problem.law, self.best)
         chosen = np.broadcast_to(self.best.supports, law.coefficients.shape)
         values, errors = law.coefficients[chosen], standard_errors(law)[chosen]
         ratios = np.divide(values, errors, out=np.full_like(values, np.inf), where=~(errors <= 0))

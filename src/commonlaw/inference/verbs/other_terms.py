@@ -24,16 +24,9 @@ _MEASURES = ("2 log B", LOG_SCORE, "held-out error", "BIC", "EBIC", "AIC", "AICc
 
 @dataclass(frozen=True, eq=False)
 class CandidateLaw:
-    """A law with an alternative support.
+    """A law with an alternative support, fitted to the trials, or the chosen law.
 
-    Parameters
-    ----------
-    law
-        Fitted to the trials.
-    evidence
-        2 log B relative to the most probable candidate, summed over equations; None if not computed.
-    chosen
-        Whether it is the chosen law.
+    Its evidence is 2 log B relative to the most probable candidate, summed over equations; None if not computed.
     """
 
     law: Law
