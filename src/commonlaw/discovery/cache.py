@@ -115,6 +115,7 @@ def _version() -> str:
 
 
 def _parts(value: object) -> Iterator[bytes]:
+    inside: Sequence[object] = ()
     if isinstance(value, np.ndarray) and value.dtype != object:
         yield f"array {value.dtype.str} {value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
@@ -122,21 +123,18 @@ def _parts(value: object) -> Iterator[bytes]:
         yield f"{type(value).__name__} {value!r}".encode()
     elif isinstance(value, Mapping):
         yield f"mapping {len(value)}".encode()
-        yield from _parts_of_all([each for pair in value.items() for each in pair])
+        inside = [each for pair in value.items() for each in pair]
     elif isinstance(value, list | tuple):
         yield f"sequence {len(value)}".encode()
-        yield from _parts_of_all(value)
+        inside = value
     elif (
         is_dataclass(value)
         and not isinstance(value, type)
         and type(value).__module__.split(".")[0] == commonlaw.__name__
     ):
         yield f"{type(value).__module__} {type(value).__qualname__}".encode()
-        yield from _parts_of_all([getattr(value, each.name) for each in fields(value) if each.compare])
+        inside = [getattr(value, each.name) for each in fields(value) if each.compare]
     else:
         raise _NotHashableError
-
-
-def _parts_of_all(values: Sequence[object]) -> Iterator[bytes]:
-    for value in values:
-        yield from _parts(value)
+    for each in inside:
+        yield from _parts(each)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.cache import cached_law
 from commonlaw.discovery.given_derivatives import GivenDerivatives, with_derivatives
 from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_generations, outcomes_of_rivals
@@ -22,7 +23,7 @@ from commonlaw.discovery.method import (
 from commonlaw.discovery.observed import discover_observed
 from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
-from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_latent_states
+from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
 from commonlaw.inference.data.subsampling import can_be_subsampled
@@ -193,7 +194,11 @@ class LawDiscovery:
             if isinstance(trials, Trials):
                 why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
             instead = (note("derivatives-without-errors", why=why),)
-        method = with_latent_states(method, 0 if isinstance(latent, str | Sequence) else latent)
+        if latent and not isinstance(latent, str | Sequence):
+            if not isinstance(method, TrajectoryLikelihood):
+                what, remedy = type(method).__name__, "leave-out" if 0 in method.orders else "use-trajectory-likelihood"
+                raise CommonlawError("latent-states-unsupported", count=latent, method=what, remedy=Diagnostic(remedy))
+            method = replace(method, latent_states=latent)
         by_equation = isinstance(self.library, Mapping)
         order = 1 if (derivatives or by_equation) and self.order == "auto" else self.order
         constant = tuple[str, ...]()

@@ -36,17 +36,9 @@ from commonlaw.runtime.cluster import counting, current_cluster
 from commonlaw.runtime.fit_options import documented, shown
 from commonlaw.runtime.parallel import check_n_jobs
 from commonlaw.runtime.progress import ProgressCallback, announce, check_memory
-from commonlaw.selection import (
-    RULES,
-    SEGMENTS,
-    Accuracy,
-    ForecastError,
-    chosen_law,
-    fitted_law,
-    ill_conditions,
-    make_folds,
-    select,
-)
+from commonlaw.selection.cross_validation import ForecastError, make_folds
+from commonlaw.selection.rules import RULES
+from commonlaw.selection.selecting import SEGMENTS, Accuracy, chosen_law, fitted_law, ill_conditions, select
 from commonlaw.solvers import SR3, STLSQ, AbstractSolver, BestSubset, ConstrainedSolver, StepwiseSelection, parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream

@@ -80,15 +80,16 @@ class Pool:
 
     def proposals(self) -> Iterator[Bools]:
         """Yield supports of large evidence under the error model of the best, and those on the path of the solver."""
-        best = self.best
+        best, solver = self.best, self.best.problem.solver
+        assert solver is not None
         yield best.supports
         yield from (fit.supports for fit in self.explored[: settings.MAX_PROPOSED])
-        equations, solver = range(len(best.supports)), best.problem.solver
-        assert solver is not None
-        for j, listed in zip(equations, best.neighbours(), strict=True):
-            yield from (_with_support(best.supports, j, own) for _, own in listed[: settings.MAX_PROPOSED])
-        for j in equations:
-            yield from (_with_support(best.supports, j, own) for own in best.evidence.path(best.supports, j, solver))
+        near = [[support for _, support in listed[: settings.MAX_PROPOSED]] for listed in best.neighbours()]
+        paths = [best.evidence.path(best.supports, j, solver) for j in range(len(best.supports))]
+        for j, support in ((j, each) for group in (near, paths) for j, listed in enumerate(group) for each in listed):
+            supports = best.supports.copy()
+            supports[j] = support
+            yield supports
 
     @cached_property
     def is_determined(self) -> bool:
@@ -104,12 +105,6 @@ class Pool:
         squares = np.nan_to_num(ratios.reshape(len(law.objects), -1) ** 2, posinf=np.inf)
         of_terms, of_objects = squares.mean(axis=0), squares.max(axis=1, initial=0.0)
         return not squares.size or bool(min(*of_terms, *of_objects) > 1)
-
-
-def _with_support(supports: Bools, equation: int, support: Bools) -> Bools:
-    changed = supports.copy()
-    changed[equation] = support
-    return changed
 
 
 def score_of_order(fit: Fit) -> Score:
