@@ -13,7 +13,7 @@ A candidate is the `Pool` of the fits of one order. This is all that is chosen, 
     support           the first by linearized evidence, if it fits best   `with_leading_support`
     forecaster        held-out forecasts, if the errors are too large     `best_forecaster`
 
-`candidate_search` has the steps of one order, and `inference.assemble` makes the law of the last pool.
+`candidate_search` has the steps of one order, and `inference.result.assembly` makes the law of the last pool.
 """
 
 from collections.abc import Sequence

@@ -17,7 +17,7 @@ from commonlaw.inference.fit.fit import (
     PLAUSIBLE,
     Fit,
     Status,
-    best_of,
+    best_fit,
     errors_to_fit,
     fitted,
     linearized_evidence,
@@ -43,7 +43,7 @@ def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequen
     fits = anneal(problem, progress)
     distinct = {proposal.tobytes(): proposal for proposal in proposals}.values()
     fits += [fit_supports(problem, support, settings.SCHEDULES[-1]) for support in distinct]
-    best = best_of(fits)
+    best = best_fit(fits)
     if best.has_model_error:  # Its supports may not have been fitted without one
         fits.append(fitted(problem, best.estimates, best.supports, NO_ERROR))
     return with_neighbours(fits)
@@ -158,7 +158,7 @@ def with_neighbours(fits: Sequence[Fit], prior: InitialConditionPrior | None = N
     best one is fitted, until none is within `PLAUSIBLE` of the best fit or `MAX_MODELS` in a row were no better. With a
     prior of initial conditions, scores include it.
     """
-    best, ranked = best_of(fits), sorted(fit for fit in fits if fit.is_usable)
+    best, ranked = best_fit(fits), sorted(fit for fit in fits if fit.is_usable)
     done = {fit.supports.tobytes() for fit in ranked if fit.model_error == best.model_error}
     seen, candidates, failures = set[bytes](), dict[bytes, tuple[float, Fit, Bools]](), 0
     while failures < settings.MAX_MODELS:

@@ -25,7 +25,7 @@ from commonlaw.runtime.fit_options import CovarianceKind
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
     """Return the law with the coefficients of a fit, their covariance, the noise and the error model."""
     problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
-    fit, known_starts = with_pooled_coefficients(fit), schema.is_latent & ~schema.with_free_start
+    fit, given_starts = with_pooled_coefficients(fit), schema.is_latent & ~schema.with_free_start
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
@@ -36,7 +36,7 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
             shared_factor=None,
             unpooled=None,
             pooled=None,
-            noise=np.where(known_starts, noise_floor(problem.trials), problem.noise),
+            noise=np.where(given_starts, noise_floor(problem.trials), problem.noise),
             error_model=errors,
             degrees_of_freedom=degrees_of_freedom(fit),
             widening=None,

@@ -252,7 +252,7 @@ def errors_to_fit(model_error: float) -> tuple[float, ...]:
     return (model_error,) if model_error else settings.FINAL_MODEL_ERRORS
 
 
-def best_of(fits: Sequence[Fit]) -> Fit:
+def best_fit(fits: Sequence[Fit]) -> Fit:
     """Return the fit of largest evidence.
 
     Raises `CommonlawError` if none succeeded.

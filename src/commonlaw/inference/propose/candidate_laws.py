@@ -13,7 +13,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_supports, fit_with, rescale_noise
-from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_of
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_fit
 from commonlaw.inference.fit.lack_of_fit import has_pole
 from commonlaw.inference.fit.multistart import full_schedule, multistart, short_schedule, shrink_to_pooled
 from commonlaw.inference.fit.parameter_grid import frequencies_in_time
@@ -139,12 +139,12 @@ class ParametricSearch:
         short = [each for each in new if each not in self.near]
         near = in_parallel(lambda each: self._quick_fit(each, estimates), short, done=_shown(done, 0.0, len(short)))
         self.near.update(zip(short, near, strict=True))
-        price = float(np.log(np.median(self.base.measured)))
+        penalty = float(np.log(np.median(self.base.measured)))
         for k, rows in enumerate(new):
             fits = [each.objective for each in self.near[rows]]
             if fits and np.isfinite(fits).all():  # Not so for the root of a negative number
                 self.typical[rows] = float(np.median(fits))
-                ranked.append((self.typical[rows] + price * sum(row.numbers for row in rows), k))
+                ranked.append((self.typical[rows] + penalty * sum(row.numbers for row in rows), k))
         fitted = [self.typical[rows] for rows, fit in self.fitted.items() if fit.is_usable and rows in self.typical]
         relative, margin = settings.MAX_DEVIANCE
         most = relative * min(fitted, default=np.inf) + margin
@@ -192,7 +192,7 @@ class ParametricSearch:
         plain, estimates = self.plain, without_processes(best, best.estimates)
         base = replace(self.base, starts=estimates).with_points(points)
         problem = plain.problem.about(plain.estimates).with_points(points)
-        plain = best_of([rescale_noise(fit_supports(problem, plain.supports, ANY_ERROR))])
+        plain = best_fit([rescale_noise(fit_supports(problem, plain.supports, ANY_ERROR))])
         finer = replace(self, plain=plain, explored=(plain,), base=base, fitted={}, near={}, typical={})
         return finer, base.starts
 

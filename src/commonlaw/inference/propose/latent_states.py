@@ -115,14 +115,14 @@ def _structure(fit: Fit) -> tuple[str, ...]:
     """Return the structure of each equation, with numbers for known coefficients."""
     coefficients = np.array([estimate.coefficients for estimate in fit.estimates])
     law, known = replace(fit.problem.law, coefficients=coefficients), fit.problem.known[0]
-    letters = [
+    symbols = [
         definition.name
         if np.isnan(known[definition.equation, definition.term])
         else f"{known[definition.equation, definition.term]:g}"
         for definition in named_parameters(law).definitions
         if law.terms.is_factor[definition.term]
     ]
-    return structure(left_hand_sides(law), law.terms.factors, law.support & law.terms.is_factor, letters)
+    return structure(left_hand_sides(law), law.terms.factors, law.support & law.terms.is_factor, symbols)
 
 
 def _is_equivalent(one: Fit, other: Fit) -> bool:

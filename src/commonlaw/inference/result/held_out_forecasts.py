@@ -20,7 +20,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.covariance import degrees_of_freedom, fitted_law
-from commonlaw.inference.fit.fit import Fit, best_of
+from commonlaw.inference.fit.fit import Fit, best_fit
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.error_models import GROUPS, fit_each_kind, search_each_group
 from commonlaw.inference.search.pool import Pool
@@ -186,7 +186,7 @@ def _fitted_to(fit: Fit, kept: Sequence[Trial]) -> Law:
         for start, i in zip(part.starts, indices, strict=True)
     ]
     part = replace(part, solver=problem.solver, differentiation=problem.differentiation)
-    fitted = best_of([fit_with(part, fit.supports, fit.model_error, starts)])
+    fitted = best_fit([fit_with(part, fit.supports, fit.model_error, starts)])
     law = fitted_law(part.law, fitted)
     degrees = degrees_of_freedom(fit)
     return replace(law, uncertainty=replace(law.uncertainty, degrees_of_freedom=degrees))

@@ -23,7 +23,7 @@ from commonlaw.inference.fit.annealing import (
     with_neighbours,
 )
 from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
-from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, best_of
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, best_fit
 from commonlaw.inference.fit.lack_of_fit import with_proportional_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.pool import Pool
@@ -107,7 +107,7 @@ def fit_terms(setup: FitSetup) -> Pool:
     Raises `CommonlawError` if a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     problem = setup.problem()
-    fit = best_of([fit_supports(problem, problem.allowed, ANY_ERROR)])
+    fit = fit_supports(problem, problem.allowed, ANY_ERROR)
     return Pool((rescale_noise(until_resolved(fit, lambda finer: finer)),))
 
 
@@ -171,7 +171,7 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
 
     fit, done = pool.best, set[bytes]()
     while True:
-        fit = best_of([rescale_noise(until_resolved(fit, reselect))])
+        fit = best_fit([rescale_noise(until_resolved(fit, reselect))])
         if fit.problem.solver is None:
             return pool.with_best(fit)
         done.add(fit.supports.tobytes())
