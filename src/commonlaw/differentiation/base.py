@@ -88,5 +88,12 @@ def check_uniform(times: Floats, tolerance: float, method: str) -> None:
     far = np.flatnonzero(np.abs(steps - median) > tolerance * median)
     if len(far):
         i = int(far[0])
-        known = {"step": steps[i], "median": median, "method": method, "tolerance": tolerance}
-        raise CommonlawError("uneven-sampling", sample=i + 1, next_sample=i + 2, **known)
+        raise CommonlawError(
+            "uneven-sampling",
+            sample=i + 1,
+            next_sample=i + 2,
+            step=steps[i],
+            median=median,
+            method=method,
+            tolerance=tolerance,
+        )

@@ -185,9 +185,8 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
         squares = float(np.sum((regression.target - own) ** 2)) if np.isfinite(own).all() else np.inf
         if regression.evidence_against(squares) > VERY_STRONG:
             both = [100 * max(0.0, 1 - left / regression.about_means) for left in (squares, regression.squares)]
-            explained = dict(zip(("by_law", "by_regression"), both, strict=True))
-            where = equations[regression.state]
-            result.append(note("discrete-time-plausible", where, state=regression.state, **explained))
+            where, state = equations[regression.state], regression.state
+            result.append(note("discrete-time-plausible", where, state=state, by_law=both[0], by_regression=both[1]))
     return tuple(result)
 
 
