@@ -7,7 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.inference.result import held_out_forecasts
-from commonlaw.inference.result.held_out_forecasts import StandardizedErrors, widening_of
+from commonlaw.inference.result.held_out_forecasts import StandardizedErrors, interval_inflation
 from commonlaw.law import from_json, to_json
 from commonlaw.law.uncertainty import Widening
 from tests.refusals import refused
@@ -33,7 +33,7 @@ def test_twenty_trials_give_the_quantile_that_one_more_asks_for(correlated):
     for seed in range(200):
         draws = np.random.default_rng(seed).standard_normal((21, 1 if correlated else 30, 1))
         sizes = np.broadcast_to(abs(draws) / 1.96 * 1.5, (21, 30, 1))
-        found = widening_of([errors(AHEAD, size) for size in sizes[:20]])
+        found = interval_inflation([errors(AHEAD, size) for size in sizes[:20]])
         inside.append(np.mean(sizes[20, :, 0] <= found.at(AHEAD)))
         factors.append(found.factors.max())
     assert np.mean(inside) == pytest.approx(0.95, abs=0.03)
@@ -43,20 +43,20 @@ def test_twenty_trials_give_the_quantile_that_one_more_asks_for(correlated):
 @pytest.mark.parametrize("count", [10, 100])
 def test_bands_are_never_made_narrower(count):
     narrow = [replace(each, sizes=each.sizes / 3) for each in (trial(AHEAD, 0.0, seed) for seed in range(count))]
-    assert {*widening_of(narrow).factors.tolist()} == {1.0}
+    assert {*interval_inflation(narrow).factors.tolist()} == {1.0}
 
 
 def test_few_trials_lean_on_what_the_law_says_of_itself():
     wrong = errors(np.array([0.5, 0.9]), np.full((2, 1), 3.0))
-    (one,) = set(widening_of([wrong]).factors.round(9))
-    (four,) = set(widening_of([wrong] * 4).factors.round(9))
+    (one,) = set(interval_inflation([wrong]).factors.round(9))
+    (four,) = set(interval_inflation([wrong] * 4).factors.round(9))
     assert 1.0 < one < four < 3 * 1.96
     assert four**2 == pytest.approx((2 + 4 * (3 * 1.959964) ** 2) / 6, rel=1e-6)
 
 
 def test_what_was_never_forecast_widens_nothing():
-    assert widening_of([]) is None
-    assert widening_of([errors(np.array([]), np.empty((0, 1)))]) is None
+    assert interval_inflation([]) is None
+    assert interval_inflation([errors(np.array([]), np.empty((0, 1)))]) is None
 
 
 def test_a_band_is_wider_by_the_factor_of_its_horizon(drops, law):

@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import pipeline
-from commonlaw.inference import assemble
+from commonlaw.inference.result.assembly import assemble
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.setup import FitSetup

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from commonlaw.formulation import LeastSquaresProblem, merge
-from commonlaw.selection import RULES, choose
+from commonlaw.selection.rules import RULES, choose
 from commonlaw.solvers import STLSQ
 
 TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0]])

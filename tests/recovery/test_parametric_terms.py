@@ -9,10 +9,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import curve_fit
 
 import commonlaw as cl
-from commonlaw.inference import prepare
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import CurveData
 from commonlaw.inference.fit.parameter_grid import ParameterGrids, frequencies_in_time
+from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable
 from commonlaw.inference.propose.integral_ranking import rank_supports
 from commonlaw.inference.score.score import Score

@@ -10,7 +10,7 @@ from scipy.optimize import curve_fit
 from scipy.special import lambertw
 
 import commonlaw as cl
-from commonlaw.inference import prepare
+from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.rational import rank_ratios
 from commonlaw.law import Provenance, to_latex, to_script
 from commonlaw.law.parameters import named_parameters

@@ -5,7 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery import candidate_search
-from commonlaw.inference import screen_terms
+from commonlaw.inference.propose.screening import screen_terms
 from commonlaw.library import Variables, parse_library
 
 WIDE = "poly:11"

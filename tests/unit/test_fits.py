@@ -7,7 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.inference.fit.annealing import fit_solutions
-from commonlaw.inference.fit.fit import NO_ERROR, Fit, Status, best_of, fitted
+from commonlaw.inference.fit.fit import NO_ERROR, Fit, Status, best_fit, fitted
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.pool import Pool
@@ -40,7 +40,7 @@ def failed(problem):
 
 
 def test_the_best_fit_is_that_of_largest_evidence(problem, fits):
-    best = best_of([failed(problem), *fits])
+    best = best_fit([failed(problem), *fits])
     assert best is fits[1]
     assert sorted([*fits, failed(problem)])[-1].status is Status.HAS_POLE
 
@@ -52,7 +52,7 @@ def test_a_failed_fit_is_worse_than_any_other_and_alone_refused(problem, fits):
     assert max(fits) < lost
     for none in ([], [lost]):
         with refused("no-law-near-measurements"):
-            best_of(none)
+            best_fit(none)
     with refused("no-law-near-measurements"):
         Pool((lost,))
 

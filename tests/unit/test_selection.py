@@ -15,19 +15,8 @@ from commonlaw.formulation import (
     merge,
 )
 from commonlaw.library import PolynomialLibrary
-from commonlaw.selection import (
-    RULES,
-    CrossValidationScore,
-    FitStatistics,
-    ResidualError,
-    aic,
-    aicc,
-    bic,
-    choose,
-    ebic,
-    make_folds,
-    stability,
-)
+from commonlaw.selection.cross_validation import CrossValidationScore, ResidualError, make_folds, stability
+from commonlaw.selection.rules import RULES, FitStatistics, aic, aicc, bic, choose, ebic
 from commonlaw.solvers import STLSQ, Candidate
 from commonlaw.trials import Schema, Trial
 from tests.refusals import refused

@@ -8,7 +8,8 @@ from commonlaw.differentiation import parse_differentiation
 from commonlaw.formulation import StrongForm, differentiation_bias, effective_share, law_variables, merge
 from commonlaw.law import Law, Provenance
 from commonlaw.library import PolynomialLibrary
-from commonlaw.selection import ForecastError, choose, make_folds
+from commonlaw.selection.cross_validation import ForecastError, make_folds
+from commonlaw.selection.rules import choose
 from commonlaw.solvers import STLSQ
 from tests.refusals import refused
 

@@ -12,14 +12,9 @@ from commonlaw.errors import CommonlawError
 
 @dataclass(frozen=True)
 class Rates:
-    """What a differentiator makes of the measured states of one trial.
+    """The states of one trial, smoothed or as measured, and their first, second, ... derivatives by time.
 
-    Parameters
-    ----------
-    states
-        The states as the method sees them (smoothed, or as measured), shape (n, d).
-    derivatives
-        The first, second, ... derivatives by time, each of shape (n, d).
+    Each has the shape (n, d).
     """
 
     states: Floats
@@ -32,12 +27,12 @@ class AbstractDifferentiator(ABC):
     takes_missing: ClassVar[bool] = False
     """Whether measured states may be missing (NaN)."""
 
-    @abstractmethod
     def reach(self, order: int) -> int | None:
         """Return how many samples away on each side the derivatives up to `order` at a sample can depend on.
 
-        None means all of them. Near the ends of a trial, where formulas are one-sided, it may be more.
+        None, the default, means all of them. Near the ends of a trial, where formulas are one-sided, it may be more.
         """
+        return None
 
     def takes(self, times: Floats, states: Floats) -> bool:
         """Whether these samples of a trial meet what the method assumes."""
@@ -68,9 +63,9 @@ class AbstractSmoother(ABC):
     """From measured states to smoothed states."""
 
     @property
-    @abstractmethod
     def half_window(self) -> int | None:
-        """How many samples away on each side a smoothed state can depend on; None means all of them."""
+        """How many samples away on each side a smoothed state can depend on; None, the default, means all of them."""
+        return None
 
     @abstractmethod
     def smooth(self, times: Floats, states: Floats) -> Floats:

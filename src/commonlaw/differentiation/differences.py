@@ -130,7 +130,6 @@ class FiniteDifference(AbstractDifferentiator):
         return Rates(columns.T, tuple(self._derivative(times, columns, k).T for k in range(1, order + 1)))
 
     def _derivative(self, times: Floats, states: Floats, order: int) -> Floats:
-        """Return the derivative of states, both of shape (d, n)."""
         count, inside, at_ends = len(times), (order - 1) // 2 * 2 + 1 + self.accuracy, order + self.accuracy
         half = inside // 2
         if order == 1 and inside == 3:
@@ -216,9 +215,6 @@ class SpectralDerivative(AbstractDifferentiator):
 
     def __post_init__(self) -> None:
         check_number("cutoff", self.cutoff, 0, above=True, optional=True)
-
-    def reach(self, order: int) -> int | None:
-        return None
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         count = len(times)

@@ -99,9 +99,6 @@ class SmoothingSpline(AbstractDifferentiator):
     def __post_init__(self) -> None:
         check_number("strength", self.strength, 0, above=True, optional=True)
 
-    def reach(self, order: int) -> int | None:
-        return None
-
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 5, "smoothing splines")
         if order > 2:
@@ -130,12 +127,8 @@ def smoothing_spline(steps: Floats, state: Floats, strength: float) -> tuple[Flo
 class _Systems:
     """The systems of the spline at all strengths, of which most does not depend on the strength.
 
-    Parameters
-    ----------
-    bands
-        Of the changes of slope alone, shape (7, 2 n).
-    diagonal, off_diagonal
-        The Gram matrix of the hat functions, times -3 on its diagonal and times -6 next to it.
+    Bands are those of the changes of slope alone, shape (7, 2 n); the Gram matrix of the hat functions is times -3 on
+    its diagonal and times -6 next to it.
     """
 
     bands: Floats
@@ -228,9 +221,6 @@ class TotalVariationDerivative(AbstractDifferentiator):
 
     def __post_init__(self) -> None:
         check_number("strength", self.strength, 0, above=True)
-
-    def reach(self, order: int) -> int | None:
-        return None
 
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         need_samples(len(times), 3, "total-variation derivatives")

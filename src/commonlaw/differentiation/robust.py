@@ -55,9 +55,6 @@ class RobustSpline(AbstractDifferentiator):
     def __post_init__(self) -> None:
         check_number("strength", self.strength, 0, above=True, optional=True)
 
-    def reach(self, order: int) -> int | None:
-        return None
-
     def differentiate(self, times: Floats, states: Floats, order: int) -> Rates:
         columns = []
         for j, column in enumerate(states.T):
@@ -179,7 +176,6 @@ def _differences(times: Floats, values: Floats) -> tuple[dict[int, Floats], int,
 
 
 def _sizes(times: Floats, values: Floats, highest: int) -> dict[int, Floats]:
-    """Return the sizes of the differences of one state by their order."""
     return {k: np.abs(each[:, 0]) for k, each in enumerate(differences(times, values[:, np.newaxis], highest), 1)}
 
 

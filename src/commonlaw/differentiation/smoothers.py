@@ -40,9 +40,8 @@ class SavitzkyGolay(AbstractSmoother):
         _check_window(self.window)
         check_whole_number("polynomial", self.polynomial, 0)
         if self.polynomial >= self.window:
-            raise CommonlawError(
-                "polynomial-fills-window", degree=self.polynomial, window=self.window, limit=self.window - 1
-            )
+            limit = self.window - 1
+            raise CommonlawError("polynomial-fills-window", degree=self.polynomial, window=self.window, limit=limit)
 
     @property
     def half_window(self) -> int | None:
@@ -125,10 +124,6 @@ class WienerFilter(AbstractSmoother):
     def __post_init__(self) -> None:
         _check_window(self.window)
 
-    @property
-    def half_window(self) -> int | None:
-        return None
-
     def smooth(self, times: Floats, states: Floats) -> Floats:
         _check_fit(len(times), self.window)
         half = self.window // 2
@@ -184,7 +179,6 @@ def _check_window(window: int) -> None:
 
 
 def _check_fit(count: int, window: int) -> None:
-    """Refuse a trial of fewer samples than the window."""
     if count < window:
         largest = count - 1 + count % 2
         way_out = f"choose a window of at most {largest}" if largest >= 3 else "drop the trial"

@@ -68,7 +68,6 @@ def digest(value: object) -> str:
 
 
 def _path(trials: Trials, question: Mapping[str, object]) -> Path | None:
-    """Return the path of the cached law; None without a cache."""
     folder = os.environ.get(VARIABLE, "")
     if folder.lower() == "off":
         return None
@@ -84,7 +83,6 @@ def _path(trials: Trials, question: Mapping[str, object]) -> Path | None:
 
 
 def _read(path: Path) -> Law | None:
-    """Return a cached law; None if there is none, or it is damaged."""
     try:
         checksum, _, content = read_file(path).partition(b"\n")
         if checksum != hashlib.sha256(content).hexdigest().encode():
@@ -97,7 +95,6 @@ def _read(path: Path) -> Law | None:
 
 
 def _write(path: Path, law: Law) -> None:
-    """Write a law to the cache, and remove the least recently used ones above its size."""
     content = to_json(law).encode()
     if len(content) > LARGEST:
         return
@@ -118,7 +115,7 @@ def _version() -> str:
 
 
 def _parts(value: object) -> Iterator[bytes]:
-    """Yield the parts of a value, each with its type."""
+    inside: Sequence[object] = ()
     if isinstance(value, np.ndarray) and value.dtype != object:
         yield f"array {value.dtype.str} {value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
@@ -126,21 +123,18 @@ def _parts(value: object) -> Iterator[bytes]:
         yield f"{type(value).__name__} {value!r}".encode()
     elif isinstance(value, Mapping):
         yield f"mapping {len(value)}".encode()
-        yield from _parts_of_all([each for pair in value.items() for each in pair])
+        inside = [each for pair in value.items() for each in pair]
     elif isinstance(value, list | tuple):
         yield f"sequence {len(value)}".encode()
-        yield from _parts_of_all(value)
+        inside = value
     elif (
         is_dataclass(value)
         and not isinstance(value, type)
         and type(value).__module__.split(".")[0] == commonlaw.__name__
     ):
         yield f"{type(value).__module__} {type(value).__qualname__}".encode()
-        yield from _parts_of_all([getattr(value, each.name) for each in fields(value) if each.compare])
+        inside = [getattr(value, each.name) for each in fields(value) if each.compare]
     else:
         raise _NotHashableError
-
-
-def _parts_of_all(values: Sequence[object]) -> Iterator[bytes]:
-    for value in values:
-        yield from _parts(value)
+    for each in inside:
+        yield from _parts(each)

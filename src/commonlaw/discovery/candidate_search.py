@@ -11,31 +11,27 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.method import ModelStructure, parsed
 from commonlaw.discovery.regression import DerivativeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import (
-    PATH,
-    Fit,
-    Pool,
-    Score,
-    choose_errors,
-    choose_interpolation,
-    drives,
-    error_kinds,
+from commonlaw.inference.data.noise import known_noise
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.propose.latent_states import drives, with_forcing_step, with_latent_state
+from commonlaw.inference.propose.parametric import (
     is_truncated_series,
-    known_noise,
     may_be_simpler,
-    resolved,
-    score_of_order,
-    screen_terms,
-    search_on_finer_mesh,
-    search_supports,
-    terms_by_score_test,
-    transform_trials,
-    with_forcing_step,
-    with_interpolation,
-    with_latent_state,
     with_parametric_terms,
     with_parametric_terms_under_errors,
 )
+from commonlaw.inference.propose.screening import screen_terms, terms_by_score_test
+from commonlaw.inference.score.score import Score
+from commonlaw.inference.search.error_models import choose_errors
+from commonlaw.inference.search.law_search import (
+    PATH,
+    choose_interpolation,
+    resolved,
+    search_on_finer_mesh,
+    search_supports,
+)
+from commonlaw.inference.search.pool import Pool, score_of_order
+from commonlaw.inference.search.setup import error_kinds, transform_trials, with_interpolation
 from commonlaw.law import Step
 from commonlaw.library import Offer, Order, ParametricTerm, SelectedLibrary, Terms, highest_order, order_of_each
 from commonlaw.runtime.fit_options import FitOptions
@@ -94,24 +90,10 @@ MAX_TERMS_OF_SIMPLE_LAW, MAX_TERMS_WITHOUT_LATENT_STATE = 3, 5
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """The best law of one order so far.
+    """The best law of one order so far, among the screened terms, with its rivals and the steps of its history.
 
-    Parameters
-    ----------
-    screened
-        The candidate terms.
-    pool
-        The law among them, and its rivals.
-    steps
-        Steps of the history.
-    transformed
-        The trials after `transform_trials`.
-    has_richer
-        Whether richer terms were searched.
-    is_coarse
-        Whether only a coarse mesh was tried, on which the law has a model error.
-    is_of_higher_degree
-        Whether the plain terms are of higher degree.
+    Trials are transformed by `transform_trials`. If the candidate `is_coarse`, only a coarse mesh was tried, on which
+    the law has a model error.
     """
 
     screened: Screened
@@ -128,17 +110,14 @@ class Candidate:
 
     @property
     def order(self) -> Order:
-        """Of the law."""
         return self.pool.best.problem.order
 
     @property
     def total_order(self) -> int:
-        """Sum of the orders of all states."""
         return sum(order_of_each(self.order, len(self.pool.best.supports)))
 
     @property
     def most_terms(self) -> int:
-        """Of the longest equation."""
         return int(self.pool.best.supports.sum(axis=1).max())
 
     @cached_property
@@ -167,17 +146,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class CandidateSearch:
-    """The steps of the search for laws; each takes a candidate and returns a better one.
-
-    Parameters
-    ----------
-    trials
-        The measurements.
-    options
-        See `TrajectoryLikelihood`.
-    progress
-        Callback for the progress.
-    """
+    """The steps of the search for laws; each takes a candidate and returns a better one."""
 
     trials: Trials
     options: FitOptions
@@ -300,7 +269,6 @@ class CandidateSearch:
             begin,
             transformed,
             input_interpolation=options.input_interpolation,
-            errors=options.errors,
             progress=self.progress,
             is_chosen=richer and plain is not None,
         )
@@ -346,8 +314,8 @@ class CandidateSearch:
         """Return the pool with laws with a latent state, if one is requested or the law may lack one."""
         # With more objects it takes minutes; with one trial a latent state is hardly identifiable
         few = len(trials.objects) <= 10 and len(trials) > 1
-        lacking = few and may_be_simpler(pool.best, MAX_TERMS_WITHOUT_LATENT_STATE)
-        seeks = self.options.latent_states or (lacking and screened.whole.library.seeks_latent_states)
+        may_have_one = few and may_be_simpler(pool.best, MAX_TERMS_WITHOUT_LATENT_STATE)
+        seeks = self.options.latent_states or (may_have_one and screened.whole.library.seeks_latent_states)
         if screened.whole.order != 1 or not seeks:
             return pool
         return with_latent_state(pool, trials, most_samples=self.options.max_samples, progress=self.progress)

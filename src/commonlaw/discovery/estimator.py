@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.cache import cached_law
 from commonlaw.discovery.given_derivatives import GivenDerivatives, with_derivatives
 from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_generations, outcomes_of_rivals
@@ -22,10 +23,10 @@ from commonlaw.discovery.method import (
 from commonlaw.discovery.observed import discover_observed
 from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
-from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood, with_latent_states
+from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import refuse_vanishing_states
-from commonlaw.inference import can_be_subsampled
+from commonlaw.inference.data.subsampling import can_be_subsampled
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
@@ -117,11 +118,8 @@ class LawDiscovery:
 
         A stream is gone through once. Derivatives y may be given, see `x_dot` of `discover`.
 
-        Raises
-        ------
-        CommonlawError
-            If the trials cannot be used as they are, or do not go with the method; the message names the object and
-            trial and says what to do.
+        Raises `CommonlawError` if the trials cannot be used as they are, or do not go with the method; the message
+        names the object and trial and says what to do.
         """
         if not isinstance(trials, Trials | TrialStream):
             trials = Trials.from_frame(trials)
@@ -146,7 +144,6 @@ class LawDiscovery:
         progress: ProgressCallback,
         derivatives: GivenDerivatives | None,
     ) -> Law:
-        """Return the law of states that observation equations determine."""
         if isinstance(trials, TrialStream):
             raise CommonlawError("not-for-streams")
         given = self.get_params(deep=False)
@@ -158,13 +155,12 @@ class LawDiscovery:
             settings = changed_settings("discover", vars(self.method))
         refused += ["method"] * (self.method is not None and not isinstance(self.method, TrajectoryLikelihood))
         refused += [name for name in settings if name not in ("noise", "seed", "n_jobs")]
+        refused += ["library"] * isinstance(self.library, Mapping)
         if self.order not in ("auto", 1):
             raise CommonlawError("observed-order", order=self.order)
-        library = self.library
-        if refused or isinstance(library, Mapping):
-            given_too = ["library"] if isinstance(library, Mapping) else []
-            raise CommonlawError("not-with-observation", settings=[*refused, *given_too])
-        own = parse_library(library)
+        if refused or isinstance(self.library, Mapping):
+            raise CommonlawError("not-with-observation", settings=refused)
+        own = parse_library(self.library)
         if own.functions:
             raise CommonlawError("function-with-observation", function=own.functions[0].text)
         trials = with_properties_in([own], trials)
@@ -174,7 +170,7 @@ class LawDiscovery:
                 trials,
                 observe,
                 latent,
-                None if library == "auto" else own,
+                None if self.library == "auto" else own,
                 self.known or {},
                 noise=settings.get("noise"),
                 seed=settings.get("seed", 0),
@@ -185,15 +181,24 @@ class LawDiscovery:
     def _found(
         self, trials: Trials | TrialStream, progress: ProgressCallback, given: GivenDerivatives | None = None
     ) -> Law:
-        count, names = _latent(self.latent_states)
+        latent = self.latent_states
+        names = (latent,) if isinstance(latent, str) else tuple(latent) if isinstance(latent, Sequence) else ()
         if self.observe or names:
             return self._observed(trials, self.observe or {}, names, progress, given)
-        derivatives = None
+        derivatives, instead = None, tuple[Outcome, ...]()
         if given is not None:
             trials, derivatives = with_derivatives(trials, given)
-        usual = (DerivativeRegression(), ()) if derivatives else _default(trials, self.order)
-        method, instead = (self.method, ()) if self.method else usual
-        method = with_latent_states(method, count)
+        method = self.method or (DerivativeRegression() if derivatives else default_method(trials, self.order))
+        if isinstance(method, DerivativeRegression) and not (self.method or derivatives):
+            why = "trials came from a stream"
+            if isinstance(trials, Trials):
+                why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
+            instead = (note("derivatives-without-errors", why=why),)
+        if latent and not isinstance(latent, str | Sequence):
+            if not isinstance(method, TrajectoryLikelihood):
+                what, remedy = type(method).__name__, "leave-out" if 0 in method.orders else "use-trajectory-likelihood"
+                raise CommonlawError("latent-states-unsupported", count=latent, method=what, remedy=Diagnostic(remedy))
+            method = replace(method, latent_states=latent)
         by_equation = isinstance(self.library, Mapping)
         order = 1 if (derivatives or by_equation) and self.order == "auto" else self.order
         constant = tuple[str, ...]()
@@ -222,9 +227,14 @@ class LawDiscovery:
                 own = order_of_base(known, trials)
                 possible = tuple((each,) for each in order_of_each(own, len(trials.schema.states)))
             library, known = with_base(library, known, one_order([each[0] for each in possible]), trials)
-        if isinstance(trials, TrialStream) or not isinstance(method, TrajectoryLikelihood):
-            possible, without = _without_evidence(method, possible, isinstance(trials, TrialStream))
-            instead = (*instead, *without)
+        has_evidence = isinstance(method, TrajectoryLikelihood) and isinstance(trials, Trials)
+        if not has_evidence and any(len(each) > 1 for each in possible):
+            is_discrete = method.orders == (0,)
+            possible = tuple((0,) if is_discrete else each[:1] for each in possible)
+            if not is_discrete:
+                what = "in a stream" if isinstance(trials, TrialStream) else f"by {type(method).__name__}"
+                order = one_order([each for (each,) in possible])
+                instead = (*instead, note("order-without-evidence", order=order, what=what))
         first = one_order([each[0] for each in possible])
         structure = ModelStructure(first, library, {**absent, **known}, self.shared, derivatives)
         copies, resting = tuple[Outcome, ...](), tuple[str, ...]()
@@ -241,32 +251,24 @@ class LawDiscovery:
                 capped = CappedLibrary(library, tuple(levels)) if levels else library
                 structure = replace(structure, library=capped)
         with one_blas_thread():
-            if all(len(each) == 1 for each in possible):
-                law = method.find(trials, structure, progress)
-            else:
-                assert isinstance(method, TrajectoryLikelihood)
-                assert isinstance(trials, Trials)
+            if isinstance(method, TrajectoryLikelihood) and isinstance(trials, Trials):
                 law = method.find_order(trials, structure, possible, progress)
+            else:
+                law = method.find(trials, structure, progress)
         # Laws, functions and derivatives are no text
         said = isinstance(self.known, Mapping | str | None) and derivatives is None and not functions
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
-        domain, outcomes = (
-            law.provenance.domain,
-            (*law.diagnostics, *rates, *copies, *outcome_of_constants(constant), *outcome_of_rest(resting), *instead),
-        )
-        if isinstance(trials, Trials):
-            domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
-            outcomes = with_origin_outcomes(outcomes, law, trials)
-            outcomes = (*outcomes, *outcomes_of_confounding(trials, law.order, library))
-            if self.order == "auto" and law.order != 0:
-                outcomes = (*outcomes, *outcomes_of_generations(law, trials))
-        history = (*steps, *law.history)
-        provenance = replace(law.provenance, calls=made, domain=domain, outcomes=outcomes, history=history)
-        law = replace(law, provenance=provenance)
-        if isinstance(trials, Trials):
-            provenance = replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials)))
-            law = replace(law, provenance=provenance)
-        return law
+        left_out = *copies, *outcome_of_constants(constant), *outcome_of_rest(resting)
+        outcomes = (*law.diagnostics, *rates, *left_out, *instead)
+        provenance = replace(law.provenance, calls=made, outcomes=outcomes, history=(*steps, *law.history))
+        if isinstance(trials, TrialStream):
+            return replace(law, provenance=provenance)
+        outcomes = (*with_origin_outcomes(outcomes, law, trials), *outcomes_of_confounding(trials, law.order, library))
+        if self.order == "auto" and law.order != 0:
+            outcomes = (*outcomes, *outcomes_of_generations(law, trials))
+        domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
+        law = replace(law, provenance=replace(provenance, domain=domain))
+        return replace(law, provenance=replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials))))
 
     def predict(self, trials: Trials, start: int | None = None) -> "Forecast":
         """Forecast each trial from its own initial state, fitted to its first samples, see `Law.predict`."""
@@ -299,10 +301,7 @@ class LawDiscovery:
     def set_params(self, **parameters: Any) -> Self:
         """Set parameters by name, also those of the method (``method__trim=5``), and return the estimator.
 
-        Raises
-        ------
-        CommonlawError
-            If a name is not a parameter.
+        Raises `CommonlawError` if a name is not a parameter.
         """
         for name in sorted(parameters, key=lambda parameter: parameter.count("__")):
             first, _, rest = name.partition("__")
@@ -336,34 +335,10 @@ def default_method(trials: Trials | TrialStream, order: AskedOrder = "auto") -> 
     `TrajectoryLikelihood`, but `DerivativeRegression` for streams and for so many objects that less than 200 samples
     of each could be fitted, and `DiscreteTimeRegression` for laws in discrete time.
     """
-    return _default(trials, order)[0]
-
-
-def _default(trials: Trials | TrialStream, order: AskedOrder) -> tuple[AbstractMethod, tuple[Outcome, ...]]:
-    """Return the method that is used when none is named, and what to know if it is another than most are found by."""
     if order == 0:
-        return DiscreteTimeRegression(), ()
-    if isinstance(trials, TrialStream):
-        why = "trials came from a stream"
-    elif not can_be_subsampled(trials):
-        why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
-    else:
-        return TrajectoryLikelihood(), ()
-    return DerivativeRegression(), (note("derivatives-without-errors", why=why),)
-
-
-def _without_evidence(
-    method: AbstractMethod, possible: Sequence[tuple[int, ...]], is_stream: bool
-) -> tuple[tuple[tuple[int, ...], ...], tuple[Outcome, ...]]:
-    """Return one order for each state where no evidence compares laws, and what to know if there was a choice."""
-    if all(len(each) == 1 for each in possible):
-        return tuple(possible), ()
-    if method.orders == (0,):
-        return ((0,),) * len(possible), ()
-    chosen = tuple(each[:1] for each in possible)
-    what = "in a stream" if is_stream else f"by {type(method).__name__}"
-    order = one_order([each for (each,) in chosen])
-    return chosen, (note("order-without-evidence", order=order, what=what),)
+        return DiscreteTimeRegression()
+    many = isinstance(trials, TrialStream) or not can_be_subsampled(trials)
+    return DerivativeRegression() if many else TrajectoryLikelihood()
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
@@ -481,13 +456,6 @@ def discover(
     """
     estimator = LawDiscovery(order, library, method, known, shared, latent_states, observe, progress, cache, client)
     return estimator.fit(trials, x_dot).law_
-
-
-def _latent(states: int | str | Sequence[str]) -> tuple[int, tuple[str, ...]]:
-    """Return the number of latent states to look for, and the names of those that are given."""
-    if isinstance(states, str | Sequence):
-        return 0, (states,) if isinstance(states, str) else tuple(states)
-    return states, ()
 
 
 def _nested_parameters(name: str, value: object) -> Iterator[tuple[str, object]]:

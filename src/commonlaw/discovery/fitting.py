@@ -17,9 +17,11 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import fit_model, needs_model
 from commonlaw.estimation.fitting import InitialGiven, check_white
 from commonlaw.estimation.model import ModelText
-from commonlaw.inference import fitted_by_parts, outcomes_of_parameters, refine, with_initial_parameters
+from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
+from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
 from commonlaw.inference.settings import STRONG
+from commonlaw.inference.verbs.chunks import fitted_by_parts
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects
 from commonlaw.law.models import model_named
@@ -59,9 +61,6 @@ from commonlaw.trials.trial import Start, property_names
 
 if TYPE_CHECKING:
     from distributed import Client
-
-_UNMEASURED = "as given, for a latent state"
-"""Why a state starts where it does."""
 
 _OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
 """Stages of a history that say which errors a law has besides white noise."""
@@ -245,30 +244,33 @@ def fit(
     own_properties = property_names(trials.properties)
     given = read_equations(equations, trials.schema, properties=own_properties, functions=called)
     text = "; ".join((*given.texts, *(bound.text for bound in given.bounds)))
+    at = "" if initial_time is None else f" at {initial_time:g}"
+    names = {coefficient.name for coefficient in given.coefficients}
     history = (
         Step("equations", text, "as given"),
         *(
-            Step("start", f"{name} = {start}{'' if initial_time is None else f' at {initial_time:g}'}", _UNMEASURED)
+            Step("start", f"{name} = {start}{at}", "as given, for a latent state")
             if start is not None
             else Step("start", name, "latent state; the initial value was estimated in each trial")
             for name, start in initial_values.items()
         ),
-        *_properties_in(given, trials),
+        *(Step("property", name, "given for each object, not estimated") for name in own_properties if name in names),
     )
-    chosen: dict[str, Any] = {"shared": shared, "guesses": guesses}
-    values = {
+    values: dict[str, Any] = {
         "initial_values": initial_values or None,
         "initial_time": initial_time,
         "doses": doses,
-        **chosen,
+        "shared": shared,
+        "guesses": guesses,
         **settings,
     }
     # Functions are no text
     calls = () if called else (call(fit, values, "cl.fit", repr(text), "trials"),)
     if given.order == 0:
         if given.terms.parameters:
-            names = ", ".join(given.terms.variables.parameters)
-            raise CommonlawError("discrete-with-parameters", names=names, variables=given.terms.variables.measured)
+            variables = given.terms.variables
+            names_inside = ", ".join(variables.parameters)
+            raise CommonlawError("discrete-with-parameters", names=names_inside, variables=variables.measured)
         law = _next_samples(given, trials, {**settings, "shared": shared or None})
         # Of what a search says, only this concerns terms that were given
         ill_conditioned = (
@@ -316,7 +318,6 @@ _DELAY = re.compile(r"\(t - (\w+)\)$")
 def _of_model(
     text: ModelText, trials: Trials, calls: tuple[str, ...], given: dict[str, Any], settings: dict[str, Any]
 ) -> Law:
-    """Return the law of equations that only `commonlaw.estimation` fits: by least squares of trajectories."""
     check_white(settings)
     between = settings.get("input_interpolation") or ("linear" if trials.schema.doses else "auto")
     if between != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
@@ -341,15 +342,12 @@ def _of_model(
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
     if len(tried) == 1:
         return laws[best]
-    law, alike = laws[best], np.flatnonzero(gains > gains[best] - STRONG).tolist()
+    law, plausible = laws[best], np.flatnonzero(gains > gains[best] - STRONG).tolist()
     why = f"between samples; twice the log-likelihood ratio to straight lines is {gains[best]:.3g}"
-    made = law.provenance
-    made = replace(
-        made,
-        history=(*law.history, Step("inputs", tried[best], why)),
-        outcomes=(*made.outcomes, *_of_delays(law, tried[best], {tried[i]: laws[i] for i in alike if i != best})),
-    )
-    return replace(law, provenance=made)
+    history = (*law.history, Step("inputs", tried[best], why))
+    delays = _of_delays(law, tried[best], {tried[i]: laws[i] for i in plausible if i != best})
+    outcomes = (*law.provenance.outcomes, *delays)
+    return replace(law, provenance=replace(law.provenance, history=history, outcomes=outcomes))
 
 
 def _of_delays(law: Law, between: str, others: Mapping[str, Law]) -> Iterator[Outcome]:
@@ -366,17 +364,15 @@ def _of_delays(law: Law, between: str, others: Mapping[str, Law]) -> Iterator[Ou
             yield note("delay-by-interpolation", where, name=name, value=value, between=between, others=given)
 
 
-def _coefficients_of(letters: Sequence[str], law: Law) -> Bools:
-    """Return which coefficients letters stand for, shape (equations, terms)."""
-    result, named = (
-        np.zeros(law.support.shape, dtype=np.bool_),
-        {definition.name: definition for definition in named_parameters(law).definitions},
-    )
-    for letter in letters:
-        check_choice("coefficient", letter, [*named])
-        if len(named[letter].parts) > 1:
-            raise CommonlawError("parameter-is-quotient", parameter=letter)
-        result[named[letter].equation, named[letter].term] = True
+def _coefficients_of(parameters: Sequence[str], law: Law) -> Bools:
+    """Return which coefficients have these names, shape (equations, terms)."""
+    result = np.zeros(law.support.shape, dtype=np.bool_)
+    named = {definition.name: definition for definition in named_parameters(law).definitions}
+    for name in parameters:
+        check_choice("coefficient", name, [*named])
+        if len(named[name].parts) > 1:
+            raise CommonlawError("parameter-is-quotient", parameter=name)
+        result[named[name].equation, named[name].term] = True
     return result
 
 
@@ -406,7 +402,6 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
 def _of_stream(
     equations: str | Sequence[str], stream: TrialStream, settings: dict[str, Any], client: "Client | None"
 ) -> Law:
-    """Return the law of the objects of a stream, fitted part by part."""
     given = read_equations(equations, stream.schema)
     if given.terms.parameters or given.order == 0:
         what = "a discrete-time law is" if given.order == 0 else "nonlinear parameters are"
@@ -427,12 +422,13 @@ def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
     if unpooled is not None:
         own[:, law.support] = unpooled.coefficients
     parameters = named_parameters(law)
-    letters = {definition.name: definition for definition in parameters.definitions}
+    definitions = {definition.name: definition for definition in parameters.definitions}
     for bound in bounds:
         index = parameters.names.index(bound.name)
         values, errors = (each[:, index] for each in (parameters.values, parameters.errors))
         for name, value, error, alone in zip(law.objects, values, errors, own, strict=True):
-            outside = next((each for each in (value, letters[bound.name].of(alone)) if not bound.holds(each)), None)
+            both = value, definitions[bound.name].of(alone)
+            outside = next((each for each in both if not bound.holds(each)), None)
             if outside is not None:
                 as_found = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
                 result.append((name, bound, as_found))
@@ -440,7 +436,6 @@ def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
 
 
 def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
-    """Return a law, refused if a coefficient is outside of its bound."""
     for name, bound, as_found in _outside(law, bounds):
         raise CommonlawError(
             "estimate-out-of-bounds", name=name, parameter=bound.name, value=as_found, bound=bound.text
@@ -485,16 +480,14 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
 def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[tuple[Bound, float]]:
     """Return bounds that coefficients of the only object are outside of, each with the end that is nearest."""
     parameters = named_parameters(law)
-    letters, result = (
-        {definition.name: definition for definition in parameters.definitions},
-        list[tuple[Bound, float]](),
-    )
+    parts = {definition.name: definition.parts for definition in parameters.definitions}
     values = dict(zip(parameters.names, parameters.values[0].tolist(), strict=True))
+    result = list[tuple[Bound, float]]()
     for bound in bounds:
         value, name = values[bound.name], bound.name
-        if name not in held and len(letters[name].parts) == 1 and not bound.holds(np.array(value)):
+        if name not in held and len(parts[name]) == 1 and not bound.holds(np.array(value)):
             end = bound.low if value < bound.low else bound.high
-            if end == 0 and letters[name].parts[0].power < 0:  # It is divided by: zero has no best fit
+            if end == 0 and parts[name][0].power < 0:  # It is divided by: zero has no best fit
                 raise CommonlawError(
                     "estimate-out-of-bounds",
                     name=law.objects[0],
@@ -507,7 +500,7 @@ def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[
 
 
 def _held(law: Law, held: Mapping[str, float]) -> Law:
-    """Return the law of one object with coefficients that are known by their letters, and others that are not."""
+    """Return the law of one object in which parameters of given values, by name, are known."""
     coefficients, is_free = law.coefficients.copy(), np.broadcast_to(law.support, law.coefficients.shape).copy()
     for definition in named_parameters(law).definitions:
         if definition.name in held:
@@ -553,25 +546,15 @@ def _with_latent_states(
         check_choice("state of the equations", name, states)
         if name in schema.inputs:
             raise CommonlawError("equation-of-input", name=name)
-    lacking = [name for name in states if name not in (*schema.states, *schema.inputs, *initial_values)]
-    if initial_values and lacking:
-        raise CommonlawError("equation-without-column", name=lacking[0])
+    missing = [name for name in states if name not in (*schema.states, *schema.inputs, *initial_values)]
+    if initial_values and missing:
+        raise CommonlawError("equation-without-column", name=missing[0])
     for each in asked:
         if each.state in initial_values and each.order != 1:
             raise CommonlawError("latent-of-second-order", state=each.state)
     if initial_time is not None and not initial_values:
         raise CommonlawError("initial-time-without-values")
     return with_starts(trials, initial_values, initial_time)
-
-
-def _properties_in(given: GivenEquations, trials: Trials) -> list[Step]:
-    """Return a step for each name in equations that is a property of the objects."""
-    names = [
-        name
-        for name in property_names(trials.properties)
-        if name in {coefficient.name for coefficient in given.coefficients}
-    ]
-    return [Step("property", name, "given for each object, not estimated") for name in names]
 
 
 def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:

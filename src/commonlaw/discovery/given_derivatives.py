@@ -19,10 +19,8 @@ GivenDerivatives = ArrayLike | Sequence[ArrayLike] | Mapping[str, Any]
 def with_derivatives(trials: Trials | TrialStream, given: GivenDerivatives) -> tuple[Trials, TrialDerivatives]:
     """Return trials without columns of derivatives, and the derivatives of each trial.
 
-    Raises
-    ------
-    CommonlawError
-        If trials come from a stream, a state has no derivatives, or these have another shape or are not finite.
+    Raises `CommonlawError` if trials come from a stream, a state has no derivatives, or these have another shape or are
+    not finite.
     """
     if isinstance(trials, TrialStream):
         raise CommonlawError("derivatives-of-stream")

@@ -23,7 +23,7 @@ from commonlaw.law.text import left_hand_sides
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, parse_library
 from commonlaw.library.libraries import LibraryGiven
 from commonlaw.outcomes import Outcome, note
-from commonlaw.trials import Schema, Trials
+from commonlaw.trials import Trials
 from commonlaw.trials.check import Finding
 
 _BAND = 1.96
@@ -83,12 +83,8 @@ def _starts(law: Law) -> Iterator[Floats]:
     values = []
     for name in variables:
         low, high = visited[name]
-        middle = (
-            0.0
-            if name in rate_names(law) and _beyond(np.zeros(1), (low, high))[0] <= _MAX_EXCESS_SHARE
-            else (low + high) / 2
-        )
-        values.append((middle, low, high))
+        near_zero = name in rate_names(law) and _beyond(np.zeros(1), (low, high))[0] <= _MAX_EXCESS_SHARE
+        values.append((0.0 if near_zero else (low + high) / 2, low, high))
     for _, start in zip(range(27), product(*values), strict=False):
         yield np.array(start)
 
@@ -173,13 +169,6 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     very strong against the means and against the solutions of the law, where S are residual sums of squares:
 
     ``n log(min(S_mean, S_law) / S_regression) - p log n > 10``
-
-    Parameters
-    ----------
-    law
-        In continuous time, fitted to the trials.
-    trials
-        Of the objects of the law.
     """
     times = [trial.times for trial in trials]
     steps = np.unique(np.concatenate([np.diff(time) for time in times]))
@@ -187,28 +176,17 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     if not whole or not (regressions := [*_regressions(trials)]):
         return ()
     equations = dict(zip(law.schema.states, left_hand_sides(law.schema.states, law.order), strict=True))
-    result, solutions = (
-        list[Outcome](),
-        np.full((sum(len(trial) - 1 for trial in trials), len(law.schema.states)), np.nan),
-    )
+    result = list[Outcome]()
+    solutions = np.full((sum(len(trial) - 1 for trial in trials), len(law.schema.states)), np.nan)
     with suppress(CommonlawError):  # They may diverge
         solutions = np.concatenate([trajectory.states[1:] for trajectory in fitted(law, trials).trajectories])
     for regression in regressions:
         own = solutions[regression.rows, law.schema.states.index(regression.state)]
         squares = float(np.sum((regression.target - own) ** 2)) if np.isfinite(own).all() else np.inf
         if regression.evidence_against(squares) > VERY_STRONG:
-            by_law, by_regression = (
-                100 * max(0.0, 1 - left / regression.about_means) for left in (squares, regression.squares)
-            )
-            result.append(
-                note(
-                    "discrete-time-plausible",
-                    equations[regression.state],
-                    state=regression.state,
-                    by_law=by_law,
-                    by_regression=by_regression,
-                )
-            )
+            both = [100 * max(0.0, 1 - left / regression.about_means) for left in (squares, regression.squares)]
+            where, state = equations[regression.state], regression.state
+            result.append(note("discrete-time-plausible", where, state=state, by_law=both[0], by_regression=both[1]))
     return tuple(result)
 
 
@@ -253,7 +231,6 @@ def _regressions(trials: Trials) -> Iterator[_Regression]:
 
 
 def _about_means(values: Floats, objects: Indices) -> Floats:
-    """Return values, shape (n, columns), without the means of objects."""
     counts = np.maximum(np.bincount(objects), 1)
     means = [np.bincount(objects, column) / counts for column in values.T]
     return values - np.column_stack(means)[objects]
@@ -288,47 +265,35 @@ def outcomes_of_confounding(trials: Trials, order: Order, library: AbstractLibra
 
 
 def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
-    """Return a note on confounded variables, with the cause."""
     states = trials.schema.states
     varying = ", with coefficients by trial," if found.by_trial else ""
     rms = " or ".join(f"{value:.3g}" for value in found.rms[:_LISTED])
-    cause = ""
-    if all(high - low <= _MAX_EXCESS_SHARE * _width(found.visited[name]) for name, (low, high) in found.starts.items()):
-        cause = f", because all trials have similar initial conditions{_ranges(found, trials.schema)}"
+    cause, units = "", {name: f" {trials.schema.units.get(name, '')}".rstrip() for name in states}
+    widths = {name: high - low for name, (low, high) in found.visited.items()}
+    if all(high - low <= _MAX_EXCESS_SHARE * widths[name] for name, (low, high) in found.starts.items()):
+        ranges = [  # Of what was measured: rates are too uncertain at the start
+            f"{name} = {low:.3g} to {high:.3g}{units[name]}"
+            for name, (low, high) in found.starts.items()
+            if name in states
+        ]
+        where = f", at {_and(ranges)}" if ranges else ""
+        cause = f", because all trials have similar initial conditions{where}"
+    *first, last = (f"{subset[0]} alone" if len(subset) == 1 else _and(subset) for subset in found.sets[:_LISTED])
+    more = f", or {len(found.sets) - _LISTED} other sets" if len(found.sets) > _LISTED else ""
     return note(
         "confounded",
         left_hand_sides(states, order)[states.index(found.state)],
         variables=_and(list(found.starts)),
         cause=cause,
-        alternatives=_alternatives(found) + varying,
+        alternatives=f"{', '.join(first)}{',' if more else ' or'} {last}{more}{varying}",
         residuals=rms,
         residual=found.rms_of_all,
-        unit=f" {trials.schema.units.get(found.state, '')}".rstrip(),
+        unit=units[found.state],
         first=next(iter(found.starts)),
     )
-
-
-def _alternatives(found: ConfoundedVariables) -> str:
-    """Return sets of variables in words: ``x alone or v alone``."""
-    *first, last = (f"{subset[0]} alone" if len(subset) == 1 else _and(subset) for subset in found.sets[:_LISTED])
-    more = f", or {len(found.sets) - _LISTED} other sets" if len(found.sets) > _LISTED else ""
-    return f"{', '.join(first)}{',' if more else ' or'} {last}{more}"
-
-
-def _ranges(found: ConfoundedVariables, schema: Schema) -> str:
-    """Return where trials start, of what was measured: rates are too uncertain there."""
-    units = {name: f" {schema.units.get(name, '')}".rstrip() for name in schema.states}
-    parts = [
-        f"{each} = {low:.3g} to {high:.3g}{units[each]}" for each, (low, high) in found.starts.items() if each in units
-    ]
-    return f", at {_and(parts)}" if parts else ""
 
 
 def _and(parts: Sequence[str]) -> str:
     """Return words with commas between them, and ``and`` before the last."""
     *first, last = parts
     return f"{', '.join(first)} and {last}" if first else last
-
-
-def _width(ends: tuple[float, float]) -> float:
-    return ends[1] - ends[0]

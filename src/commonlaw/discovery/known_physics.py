@@ -109,8 +109,8 @@ def _of_text(text: str, order: Order, trials: Trials) -> Numbers:
             if product is None and given.known[j, k]:
                 result[state, term] = dict.fromkeys(trials.objects, float(given.known[j, k]))
             elif product is not None:
-                letters, owners = [name for name, _ in product.coefficients], trials.objects
-                values = {name: np.array([property_of(trials, owner, name) for owner in owners]) for name in letters}
+                parameters, owners = [name for name, _ in product.coefficients], trials.objects
+                values = {name: np.array([property_of(trials, owner, name) for owner in owners]) for name in parameters}
                 result[state, term] = dict(zip(owners, product.value(values).tolist(), strict=True))
     return result
 

@@ -42,20 +42,9 @@ Known = Mapping[Key, float | Mapping[str, float]]
 
 @dataclass(frozen=True, eq=False)
 class ModelStructure:
-    """The family of candidate laws.
+    """The family of candidate laws, of order 1 or 2, or that of each equation; 0 for laws in discrete time.
 
-    Parameters
-    ----------
-    order
-        1 or 2, or that of each equation; 0 for laws in discrete time.
-    library
-        Candidate terms.
-    known
-        Known coefficients, see `Known`.
-    shared
-        Terms with a shared coefficient of all objects.
-    derivatives
-        Given derivatives of the states in each trial.
+    All objects share the coefficients of `shared` terms. Derivatives of the states in each trial may be given.
     """
 
     order: Order
@@ -126,10 +115,8 @@ def of_each_equation(
 ) -> tuple[AbstractLibrary, Known]:
     """Return the joint library of all equations, and zero coefficients for the terms an equation does not have.
 
-    Raises
-    ------
-    CommonlawError
-        If a state has no library, or one has terms with nonlinear parameters, which apply to all equations.
+    Raises `CommonlawError` if a state has no library, or one has terms with nonlinear parameters, which apply to all
+    equations.
     """
     for name in libraries:
         check_choice("state", name, schema.states)
@@ -156,7 +143,6 @@ def _number(key: Key, value: Any) -> float:
 
 
 def _index_of(key: Key, states: Sequence[str], terms: Terms) -> tuple[int, int]:
-    """Return the indices of the equation and of the term of a key."""
     if not isinstance(key, tuple) and len(states) > 1:
         raise CommonlawError("known-term-ambiguous", key=key, state=states[0])
     state, term = key if isinstance(key, tuple) else (states[0], key)
@@ -208,22 +194,10 @@ class AbstractMethod(ABC):
 
     @abstractmethod
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
-        """Return the best law of a structure for these trials.
+        """Return the best law of a structure for these trials; `progress` is called with the text of each step.
 
-        Parameters
-        ----------
-        trials
-            The measurements.
-        structure
-            The candidate laws.
-        progress
-            Callback for the text of each step.
-
-        Raises
-        ------
-        CommonlawError
-            If the method does not support the order or a stream, or the trials cannot be used as they are; the message
-            names the object and trial, and a remedy.
+        Raises `CommonlawError` if the method does not support the order or a stream, or the trials cannot be used as
+        they are; the message names the object and trial, and a remedy.
         """
 
 

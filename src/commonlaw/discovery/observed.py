@@ -145,7 +145,7 @@ class _WeakSearch:
         self.free = sorted({int(i) for trial in begun.problem.trials for i in trial.parameter if i >= 0})
         self.sizes = np.abs(begun.first[self.free])
         samples = np.bincount(self.owners, [row.values.size for row in self.rows])
-        self.price = float(np.log(samples).sum())
+        self.penalty = float(np.log(samples).sum())
         self.scale, self.white = 1.0, list[tuple[Floats, Floats]]()
         self.last: tuple[bytes, tuple[Floats, Floats, float]] | None = None
 
@@ -251,12 +251,12 @@ class _WeakSearch:
         squares = self.fitted(p, self.open)[0]
         if not np.isfinite(squares):
             return _INFINITE
-        unit = self.scale * self.price
+        unit = self.scale * self.penalty
         return squares / unit + float(np.log1p(np.array(self.path(p)[1]) / unit).sum())
 
     def score(self, p: Floats, support: Bools) -> float:
-        """Return the sum of squares with the price of terms, as in the Bayesian information criterion."""
-        return self.fitted(p, support)[0] / self.scale + self.price * int(support.sum())
+        """Return the sum of squares with the penalty of terms, as in the Bayesian information criterion."""
+        return self.fitted(p, support)[0] / self.scale + self.penalty * int(support.sum())
 
     def path(self, p: Floats) -> tuple[list[Bools], list[float]]:
         """Return supports from all terms to none, each without the term whose loss costs least, and these costs."""
@@ -296,8 +296,9 @@ class _WeakSearch:
             best = add(p, min(self.path(p)[0], key=lambda support: self.score(p, support)))
             while any(best.support):
                 # What is left out may change the parameters, so each is tried
-                fewer = [add(np.array(best.parameters), each) for each in _without_one(np.array(best.support))]
-                less = min(fewer, key=lambda each: each.score)
+                support, parameters = np.array(best.support), np.array(best.parameters)
+                fewer = [support & (np.arange(len(support)) != i) for i in np.flatnonzero(support)]
+                less = min((add(parameters, each) for each in fewer), key=lambda each: each.score)
                 if less.score >= best.score:
                     break
                 best = less
@@ -311,11 +312,6 @@ def _apart(starts: Sequence[Floats]) -> list[Floats]:
         if not any(np.all((start / each > 1 / _NEIGHBOUR) & (start / each < _NEIGHBOUR)) for each in result):
             result.append(start)
     return result
-
-
-def _without_one(support: Bools) -> list[Bools]:
-    """Return supports without each of the terms."""
-    return [support & (np.arange(len(support)) != i) for i in np.flatnonzero(support)]
 
 
 def _least(function: Callable[[Floats], float], start: Floats, sizes: Floats) -> tuple[float, Floats]:
@@ -381,14 +377,27 @@ def discover_observed(
     for i, candidate in enumerate(near):
         progress(f"fitting law {i + 1} of {len(near)}")
         try:
-            law = _exact(
-                search, begun, trials, observe, candidate, noise=noise, seed=seed, progress=progress, calls=calls
+            equations, first, shared = _equations(search, begun, trials, candidate)
+            law = fit_model(
+                ModelText.of(equations, observe),
+                trials,
+                initial_values={},
+                initial_time=None,
+                shared=dict.fromkeys(shared, ALL),
+                guesses=None,
+                priors=None,
+                log_states=(),
+                noise=noise,
+                seed=seed,
+                progress=progress,
+                calls=calls,
+                first=first,
             )
         except CommonlawError as error:
             refused.append(error)
             continue
         assert law.observation is not None
-        laws.append((-2 * law.observation.log_likelihood + search.price * sum(candidate.support), law))
+        laws.append((-2 * law.observation.log_likelihood + search.penalty * sum(candidate.support), law))
     if not laws:
         raise refused[0]
     law = min(laws, key=lambda pair: pair[0])[1]
@@ -413,28 +422,20 @@ def _begun(
     return begin(text, trials, {}, shared=dict.fromkeys(shared, ALL), noise=noise or {})
 
 
-def _exact(
-    search: _WeakSearch,
-    begun: Beginning,
-    trials: Trials,
-    observe: Mapping[str, str],
-    found: _Candidate,
-    noise: Mapping[str, float] | None,
-    seed: int,
-    progress: ProgressCallback,
-    calls: tuple[str, ...],
-) -> Law:
-    """Return the law of a candidate with the largest likelihood, searched from what is known of it."""
+def _equations(
+    search: _WeakSearch, begun: Beginning, trials: Trials, found: _Candidate
+) -> tuple[str, dict[str, float], list[str]]:
+    """Return the equations of a candidate, initial guesses of all unknowns, and the names of shared parameters."""
     p, support, fixed = np.array(found.parameters), np.array(found.support), search.fixed[0]
     variables, shared = search.terms.variables, [begun.unknowns.names[i] for i in search.free]
     names = [quoted(name) for name in variables.names]
     used = (*variables.names, *begun.model.parameters, *trials.schema.states, *property_names(trials.properties))
-    letters = free_letters(int(support.sum()), used)
+    parameters = free_letters(int(support.sum()), used)
     coefficients, rates = search.fitted(p, support)[1][:, support], dict[int, str]()
     signs, states = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0), search.model.schema.states
     numbers, sides = [f"{abs(each)!r}" for each in fixed.tolist()], np.where(fixed < 0, -1.0, 1.0)
-    for place, letter, sign in zip(np.flatnonzero(support).tolist(), letters, signs, strict=True):
-        numbers[place], sides[place] = letter, sign
+    for place, parameter, sign in zip(np.flatnonzero(support).tolist(), parameters, signs, strict=True):
+        numbers[place], sides[place] = parameter, sign
     for place in np.flatnonzero(support | (fixed != 0)).tolist():
         j, term = divmod(place, len(search.terms))
         before = rates.get(j, "")
@@ -443,24 +444,10 @@ def _exact(
     text = "; ".join(f"{quoted(name)}' = {rates.get(j, '0')}" for j, name in enumerate(states))
     first = dict(zip(shared, p.tolist(), strict=True))
     for owner, values in zip(trials.objects, signs * coefficients, strict=True):
-        for letter, value in zip(letters, values.tolist(), strict=True):
-            first[letter if len(trials.objects) == 1 else f"{letter} of {owner}"] = value
+        for parameter, value in zip(parameters, values.tolist(), strict=True):
+            first[parameter if len(trials.objects) == 1 else f"{parameter} of {owner}"] = value
     point, _ = search.states(search.values, p)
     for row, part in zip(search.rows, search.parts, strict=True):
         label = row.data.trial.label
         first |= {f"{name}(0) of {label}": float(point[part.start, j]) for j, name in enumerate(states)}
-    return fit_model(
-        ModelText.of(text, observe),
-        trials,
-        initial_values={},
-        initial_time=None,
-        shared=dict.fromkeys(shared, ALL),
-        guesses=None,
-        priors=None,
-        log_states=(),
-        noise=noise,
-        seed=seed,
-        progress=progress,
-        calls=calls,
-        first=first,
-    )
+    return text, first, shared

@@ -12,12 +12,14 @@ from commonlaw.array_types import Floats
 from commonlaw.discovery.candidate_search import Candidate
 from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.inference import Fit, Pool, settings
+from commonlaw.inference import settings
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, with_rates
 from commonlaw.outcomes import Outcome, note
-from commonlaw.trials import Schema, Trials, TrialStream
+from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.transformations import rates_in_words, without_rates
 
 Given = TypeVar("Given")
@@ -54,7 +56,13 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
         if isinstance(trials, Trials):
             second = [name for name, each in asked.items() if each == 2]
             trials, outcomes = without_measured_rates(trials, second, asked)
-        own = _by_state(asked, trials.schema)
+        for name, each in asked.items():
+            check_choice("state", name, trials.schema.states)
+            if not _is_among(each, (1, 2)):
+                raise CommonlawError("order-of-state", order=each, name=name)
+        if missing := [name for name in trials.schema.states if name not in asked]:
+            raise CommonlawError("order-missing", states=missing)
+        own = [asked[name] for name in trials.schema.states]
     else:
         if not _is_among(asked, (0, 1, 2)):
             raise CommonlawError("order-not-offered", order=asked)
@@ -62,17 +70,6 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
             trials, outcomes = without_measured_rates(trials, trials.schema.states if asked == 2 else ())
         own = [asked] * len(trials.schema.states)
     return Orders(trials, tuple((each,) for each in own), outcomes=outcomes)
-
-
-def _by_state(asked: Mapping[str, int], schema: Schema) -> list[int]:
-    for name, each in asked.items():
-        check_choice("state", name, schema.states)
-        if not _is_among(each, (1, 2)):
-            raise CommonlawError("order-of-state", order=each, name=name)
-    lacking = [name for name in schema.states if name not in asked]
-    if lacking:
-        raise CommonlawError("order-missing", states=lacking)
-    return [asked[name] for name in schema.states]
 
 
 def _is_among(order: object, known: Container[object]) -> bool:
@@ -95,10 +92,10 @@ def _orders_from_measured_rates(trials: Trials) -> Orders:
     trials = without_rates(trials, left_out)
     of_each = tuple((2,) if name in second else (1,) if name in first else (1, 2) for name in trials.schema.states)
     known = {name: own[0] for name, own in zip(trials.schema.states, of_each, strict=True) if len(own) == 1}
-    lacking = [name for name in trials.schema.states if name not in known]
-    why = rates_in_words(rates) + (f"; the rate of {', '.join(lacking)} was not measured" if lacking else "")
-    alike = not lacking and len(set(known.values())) == 1
-    choice = str(of_each[0][0]) if alike else ", ".join(f"{name} {order}" for name, order in known.items())
+    missing = [name for name in trials.schema.states if name not in known]
+    why = rates_in_words(rates) + (f"; the rate of {', '.join(missing)} was not measured" if missing else "")
+    is_one = not missing and len(set(known.values())) == 1
+    choice = str(of_each[0][0]) if is_one else ", ".join(f"{name} {order}" for name, order in known.items())
     return Orders(trials, of_each, (Step("order", choice, why),))
 
 

@@ -1,9 +1,19 @@
 """The pipeline from trials to a law: propose laws, fit each, score each by one sum, and choose the best.
 
-    plain terms of each order  ─►  richer terms  ─►  error model  ─►  best order  ─►  law with plausible alternatives
+A candidate is the `Pool` of the fits of one order. This is all that is chosen, in this order, by what, and where:
 
-Each step takes the best candidate of each order and returns a better one. A candidate is a `Pool` of fits, see
-`commonlaw.inference`. `candidate_search` has the steps, `inference.assemble` makes the law of the best candidate.
+    plain terms       evidence of supports on the path of a solver        `search_supports`, `search_on_finer_mesh`
+    interpolation     strong evidence, given the terms                    `choose_interpolation`
+    orders to try     lack of fit or many coefficients of the best        `search_orders`, `_with_richer_terms`
+    richer terms      evidence, with the multiplicity of all offers       `with_parametric_terms`
+    latent state      evidence, with the multiplicity of its equations    `with_latent_state`
+    error model       evidence, if residuals are not white noise          `choose_errors`
+    order             evidence (`score_of_order`), residuals of trials    `_fitting_whole_trials`
+    process noise     none if solutions fit whole trials better           `choose_deterministic`
+    support           the first by linearized evidence, if it fits best   `with_leading_support`
+    forecaster        held-out forecasts, if the errors are too large     `best_forecaster`
+
+`candidate_search` has the steps of one order, and `inference.result.assembly` makes the law of the last pool.
 """
 
 from collections.abc import Sequence
@@ -20,8 +30,17 @@ from commonlaw.discovery.orders import (
     with_order_step,
 )
 from commonlaw.errors import CommonlawError
-from commonlaw.inference import assemble, best_of_whole_trials, error_kinds, fits_whole_trials
-from commonlaw.law import Law
+from commonlaw.forecast.population import with_pooled_forecasts
+from commonlaw.inference.result.approximation import (
+    choose_deterministic,
+    fits_whole_trials,
+    index_of_best_fit_to_whole_trials,
+)
+from commonlaw.inference.result.assembly import assemble
+from commonlaw.inference.result.held_out_forecasts import best_forecaster
+from commonlaw.inference.search.law_search import with_leading_support
+from commonlaw.inference.search.setup import error_kinds
+from commonlaw.law import Law, pool_objects
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order
 from commonlaw.runtime.progress import part
@@ -41,27 +60,6 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
     Raises `CommonlawError` if no law of any order can be fitted: the last reason.
     """
     several = any(len(each) > 1 for each in possible)
-    candidates, refused = _plain_laws(search, structure, possible)
-    best = min(candidates)
-    if several and (not best.is_simple or is_implied_by_lower_order(best.pool)):
-        candidates, _ = apply_to_each(search.finer, candidates)
-    candidates = _with_richer_terms(search, candidates)
-    candidates, failed = _with_errors(search, candidates)
-    best = min(candidates)
-    if several:
-        candidates, best = _fitting_whole_trials(search, candidates)
-    law = _law(search, best)
-    if not several:
-        return law
-    others = [(candidate.order, candidate.score - best.score) for candidate in candidates if candidate is not best]
-    return with_order_step(law, others, [*refused, *failed])
-
-
-def _plain_laws(
-    search: CandidateSearch, structure: ModelStructure, possible: Sequence[Sequence[int]]
-) -> tuple[list[Candidate], list[CommonlawError]]:
-    """Return the best law among plain terms of each tried order, and the errors of those without one."""
-    several = any(len(each) > 1 for each in possible)
     lowest = one_order([each[0] for each in possible])
 
     def of_order(order: Order, is_coarse: bool) -> Candidate:
@@ -75,7 +73,18 @@ def _plain_laws(
                 candidate = search.richer(candidate)
         return candidate
 
-    return search_orders(of_order, possible)
+    candidates, refused = search_orders(of_order, possible)
+    best = min(candidates)
+    if several and (not best.is_simple or is_implied_by_lower_order(best.pool)):
+        candidates, _ = apply_to_each(search.finer, candidates)
+    candidates = _with_richer_terms(search, candidates)
+    candidates, failed = _with_errors(search, candidates)
+    candidates, best = _fitting_whole_trials(search, candidates)
+    law = _law(search, best)
+    if not several:
+        return law
+    others = [(candidate.order, candidate.score - best.score) for candidate in candidates if candidate is not best]
+    return with_order_step(law, others, [*refused, *failed])
 
 
 def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -124,19 +133,27 @@ def _fitting_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> t
     without_deterministic = [each for each in others if each.pool.best.has_model_error and not each.pool.approximations]
     found, _ = attempt_each(search.with_errors, without_deterministic)
     ranked = [best, *(each for each in others if each not in without_deterministic), *found]
-    return ranked, ranked[best_of_whole_trials([each.pool for each in ranked])]
+    return ranked, ranked[index_of_best_fit_to_whole_trials([each.pool for each in ranked])]
 
 
 def _law(search: CandidateSearch, best: Candidate) -> Law:
-    options, structure = search.options, best.screened.structure
+    """Return the law of a candidate, or of a deterministic law or a better forecaster from its pool."""
+    options, shared, progress = search.options, best.screened.structure.shared_in, part(search.progress, 0.9, 1.0)
+    kinds = error_kinds(options.errors, search.trials.schema)
+
+    def pooled(law: Law) -> Law:
+        return pool_objects(law, shared(law), options.partial_pooling)
+
+    pool = with_leading_support(choose_deterministic(best.pool, progress, pooled))
+    pool, errors = best_forecaster(pool, kinds, pooled, progress)
+    progress("computing standard errors and inclusion probabilities")
     law = assemble(
-        best.pool,
-        kinds=error_kinds(options.errors, search.trials.schema),
+        pool,
+        errors=errors,
+        pooled=lambda law: with_pooled_forecasts(law, shared(law), options.partial_pooling),
         covariance=options.covariance,
-        shared=structure.shared_in,
-        partial_pooling=options.partial_pooling,
         seed=options.seed,
-        progress=part(search.progress, 0.9, 1.0),
+        tried_errors=len(kinds) > 1,
     )
     history = (*best.screened.steps, *best.steps, *law.history)
     return replace(law, provenance=replace(law.provenance, history=history))

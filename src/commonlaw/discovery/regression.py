@@ -27,7 +27,7 @@ from commonlaw.formulation import (
     rows_by_object,
     some_trials,
 )
-from commonlaw.inference import known_noise
+from commonlaw.inference.data.noise import known_noise
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import note
@@ -36,17 +36,9 @@ from commonlaw.runtime.cluster import counting, current_cluster
 from commonlaw.runtime.fit_options import documented, shown
 from commonlaw.runtime.parallel import check_n_jobs
 from commonlaw.runtime.progress import ProgressCallback, announce, check_memory
-from commonlaw.selection import (
-    RULES,
-    SEGMENTS,
-    Accuracy,
-    ForecastError,
-    chosen_law,
-    fitted_law,
-    ill_conditions,
-    make_folds,
-    select,
-)
+from commonlaw.selection.cross_validation import ForecastError, make_folds
+from commonlaw.selection.rules import RULES
+from commonlaw.selection.selecting import SEGMENTS, Accuracy, chosen_law, fitted_law, ill_conditions, select
 from commonlaw.solvers import SR3, STLSQ, AbstractSolver, BestSubset, ConstrainedSolver, StepwiseSelection, parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
@@ -144,9 +136,7 @@ class AbstractRegression(AbstractMethod):
             rest = data.subtract(law.coefficients).problems
             result = fitted_law(law, _sharing(solver, shared).solve(rest, np.isnan(known[0])), solver)
         else:
-            listed: tuple[AbstractSolver, ...] = (
-                (solver,) if solver is not None else (STLSQ(normalize=True), BestSubset())
-            )
+            listed: tuple[AbstractSolver, ...] = (solver,) if solver else (STLSQ(normalize=True), BestSubset())
             if solver is None and len(terms) > 60:
                 listed = StepwiseSelection(direction="forward"), StepwiseSelection(direction="backward")
             solvers = [_sharing(each, shared) for each in listed]
@@ -156,8 +146,13 @@ class AbstractRegression(AbstractMethod):
             )
             result = chosen_law(law, choose())
             if self.scoring == "forecasts":
+                if not isinstance(trials, Trials) or any(
+                    len(trials.of_object(name)) > MAX_GROUPS for name in trials.objects
+                ):
+                    raise CommonlawError("scoring-of-stream", limit=MAX_GROUPS)
                 progress("comparing forecasts of held-out trials")
-                scores = _forecast_scores(trials, data.subtract(law.coefficients), result, np.isnan(known[0]))
+                folds, free = make_folds(data.subtract(law.coefficients).groups), np.isnan(known[0])
+                scores = [ForecastError(folds, j, result, free, trials) for j in range(len(schema.states))]
                 result = chosen_law(law, choose(scores=scores))
         outcomes = (*result.diagnostics, *ill_conditions(result, data.problems))
         if isinstance(solver, STLSQ | SR3) and not solver.normalize and solver.hyperparameter is None:
@@ -205,29 +200,16 @@ def _sharing(solver: AbstractSolver, shared: Bools) -> AbstractSolver:
     return solver
 
 
-def _forecast_scores(
-    trials: Trials | TrialStream, data: CompressedTrials, law: Law, free: Bools
-) -> list[ForecastError]:
-    """Return the score by forecasts of held-out trials for each equation, with the others as in `law`."""
-    if not isinstance(trials, Trials) or any(len(trials.of_object(name)) > MAX_GROUPS for name in trials.objects):
-        raise CommonlawError("scoring-of-stream", limit=MAX_GROUPS)
-    folds = make_folds(data.groups)
-    return [ForecastError(folds, target, law, free, trials) for target in range(len(law.schema.states))]
-
-
 @documented
 @dataclass(frozen=True, kw_only=True)
 class DiscreteTimeRegression(AbstractRegression):
     """Regression of the next sample on terms of the present one: ``x[k+1] = f(x[k])``. Supports streams.
 
+    Raises `CommonlawError` if a text names nothing, or a value does not fit.
+
     Parameters
     ----------
     {parameters}
-
-    Raises
-    ------
-    CommonlawError
-        If a text names nothing, or a value does not fit.
     """
 
     orders: ClassVar[tuple[int, ...]] = (0,)
@@ -247,14 +229,11 @@ class DerivativeRegression(AbstractRegression):
 
     With a group solver this is the method of de Silva, Higdon, Brunton and Kutz (2020). It takes streams.
 
+    Raises `CommonlawError` if a text names nothing, or a value does not fit.
+
     Parameters
     ----------
     {parameters}
-
-    Raises
-    ------
-    CommonlawError
-        If a text names nothing, or a value does not fit.
 
     Examples
     --------
@@ -328,14 +307,11 @@ class WeakRegression(AbstractRegression):
 
     Rows are whitened by their covariance (Bortz, Messenger and Dukic 2023), see `WeakForm`.
 
+    Raises `CommonlawError` if a text names nothing, or a value does not fit.
+
     Parameters
     ----------
     {parameters}
-
-    Raises
-    ------
-    CommonlawError
-        If a text names nothing, or a value does not fit.
     """
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)

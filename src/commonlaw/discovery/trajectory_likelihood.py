@@ -6,13 +6,14 @@ from functools import partial
 from typing import Any, ClassVar
 
 from commonlaw.array_types import evenly_spaced
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.method import AbstractMethod, ModelStructure, check_supported, parsed
 from commonlaw.discovery.pipeline import law_of_best_order
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_pooled_forecasts
-from commonlaw.inference import compare_by_parts, fitted_by_parts, refine, typical, written_alike
+from commonlaw.inference import refine
+from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
+from commonlaw.inference.verbs.comparison import compare_by_parts, written_alike
 from commonlaw.law import Law, Step
 from commonlaw.library import order_of_each
 from commonlaw.runtime.cluster import done_in_parts
@@ -34,14 +35,11 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 
     The law has standard errors and intervals. See `commonlaw.inference`, and docs/method for all formulas.
 
+    Raises `CommonlawError` if a text cannot be parsed, or a value is invalid.
+
     Parameters
     ----------
     {parameters}
-
-    Raises
-    ------
-    CommonlawError
-        If a text cannot be parsed, or a value is invalid.
     """
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)
@@ -120,14 +118,3 @@ def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: Tri
 def _fitted(law: Law, settings: dict[str, Any], trials: Trials) -> Law:
     """Return a law fitted to the objects of a part, each starting from the average coefficients."""
     return refine(typical(law, trials.objects), trials, **settings, partial_pooling=False, progress=silent)
-
-
-def with_latent_states(method: AbstractMethod, count: int) -> AbstractMethod:
-    """Return the method with a search for so many latent states."""
-    if not count:
-        return method
-    if not isinstance(method, TrajectoryLikelihood):
-        name = type(method).__name__
-        remedy = Diagnostic("leave-out" if 0 in method.orders else "use-trajectory-likelihood")
-        raise CommonlawError("latent-states-unsupported", count=count, method=name, remedy=remedy)
-    return replace(method, latent_states=count)

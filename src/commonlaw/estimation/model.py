@@ -19,7 +19,7 @@ from commonlaw.library.equation import DERIVATIVE, Equation, split_equations
 from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
 from commonlaw.library.notation import quoted
 from commonlaw.library.program import Program
-from commonlaw.library.switches import split_at_commas, with_steps
+from commonlaw.library.switches import split_outside, with_steps
 from commonlaw.library.term import Factor
 from commonlaw.trials import Schema
 
@@ -56,7 +56,7 @@ class ModelText:
                 continue
             if found := EVENT.fullmatch(part):
                 changes = events.setdefault(found["condition"].strip(), {})
-                for each in split_at_commas(found["changes"]):
+                for each in split_outside(found["changes"]):
                     changed = _CHANGED.fullmatch(with_steps(each.strip()))
                     name = _plain(changed["name"]) + changed["rate"] if changed else ""
                     if changed is None or name in changes:

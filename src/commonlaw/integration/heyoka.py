@@ -112,7 +112,6 @@ class Structure:
 
     @classmethod
     def of(cls, vector_field: VectorField, options: OutputOptions) -> "Structure":
-        """Return the structure of a vector field."""
         used = np.flatnonzero(vector_field.kept.any(axis=0))
         columns = np.argwhere(vector_field.kept)[:, 1].tolist()
         events = EventFunctions(options.events, vector_field).terms.terms
@@ -311,7 +310,6 @@ class _Path:
 
 
 def _propagate(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> _Path:
-    """Integrate over the times from the present state."""
     stepper, row, times, most = law.stepper, law.stepper.state.copy(), problem.times, step_limit(problem.stops)
     if len(times) == 1:
         return _Path(row[np.newaxis], [], _dense(None, row, law.width) if options.dense else None)
@@ -370,7 +368,6 @@ def _dense(output: Any, row: Floats, width: int) -> Dense:
 
 
 def _has_diverged(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -> bool:
-    """Return whether a state exceeds the limit, or is not finite."""
     return not np.max(np.abs(law.stepper.state[: law.width])) <= largest_state(problem, options)
 
 

@@ -61,17 +61,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Occurrences:
-    """The occurrences of an event on one trajectory.
-
-    Parameters
-    ----------
-    event
-        The event.
-    times
-        Increasing, shape (m,).
-    states
-        The states (and rates) at these, shape (m, d).
-    """
+    """The occurrences of an event on one trajectory: increasing times, shape (m,), and states (and rates), (m, d)."""
 
     event: Event
     times: Floats
@@ -102,7 +92,6 @@ class EventFunctions:
 
     @cached_property
     def terms(self) -> Terms:
-        """The expressions."""
         variables = replace(self.field.terms.variables, parameters=())
         return Terms(variables, tuple(parse_term(event.expression, variables) for event in self.events))
 
@@ -135,18 +124,10 @@ class EventFunctions:
 class InitialValueProblem:
     """An initial value problem of one object.
 
-    Raises `CommonlawError` if the initial states or the times are not finite, or the times do not increase.
+    Initial states have shape (d,), and increasing times of the output (n,). The trajectory has a name in outcomes and
+    errors: ``"Golf Ball, trial 1"``.
 
-    Parameters
-    ----------
-    field
-        The right-hand side.
-    initial
-        States at the first time, shape (d,).
-    times
-        Of the output, increasing, shape (n,).
-    where
-        Name of the trajectory in outcomes and errors: ``"Golf Ball, trial 1"``.
+    Raises `CommonlawError` if the initial states or the times are not finite, or the times do not increase.
     """
 
     field: VectorField
@@ -161,7 +142,6 @@ class InitialValueProblem:
 
     @property
     def start(self) -> float:
-        """The first time."""
         return float(self.times[0])
 
     @cached_property

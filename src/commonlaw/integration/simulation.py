@@ -35,7 +35,6 @@ class Iteration(AbstractIntegrator):
             raise CommonlawError("discrete-without-dense-output")
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        """Return the trajectory of a problem."""
         vector_field, width = problem.field, len(problem.initial)
         states = np.full((len(problem.times), width), np.nan)
         states[0] = problem.initial

@@ -30,12 +30,7 @@ InputFunction = Callable[[float], ArrayLike]
 class Inputs:
     """Inputs as piecewise polynomials of the time since a knot.
 
-    Parameters
-    ----------
-    knots
-        Increasing, shape (n,).
-    coefficients
-        In order of increasing power, shape (n, powers, inputs).
+    Knots increase, shape (n,); coefficients are in order of increasing power, shape (n, powers, inputs).
     """
 
     knots: Floats
@@ -155,20 +150,10 @@ class VectorField:
     state, as integrators do. Log-scaled states are z = log x: for x' = f(x), ``z' = f(exp(z)) / exp(z)``. Nonlinear
     parameters have the values of their coefficients, and are parameters like these.
 
-    Parameters
-    ----------
-    terms
-        Over the variables states (and rates), inputs, time.
-    coefficients
-        Of the highest derivatives, shape (equations, terms).
-    order
-        1 or 2, or that of each equation; 0 for a law in discrete time, which gives the next states instead of
-        derivatives.
-    inputs
-        The inputs as functions of time; required to integrate a law with inputs.
-    free
-        Coefficients by which derivatives are taken, shape (equations, terms). Default: those that are not zero; the
-        support of all objects keeps the parameters the same where a coefficient is zero.
+    Coefficients are those of the highest derivatives, shape (equations, terms); a law in discrete time, of order 0,
+    gives the next states instead. Inputs as functions of time are required to integrate a law with inputs. Derivatives
+    are taken by `free` coefficients, by default those that are not zero; the support of all objects keeps the
+    parameters the same where a coefficient is zero.
     """
 
     terms: Terms
@@ -262,7 +247,6 @@ class VectorField:
         return self.terms.take([int(k) for k in indices]), self.coefficients[:, indices]
 
     def _natural(self, values: Floats) -> Floats:
-        """Return the values of all variables, parameters among them."""
         return self.terms.at(self.terms.variables.natural(values), self.coefficients)
 
     def _with_rates(self, values: Floats, highest: Floats) -> Floats:

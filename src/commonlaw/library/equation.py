@@ -272,7 +272,6 @@ class _Reader:
         return tuple((negative, expression_latex(write(tree), self.names)) for negative, tree in trees)
 
     def refuse(self, name: str, problem: Diagnostic) -> NoReturn:
-        """Fail where a coefficient stands."""
         self._fail(next(token for token in self.tokens if (token.kind, token.text) == ("name", name)), problem)
 
     def _addends(self) -> list[tuple[float, _Token, str]]:
@@ -325,13 +324,9 @@ class _Reader:
         ordered = [(text, factor) for text, factor in sorted(factors.items(), key=lambda own: own[0] == "1") if factor]
         whole = ordered[0][1] if ordered else 0.0
         text = "".join(_addend(text, factor / whole) for text, factor in ordered).removeprefix("+") or "1"
-        parameters = [
-            (names[column], power) for column, power in alike[0].parameters if column < len(self.variables.names)
-        ]
-        inner = "".join(f"{quoted(name)}**{power}*" for name, power in parameters)
-        powers = tuple(
-            (names[column], power) for column, power in alike[0].parameters if column >= len(self.variables.names)
-        )
+        first, both = len(self.variables.names), alike[0].parameters
+        inner = "".join(f"{quoted(names[column])}**{power}*" for column, power in both if column < first)
+        powers = tuple((names[column], power) for column, power in both if column >= first)
         return Summand(whole, powers, parse_term(f"{inner}({text})", self.variables))
 
     def _tokens(self) -> Iterator[_Token]:
@@ -376,10 +371,8 @@ class _Reader:
         return _Token("name", name, token.position)
 
     def _fail(self, token: _Token, problem: Diagnostic) -> NoReturn:
-        text, place = (
-            self.equation.text,
-            f"at character {token.position + 1}" + (f", {token.text!r}" if token.text else ""),
-        )
+        text = self.equation.text
+        place = f"at character {token.position + 1}" + (f", {token.text!r}" if token.text else "")
         if "unknown-name" in problem.codes:
             raise CommonlawError("equation-unreadable", text=text, place=place, problem=problem) from None
         known = self.variables.measured

@@ -201,7 +201,6 @@ def _single(tree: ast.expr) -> tuple[float, ast.expr]:
 
 
 def _sum_of(found: Summands) -> ast.expr:
-    """Return the sum of summands."""
     parts = [each if number == 1 else _product(ast.Constant(number), ast.Mult(), each) for number, each in found]
     return reduce(lambda left, right: ast.BinOp(left, ast.Add(), right), parts)
 

@@ -22,16 +22,9 @@ _AGREEMENT = 1e-4
 
 @dataclass(frozen=True)
 class Function:
-    """A function of arrays that terms call by its name: ``drag(v, x)``.
+    """A function of arrays that terms call by its name, and the names of its arguments: ``drag(v, x)``.
 
-    Parameters
-    ----------
-    name
-        What it is written as.
-    arguments
-        Names of its arguments.
-    compute
-        From arrays of shape (n,), or numbers, to an array of shape (n,).
+    It computes an array of shape (n,) from arrays of shape (n,), or numbers.
 
     Examples
     --------

@@ -21,6 +21,7 @@ from commonlaw.library.parametric import (
     parametric_term,
     terms_of_family,
 )
+from commonlaw.library.switches import split_outside
 from commonlaw.library.term import Term, monomial, parse_term, product, sinusoid
 from commonlaw.library.terms import Terms
 from commonlaw.library.variables import Variables
@@ -137,7 +138,6 @@ class SumLibrary(AbstractLibrary):
         return self.left.seeks_latent_states or self.right.seeks_latent_states
 
     def _sides(self) -> tuple[tuple[AbstractLibrary, AbstractLibrary], ...]:
-        """Return each of both libraries, with the other."""
         return (self.left, self.right), (self.right, self.left)
 
 
@@ -602,7 +602,7 @@ def parse_library(given: LibraryGiven) -> AbstractLibrary:
         "poly": PolynomialLibrary,
         "fourier": FourierLibrary,
         "rational": RationalLibrary,
-        "terms": _listed,
+        "terms": lambda expressions: ExpressionLibrary(*split_outside(str(expressions))),
         "constant": ConstantLibrary,
         "auto": AutoLibrary,
         **{name: partial(ParametricLibrary, name) for name in FAMILIES},
@@ -611,31 +611,10 @@ def parse_library(given: LibraryGiven) -> AbstractLibrary:
     def one(part: str) -> AbstractLibrary:
         if not part.startswith("ratio("):
             return parse_spec("library", part, makers)
-        sides = _pieces(part[len("ratio(") : -1], ",")
+        sides = split_outside(part[len("ratio(") : -1])
         if not part.endswith(")") or len(sides) != 2:
             raise CommonlawError("ratio-syntax", library=part)
         return RatioLibrary(*map(parse_library, sides))
 
-    sums = [[one(each) for each in _pieces(part, " * ")] for part in _pieces(given, " + ")]
+    sums = [[one(each) for each in split_outside(part, " * ")] for part in split_outside(given, " + ")]
     return reduce(add, (reduce(mul, factors) for factors in sums))
-
-
-def _listed(expressions: str) -> AbstractLibrary:
-    """Return the library of expressions between commas."""
-    return ExpressionLibrary(*_pieces(str(expressions), ","))
-
-
-def _pieces(text: str, separator: str) -> list[str]:
-    """Return what stands between separators; those in parentheses or backticks do not count."""
-    pieces, depth, quoted, position = [""], 0, False, 0
-    while position < len(text):
-        if depth == 0 and not quoted and text.startswith(separator, position):
-            pieces.append("")
-            position += len(separator)
-            continue
-        each = text[position]
-        quoted ^= each == "`"
-        depth += 0 if quoted else (each == "(") - (each == ")")
-        pieces[-1] += each
-        position += 1
-    return [piece.strip() for piece in pieces]

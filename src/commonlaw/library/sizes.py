@@ -67,19 +67,10 @@ class _Sizes:
 def likely_sizes(
     equations: Sequence[tuple[str, float | int | None]], known: Mapping[int, float], variables: int, span: float
 ) -> Floats:
-    """Return a size for each of the variables, shape (variables,).
+    """Return a size for each of the variables, shape (variables,), given known ones by column.
 
-    Parameters
-    ----------
-    equations
-        Expressions over ``v<i>``, each with what its size is: a number, the column of the state whose rate it is, or
-        None if only its parts have sizes.
-    known
-        Sizes of variables by column.
-    variables
-        How many there are.
-    span
-        How long trials take.
+    Equations are expressions over ``v<i>``, each with what its size is: a number, the column of the state whose rate it
+    is over the span of trials, or None if only its parts have sizes.
     """
     unknown = [i for i in range(variables) if i not in known]
     sizes = _Sizes(len(unknown))

@@ -64,7 +64,7 @@ def _rewritten(text: str, whole: str) -> str:
 
 
 def _call(name: str, inner: str, whole: str) -> str:
-    arguments = [_rewritten(each.strip(), whole) for each in split_at_commas(inner)]
+    arguments = [_rewritten(each, whole) for each in split_outside(inner)]
     if len(arguments) != (3 if name == "where" else 2) or not all(arguments):
         raise CommonlawError("switch-arguments", name=name, expression=whole)
     if name == "where":
@@ -80,16 +80,20 @@ def _factor(text: str) -> str:
     return text if _SIMPLE.fullmatch(text) else f"({text})"
 
 
-def split_at_commas(text: str) -> list[str]:
-    """Return the parts of a text between commas that are not inside of parentheses, such as the arguments of a call."""
-    result, depth = [""], 0
-    for character in text:
-        depth += (character == "(") - (character == ")")
-        if character == "," and not depth:
-            result.append("")
-        else:
-            result[-1] += character
-    return result
+def split_outside(text: str, separator: str = ",") -> list[str]:
+    """Return the parts of a text between separators that are not inside of parentheses or backticks."""
+    parts, depth, quoted, position = [""], 0, False, 0
+    while position < len(text):
+        if depth == 0 and not quoted and text.startswith(separator, position):
+            parts.append("")
+            position += len(separator)
+            continue
+        character = text[position]
+        quoted ^= character == "`"
+        depth += 0 if quoted else (character == "(") - (character == ")")
+        parts[-1] += character
+        position += 1
+    return [part.strip() for part in parts]
 
 
 def _closing(text: str, opening: int, whole: str) -> int:

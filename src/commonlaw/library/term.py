@@ -251,7 +251,6 @@ def parse_term(text: str, variables: Variables) -> Term:
 
 
 def _term(tree: ast.expr) -> Term:
-    """Return the term that a tree is."""
     number = constant(tree)
     if number == 1:
         return Term()

@@ -106,7 +106,6 @@ def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Uni
 
 
 def _tree_unit(tree: ast.expr, known: "Mapping[int, pint.Unit]") -> "pint.Unit | None":
-    """Return the unit of a tree all of whose names have a known one."""
     code = ast.unparse(tree)
     columns = columns_in(code)
     if not columns:

@@ -17,14 +17,8 @@ from commonlaw.runtime.fit_options import ErrorKind
 class ErrorModel:
     """Levels of errors besides white noise, in units of states and time; None without a kind.
 
-    Parameters
-    ----------
-    heteroscedastic
-        Levels of white noise that grows with the states, by kind, each of shape (d,); see `Heteroscedastic`.
-    correlated, memory, force, force_time
-        See `LatentProcesses`.
-    walk
-        A random walk of states and rates, for a unit of time, shape (D,).
+    Levels of `Heteroscedastic` noise are by kind, each of shape (d,); `walk` is a random walk of states and rates, for
+    a unit of time, shape (D,). For the others see `LatentProcesses`.
     """
 
     heteroscedastic: Mapping[ErrorKind, Floats] = field(default_factory=dict)
@@ -36,7 +30,6 @@ class ErrorModel:
 
     @property
     def kind(self) -> ErrorKind:
-        """The kind of these errors."""
         latent: Mapping[ErrorKind, Floats | None] = {"gp-forcing": self.force, "autocorrelated": self.correlated}
         kinds = [kind for kind, level in latent.items() if level is not None]
         return next(iter([*kinds, *self.heteroscedastic]), "white" if self.walk is None else "random-walk")
@@ -92,16 +85,9 @@ NO_ERRORS = ErrorModel()
 class Scales:
     """Scales that bound the levels and times of errors.
 
-    Parameters
-    ----------
-    states, rates
-        Standard deviations of states and of their highest derivatives, shape (d,).
-    step, duration
-        The median time between samples, and the duration of the longest trial.
-    least
-        The smallest levels, as a share of these standard deviations.
-    least_walk
-        The smallest random walk, relative to the noise.
+    Standard deviations of states and of their highest derivatives have shape (d,). The step is the median one, the
+    duration that of the longest trial. The smallest levels, `least`, are a share of these standard deviations, and the
+    smallest random walk is relative to the noise.
     """
 
     states: Floats

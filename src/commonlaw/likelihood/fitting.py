@@ -170,21 +170,10 @@ class Prior(NamedTuple):
 class TrajectoryModel:
     """The state-space model of one object's trajectories, with a law that holds up to a model error.
 
-    Parameters
-    ----------
-    terms
-        Over the states z: x of a law of first order, (x, x') of one of second order; inputs and time.
-    meshes
-        Points in time, with the measurements.
-    observation
-        The noise of the measurements.
-    unit
-        The unit of the model error in each state, shape (D,): the noise of measured states, and its equivalent for
-        rates.
-    latent
-        Latent processes, whose values follow those of the states in estimates: shape (n, D + w).
-    prior
-        Of the coefficients; default: flat.
+    Terms are over the states z (x of a law of first order, (x, x') of one of second order), inputs and time. The unit
+    of the model error in each state, shape (D,), is the noise of measured states, and its equivalent for rates. In
+    estimates, values of latent processes follow those of the states: shape (n, D + w). Without a prior, that of the
+    coefficients is flat.
     """
 
     terms: Terms

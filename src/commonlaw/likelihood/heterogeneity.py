@@ -36,7 +36,6 @@ def heterogeneity_p_value(factors: Sequence[Floats], measurements: int, least_va
 
 
 def _rss(factor: Floats) -> float:
-    """Return the residual sum of squares of the last column."""
     columns, target = factor[:, :-1], factor[:, -1]
     scaled = columns / column_scales(columns)
     theta = np.linalg.lstsq(scaled, target, rcond=1e-10)[0]

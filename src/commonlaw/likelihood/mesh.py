@@ -20,28 +20,13 @@ MAX_MESH_SAMPLES = 4000
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Points of segments of trials, concatenated.
+    """Points of segments of trials, concatenated; `contiguous` points and the next one belong to one segment, (n - 1,).
 
-    Parameters
-    ----------
-    times
-        Shape (n,), increasing within a segment.
-    measured
-        Shape (n, d); NaN where states were not measured.
-    inputs
-        Shape (n, inputs); after jumps.
-    contiguous
-        Whether a point and the next one belong to one segment, shape (n - 1,).
-    scale
-        Standard deviations of measurements relative to the noise of their states, shape (n, d).
-    noise
-        Given standard deviations of single measurements, shape (n, d), NaN for others.
-    averaging
-        Factor by which averaging lowers the noise of each measurement, see `Trial.averaging`.
-    middle
-        Inputs in the middle of each step, shape (n - 1, inputs); default: linear interpolation.
-    held
-        Whether inputs are held from each point to the next (zero-order hold).
+    Times, shape (n,), increase within a segment; measured states, shape (n, d), are NaN where missing; inputs, shape
+    (n, inputs), are those after jumps. Standard deviations of measurements relative to the noise of their states,
+    `scale`, given ones of single measurements, `noise`, NaN for others, and factors by which averaging lowers the
+    noise, see `Trial.averaging`, have shape (n, d). Inputs in the `middle` of each step, shape (n - 1, inputs), are
+    interpolated linearly by default; they may be held from each point to the next (zero-order hold).
     """
 
     times: Floats

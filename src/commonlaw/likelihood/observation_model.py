@@ -30,14 +30,9 @@ class LatentSteps:
 class LatentProcesses:
     """Latent processes: autocorrelated measurement errors, random forces, and rates of the forces.
 
-    Parameters
-    ----------
-    correlated, memory
-        Standard deviation of an autocorrelated measurement error (Ornstein-Uhlenbeck), shape (d,), and its time
-        constant.
-    force, force_time
-        Standard deviation of a force on the highest derivatives (Matern process of smoothness 3/2), shape (d,), and its
-        length scale in time.
+    An autocorrelated measurement error (Ornstein-Uhlenbeck) has the standard deviation `correlated`, shape (d,), and
+    the time constant `memory`; a force on the highest derivatives (Matern process of smoothness 3/2) the standard
+    deviation `force`, shape (d,), and the length scale `force_time`.
     """
 
     correlated: Floats | None = None
@@ -133,17 +128,10 @@ HUBER_THRESHOLD = FitOptions.huber_threshold
 
 @dataclass(frozen=True, eq=False)
 class ObservationModel:
-    """White noise of each measured state.
+    """White noise of each measured state, by its standard deviations, shape (d,), above zero.
 
-    Raises `CommonlawError` if the threshold is not above zero.
-
-    Parameters
-    ----------
-    noise
-        Standard deviations, shape (d,), above zero.
-    huber_threshold
-        Larger deviations, in standard deviations, count linearly instead of squared (Huber 1964); infinite for least
-        squares.
+    Larger deviations than the Huber threshold, in standard deviations, count linearly instead of squared (Huber 1964);
+    it is infinite for least squares. Raises `CommonlawError` if it is not above zero.
     """
 
     noise: Floats

@@ -118,22 +118,11 @@ class ForecastError:
     """Scores a support of one equation on forecasts of held-out trials by the law that was fitted to the others.
 
     The error of a trial is the mean over states of the mean squared error, divided by the variance of the state over
-    the object's trials; infinite where a forecast diverges.
+    the object's trials; infinite where a forecast diverges. The other equations are those of `law`, refitted on each
+    fold, but for terms that are not `free`, shape (equations, terms). Folds are of problems less known terms, and
+    trials those of all folds, with the law's objects in its order.
 
     Raises `CommonlawError` if an object has a single trial.
-
-    Parameters
-    ----------
-    folds
-        From `make_folds`, of problems less known terms.
-    target
-        The equation whose support is scored.
-    law
-        The law whose other equations stand, refitted on each fold.
-    free
-        Which terms are fitted, shape (equations, terms); the others keep their coefficients in `law`.
-    trials
-        The trials of all folds, with the law's objects in its order.
     """
 
     folds: Sequence[Fold]

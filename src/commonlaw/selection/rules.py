@@ -90,16 +90,10 @@ RULES = ("one-standard-error", "held-out", *CRITERIA)
 
 @dataclass(frozen=True, eq=False)
 class ScoredCandidate:
-    """A candidate, fitted to all data, and its scores.
+    """A candidate, fitted to all data, with its information criteria by name, and its errors on held-out data.
 
-    Parameters
-    ----------
-    candidate, criteria, held_out
-        The candidate, its information criteria by name, and its errors on held-out data.
-    stability
-        How often the least certain of its terms is chosen on resampled data; NaN if that was not asked for.
-    hyperparameters
-        At which it is on the solver's path, ascending.
+    Its stability is how often the least certain of its terms is chosen on resampled data; NaN if that was not asked
+    for. It is on the solver's path at these hyperparameters, ascending.
     """
 
     candidate: Candidate
@@ -138,7 +132,6 @@ class Selection:
 
     @property
     def chosen(self) -> Candidate:
-        """The chosen candidate."""
         return self.table[self.index].candidate
 
 

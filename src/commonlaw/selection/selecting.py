@@ -118,7 +118,6 @@ def _with(law: Law, candidates: Sequence[Candidate]) -> Floats:
 
 
 def _outcomes(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Iterator[Outcome]:
-    """Yield the outcomes of a solver."""
     if isinstance(solver, STLSQ) and solver.shared and len(law.objects) == 1:
         yield note("one-object", law.objects[0])
     if not all(candidate.converged for candidate in candidates):

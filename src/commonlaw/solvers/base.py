@@ -158,22 +158,13 @@ Values = Sequence[float] | None
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One equation that a solver finds at a value of its hyperparameter.
+    """One equation that a solver finds at a value of its hyperparameter: threshold, penalty, or number of terms.
 
-    Parameters
-    ----------
-    support, coefficients
-        Shape (objects, terms); coefficients are exactly zero outside the support.
-    hyperparameter
-        A threshold, a penalty, or the number of terms.
-    proven
-        Whether no other support of its size has a smaller sum of squared residuals over all objects, to rounding, each
-        relative to its residual variance with all terms.
-    converged
-        Whether the solver ended with a stable support, a minimum, or a finished search.
-    largest, smallest
-        The largest value compared with the hyperparameter in the last step that had a term, and the smallest that
-        stayed, infinite if none did.
+    Support and coefficients have shape (objects, terms); coefficients are exactly zero outside the support. It is
+    `proven` that no other support of its size has a smaller sum of squared residuals over all objects, to rounding,
+    each relative to its residual variance with all terms. A solver `converged` with a stable support, a minimum, or a
+    finished search. `largest` is the largest value compared with the hyperparameter in the last step that had a term,
+    and `smallest` the smallest that stayed, infinite if none did.
     """
 
     support: Bools

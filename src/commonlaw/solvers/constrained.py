@@ -20,6 +20,9 @@ class ConstrainedSolver(AbstractSolver):
     The terms are chosen without the constraints. Objects count relative to their residual variance, see
     `StandardizedProblem`. Wrap once for each equation that has constraints.
 
+    Raises `CommonlawError` when it solves, if the constraints depend on each other, do not fit the library, or cannot
+    be met.
+
     Parameters
     ----------
     solver
@@ -32,10 +35,6 @@ class ConstrainedSolver(AbstractSolver):
     equation
         The equation that is constrained.
 
-    Raises
-    ------
-    CommonlawError
-        When it solves: if the constraints depend on each other, do not fit the library, or cannot be met.
     """
 
     solver: AbstractSolver
@@ -107,10 +106,8 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
     norms = np.array([problem.norms for problem in problems])
     scales = np.where(norms > 0, norms, 1.0)
     terms = problems[0].terms
-    blocks = [
-        (problem.factor[:, :terms] / scale)[:, row]
-        for problem, scale, row in zip(problems, scales, support, strict=True)
-    ]
+    listed = zip(problems, scales, support, strict=True)
+    blocks = [(problem.factor[:, :terms] / scale)[:, row] for problem, scale, row in listed]
     columns, goal = block_diag(*blocks), np.concatenate([problem.factor[:, terms + target] for problem in problems])
     solutions = _solutions(matrix[:, support.ravel()] / scales[support], right)
     if solutions is None:
@@ -124,13 +121,10 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
 
 def _check(matrix: Floats, right: Floats, support: Bools) -> None:
     if np.shape(matrix) != (len(right), support.size):
+        objects, terms = support.shape
+        shape, count, size = np.shape(matrix), len(right), support.size
         raise CommonlawError(
-            "constraints-shape",
-            shape=np.shape(matrix),
-            objects=support.shape[0],
-            terms=support.shape[1],
-            constraints=len(right),
-            columns=support.size,
+            "constraints-shape", shape=shape, objects=objects, terms=terms, constraints=count, columns=size
         )
     values = _unit_rows(matrix, right)[0]
     if np.linalg.matrix_rank(values, tol=_RANK * max(values.shape)) < len(values):

@@ -71,7 +71,6 @@ class Lasso(AbstractSolver):
         return each_support_once(path) if values is None else path
 
     def _candidates(self, problems: Problems, target: int, allowed: Bools, penalties: Sequence[float]) -> Candidates:
-        """Return the candidates of objects with one support at falling penalties."""
         standardized = StandardizedProblem.of(problems, target, allowed)
         gram = np.matmul(standardized.columns.transpose(0, 2, 1), standardized.columns)
         right = np.einsum("oqt,oq->ot", standardized.columns, standardized.right)

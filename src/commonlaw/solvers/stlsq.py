@@ -136,12 +136,13 @@ class STLSQ(AbstractSolver):
 
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         fits = [_Fits(group, target, self.ridge) for group in groups(problems, self.shared)]
-        return threshold_path(
-            lambda threshold: Candidate.join([self._threshold(fit, allowed, threshold) for fit in fits]), values
-        )
+
+        def candidate_at(threshold: float) -> Candidate:
+            return Candidate.join([self._threshold(fit, allowed, threshold) for fit in fits])
+
+        return threshold_path(candidate_at, values)
 
     def _threshold(self, fits: "_Fits", allowed: Bools, threshold: float) -> Candidate:
-        """Return what objects of one support come to, and with it how far the threshold may rise to give the same."""
         support, largest, smallest, converged = allowed, 0.0, np.inf, False
         for _ in range(self.max_iterations):
             magnitudes = np.abs(fits.coefficients(support))
@@ -169,7 +170,6 @@ class _Fits:
         """Return the coefficients of a support, shape (terms,), for each object, shape (objects, terms)."""
         key = support.tobytes()
         if key not in self._known:
-            self._known[key] = np.array(
-                [problem.least_squares(support, self.target, self.ridge) for problem in self.problems]
-            )
+            solved = [problem.least_squares(support, self.target, self.ridge) for problem in self.problems]
+            self._known[key] = np.array(solved)
         return self._known[key]

@@ -60,9 +60,8 @@ class StepwiseSelection(AbstractSolver):
         return fixed_cardinality(self._choose, self.shared, problems, target, allowed, values)
 
     def _choose(self, problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
-        order = (
-            forward_order(problem, max(sizes)) if self.direction == "forward" else backward_order(problem, min(sizes))
-        )
+        is_forward = self.direction == "forward"
+        order = forward_order(problem, max(sizes)) if is_forward else backward_order(problem, min(sizes))
         return {size: Subset(order[:size]) for size in sizes}
 
 

@@ -5,9 +5,8 @@ many samples. The stride is at most 1/`MIN_RESOLUTION` of that up to which diffe
 noise. If too many samples remain, segments that are evenly spaced over the trials of each object are kept.
 """
 
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,25 +19,19 @@ from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
 
 
-@dataclass(frozen=True, eq=False)
-class FittedSamples:
-    """The fitted trials, and the description of the subsample, empty if all samples are fitted."""
+def subsample(trials: Trials, noise: Floats, most: int) -> tuple[Trials, str]:
+    """Return the trials with at most `most` samples, and a description of the subsample, empty if these are all.
 
-    trials: Trials
-    words: str = ""
-
-
-def subsample(trials: Trials, noise: Floats, most: int = settings.MAX_SAMPLES) -> FittedSamples:
-    """Return the trials with at most `most` samples, given the noise of each state by all samples, shape (states,)."""
+    The noise of each state by all samples has shape (states,).
+    """
     total = sum(map(len, trials))
     if total <= most:
-        return FittedSamples(trials)
+        return trials, ""
     wanted = -(-total // most)
     longest, coarse, most_coarse = max(trials, key=len), 1, settings.MIN_RESOLUTION * wanted
     if not trials.schema.inputs:  # Inputs between omitted samples would be lost
-        while coarse < most_coarse and _resolves_noise(
-            longest, noise, 2 * coarse
-        ):  # Samples once in a cycle are aliased
+        # Samples once in a cycle are aliased
+        while coarse < most_coarse and _resolves_noise(longest, noise, 2 * coarse):
             coarse *= 2
     stride = max(min(wanted, coarse // settings.MIN_RESOLUTION), 1)
     thinned = [trial.rows(slice(None, None, stride)) for trial in trials]
@@ -49,31 +42,26 @@ def subsample(trials: Trials, noise: Floats, most: int = settings.MAX_SAMPLES) -
     how = [f"every {_ordinal(stride)}"] if stride > 1 else []
     if kept < sum(map(len, thinned)):
         how.append(f"in {counted(len(fitted), 'segment')} spread over the trials")
-    return FittedSamples(trials.with_trials(fitted), f"{kept} of {total}: {', '.join(how)}" if how else "")
+    return trials.with_trials(fitted), f"{kept} of {total}: {', '.join(how)}" if how else ""
 
 
 def can_be_subsampled(trials: Trials) -> bool:
     """Return whether all objects keep enough samples in a subsample."""
-    of_objects = Counter[str]()
-    for trial in trials:
-        of_objects[trial.object] += len(trial)
-    return sum(min(count, settings.MAX_CURVE_POINTS) for count in of_objects.values()) <= settings.MAX_SAMPLES
+    counts = (sum(map(len, trials.of_object(name))) for name in trials.objects)
+    return sum(min(count, settings.MAX_CURVE_POINTS) for count in counts) <= settings.MAX_SAMPLES
 
 
 def _resolves_noise(trial: Trial, noise: Floats, stride: int) -> bool:
     """Return whether differences at a stride estimate the noise, not larger by two standard errors, of all states."""
     around = max(0, len(trial) // 2 - stride * settings.MAX_SCREENED_SAMPLES // 2)
     thinned = trial.rows(slice(around, around + stride * settings.MAX_SCREENED_SAMPLES, stride))
-    for column, level in zip(thinned.states.T, noise, strict=True):
-        known = np.isfinite(column)
-        if known.sum() < settings.MIN_SAMPLES_OF_MANY:
-            return False
-        if (
-            noise_level(thinned.times[known], column[known, np.newaxis])[0]
-            > (1 + 2 / np.sqrt(2 * settings.MIN_SAMPLES_OF_MANY)) * level
-        ):
-            return False
-    return True
+    most = (1 + 2 / np.sqrt(2 * settings.MIN_SAMPLES_OF_MANY)) * noise
+    known = np.isfinite(thinned.states).T
+    return all(
+        seen.sum() >= settings.MIN_SAMPLES_OF_MANY
+        and noise_level(thinned.times[seen], column[seen, np.newaxis])[0] <= level
+        for column, seen, level in zip(thinned.states.T, known, most, strict=True)
+    )
 
 
 def _share(counts: Sequence[int], most: int) -> int:
@@ -94,15 +82,12 @@ def _evenly_spaced_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
     segments = list[Trial]()
     for trial in trials:
         count = -(-len(trial) // longest)
-        ends = [len(trial) * i // count for i in range(count + 1)]
-        segments += (
-            [trial]
-            if count == 1
-            else [
-                replace(trial.rows(slice(first, stop)), name=f"{trial.name}, samples {first + 1} to {stop}")
-                for first, stop in pairwise(ends)
-            ]
-        )
+        if count == 1:
+            segments.append(trial)
+            continue
+        for first, stop in pairwise(len(trial) * i // count for i in range(count + 1)):
+            name = f"{trial.name}, samples {first + 1} to {stop}"
+            segments.append(replace(trial.rows(slice(first, stop)), name=name))
     count = max(1, int(share / np.mean([len(segment) for segment in segments])))
     return [segments[i] for i in evenly_spaced(len(segments), count)]
 

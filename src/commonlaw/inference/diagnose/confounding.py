@@ -13,7 +13,7 @@ comparison is made with these.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import chain, combinations, product
 
@@ -36,24 +36,11 @@ Columns = tuple[int, ...]
 
 @dataclass(frozen=True)
 class ConfoundedVariables:
-    """The confounded variables of an equation.
+    """The confounded variables of the equation of a state: its minimal sufficient sets of variables.
 
-    Parameters
-    ----------
-    state
-        The state of the equation.
-    sets
-        The minimal sufficient sets of variables.
-    rms
-        Root mean square residual of the state for the terms over each set.
-    rms_of_all
-        The same for all terms, with coefficients common to the trials of an object.
-    by_trial
-        Whether sets suffice only with coefficients that differ between trials.
-    starts
-        Range of the initial values of each variable in a set.
-    visited
-        Range of all its values.
+    `rms` are root mean square residuals of the state for the terms over each set, and `rms_of_all` that for all terms,
+    with coefficients common to the trials of an object. With `by_trial`, sets suffice only with coefficients that
+    differ between trials. Each variable in a set has the range of its initial values, and of all it visited.
     """
 
     state: str
@@ -69,16 +56,9 @@ class ConfoundedVariables:
 def confounded_sets(
     trials: Trials, order: Order, library: LibraryGiven | None = None
 ) -> tuple[ConfoundedVariables, ...]:
-    """Return the confounded variables of each equation that has any.
+    """Return the confounded variables of each equation that has any, in laws of order 1 or 2.
 
-    Parameters
-    ----------
-    trials
-        The measurements.
-    order
-        Of the candidate laws, 1 or 2, or that of each equation.
-    library
-        Their terms. Default: polynomials of degree 3, or of the highest degree for which trials have enough samples.
+    Without a library, terms are polynomials of degree 3, or of the highest degree for which trials have enough samples.
 
     Raises `CommonlawError` if the library does not fit the variables.
     """
@@ -166,10 +146,11 @@ Fits = Sequence[tuple[float, int]]
 
 @dataclass(frozen=True, eq=False)
 class _IntegralForm:
-    """Rows of each object's trials."""
+    """Rows of each object's trials; `white` caches forms by shares and memories of errors, often equal in equations."""
 
     terms: Terms
     objects: tuple[tuple[_Rows, ...], ...]
+    white: "dict[tuple[float, float], _IntegralForm]" = field(default_factory=dict)
 
     @classmethod
     def of(cls, curves: Sequence[_Curve], terms: Terms, order: int) -> "_IntegralForm":
@@ -207,7 +188,6 @@ class _IntegralForm:
         return listed
 
     def rms(self, fits: Fits) -> float:
-        """Return the root mean square residual."""
         return float(np.sqrt(sum(squares for squares, _ in fits) / self.free.sum()))
 
     def criterion(self, equation: int) -> Callable[[Fits], float]:
@@ -234,15 +214,10 @@ class _IntegralForm:
         all terms and free initial conditions.
         """
         errors = min(self._deviances, key=lambda rows: rows[1][equation])[0]
-        if errors not in self._white:
+        if errors not in self.white:
             rows = tuple(tuple(row.whitened(*errors) for row in rows) for rows in self.objects)
-            self._white[errors] = _IntegralForm(self.terms, rows) if errors[0] else self
-        return self._white[errors]
-
-    @cached_property
-    def _white(self) -> "dict[tuple[float, float], _IntegralForm]":
-        """Forms that were made already, by shares and memories of errors, as equations often have the same."""
-        return {}
+            self.white[errors] = _IntegralForm(self.terms, rows) if errors[0] else self
+        return self.white[errors]
 
     @cached_property
     def _deviances(self) -> list[tuple[tuple[float, float], Floats]]:

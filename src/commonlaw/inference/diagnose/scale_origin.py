@@ -107,7 +107,6 @@ def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
 
 
 def _is_equilibrium(law: Law, trial: Trial) -> bool:
-    """Return whether zero is an equilibrium at all inputs of a trial."""
     inputs = np.nan_to_num(trial.inputs)
     values = np.column_stack([np.zeros((len(trial.times), len(law.schema.states))), inputs, trial.times])
     with np.errstate(all="ignore"):

@@ -17,7 +17,7 @@ from commonlaw.inference.fit.fit import (
     PLAUSIBLE,
     Fit,
     Status,
-    best_of,
+    best_fit,
     errors_to_fit,
     fitted,
     linearized_evidence,
@@ -43,7 +43,7 @@ def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequen
     fits = anneal(problem, progress)
     distinct = {proposal.tobytes(): proposal for proposal in proposals}.values()
     fits += [fit_supports(problem, support, settings.SCHEDULES[-1]) for support in distinct]
-    best = best_of(fits)
+    best = best_fit(fits)
     if best.has_model_error:  # Its supports may not have been fitted without one
         fits.append(fitted(problem, best.estimates, best.supports, NO_ERROR))
     return with_neighbours(fits)
@@ -90,10 +90,8 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
     so, as larger ones lead between equivalent optima.
     """
     *larger, smallest = model_errors
-    schedules = dict.fromkeys(
-        ((tuple(larger) if problem.trials.schema.initial_values else (*larger, smallest)), (smallest,))
-    )
-    fits = [fit for schedule in schedules for fit in _continuation(problem, supports, schedule)]
+    first = tuple(larger) if problem.trials.schema.initial_values else (*larger, smallest)
+    fits = _fit_schedules(problem, supports, first, (smallest,))
     last = [fit for fit in fits if fit.model_error == smallest]
     compared = [*(fit for fit in fits if fit.model_error != smallest), *sorted(last, key=_objective)[:1]]
     return min(compared, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, smallest))
@@ -112,14 +110,13 @@ def fit_with(
     if start is not None:
         return fitted(problem, start, supports, model_error)
     larger = [error for error in settings.MODEL_ERRORS if error > model_error]
-    schedules = dict.fromkeys(((*larger, model_error), (model_error,)))
-    fits = [
-        fit
-        for schedule in schedules
-        for fit in _continuation(problem, supports, schedule)
-        if fit.model_error == model_error
-    ]
-    return min(fits, key=_objective, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error))
+    fits = _fit_schedules(problem, supports, (*larger, model_error), (model_error,))
+    last = [fit for fit in fits if fit.model_error == model_error]
+    return min(last, key=_objective, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error))
+
+
+def _fit_schedules(problem: SearchProblem, supports: Bools, *schedules: tuple[float, ...]) -> list[Fit]:
+    return [fit for errors in dict.fromkeys(schedules) for fit in _continuation(problem, supports, errors)]
 
 
 def _objective(fit: Fit) -> float:
@@ -161,7 +158,7 @@ def with_neighbours(fits: Sequence[Fit], prior: InitialConditionPrior | None = N
     best one is fitted, until none is within `PLAUSIBLE` of the best fit or `MAX_MODELS` in a row were no better. With a
     prior of initial conditions, scores include it.
     """
-    best, ranked = best_of(fits), sorted(fit for fit in fits if fit.is_usable)
+    best, ranked = best_fit(fits), sorted(fit for fit in fits if fit.is_usable)
     done = {fit.supports.tobytes() for fit in ranked if fit.model_error == best.model_error}
     seen, candidates, failures = set[bytes](), dict[bytes, tuple[float, Fit, Bools]](), 0
     while failures < settings.MAX_MODELS:

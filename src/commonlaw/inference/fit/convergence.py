@@ -44,10 +44,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     if not fit.is_usable:
         return before, False
     while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
-        estimates = tuple(
-            replace(estimate, states=tuple(map(type(model.meshes[0]).halfway, model.meshes, estimate.states)))
-            for model, estimate in zip(fit.problem.models, fit.estimates, strict=True)
-        )
+        estimates = fit.problem.on_half_steps(fit.estimates)
         finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
         if not finer.is_usable:
             break
@@ -61,7 +58,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
 def _minus_twice_log_likelihood(fit: Fit) -> float:
     """Return minus twice the log-likelihood, with outliers as likely as a measurement at the Huber threshold."""
     problem = fit.problem
-    sizes, (squares, repeated) = _relative_residuals(fit), problem.measurements.pure_error
+    sizes, (squares, repeated) = _relative_residuals(fit), problem.pure_error
     deviance = np.nansum(np.minimum(sizes, problem.models[0].observation.huber_threshold) ** 2, axis=0)
     deviance += squares / problem.noise**2
     return float(np.sum(deviance + 2 * (np.isfinite(sizes).sum(axis=0) + repeated) * np.log(problem.noise)))
@@ -135,14 +132,14 @@ def residual_scale(fit: Fit) -> Floats:
     problem, sizes = fit.problem, _relative_residuals(fit)
     huber = problem.models[0].observation.huber_threshold
     far, measured = sizes > huber, ~problem.trials.schema.is_latent
-    squares = np.nansum(np.where(far, 0.0, sizes) ** 2, axis=0) + problem.measurements.pure_error[0] / problem.noise**2
+    squares = np.nansum(np.where(far, 0.0, sizes) ** 2, axis=0) + problem.pure_error[0] / problem.noise**2
     freedom = residual_degrees_of_freedom(fit) - far.sum(axis=0)
     total = total_degrees_of_freedom(freedom[measured])
     if total < 1:
         return np.ones(len(measured))
     common = np.sum(squares[measured]) / total
     variances = np.where(freedom < 1, common, squares / np.maximum(freedom, 1))
-    rounding = np.finfo(float).eps * np.nanmax(np.abs(problem.measurements.measured), axis=0) / problem.noise
+    rounding = np.finfo(float).eps * np.nanmax(np.abs(problem.measurements), axis=0) / problem.noise
     return np.where(measured, np.maximum(np.sqrt(variances), rounding), 1.0)
 
 

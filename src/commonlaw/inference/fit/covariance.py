@@ -25,7 +25,7 @@ from commonlaw.runtime.fit_options import CovarianceKind
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
     """Return the law with the coefficients of a fit, their covariance, the noise and the error model."""
     problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
-    fit, known_starts = with_pooled_coefficients(fit), schema.is_latent & ~schema.with_free_start
+    fit, given_starts = with_pooled_coefficients(fit), schema.is_latent & ~schema.with_free_start
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
@@ -36,7 +36,7 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
             shared_factor=None,
             unpooled=None,
             pooled=None,
-            noise=np.where(known_starts, noise_floor(problem.trials), problem.noise),
+            noise=np.where(given_starts, noise_floor(problem.trials), problem.noise),
             error_model=errors,
             degrees_of_freedom=degrees_of_freedom(fit),
             widening=None,
@@ -66,7 +66,7 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
     """
     problem = fit.problem
     meshes = [mesh for model in problem.models for mesh in model.meshes]
-    counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.measurements.pure_error[1]
+    counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.pure_error[1]
     listed = zip(problem.models, free_coefficients(fit), regressions(fit), strict=True)
     used = [
         np.array(model.order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in model.meshes], axis=0)
@@ -97,8 +97,7 @@ def regressions(fit: Fit) -> list[Regression | None]:
     models = fit.problem.models
     if fit.has_model_error or models[0].latent.width:
         return [None] * len(models)
-    listed = zip(models, fit.estimates, free_coefficients(fit), strict=True)
-    return [Regression.of(*arguments) for arguments in listed]
+    return list(map(Regression.of, models, fit.estimates, free_coefficients(fit)))
 
 
 def factors(fit: Fit) -> list[Floats]:
@@ -135,9 +134,8 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
     support = np.any(coefficients != 0, axis=0)
     by_object = np.zeros((len(fit.estimates), support.sum(), support.sum()))
     triangles = factors(fit) if kind == "likelihood" else ()
-    for o, (model, estimate, free) in enumerate(
-        zip(problem.models, fit.estimates, free_coefficients(fit), strict=True)
-    ):
+    listed = zip(problem.models, fit.estimates, free_coefficients(fit), strict=True)
+    for o, (model, estimate, free) in enumerate(listed):
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
         if kind == "bootstrap":
             trials = [rows for rows, _ in whitened(model, estimate, fit.fitted_model_error)]
@@ -169,9 +167,8 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
     norms = column_scales(np.concatenate(factors))
     reduced, inner = np.asarray(np.linalg.qr(stacked / norms, mode="r")), slice(len(indices))
     # Minimum-norm solutions: coefficients that the drawn blocks do not identify are zero
-    estimates = np.matmul(np.linalg.pinv(reduced[:, inner, inner], rcond=settings.COLLINEAR), reduced[:, inner, -1:])[
-        ..., 0
-    ]
+    inverse = np.linalg.pinv(reduced[:, inner, inner], rcond=settings.COLLINEAR)
+    estimates = np.matmul(inverse, reduced[:, inner, -1:])[..., 0]
     return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))
 
 
@@ -224,6 +221,5 @@ def with_pooled_coefficients(fit: Fit) -> Fit:
 
 
 def _fully_measured(fit: Fit) -> list[Floats]:
-    """Return the coefficients of the objects on which all states were measured."""
     pairs = zip(fit.estimates, fit.problem.measured_states, strict=True)
     return [estimate.coefficients for estimate, measured in pairs if measured.all()]

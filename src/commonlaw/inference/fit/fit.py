@@ -11,7 +11,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departure, departures, diverges, in_words, is_resolved
+from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departures, departures, diverges, is_resolved
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import SupportEvidence
@@ -60,26 +60,11 @@ class Model(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A model with its estimates for all objects.
+    """A model with its estimates for all objects, the steps of its history, and its diagnostics.
 
-    Parameters
-    ----------
-    problem
-        Trials on meshes, candidate terms, and the error model.
-    supports
-        The terms of each equation, shape (equations, terms).
-    estimates
-        States and coefficients of each object; none if the fit failed.
-    model_error
-        Standard deviation of a random walk in each step, relative to the noise; zero for solutions of the law.
-    score
-        Minus twice the log-evidence, up to a constant; infinite if the fit failed.
-    status
-        The outcome.
-    alternatives
-        Fits of other supports under the same errors.
-    steps, outcomes
-        History of the model, and its diagnostics.
+    Supports are the terms of each equation, shape (equations, terms); alternatives are fits of other supports under the
+    same errors. The model error is the standard deviation of a random walk in each step, relative to the noise, zero
+    for solutions of the law. A failed fit has no estimates, and an infinite score.
     """
 
     problem: SearchProblem
@@ -94,11 +79,9 @@ class Fit:
 
     @classmethod
     def failed(cls, problem: SearchProblem, supports: Bools, status: Status, model_error: float = NO_ERROR) -> "Fit":
-        """Return a failed fit, of infinite score."""
         return cls(problem, supports, (), model_error, Score({"likelihood": np.inf}), status)
 
     def but(self, status: Status) -> "Fit":
-        """Return the fit as failed."""
         return Fit.failed(self.problem, self.supports, status, self.model_error)
 
     def __lt__(self, reference: "Fit") -> bool:
@@ -107,11 +90,9 @@ class Fit:
 
     @property
     def is_usable(self) -> bool:
-        """Whether the fit succeeded."""
         return self.status is Status.FITTED
 
     def with_score(self, score: Score) -> Self:
-        """Return the fit with another score."""
         return self._like(score=score)
 
     def with_alternatives(self, others: Sequence["Fit"]) -> Self:
@@ -144,7 +125,6 @@ class Fit:
 
     @property
     def errors(self) -> ErrorKind:
-        """The kind of errors of the model."""
         return "random-walk" if self.has_model_error else self.problem.errors.kind
 
     @property
@@ -203,9 +183,8 @@ class Fit:
         return self.predicted_decrease < settings.MAX_PREDICTED_DECREASE * len(self.estimates)
 
     @cached_property
-    def departures(self) -> tuple[Departure, ...]:
-        """Departures of the residuals from white noise."""
-        return (NO_LAW,) if self.has_model_error else departures(self.problem, self.estimates)
+    def departures(self) -> Departures:
+        return NO_LAW if self.has_model_error else departures(self.problem, self.estimates)
 
     @cached_property
     def is_resolved(self) -> bool:
@@ -225,7 +204,7 @@ class Fit:
     @property
     def lack_of_fit(self) -> str:
         """Description of the lack of fit, empty if there is none."""
-        reason = in_words(departure for departure in self.departures if not departure.is_of_noise)
+        reason = "; ".join(words for words, is_of_noise in self.departures.items() if not is_of_noise)
         if not reason and self.diverges:
             return "trajectories of training trials diverge"
         return reason
@@ -240,7 +219,7 @@ class Fit:
     @property
     def reason_for_errors(self) -> str:
         """Why errors other than white noise are estimated, as text; empty if they are not."""
-        reason = in_words(self.departures) or self.lack_of_fit
+        reason = "; ".join(self.departures) or self.lack_of_fit
         if reason or not self.problem.errors:
             few = self.has_few_measurements and not self.problem.noise_is_fixed
             return reason or ("too few measurements to test for heteroscedasticity" if few else "")
@@ -273,7 +252,7 @@ def errors_to_fit(model_error: float) -> tuple[float, ...]:
     return (model_error,) if model_error else settings.FINAL_MODEL_ERRORS
 
 
-def best_of(fits: Sequence[Fit]) -> Fit:
+def best_fit(fits: Sequence[Fit]) -> Fit:
     """Return the fit of largest evidence.
 
     Raises `CommonlawError` if none succeeded.
@@ -323,7 +302,9 @@ def restricted(
 def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
     """Return the evidence of supports by the likelihood linearized about estimates, comparable between model errors.
 
-    Raises `NotPositiveError` if numbers are not finite, or too far apart.
+    With the Huber threshold c, an outlier of size u contributes ``c u`` to the sum of weighted squares, and has the
+    penalty ``c^2``, that of a measurement at the threshold. Raises `NotPositiveError` if numbers are not finite, or too
+    far apart.
     """
     linear = linearize_each(problem.models, estimates, model_error)
     pairs = zip(linear, np.nan_to_num(problem.known), strict=True)
@@ -331,13 +312,21 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
         linearization.problem.subtract(beta.reshape(1, -1)) if beta.any() else linearization.problem
         for linearization, beta in pairs
     ]
-    outliers, cost, count = _outliers(problem, estimates)
-    noise_scale = problem.noise_scale.with_outliers(outliers, count)
+    model, states = problem.models[0], np.concatenate([z for estimate in estimates for z in estimate.states])
+    sizes = np.abs((problem.measurements - states @ model.observed.T) / problem.white_std)
+    threshold = model.observation.huber_threshold
+    outliers = sizes[sizes > threshold]
+    penalty = float(threshold**2 * len(outliers)) if len(outliers) else 0.0
+    noise_scale = replace(
+        problem.noise_scale,
+        outliers=float(threshold * outliers.sum()) if len(outliers) else 0.0,
+        freedom=problem.noise_scale.freedom - len(outliers),
+    )
     offsets: dict[Part, float] = {
         "latent states": sum(linearization.log_determinant for linearization in linear),
         "model error": model_error_penalty(model_error, sum(problem.measured)),
-        "error levels": problem.error_level_penalty,
-        "outliers": 0.0 if problem.noise_is_fixed else cost,
+        "error levels": problem.level_penalty(problem.noise, problem.errors, problem.white_std),
+        "outliers": 0.0 if problem.noise_is_fixed else penalty,
     }
     log_parametrized = None
     if problem.terms.parameters:  # Those whose signs differ between objects have no logarithms
@@ -354,16 +343,3 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
 def model_error_penalty(model_error: float, count: int) -> float:
     """Return the penalty log n of a model error, one fitted number (BIC)."""
     return float(np.log(count)) if model_error > settings.FINAL_MODEL_ERRORS[0] else 0.0
-
-
-def _outliers(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[float, float, int]:
-    """Return the contribution of outliers to the sum of squares, their penalty, and their number.
-
-    With the Huber threshold c, an outlier of size u contributes ``c u`` to the sum of weighted squares, and has the
-    penalty ``c^2``, that of a measurement at the threshold.
-    """
-    model, states = problem.models[0], np.concatenate([z for estimate in estimates for z in estimate.states])
-    residuals = problem.measurements.measured - states @ model.observed.T
-    sizes, bound = np.abs(residuals / problem.white_std), model.observation.huber_threshold
-    far = sizes[sizes > bound]
-    return (float(bound * far.sum()), float(bound**2 * len(far)), len(far)) if len(far) else (0.0, 0.0, 0)

@@ -32,7 +32,6 @@ class InitialConditionPrior:
     _known: "dict[tuple[Estimate, ...], _InitialConditions | None]" = field(default_factory=dict)
 
     def correction(self, fit: Fit) -> float:
-        """Return the correction of a fit."""
         reference = self._reference
         law = None if reference is None else self._conditions(fit)
         return 0.0 if reference is None or law is None else law.fitted_correction - reference.fitted_correction
@@ -88,7 +87,6 @@ class _InitialConditions:
 
     @classmethod
     def of(cls, fit: Fit) -> "_InitialConditions":
-        """Return the linearized likelihood of a fit."""
         problem = fit.problem
         triangles, starts, counts, total = list[Floats](), list[Floats](), list[int](), 0.0
         for model, estimate in zip(problem.models, fit.estimates, strict=True):

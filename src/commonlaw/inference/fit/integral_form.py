@@ -26,16 +26,9 @@ from commonlaw.likelihood import Estimate, Mesh
 
 @dataclass(frozen=True, eq=False)
 class CurveData:
-    """Terms along the estimated trajectories of an object.
+    """Terms along the estimated trajectories of an object, by its index.
 
-    Parameters
-    ----------
-    problem, index
-        The measurements, and the index of the object.
-    plain
-        Terms without nonlinear parameters, shape (n, terms).
-    grids
-        Parametric terms on grids of their parameters.
+    Plain terms have no nonlinear parameters, shape (n, terms); parametric ones are on grids of these.
     """
 
     problem: SearchProblem
@@ -47,7 +40,6 @@ class CurveData:
     def of(
         cls, problem: SearchProblem, index: int, estimate: Estimate, others: Sequence[ParametricTerm]
     ) -> "CurveData":
-        """Return the terms along the estimated states of an object."""
         terms, values = problem.models[index].terms, values_between_jumps(problem, index, estimate)
         sampled = np.concatenate([mesh.observed.any(axis=1) for mesh in problem.models[index].meshes])
         sampled = sampled[points_between_jumps(problem, index)]
@@ -69,18 +61,9 @@ class CurveData:
 class IntegralRegression:
     """Regression of one object's measurements of a state on integrals of terms.
 
-    Parameters
-    ----------
-    target
-        Standardized measurements, projected orthogonally to free initial conditions, shape (n,).
-    plain, norms
-        Integrals of plain terms, normalized, shape (n, terms), and their norms.
-    others, grids
-        Integrals of parametric terms at all grid values, normalized, and the grids.
-    integrals
-        The integration operators.
-    changed
-        Cache of integrals of parametric terms for forward differences about grid values.
+    The target are standardized measurements, projected orthogonally to free initial conditions, shape (n,). Integrals
+    of plain terms, and of `others`, parametric terms at all grid values, are normalized, shape (n, columns). Integrals
+    of parametric terms for forward differences about grid values are cached in `changed`.
     """
 
     target: Floats
@@ -198,13 +181,8 @@ class IntegralRegression:
 class Integrals:
     """Linear operators from rates at points to standardized integrals at measurements, in windows along curves.
 
-    Parameters
-    ----------
-    points
-        Indices of the points of each window, of `points_between_jumps`.
-    operators
-        Of each window, shape (measurements, points): integrals of cardinal cubic splines, projected orthogonally to
-        free initial conditions.
+    Points are indices of `points_between_jumps`. The operator of each window, shape (measurements, points), has
+    integrals of cardinal cubic splines, projected orthogonally to free initial conditions.
     """
 
     points: Sequence[Indices]
@@ -323,13 +301,7 @@ def variable_projection(target: Floats, columns: Floats) -> tuple[Floats, Floats
 
     With columns Phi(p), P = Phi Phi^+ and coefficients theta = Phi^+ y, residuals are ``(1 - P) y`` and derivatives
     ``-(1 - P) (dPhi/dp) theta`` (variable projection; Kaufman 1975). They are y and zero if a column is not finite.
-
-    Parameters
-    ----------
-    target
-        Shape (n,).
-    columns
-        At the `forward_difference_points`, shape (1 + values, n, columns).
+    Columns are those at the `forward_difference_points`, shape (1 + values, n, columns).
     """
     if not np.isfinite(columns).all():
         return target, np.zeros((len(target), len(columns) - 1))

@@ -4,8 +4,8 @@ Proportional noise is estimated from differences of neighbouring samples before 
 interpret large residuals of large states as lack of fit.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -35,23 +35,14 @@ from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import ErrorModel, Estimate, Mesh, jacobians
 from commonlaw.runtime.progress import unannounced
 
+Departures = Mapping[str, bool]
+"""Departures of residuals from white noise in words, and whether each is of the noise; others are lack of fit."""
 
-@dataclass(frozen=True)
-class Departure:
-    """A departure of residuals from white noise, as text.
-
-    Heteroscedasticity is a property of the noise; other departures are lack of fit.
-    """
-
-    words: str
-    is_of_noise: bool = False
-
-
-NO_LAW = Departure("lack of fit: no law of this library fits the measurements within their noise")
+NO_LAW: Departures = {"lack of fit: no law of this library fits the measurements within their noise": False}
 """The departure of a fit with a model error."""
 
 
-def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[Departure, ...]:
+def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> Departures:
     """Return the departures of residuals from white noise, state by state.
 
     They are heteroscedastic or autocorrelated if twice the log-likelihood ratio of a model with it exceeds log n for
@@ -59,20 +50,18 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> tuple[D
     """
     # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
-    return tuple(
-        Departure(f"residuals of {name} are {departure.words}", departure.is_of_noise)
+    return {
+        f"residuals of {name} are {words}": words == _HETEROSCEDASTIC
         for j, name in enumerate(problem.trials.schema.states)
         if name not in problem.trials.schema.initial_values
-        for departure in _of_state(problem, estimates, j, bool(measured[j]))
-    )
+        for words in _of_state(problem, estimates, j, bool(measured[j]))
+    }
 
 
-def in_words(listed: Iterable[Departure]) -> str:
-    """Return departures as text, empty if there are none."""
-    return "; ".join(departure.words for departure in listed)
+_HETEROSCEDASTIC = "heteroscedastic"
 
 
-def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_measured: bool) -> list[Departure]:
+def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_measured: bool) -> list[str]:
     """Return the departures of the residuals of one state; their pattern is tested above the noise floor only."""
     squares, sizes, lags, count, whole = [], [], [], 0, 0
     for model, estimate in zip(problem.models, estimates, strict=True):
@@ -88,20 +77,17 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
             lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
             count += len(standard)
     if 2 * count < whole:
-        return [Departure(f"mostly larger than {MAX_STANDARDIZED_RESIDUAL:g} noise standard deviations")]
+        return [f"mostly larger than {MAX_STANDARDIZED_RESIDUAL:g} noise standard deviations"]
     if not is_measured:
         return []
-    squared, listed, price = np.concatenate(squares), [], np.log(max(count, 2))
-    schema = problem.trials.schema
-    if (
-        schema.states[j] not in schema.logarithmic
-        and proportional_noise_gain(squared, np.concatenate(sizes))[0] > price
-    ):
-        listed.append(Departure("heteroscedastic", is_of_noise=True))
+    squared, listed, penalty = np.concatenate(squares), list[str](), np.log(max(count, 2))
+    is_logarithmic = problem.trials.schema.states[j] in problem.trials.schema.logarithmic
+    if not is_logarithmic and proportional_noise_gain(squared, np.concatenate(sizes))[0] > penalty:
+        listed.append(_HETEROSCEDASTIC)
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
-    if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * price:
-        listed.append(Departure("autocorrelated"))
+    if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * penalty:
+        listed.append("autocorrelated")
     return listed
 
 
@@ -200,14 +186,7 @@ def proportional_noise_gain(squared: Floats, sizes: Floats) -> tuple[float, Floa
     """Return twice the log-likelihood ratio of proportional to constant noise, and the levels a and b.
 
     The variance is ``a^2 + b^2 x^2``, with b/a on a logarithmic grid and a of largest likelihood, against a constant
-    one.
-
-    Parameters
-    ----------
-    squared
-        Squared residuals, shape (n,).
-    sizes
-        Absolute values of the state, shape (n,).
+    one. Squared residuals, and sizes |x| of the state, have shape (n,).
     """
     typical = max(np.sqrt(np.mean(sizes**2)), np.finfo(float).tiny)
     shares = log_grid(PER_DECADE[1], 2 * MAX_DECADES)
@@ -237,9 +216,8 @@ def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
         if not orders or None in orders:
             continue
         order = max(order for order in orders if order)
-        squared, sizes = (
-            np.concatenate(values) for values in zip(*(_differences(*column, order) for column in columns), strict=True)
-        )
+        squares = zip(*(_differences(*column, order) for column in columns), strict=True)
+        squared, sizes = map(np.concatenate, squares)
         if np.sqrt(np.mean(squared)) <= 1.001 * floor[j]:  # At the noise floor
             continue
         gain, (constant, share) = proportional_noise_gain(squared, sizes)

@@ -15,7 +15,6 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import initial_value_scales
 from commonlaw.inference.data.smoothing import Curve, gradient_matching, terms_and_rates
 from commonlaw.inference.fit.parameter_grid import factor_powers, grid_product, parameter_values
 from commonlaw.inference.fit.structural_identifiability import (
@@ -39,11 +38,9 @@ def latent_state_ranges(trials: Trials, estimates: Sequence[Estimate]) -> dict[s
 
 def unmeasured_in_words(trials: Trials) -> str:
     """Return in how many trials which states were not measured, as text, empty if all were measured."""
-    lacking = {
-        name: sum(bool(np.isnan(trial.states[:, j]).all()) for trial in trials)
-        for j, name in enumerate(trials.schema.states)
-    }
-    return ", ".join(f"{name} in {count} of {len(trials)} trials" for name, count in lacking.items() if count)
+    counts = np.sum([np.isnan(trial.states).all(axis=0) for trial in trials], axis=0)
+    pairs = zip(trials.schema.states, counts, strict=True)
+    return ", ".join(f"{name} in {count} of {len(trials)} trials" for name, count in pairs if count)
 
 
 def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) -> Trials:
@@ -62,9 +59,8 @@ def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) ->
     guesses = _Guesses(trials, terms, known)
     sizes = guesses.whole(np.where(guesses.largest > 0, guesses.largest, np.nan))
     rescaled = has_scaling_symmetry(terms, known, at_zero | free, sizes)
-    shifted, mixed = (
-        has_symmetry(terms, known, free, sizes) for has_symmetry in (has_translation_symmetry, has_mixing_symmetry)
-    )
+    shifted = has_translation_symmetry(terms, known, free, sizes)
+    mixed = has_mixing_symmetry(terms, known, free, sizes)
     for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
         if any_scale and schema.initial_values.get(name, 0.0) is not None:
             raise CommonlawError("latent-scale-of-zero", name=name)
@@ -81,17 +77,6 @@ def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) ->
         noise[0, started] = std[started]
         changed.append(replace(trial, states=states, noise=noise))
     return trials.with_trials(changed)
-
-
-def with_latent_noise(noise: Floats, trials: Trials) -> Floats:
-    """Return the noise of each state, shape (states,), for latent states with the median noise-to-signal ratio.
-
-    It is the unit of their model errors.
-    """
-    started = trials.schema.is_latent
-    spread = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
-    share = np.median(noise[~started] / spread)
-    return np.where(started, share * initial_value_scales(trials), noise)
 
 
 def pooled_start(model: TrajectoryModel, start: Estimate, others: Sequence[Floats]) -> Estimate:
@@ -367,9 +352,8 @@ class _Object:
         """
         from scipy.optimize import least_squares
 
-        initial = np.where(
-            self.started, [trial.states[0] for trial in self.group], [path[0] for path, _ in self.curves]
-        )
+        measured = [path[0] for path, _ in self.curves]
+        initial = np.where(self.started, [trial.states[0] for trial in self.group], measured)
         free, is_free = np.isnan(self.known), np.broadcast_to(~self.started, initial.shape)
         noise, everything = self.model.observation.noise, np.ones_like(self.started)
         sizes = np.concatenate([np.abs(coefficients[free]), np.maximum(np.abs(initial), noise)[is_free]])
@@ -413,10 +397,8 @@ class _Object:
         return replace(converged, deviance=squares, objective=squares), self._filled([path[0] for path in states])
 
     def _filled(self, states: Sequence[Floats]) -> list[Curve]:
-        """Return states with the smoothed rates of measured ones."""
-        return [
-            (path, np.where(self.started, 0.0, rates)) for path, (_, rates) in zip(states, self.curves, strict=True)
-        ]
+        pairs = zip(states, self.curves, strict=True)
+        return [(path, np.where(self.started, 0.0, rates)) for path, (_, rates) in pairs]
 
     def _along(self, filled: list[Curve], coefficients: Floats) -> tuple[float, Floats]:
         """Return the sum of log mean squared gradient-matching residuals, and all coefficients."""

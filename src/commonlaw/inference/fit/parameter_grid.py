@@ -45,16 +45,9 @@ def factor_powers(terms: Terms) -> Floats:
 
 
 def parameter_values(terms: Terms, values: Floats, columns: Sequence[int]) -> list[Floats]:
-    """Return the grid of each parameter.
+    """Return the grid of each parameter of terms, by its column.
 
-    Parameters
-    ----------
-    terms
-        The terms with these parameters.
-    values
-        Variables other than parameters along the measurements, shape (n, variables).
-    columns
-        Columns of the parameters.
+    Values of the other variables along the measurements have shape (n, variables).
     """
     near = log_grid(settings.PER_DECADE[min(len(columns), len(settings.PER_DECADE)) - 1])
     grids = dict[int, Floats]()
@@ -166,19 +159,9 @@ def _near_size(size: float | None, near: Floats) -> Floats:
 class ParameterGrids:
     """Parametric terms along curves at all values of their parameter grids.
 
-    Parameters
-    ----------
-    others
-        The terms.
-    values
-        Variables other than parameters along the curves, shape (n, variables).
-    parameters
-        The grid of each term, shape (values, parameters).
-    columns
-        The terms at the values of their grids in turn, shape (n, columns).
-    redundant
-        Which terms are multiples of an earlier one with as few parameters, shape (terms,), as s/(e + |s|) of s/(K + s)
-        for positive s.
+    Values of variables other than parameters have shape (n, variables), the grid of each term (values, parameters), and
+    the terms at the values of their grids in turn (n, columns). Redundant terms are multiples of an earlier one with as
+    few parameters, as s/(e + |s|) of s/(K + s) for positive s.
     """
 
     others: tuple[ParametricTerm, ...]

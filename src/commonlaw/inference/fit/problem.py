@@ -11,17 +11,24 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import by_columns, estimated_noise, has_replicates, noise_floor, within_trial_std
+from commonlaw.inference.data.noise import (
+    by_columns,
+    estimated_noise,
+    has_replicates,
+    initial_value_scales,
+    noise_floor,
+    noise_floors,
+    within_trial_std,
+)
 from commonlaw.inference.data.smoothing import filled_curves, gradient_matching, smooth_curves, typical_states
 from commonlaw.inference.data.subsampling import subsample
 from commonlaw.inference.fit.latent_initialization import (
     initial_latent_estimates,
     pooled_start,
     with_initial_condition_noise,
-    with_latent_noise,
 )
 from commonlaw.inference.score.evidence import NoiseScale
-from commonlaw.inference.score.priors import Measurements, StructurePrior, complexity_penalties, shifted
+from commonlaw.inference.score.priors import StructurePrior, shifted
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (
@@ -38,6 +45,7 @@ from commonlaw.likelihood import (
 )
 from commonlaw.solvers import AbstractSolver
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.repeats import pure_error
 from commonlaw.trials.trial import with_typical
 
 
@@ -76,7 +84,6 @@ class SearchProblem:
 
     @property
     def terms(self) -> Terms:
-        """The candidate terms."""
         return self.models[0].terms
 
     @property
@@ -87,14 +94,8 @@ class SearchProblem:
     @property
     def law(self) -> Law:
         """The law of these trials with the fixed coefficients alone."""
-        return Law(
-            self.terms,
-            self.trials.schema,
-            self.order,
-            self.trials.objects,
-            np.nan_to_num(self.known),
-            provenance=Provenance(self.differentiation),
-        )
+        known, provenance = np.nan_to_num(self.known), Provenance(self.differentiation)
+        return Law(self.terms, self.trials.schema, self.order, self.trials.objects, known, provenance=provenance)
 
     @property
     def allowed(self) -> Bools:
@@ -104,10 +105,9 @@ class SearchProblem:
     @cached_property
     def measured_states(self) -> tuple[Bools, ...]:
         """Which states of each object were measured in one of its trials, each of shape (states,)."""
-        groups = (self.trials.of_object(name) for name in self.trials.objects)
-        return tuple(
-            np.asarray(np.isfinite(np.concatenate([trial.states for trial in group])).any(axis=0)) for group in groups
-        )
+        groups = [self.trials.of_object(name) for name in self.trials.objects]
+        states = (np.concatenate([trial.states for trial in group]) for group in groups)
+        return tuple(np.asarray(np.isfinite(measured).any(axis=0)) for measured in states)
 
     @property
     def most_terms(self) -> int:
@@ -125,11 +125,10 @@ class SearchProblem:
     @property
     def noise_is_fixed(self) -> bool:
         """Whether the noise is kept: given, estimated from more samples than are fitted, or not identifiable."""
-        return (
-            self.noise_given or bool(self.samples) or not (self.noise_is_identifiable or self.residuals_estimate_noise)
-        )
+        is_estimated = self.noise_is_identifiable or self.residuals_estimate_noise
+        return self.noise_given or bool(self.samples) or not is_estimated
 
-    @property
+    @cached_property
     def noise_is_identifiable(self) -> bool:
         """Whether replicates, or differences of the samples of some trial, estimate the noise of a state."""
         return bool(has_replicates(self.trials).any()) or any(
@@ -173,8 +172,7 @@ class SearchProblem:
         model, some = self.models[0], self.trials.with_trials(trials)
         threshold = model.observation.huber_threshold
         problem = prepare(some, model.terms, known, noise=self.noise_estimate, huber_threshold=threshold, guess=guess)
-        while problem.points < self.points:
-            problem = problem.finer()
+        problem = problem.with_points(self.points)
         models = tuple(replace(fine, unit=model.unit) for fine in problem.models)
         return replace(problem, models=models).with_errors(self.noise, self.errors, self.noise_reason)
 
@@ -186,7 +184,6 @@ class SearchProblem:
         return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
 
     def with_huber_threshold(self, threshold: float) -> "SearchProblem":
-        """Return the problem with another Huber threshold."""
         models = (
             replace(model, observation=replace(model.observation, huber_threshold=threshold)) for model in self.models
         )
@@ -195,7 +192,7 @@ class SearchProblem:
     def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
         """Return the problem with other noise, shape (d,), other errors, and their description."""
         lengths = [len(mesh) for model in self.models for mesh in model.meshes]
-        scales = iter(np.split(self.measurements.white_std(noise, errors) / noise, np.cumsum(lengths)[:-1]))
+        scales = iter(np.split(self.white_std_at(noise, errors) / noise, np.cumsum(lengths)[:-1]))
         models, starts = [], []
         for model, start in zip(self.models, self.starts, strict=True):
             states = tuple(state[:, : model.width] for state in start.states)
@@ -205,9 +202,8 @@ class SearchProblem:
             changed, start = changed.with_latent(errors.latent, replace(start, states=states))
             models.append(changed)
             starts.append(start)
-        return replace(
-            self, models=tuple(models), starts=tuple(starts), noise=noise, errors=errors, noise_reason=reason
-        )
+        problem = replace(self, models=tuple(models), starts=tuple(starts))
+        return replace(problem, noise=noise, errors=errors, noise_reason=reason)
 
     @property
     def under_white_noise(self) -> "SearchProblem":
@@ -216,36 +212,107 @@ class SearchProblem:
 
     def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
         """Return the problem with the states of estimates, at which heteroscedastic noise is evaluated."""
-        starts = tuple(
-            replace(start, states=estimate.states) for start, estimate in zip(self.starts, estimates, strict=True)
-        )
+        pairs = zip(self.starts, estimates, strict=True)
+        starts = tuple(replace(start, states=estimate.states) for start, estimate in pairs)
         return replace(self, starts=starts).with_errors(self.noise, self.errors, self.noise_reason)
 
-    @cached_property
-    def measurements(self) -> Measurements:
-        """The measurements with the prior of error levels."""
-        meshes = tuple(mesh for model in self.models for mesh in model.meshes)
-        states = tuple(state for start in self.starts for state in start.states)
-        return Measurements(
-            self.trials,
-            meshes,
-            states,
-            self.noise_estimate,
-            self.models[0].order,
-            sum(self.measured),
-            self.noise_is_fixed,
-            settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0,
-        )
+    def white_std_at(self, noise: Floats, errors: ErrorModel) -> Floats:
+        """Return the white-noise standard deviation of each measurement, shape (points, d), given that of states, (d,).
+
+        Constant states keep their prior noise; that of absent ones (exactly zero) is negligible. Heteroscedastic noise
+        is evaluated at the initial estimates.
+        """
+        states = np.concatenate([state for start in self.starts for state in start.states])[:, : len(noise)]
+        std = errors.white_std(states, with_typical(self._given, noise))
+        still = np.where(self._absent, settings.MIN_NOISE * self.noise_estimate, self.noise_estimate)
+        return np.where(self._still, with_typical(self._given, still), std) * self._averaging
+
+    def noise_scale_at(self, noise: Floats, errors: ErrorModel, std: Floats) -> NoiseScale:
+        """Return the inverse-gamma posterior of the noise variance at these levels, in units of these.
+
+        The prior estimate counts as `PRIOR_OBSERVATIONS` of each state, and replicates add their pure error. The
+        variance is at least that of rounding, and `RESOLVED_NOISE` squared times that of the noise floor.
+        """
+        count = sum(self.measured)
+        if self.noise_is_fixed:
+            return NoiseScale(count)
+        inflation = self._inflation(noise, errors, std)
+        prior, least = self._prior_observations * float(np.sum(1 / inflation)), self._noise_floors[1] / noise
+        squares, repeated = self.pure_error
+        freedom = self._freedom + float(repeated.sum()) + self._prior_observations * len(inflation)
+        prior += float(np.sum(squares / noise**2))
+        return NoiseScale(count, freedom, prior, least=float(np.max(least) ** 2))
 
     @cached_property
     def noise_scale(self) -> NoiseScale:
-        """The posterior of the noise variance."""
-        return self.measurements.noise_scale(self.noise, self.errors, self.white_std)
+        return self.noise_scale_at(self.noise, self.errors, self.white_std)
 
     @property
     def least_variance(self) -> float:
-        """The lower bound of the noise variance, in units of its present value."""
-        return self.measurements.least_variance(self.noise)
+        """The lower bound of the noise variance that laws are fitted under, in units of its present value."""
+        return float(np.max(self._noise_floors[0] / self.noise) ** 2)
+
+    def level_penalty(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
+        """Return minus twice the log prior of error levels: log n each (BIC), inverse gamma for the noise variance."""
+        penalty = errors.hyperparameters * float(np.log(sum(self.measured)))
+        if not self.noise_is_fixed:
+            penalty += self._prior_observations * float(np.sum(np.log(self._inflation(noise, errors, std))))
+        return penalty
+
+    def _inflation(self, noise: Floats, errors: ErrorModel, std: Floats) -> Floats:
+        """Return the noise variance over its prior estimate, of each measured state.
+
+        Both are variances of neighbouring differences: of autocorrelated errors of standard deviation sigma and
+        correlation time tau at sampling step h, this is ``sigma^2 tanh(h / (2 tau))``.
+        """
+        relative = np.where(self._absent, 1.0, std / (with_typical(self._given, noise) * self._averaging))
+        variance = noise**2 * np.mean(relative**2, axis=0)
+        if errors.correlated is not None:
+            step = float(np.median(np.concatenate([np.diff(trial.times) for trial in self.trials])))
+            variance = variance + errors.correlated**2 * np.tanh(step / (2 * errors.memory))
+        return np.asarray(variance / self.noise_estimate**2)[~self.trials.schema.is_latent]
+
+    @property
+    def _prior_observations(self) -> float:
+        return settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0
+
+    @property
+    def _meshes(self) -> list[Mesh]:
+        return [mesh for model in self.models for mesh in model.meshes]
+
+    @cached_property
+    def measurements(self) -> Floats:
+        """Measured states at all points, shape (points, d), NaN where missing."""
+        return np.concatenate([mesh.measured for mesh in self._meshes])
+
+    @cached_property
+    def pure_error(self) -> tuple[Floats, Floats]:
+        """The pure-error sum of squares of replicates of each state, and its degrees of freedom, each of shape (d,)."""
+        return pure_error([trial.repeats for trial in self.trials], len(self.noise))
+
+    @cached_property
+    def _given(self) -> Floats:
+        return np.concatenate([np.broadcast_to(mesh.noise, mesh.measured.shape) for mesh in self._meshes])
+
+    @cached_property
+    def _averaging(self) -> Floats:
+        return np.concatenate([np.broadcast_to(mesh.averaging, mesh.measured.shape) for mesh in self._meshes])
+
+    @cached_property
+    def _still(self) -> Bools:
+        return np.concatenate([mesh.still for mesh in self._meshes])
+
+    @cached_property
+    def _absent(self) -> Bools:
+        return np.concatenate([mesh.absent for mesh in self._meshes])
+
+    @cached_property
+    def _freedom(self) -> int:
+        return sum(mesh.degrees_of_freedom(self.order) for mesh in self._meshes)
+
+    @cached_property
+    def _noise_floors(self) -> tuple[Floats, Floats]:
+        return noise_floors(self.trials, settings.RESOLVED_NOISE)
 
     @cached_property
     def structure_prior(self) -> StructurePrior:
@@ -257,14 +324,8 @@ class SearchProblem:
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
                 origins.append(shifted(terms, j) & ~given)
-        return StructurePrior(
-            complexity_penalties(terms), tuple(origins), float(np.log(sum(self.measured))), self.excluded_terms
-        )
-
-    @cached_property
-    def error_level_penalty(self) -> float:
-        """Minus twice the log prior of the levels of errors, see `Measurements.level_penalty`."""
-        return self.measurements.level_penalty(self.noise, self.errors, self.white_std)
+        bits, penalty = 2 * np.log(2) * terms.complexities, float(np.log(sum(self.measured)))
+        return StructurePrior(bits, tuple(origins), penalty, self.excluded_terms)
 
     def std_of(self, mesh: Mesh) -> Floats:
         """Return the white-noise standard deviation of each measurement on a mesh, shape (n, d)."""
@@ -273,7 +334,7 @@ class SearchProblem:
     @cached_property
     def white_std(self) -> Floats:
         """The same of all meshes in turn, shape (points, d)."""
-        return np.concatenate([self.std_of(mesh) for model in self.models for mesh in model.meshes])
+        return np.concatenate([self.std_of(mesh) for mesh in self._meshes])
 
     def padded(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
         """Return estimates with the latent processes of the problem, zero if they are new."""
@@ -287,20 +348,32 @@ class SearchProblem:
 
     def finer(self) -> "SearchProblem":
         """Return the problem with twice as many points for each sampling step."""
-        points = 2 * self.points
-        groups = [self.trials.of_object(name) for name in self.trials.objects]
-        pairs = zip(self.models, groups, strict=True)
-        between = self.trials.schema.input_interpolation
+        starts = self.on_half_steps(self.starts)
+        return replace(self, starts=starts, points=2 * self.points).with_meshes_of(self.trials)
+
+    def with_points(self, points: int) -> "SearchProblem":
+        """Return the problem with at least so many points for each sampling step."""
+        problem = self
+        while problem.points < points:
+            problem = problem.finer()
+        return problem
+
+    def on_half_steps(self, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+        """Return estimates with states interpolated linearly to the mesh of half steps."""
+        return tuple(
+            replace(estimate, states=tuple(map(Mesh.halfway, model.meshes, estimate.states)))
+            for model, estimate in zip(self.models, estimates, strict=True)
+        )
+
+    def with_meshes_of(self, trials: Trials) -> "SearchProblem":
+        """Return the problem with new meshes of the same trials, or of these with another interpolation of inputs."""
+        between, groups = trials.schema.input_interpolation, [trials.of_object(name) for name in trials.objects]
         models = tuple(
-            replace(model, meshes=meshes(group, points, input_interpolation=between)) for model, group in pairs
+            replace(model, meshes=meshes(group, self.points, input_interpolation=between))
+            for model, group in zip(self.models, groups, strict=True)
         )
-        starts = tuple(
-            replace(start, states=tuple(map(Mesh.halfway, model.meshes, start.states)))
-            for model, start in zip(self.models, self.starts, strict=True)
-        )
-        return replace(self, models=models, starts=starts, points=points).with_errors(
-            self.noise, self.errors, self.noise_reason
-        )
+        changed = replace(self, trials=trials, models=models)
+        return changed.with_errors(self.noise, self.errors, self.noise_reason)
 
 
 def prepare(
@@ -330,16 +403,16 @@ def prepare(
     samples = {name: np.concatenate([trial.states for trial in trials.of_object(name)]) for name in trials.objects}
     extremes = {name: np.array([np.fmin.reduce(states), np.fmax.reduce(states)]) for name, states in samples.items()}
     started = trials.schema.is_latent
-    refuse_constant_states(
-        {name: np.where(started, np.nan, bounds) for name, bounds in extremes.items()}, trials.schema
-    )
+    extremes = {name: np.where(started, np.nan, bounds) for name, bounds in extremes.items()}
+    refuse_constant_states(extremes, trials.schema)
     given = noise is not None
     noise, reason = estimated_noise(trials) if noise is None else (noise, "as given")
     levels = np.fmax(noise, settings.MIN_NOISE * scale if given else noise_floor(trials))
-    if started.any():
-        levels = with_latent_noise(levels, trials)
-    carried = subsample(trials, levels, most_samples)
-    trials = carried.trials
+    if started.any():  # With the median noise-to-signal ratio, as the unit of model errors
+        deviations = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
+        share = np.median(levels[~started] / deviations)
+        levels = np.where(started, share * initial_value_scales(trials), levels)
+    trials, subsampled = subsample(trials, levels, most_samples)
     groups = [trials.of_object(name) for name in trials.objects]
     curves = [[smooth_curves(trial, order, started) for trial in group] for group in groups]
     unit, second = levels, with_rates(order, len(scale))
@@ -347,15 +420,14 @@ def prepare(
         rates = np.concatenate([states[:, len(scale) :] for group in curves for states, _ in group])
         unit = np.concatenate([levels, levels[second] * np.nanstd(rates, axis=0) / scale[second]])
     between, observation = trials.schema.input_interpolation, ObservationModel(levels, huber_threshold)
-    models = [
-        TrajectoryModel(
-            terms,
-            [_with_starts(mesh, levels, started) for mesh in meshes(group, input_interpolation=between)],
-            observation,
-            unit,
-        )
-        for group in groups
-    ]
+    models = list[TrajectoryModel]()
+    for group in groups:
+        on_meshes = meshes(group, input_interpolation=between)
+        if started.any():  # With the standard deviations of the initial values of latent states
+            stds = [with_typical(mesh.noise, levels) * mesh.averaging / levels for mesh in on_meshes]
+            pairs = zip(on_meshes, stds, strict=True)
+            on_meshes = [mesh.with_scale(np.where(started & mesh.observed, std, 1.0)) for mesh, std in pairs]
+        models.append(TrajectoryModel(terms, on_meshes, observation, unit))
     if started.any():
         starts, curves, equivalent_optima = initial_latent_estimates(
             models, trials, curves, known, np.zeros_like(known) if guess is None else guess
@@ -377,19 +449,10 @@ def prepare(
         known,
         levels,
         given,
-        samples=carried.words,
+        samples=subsampled,
         equivalent_optima=tuple(equivalent_optima),
     )
     return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
-
-
-def _with_starts(mesh: Mesh, levels: Floats, started: Bools) -> Mesh:
-    """Return a mesh with the standard deviations of the initial values of latent states."""
-    if not started.any():
-        return mesh
-    return mesh.with_scale(
-        np.where(started & mesh.observed, with_typical(mesh.noise, levels) * mesh.averaging / levels, 1.0)
-    )
 
 
 def _smoothed_estimates(

@@ -24,19 +24,11 @@ from commonlaw.library.sizes import likely_sizes
 
 
 def has_scaling_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
-    """Return the states with a scaling symmetry, shape (states,), alone or with others of them.
+    """Return which of the states to test have a scaling symmetry, shape (states,), alone or with others of them.
 
-    Parameters
-    ----------
-    terms
-        Over states of first order, and others with their rates.
-    known
-        Fixed coefficients, shape (equations, terms), NaN for free ones.
-    states
-        The states to test, with initial values that are zero or free.
-    sizes
-        Sizes of measured variables, shape (variables,), NaN where they follow from the equations: generic points are
-        where all terms matter, whatever the units.
+    Their initial values are zero or free. Fixed coefficients have shape (equations, terms), NaN for free ones. Sizes of
+    measured variables, shape (variables,), are NaN where they follow from the equations: generic points are where all
+    terms matter, whatever the units.
     """
     indices = np.flatnonzero(states).tolist()
     return _has_symmetry(terms, known, [(i, i) for i in indices], sizes)

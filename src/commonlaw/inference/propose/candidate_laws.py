@@ -13,7 +13,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_supports, fit_with, rescale_noise
-from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_of
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_fit
 from commonlaw.inference.fit.lack_of_fit import has_pole
 from commonlaw.inference.fit.multistart import full_schedule, multistart, short_schedule, shrink_to_pooled
 from commonlaw.inference.fit.parameter_grid import frequencies_in_time
@@ -27,22 +27,11 @@ from commonlaw.runtime.parallel import in_parallel
 
 @dataclass(frozen=True, eq=False)
 class ParametricSearch:
-    """The search among laws with parametric terms, with all fits so far by the terms of their equations.
+    """The search among laws with offered terms, with all fits so far by the terms of their equations.
 
-    Parameters
-    ----------
-    plain, explored
-        The best law among plain terms, and all fits of its search.
-    base
-        The problem that laws are fitted to.
-    offer
-        The parametric terms and ratios to choose from.
-    fewest
-        Equations without lack of fit are only replaced if they have more parameters than this.
-    fitted
-        All fits.
-    near, typical
-        Quick fits along the current curves, and their median objectives over objects.
+    It starts from the best law among plain terms, and all fits explored in its search. Equations without lack of fit
+    are only replaced if they have more parameters than `fewest`. Quick fits `near` the current curves are kept, and
+    their median objectives over objects.
     """
 
     plain: Fit
@@ -53,11 +42,6 @@ class ParametricSearch:
     fitted: dict[tuple[CandidateSupport, ...], Fit] = field(default_factory=dict)
     near: dict[tuple[CandidateSupport, ...], list[Estimate]] = field(default_factory=dict)
     typical: dict[tuple[CandidateSupport, ...], float] = field(default_factory=dict)
-
-    def offering(self, offer: Offer, fewest: int) -> "ParametricSearch":
-        """Return the search with another offer, whose terms add to the number of candidate terms."""
-        base = replace(self.base, excluded_terms=self.base.excluded_terms + offer.count)
-        return replace(self, base=base, offer=offer, fewest=fewest)
 
     def rows_of_plain(self) -> tuple[CandidateSupport, ...]:
         """Return the best law among plain terms as candidate supports."""
@@ -155,12 +139,12 @@ class ParametricSearch:
         short = [each for each in new if each not in self.near]
         near = in_parallel(lambda each: self._quick_fit(each, estimates), short, done=_shown(done, 0.0, len(short)))
         self.near.update(zip(short, near, strict=True))
-        price = float(np.log(np.median(self.base.measured)))
+        penalty = float(np.log(np.median(self.base.measured)))
         for k, rows in enumerate(new):
             fits = [each.objective for each in self.near[rows]]
             if fits and np.isfinite(fits).all():  # Not so for the root of a negative number
                 self.typical[rows] = float(np.median(fits))
-                ranked.append((self.typical[rows] + price * sum(row.numbers for row in rows), k))
+                ranked.append((self.typical[rows] + penalty * sum(row.numbers for row in rows), k))
         fitted = [self.typical[rows] for rows, fit in self.fitted.items() if fit.is_usable and rows in self.typical]
         relative, margin = settings.MAX_DEVIANCE
         most = relative * min(fitted, default=np.inf) + margin
@@ -176,7 +160,6 @@ class ParametricSearch:
     def _fit_problem(
         self, rows: tuple[CandidateSupport, ...], estimates: Sequence[Estimate]
     ) -> tuple[SearchProblem, Sequence[Estimate], list[Floats]]:
-        """Return the problem of fitting a law, estimated states, and starting values of the coefficients."""
         assembled = assemble_terms(self.base, rows)
         models = tuple(replace(model, terms=assembled.terms) for model in self.base.models)
         excluded = self.base.excluded_terms - int(assembled.terms.is_factor.sum())
@@ -207,18 +190,11 @@ class ParametricSearch:
     def on_finer_mesh(self, best: Fit, points: int) -> "tuple[ParametricSearch, tuple[Estimate, ...]]":
         """Return the search on a finer mesh, and the estimates of the best law there."""
         plain, estimates = self.plain, without_processes(best, best.estimates)
-        base, problem = replace(self.base, starts=estimates), plain.problem.about(plain.estimates)
-        while base.points < points:
-            base = base.finer()
-        while problem.points < points:
-            problem = problem.finer()
-        plain = best_of([rescale_noise(fit_supports(problem, plain.supports, ANY_ERROR))])
+        base = replace(self.base, starts=estimates).with_points(points)
+        problem = plain.problem.about(plain.estimates).with_points(points)
+        plain = best_fit([rescale_noise(fit_supports(problem, plain.supports, ANY_ERROR))])
         finer = replace(self, plain=plain, explored=(plain,), base=base, fitted={}, near={}, typical={})
         return finer, base.starts
-
-    def listed(self) -> list[Fit]:
-        """Return the best law among plain terms, and all usable fits."""
-        return [self.plain, *(fit for fit in self.fitted.values() if fit.is_usable)]
 
 
 def _is_sigmoid(other: ParametricTerm, first: int) -> bool:

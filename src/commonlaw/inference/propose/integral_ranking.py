@@ -81,14 +81,8 @@ def rank_supports(
 ) -> dict[int, list[CandidateSupport]]:
     """Return candidate supports of each equation, ranked by BIC.
 
-    Parameters
-    ----------
-    problem, estimates
-        The measurements, and estimated states along which terms are integrated.
-    others
-        Parametric terms, and terms that are not combined with many plain ones.
-    most
-        The largest number of coefficients and parameters, by equation.
+    Terms are integrated along estimated states; `others` are parametric, or not combined with many plain ones. `most`
+    is the largest number of coefficients and parameters by equation.
     """
     courses, result = object_curves(problem, estimates, others), dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
@@ -164,7 +158,6 @@ class _SumsOfSquares:
 
     @property
     def best(self) -> tuple[float, _Key]:
-        """The least sum of squares, and its set."""
         place = int(np.argmin(self.squares))
         return float(self.squares[place]), (self.sets[place], self.others)
 
@@ -204,7 +197,6 @@ class _Ranking:
         return [self._with_starts(key, parameters[key], objects) for _, key in kept]
 
     def _with_at_most_one(self) -> list[_SumsOfSquares]:
-        """Return sums of squares of plain terms with at most one of the others."""
         columns = [match.plain for match in self.matches]
         repeated = np.all([match.grids.redundant for match in self.matches], axis=0)
         repeated |= np.any([[match.is_collinear(a) for a in range(len(self.others))] for match in self.matches], axis=0)
@@ -298,7 +290,6 @@ class _Ranking:
         return [match.fitted(key[0], parts, own) for match, own in zip(self.matches, inside, strict=True)]
 
     def _shared(self, a: int, parameters: Floats) -> Floats:
-        """Return the parameters that are part of the law."""
         other = self.others[a]
         return parameters[[other.parameters.index(name) for name in other.shared_parameters]]
 

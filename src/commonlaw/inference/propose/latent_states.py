@@ -37,18 +37,10 @@ from commonlaw.trials.trial import property_names
 
 @dataclass(frozen=True)
 class Family:
-    """A candidate equation of a latent state.
+    """A candidate equation of a latent state ``{u}``, which may contain a measured one, ``{x}``.
 
-    Parameters
-    ----------
-    description
-        In words, with ``{x}`` for the measured state in its equation.
-    start
-        Initial value of all trials.
-    estimated
-        The term with an estimated coefficient, of ``{u}`` and ``{x}``; empty if there is none.
-    fixed
-        The term with coefficient one, which fixes the scale; empty if the initial value does.
+    All trials have the initial value `start`. The equation has a term with an estimated coefficient, and one with
+    coefficient one, which fixes the scale; either may be empty.
     """
 
     description: str
@@ -58,7 +50,6 @@ class Family:
 
     @property
     def is_of_state(self) -> bool:
-        """Whether its equation contains a measured state."""
         return "{x}" in self.estimated + self.fixed
 
 
@@ -154,16 +145,9 @@ def _deviance(fit: Fit) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _LatentStateModel:
-    """The search for a law with a latent state of a family.
+    """The search for a law with a latent state of this name, with the equation of a family.
 
-    Parameters
-    ----------
-    without
-        The law without it, whose terms are the candidates.
-    family, followed
-        Its equation, and the measured state in that.
-    name
-        Of the latent state.
+    The terms of the law without it are the candidates; `followed` is the measured state in its equation.
     """
 
     without: Fit
@@ -177,7 +161,6 @@ class _LatentStateModel:
         return self.family.description.format(x=self.followed)
 
     def fitted(self, trials: Trials, most_samples: int) -> Fit:
-        """Return the law of largest evidence."""
         return min(self._run_search(trials, few, most_samples) for few in self._initial_supports)
 
     def restarted(self, trials: Trials, most_samples: int, fit: Fit) -> Fit:
@@ -245,7 +228,6 @@ class _LatentStateModel:
         return quoted(self.name)
 
     def _index(self, text: str) -> int:
-        """Return the index of a term of a family."""
         written = text.format(u=self._symbol, x=quoted(self.followed))
         return self.terms.terms.index(parse_term(written, self.terms.variables))
 
@@ -295,12 +277,7 @@ def drives(variables: Variables) -> tuple[ParametricTerm, ...]:
 def with_forcing_step(pool: Pool, offered: Sequence[ParametricTerm]) -> Pool:
     """Return a pool of laws of second order with needless terms of the best eliminated, and a step on its forcing.
 
-    Parameters
-    ----------
-    pool
-        Laws with and without forcing terms.
-    offered
-        The forcing terms, see `drives`.
+    Forcing terms offered are those of `drives`.
     """
     fit = _eliminate_plain_terms(pool.best)
     terms = fit.problem.terms

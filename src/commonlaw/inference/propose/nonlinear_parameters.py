@@ -8,7 +8,7 @@ values for all objects together, and for each alone.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
+from itertools import islice, product
 from typing import Any
 
 import numpy as np
@@ -42,16 +42,9 @@ from commonlaw.trials import Trials
 class _Profile:
     """The profile likelihood of an object's nonlinear parameters: linear coefficients follow by least squares.
 
-    Parameters
-    ----------
-    terms, known
-        Of the law, and its known coefficients, shape (equations, terms), NaN where they are estimated.
-    values
-        Variables along the smoothed trials, shape (n, variables).
-    targets
-        Rates, or measurements, of each equation, shape (m,).
-    regressors
-        For each equation the linear map from terms, shape (n, terms), to regressors, shape (m, terms).
+    Known coefficients have shape (equations, terms), NaN where they are estimated; variables along the smoothed trials
+    (n, variables). The targets of each equation are rates or measurements, shape (m,); its regressors, shape (m,
+    terms), follow by a linear map from terms, shape (n, terms).
     """
 
     terms: Terms
@@ -62,7 +55,6 @@ class _Profile:
 
     @cached_property
     def divisors(self) -> list[str]:
-        """The code of the denominators of terms."""
         return divisors(self.terms)
 
     @cached_property
@@ -213,21 +205,16 @@ def outcomes_of_parameters(law: Law) -> tuple[Outcome, ...]:
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
     first, found = len(law.terms.variables.measured), dict[str, list[str]]()
-    bent = [
-        any(column >= first for column in law.terms.terms[definition.term].columns())
-        for definition in parameters.definitions
-    ]
+    terms = [law.terms.terms[definition.term] for definition in parameters.definitions]
+    is_nonlinear = np.array([any(column >= first for column in term.columns()) for term in terms], dtype=bool)
     for name, own, known in zip(law.objects, values, errors, strict=True):
-        lost = [
-            letter
-            for letter, there, value, error in zip(parameters.names, bent, own, known, strict=True)
-            if there and settings.SIGNIFICANT * error > abs(value)
-        ]
+        unsure = np.flatnonzero(is_nonlinear & (settings.SIGNIFICANT * known > np.abs(own)))
+        lost = [parameters.names[i] for i in unsure]
         if len(lost) > 1 and {*lost} & {*law.terms.variables.parameters}:
             found.setdefault(" and ".join(lost), []).append(name)
     return tuple(
-        note("parameters-not-separable", ", ".join(objects), parameters=letters, limit=settings.SIGNIFICANT)
-        for letters, objects in found.items()
+        note("parameters-not-separable", ", ".join(objects), parameters=names, limit=settings.SIGNIFICANT)
+        for names, objects in found.items()
     )
 
 
@@ -347,18 +334,16 @@ class _Grid:
         Among those of equal deviance, such as equivalent parametrizations of a saturation, parameters with more
         positive named coefficients come first, then smaller ones.
         """
-        letters = {definition.name: definition for definition in named_parameters(self.law).definitions}
+        definitions = {definition.name: definition for definition in named_parameters(self.law).definitions}
 
         def holds(parameters: Floats) -> bool:
             coefficients = [profile.coefficients(parameters) for profile in profiles] if self.bounds else []
-            return all(
-                bound.holds(letters[bound.name].of(coefficient))
-                for bound in self.bounds
-                for coefficient in coefficients
-            )
+            pairs = product(self.bounds, coefficients)
+            return all(bound.holds(definitions[bound.name].of(coefficient)) for bound, coefficient in pairs)
 
         def preference(parameters: Floats) -> tuple[int, float]:
-            named = [letter.of(profile.coefficients(parameters)) for profile in profiles for letter in letters.values()]
+            found = [profile.coefficients(parameters) for profile in profiles]
+            named = [each.of(coefficients) for coefficients in found for each in definitions.values()]
             return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(parameters)))
 
         listed = [self.values[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
@@ -410,7 +395,6 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
 
 
 def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequence[Floats]) -> None:
-    """Refuse coefficients of which only a combination is identifiable."""
     listed = []
     for profile, parameter in zip(profiles, parameters, strict=True):
         _, sizes, directions = np.linalg.svd(profile.derivatives(parameter, law.order), full_matrices=False)
@@ -434,6 +418,5 @@ def _refuse_combination(law: Law, part: Bools) -> None:
 
 
 def _rms(residuals: Floats) -> float:
-    """Return the root mean square."""
     with np.errstate(over="ignore"):
         return float(np.sqrt(np.mean(residuals**2)))

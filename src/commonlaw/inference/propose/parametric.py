@@ -46,9 +46,13 @@ def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: Progres
             break
         # The first is tried in any equation; others where one of their terms alone, or a ratio, has fewer numbers
         numbers = [each.size + len(each.shared_parameters) for each in offer.terms]
-        search = search.offering(offer, min(numbers, default=2) if i else -1)
+        fewest = min(numbers, default=2) if i else -1
+        # Its terms add to the number of candidate terms
+        base = replace(search.base, excluded_terms=search.base.excluded_terms + offer.count)
+        search = replace(search, base=base, offer=offer, fewest=fewest)
         search, best, rows = _with_offer(search, best, rows, progress)
-    return Pool.of(search.listed(), search.explored)
+    fits = [search.plain, *(fit for fit in search.fitted.values() if fit.is_usable)]
+    return Pool.of(fits, search.explored)
 
 
 def with_parametric_terms_under_errors(
@@ -178,7 +182,6 @@ def _run_search(
 def _eliminate_terms(
     search: ParametricSearch, best: Fit, rows: "tuple[CandidateSupport, ...]", progress: ProgressCallback
 ) -> "tuple[Fit, tuple[CandidateSupport, ...]]":
-    """Return the law of largest evidence in a backward elimination of terms."""
     done, before = partial(_stage, progress, 1.0, 0.0), None
     while best is not before and best is not search.plain:
         before, near = best, without_processes(best, best.estimates)

@@ -63,18 +63,9 @@ def rank_ratios(
 class _Sides:
     """Terms of the numerator, of the denominator and added ones along states of an object, with its measurements.
 
-    Parameters
-    ----------
-    target
-        Measurements of the state over their noise, projected orthogonally to free initial values, shape (m,).
-    integrals
-        The linear operator that integrates rates.
-    added
-        Integrals of plain terms, shape (m, terms).
-    above, below
-        Values of numerator and denominator terms along the states, shape (n, terms).
-    between
-        Values of denominator terms at these states and points between them, shape (k, terms).
+    The target and `integrals` are those of an `IntegralRegression`; integrals of added terms have shape (m, terms).
+    Values of numerator and denominator terms along the states have shape (n, terms), and those of denominator terms at
+    these states and points between them (k, terms).
     """
 
     target: Floats
@@ -86,7 +77,6 @@ class _Sides:
 
     @classmethod
     def of(cls, course: CurveData, equation: int, offered: Ratios) -> "_Sides":
-        """Return the terms of ratios for an equation of an object."""
         match, values = course.regression(equation), course.grids.values
         variables = course.problem.models[course.index].terms.variables
         added, above, below = (Terms(variables, each) for each in (offered.added, offered.above, offered.below))
@@ -208,7 +198,6 @@ class _Ranking:
         return [(value, each) for value, each in pairs if each is not None]
 
     def _all(self) -> dict[_Shape, _Score]:
-        """Return the scores of all compared shapes."""
         result = dict[_Shape, _Score]()
         count = len(self.offered.below)
         listed = [(below, np.ones((len(self.sides), 1))) for below in combinations(range(count), 1)]

@@ -40,7 +40,7 @@ def screen_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> 
         2 * (1 + known.shape[1]) * len(objects) * len(terms) ** 2 + 3 * settings.MAX_SCREENED_SAMPLES * len(terms)
     )
     check_memory(f"screening of {counted(len(terms), 'term')}", size, "take a smaller library")
-    some = subsample(trials, estimated_noise(trials)[0], settings.MAX_SCREENED_SAMPLES).trials
+    some = subsample(trials, estimated_noise(trials)[0], settings.MAX_SCREENED_SAMPLES)[0]
     order, factors = terms.variables.order_of(known.shape[1]), list[Floats]()
     for name, given in zip(objects, known, strict=True):
         pairs = [(trial, smooth_curves(trial, order)) for trial in some.of_object(name)]
@@ -74,16 +74,14 @@ def terms_by_score_test(fit: Fit, terms: Terms) -> Bools:
             own = values[..., is_selected]
             return np.concatenate([own, np.full((*own.shape[:-1], count), new)], axis=-1)
 
-        estimates = tuple(
-            replace(estimate, coefficients=wider(estimate.coefficients, 0.0)) for estimate in fit.estimates
+        models = tuple(replace(model, terms=several) for model in problem.models)
+        wide = replace(
+            fit,
+            problem=replace(problem, models=models, known=wider(problem.known, np.nan)),
+            supports=wider(fit.supports.astype(np.float64), 0.0) > 0,
+            estimates=tuple(replace(each, coefficients=wider(each.coefficients, 0.0)) for each in fit.estimates),
+            alternatives=(),
         )
-        supports = wider(fit.supports.astype(np.float64), 0.0) > 0
-        extended = replace(
-            problem,
-            models=tuple(replace(model, terms=several) for model in problem.models),
-            known=wider(problem.known, np.nan),
-        )
-        wide = replace(fit, problem=extended, supports=supports, estimates=estimates, alternatives=())
         for listed in wide.neighbours():
             for more, support in listed:
                 if more >= 0:

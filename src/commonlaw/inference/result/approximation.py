@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_solutions
@@ -76,11 +76,11 @@ def fits_whole_trials(fit: Fit) -> bool:
         return False
     problem, correlated = fit.problem, fit.problem.errors.correlated
     variances = np.mean(problem.white_std**2, axis=0) + (0.0 if correlated is None else correlated**2)
-    pairs = zip(_residuals_of_trials(fit), variances[_measured(problem.trials)], strict=True)
+    pairs = zip(_residuals_of_trials(fit), variances[~problem.trials.schema.is_latent], strict=True)
     return all(_mean_square(series) <= 4 * variance for series, variance in pairs)
 
 
-def best_of_whole_trials(ranked: Sequence[Pool]) -> int:
+def index_of_best_fit_to_whole_trials(ranked: Sequence[Pool]) -> int:
     """Return the index of the pool whose law fits whole trials best, among several orders.
 
     It is the first, of largest evidence, unless the evidence for a deterministic law of another one is strong, as in
@@ -102,8 +102,8 @@ def best_of_whole_trials(ranked: Sequence[Pool]) -> int:
 def _log_bayes_factor(rival: Fit, others: Iterable[Sequence[Series]]) -> float:
     """Return the least 2 log B of a law over other residuals, with the BIC penalty for its coefficients."""
     residuals, count = _residuals_of_trials(rival), sum(rival.problem.measured)
-    price = rival.size * len(rival.problem.models) * float(np.log(count))
-    return min(log_likelihood_gain(residuals, other) for other in others) - price
+    penalty = rival.size * len(rival.problem.models) * float(np.log(count))
+    return min(log_likelihood_gain(residuals, other) for other in others) - penalty
 
 
 def _without_process_noise(pool: Pool) -> list[Fit]:
@@ -129,42 +129,36 @@ def with_approximation(pool: Pool, outcomes: Sequence[Outcome]) -> tuple[Outcome
 def _residuals_of_trials(fit: Fit) -> list[Series]:
     """Return the residuals of solutions over whole trials, state by state; infinite if no solution can be fitted."""
     trials = fit.problem.trials
-    try:
-        return _residuals(fitted_law(fit.problem.law, fit), trials)
-    except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
-        return _constants(trials, np.inf)
-
-
-@unannounced()
-def _residuals(law: Law, trials: Trials) -> list[Series]:
-    measured = np.concatenate([trial.states for trial in trials])
-    spread = np.nanstd(measured, axis=0)
+    spread = np.nanstd(np.concatenate([trial.states for trial in trials]), axis=0)
     noise = np.where(spread > 0, spread, 1.0)  # Equal weights for the samples of a state, and none is an outlier
-    own = replace(law, uncertainty=Uncertainty(covariance=law.uncertainty.covariance, noise=noise))
-    forecast = own.predict(trials, start="all", averaged=False)
-    pairs = list(zip(forecast.trials, (trajectory.states for trajectory in forecast.trajectories), strict=True))
-    return [
-        [_without_missing(trial.states[:, j] - states[:, j]) for trial, states in pairs]
-        for j in np.flatnonzero(_measured(trials))
+    try:
+        law = fitted_law(fit.problem.law, fit)
+        law = replace(law, uncertainty=Uncertainty(covariance=law.uncertainty.covariance, noise=noise))
+        with unannounced():
+            forecast = law.predict(trials, start="all", averaged=False)
+    except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
+        return _deviations(trials, [np.full_like(trial.states, -np.inf) for trial in trials])
+    return _deviations(forecast.trials, [trajectory.states for trajectory in forecast.trajectories])
+
+
+def _constants(trials: Trials) -> list[Series]:
+    """Return the deviations from the mean of each trial, state by state."""
+    latent = trials.schema.is_latent
+    means = [
+        [[0.0 if hidden else np.nanmean(column) for column, hidden in zip(trial.states.T, latent, strict=True)]]
+        for trial in trials
     ]
+    return _deviations(trials, np.array(means))
 
 
-def _constants(trials: Trials, offset: float = 0.0) -> list[Series]:
-    """Return the deviations from the mean of each trial, state by state, plus a constant."""
-    return [
-        [_without_missing(trial.states[:, j] - np.nanmean(trial.states[:, j]) + offset) for trial in trials]
-        for j in np.flatnonzero(_measured(trials))
-    ]
+def _deviations(trials: Trials, references: Iterable[Floats]) -> list[Series]:
+    """Return the deviations of measurements from reference values, state by state, where there are any.
 
-
-def _measured(trials: Trials) -> Bools:
-    """Return which states were measured, shape (states,); laws may differ in their latent states."""
-    return ~trials.schema.is_latent
-
-
-def _without_missing(residuals: Floats) -> Floats:
-    """Return the residuals without missing values."""
-    return residuals[~np.isnan(residuals)]
+    States are those measured, as laws may differ in their latent states.
+    """
+    pairs, states = list(zip(trials, references, strict=True)), np.flatnonzero(~trials.schema.is_latent)
+    deviations = ([trial.states[:, j] - values[:, j] for trial, values in pairs] for j in states)
+    return [[series[~np.isnan(series)] for series in of_state] for of_state in deviations]
 
 
 def log_likelihood_gain(of: Sequence[Series], over: Sequence[Series]) -> float:

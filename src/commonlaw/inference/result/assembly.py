@@ -5,16 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
-from commonlaw.forecast.population import with_pooled_forecasts
+from commonlaw.array_types import Floats
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.trial_heterogeneity import differing_trials
-from commonlaw.inference.fit.annealing import refit_leading, rescale_noise
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.result.approximation import choose_deterministic, with_approximation
-from commonlaw.inference.result.held_out_forecasts import best_forecaster, standardized_errors, widening_of
+from commonlaw.inference.result.approximation import with_approximation
+from commonlaw.inference.result.held_out_forecasts import StandardizedErrors, interval_inflation
 from commonlaw.inference.result.history import (
     Compared,
     alternatives,
@@ -25,39 +23,26 @@ from commonlaw.inference.result.history import (
 )
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
-from commonlaw.law import Law, PlausibleLaw, Provenance, pool_objects
+from commonlaw.law import Law, PlausibleLaw, Provenance
 from commonlaw.law.alignment import with_parameters_of
 from commonlaw.law.law import with_other_laws
-from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind
-from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.runtime.fit_options import CovarianceKind
 
 
 def assemble(
     pool: Pool,
     *,
-    kinds: Sequence[ErrorKind],
+    errors: Sequence[StandardizedErrors],
+    pooled: Callable[[Law], Law],
     covariance: CovarianceKind,
-    shared: Callable[[Law], Bools],
-    partial_pooling: bool,
     seed: int,
-    progress: ProgressCallback,
+    tried_errors: bool,
 ) -> Law:
     """Return the law of the best fit: terms, coefficients, covariance, plausible alternatives, and the history.
 
-    A law under another error model replaces it if its forecasts are better, see `best_forecaster`. `shared` returns
-    which coefficients of a law are shared by all objects, shape (equations, terms); with partial pooling, forecasts
-    shrink the others to their means, see `commonlaw.law.pool_objects`.
+    Its intervals are inflated by the `errors` of its held-out forecasts, and `pooled` pools the coefficients of the
+    objects for forecasts. Remedies depend on whether other error models were tried.
     """
-
-    def pooled(law: Law) -> Law:
-        return pool_objects(law, shared(law), partial_pooling)
-
-    pool = with_leading_support(choose_deterministic(pool, progress, pooled))
-    if pool.is_approximation:
-        errors = standardized_errors(pool.best, pooled)
-    else:
-        pool, errors = best_forecaster(pool, kinds, pooled, progress)
-    progress("computing standard errors and inclusion probabilities")
     compared = compared_terms(pool)
     fit, is_converged = pool.best, True
     problem = fit.problem
@@ -73,13 +58,13 @@ def assemble(
             inclusion_probabilities=(
                 None if pool.best.score.kind is Kind.FORECASTS else inclusion_probabilities(template, compared)
             ),
-            widening=widening_of(errors),
+            widening=interval_inflation(errors),
         ),
         provenance=replace(
             template.provenance,
             outcomes=(
                 *fit.outcomes,
-                *with_approximation(pool, outcomes(template, fit, is_converged, tried_errors=len(kinds) > 1)),
+                *with_approximation(pool, outcomes(template, fit, is_converged, tried_errors=tried_errors)),
                 *differing_trials(fit),
             ),
             alternatives=alternatives(template, compared, pool.chosen_by),
@@ -92,22 +77,7 @@ def assemble(
         if not any(_is_same(rival, each) for each in (pool.best, *different)):
             different.append(rival)
     others = with_rivals(others, law, [(each.score - fit.score, each) for each in different])
-
-    def with_pooled(law: Law) -> Law:
-        return with_pooled_forecasts(law, shared(law), partial_pooling)
-
-    return with_other_laws(
-        with_pooled(law), tuple(PlausibleLaw(each.probability, with_pooled(each.law)) for each in others)
-    )
-
-
-def with_leading_support(pool: Pool) -> Pool:
-    """Return a pool whose best has the supports that its linearization ranks first, if these have a better fit."""
-    if pool.best.problem.solver is None:
-        return pool
-    fit = refit_leading(pool.best)
-    same = np.array_equal(fit.supports, pool.best.supports)
-    return pool.with_best(fit if same else rescale_noise(fit))
+    return with_other_laws(pooled(law), tuple(each._replace(law=pooled(each.law)) for each in others))
 
 
 def _is_same(one: Fit, other: Fit) -> bool:

@@ -20,7 +20,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.covariance import degrees_of_freedom, fitted_law
-from commonlaw.inference.fit.fit import Fit, best_of
+from commonlaw.inference.fit.fit import Fit, best_fit
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.error_models import GROUPS, fit_each_kind, search_each_group
 from commonlaw.inference.search.pool import Pool
@@ -39,15 +39,9 @@ from commonlaw.trials import Trial, Trials
 class StandardizedErrors:
     """Standardized errors of the forecasts of one trial.
 
-    Parameters
-    ----------
-    ahead
-        Horizon: time since the last sample used for the initial state, shape (n,).
-    sizes
-        Absolute errors over half widths of the 95 % intervals, shape (n, states); NaN for missing values, and for all
-        of a forecast without intervals; infinite for all of one that diverges.
-    reach
-        The half widths, shape (n, states).
+    Horizons `ahead` are times since the last sample used for the initial state, shape (n,). Sizes are absolute errors
+    over half widths of the 95 % intervals, `reach`, both of shape (n, states): NaN for missing values, and for all of a
+    forecast without intervals; infinite for all of one that diverges.
     """
 
     ahead: Floats
@@ -65,7 +59,7 @@ class StandardizedErrors:
         return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(settings.LEVEL)))
 
 
-def widening_of(found: Sequence[StandardizedErrors]) -> Widening | None:
+def interval_inflation(found: Sequence[StandardizedErrors]) -> Widening | None:
     """Return the factors by which intervals are inflated at each horizon; None if nothing was forecast.
 
     With enough held-out trials, the factor is the conformal quantile of the errors near a horizon at the level
@@ -192,7 +186,7 @@ def _fitted_to(fit: Fit, kept: Sequence[Trial]) -> Law:
         for start, i in zip(part.starts, indices, strict=True)
     ]
     part = replace(part, solver=problem.solver, differentiation=problem.differentiation)
-    fitted = best_of([fit_with(part, fit.supports, fit.model_error, starts)])
+    fitted = best_fit([fit_with(part, fit.supports, fit.model_error, starts)])
     law = fitted_law(part.law, fitted)
     degrees = degrees_of_freedom(fit)
     return replace(law, uncertainty=replace(law.uncertainty, degrees_of_freedom=degrees))
@@ -201,7 +195,6 @@ def _fitted_to(fit: Fit, kept: Sequence[Trial]) -> Law:
 def _standardized_errors(
     law: Law, trials: Trials, start: int | None
 ) -> Iterator[tuple[tuple[str, str], StandardizedErrors]]:
-    """Yield the errors of forecasts of trials, by object and name."""
     forecast = law.predict(trials, start=start, return_std=True, tolerance=1e-6)
     forecast = forecast.followed or forecast
     for trial, trajectory, (low, high), ahead in zip(
@@ -231,7 +224,7 @@ def best_forecaster(
     `pooled` pools the coefficients of the objects.
     """
     own = standardized_errors(pool.best, pooled)
-    if not _are_forecasts_off(pool.best, own):
+    if pool.is_approximation or not _are_forecasts_off(pool.best, own):
         return pool, own
     progress("comparing forecasts of held-out data")
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))

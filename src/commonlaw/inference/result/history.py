@@ -7,7 +7,6 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.inference.data.noise import by_columns
 from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.fit.lack_of_fit import in_words
 from commonlaw.inference.fit.latent_initialization import unmeasured_in_words
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
@@ -132,15 +131,13 @@ def _not_identifiable(law: Law) -> tuple[Outcome, ...]:
     lost = dict[str, list[str]]()
     parameters = named_parameters(law)
     for name, values, errors in zip(law.objects, parameters.values, parameters.errors, strict=True):
-        letters = [
-            name for name, value, error in zip(parameters.names, values, errors, strict=True) if error > abs(value)
-        ]
-        if letters:
-            lost.setdefault(", ".join(letters), []).append(name)
-    names = ", ".join(law.schema.initial_values)
+        unsure = [parameters.names[i] for i in np.flatnonzero(errors > abs(values))]
+        if unsure:
+            lost.setdefault(", ".join(unsure), []).append(name)
+    states = ", ".join(law.schema.initial_values)
     return tuple(
-        note("parameters-with-latent-states", ", ".join(objects), states=names, parameters=letters)
-        for letters, objects in lost.items()
+        note("parameters-with-latent-states", ", ".join(objects), states=states, parameters=names)
+        for names, objects in lost.items()
     )
 
 
@@ -152,15 +149,15 @@ def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
 
 def _left(fit: Fit) -> str:
     """Return in words which patterns of the residuals white noise does not explain; nothing under other errors."""
-    return "" if fit.problem.errors else in_words(fit.departures)
+    return "" if fit.problem.errors else "; ".join(fit.departures)
 
 
 def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
     """Return which samples were fitted, if these are not all, and which states were never measured in a trial."""
     why = "sample limit of the trajectory likelihood"
-    lacking = unmeasured_in_words(problem.trials)
-    latent = Step("latent states", lacking, "estimated jointly with the law, identified by the other trials")
-    return (*((Step("samples", problem.samples, why),) if problem.samples else ()), *((latent,) if lacking else ()))
+    unmeasured = unmeasured_in_words(problem.trials)
+    latent = Step("latent states", unmeasured, "estimated jointly with the law, identified by the other trials")
+    return (*((Step("samples", problem.samples, why),) if problem.samples else ()), *((latent,) if unmeasured else ()))
 
 
 def history(law: Law, fit: Fit, compared: Sequence[Compared], chosen_by: str) -> tuple[Step, ...]:
@@ -216,7 +213,7 @@ def fit_steps(fit: Fit) -> tuple[Step, ...]:
         levels = levels_in_words(errors.correlated, schema)
         result.append(Step("autocorrelated errors", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
     deviance, count = sum(estimate.deviance for estimate in fit.estimates), sum(problem.measured)
-    deviance += float(np.sum(problem.measurements.pure_error[0] / problem.noise**2))
+    deviance += float(np.sum(problem.pure_error[0] / problem.noise**2))
     return (
         *result,
         model_error_step(fit),
@@ -247,7 +244,6 @@ def model_error_step(fit: Fit) -> Step:
 
 
 def _why(listed: Compared, chosen_by: str) -> str:
-    """Return what speaks for the chosen support of an equation."""
     if len(listed) == 1:
         return "no other support was compared" if chosen_by == Kind.EVIDENCE else chosen_by
     _, (names, ahead), *_ = listed.items()

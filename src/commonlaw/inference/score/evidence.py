@@ -37,20 +37,9 @@ class NoiseScale:
 
         s^2 = max((R - outliers + prior) / (freedom - k), least),
 
-    and integrating it out gives a Student t likelihood of `freedom` degrees of freedom.
-
-    Parameters
-    ----------
-    count
-        Measured numbers n.
-    freedom
-        Degrees of freedom before coefficients are fitted, prior observations included; infinite for known noise.
-    prior
-        Sum of squares of the prior observations.
-    outliers
-        Contribution of outliers to sums of squares, which does not count as noise.
-    least
-        Lower bound of the variance.
+    and integrating it out gives a Student t likelihood of `freedom` degrees of freedom: those before coefficients are
+    fitted, prior observations included; infinite for known noise. `count` are the measured numbers n. The contribution
+    of outliers to sums of squares does not count as noise, and `least` is the lower bound of the variance.
     """
 
     count: int
@@ -62,10 +51,6 @@ class NoiseScale:
     def without(self, coefficients: int) -> "NoiseScale":
         """Return the posterior with fewer degrees of freedom, for coefficients that are fitted besides."""
         return replace(self, freedom=self.freedom - coefficients)
-
-    def with_outliers(self, outliers: float, count: int) -> "NoiseScale":
-        """Return the posterior with so many outliers, which contribute `outliers` to sums of squares."""
-        return replace(self, outliers=outliers, freedom=self.freedom - count)
 
     def variance(self, squares: float, coefficients: int) -> float:
         """Return the noise variance s^2 given the residual sum of squares of so many coefficients."""
@@ -97,21 +82,10 @@ def minus_twice_log_evidence(
 ) -> float:
     """Return minus twice the log-evidence of a support of one equation that all objects share.
 
-    Where it is not below `needed`, a lower bound that takes less time is returned.
-
-    Parameters
-    ----------
-    factors
-        The triangular factor of each object's least-squares problem, which has one target and residuals of unit
-        variance, shape (objects, terms + 1, terms + 1).
-    indices
-        Of the terms. The coefficients of the last so many as are `common` do not differ between objects.
-    noise_scale
-        The posterior of the noise variance.
-    needed
-        The value below which the evidence is computed exactly.
-    common
-        Number of shared coefficients.
+    Where it is not below `needed`, a lower bound that takes less time is returned. The triangular factors of the
+    objects' least-squares problems have one target and residuals of unit variance, shape (objects, terms + 1, terms +
+    1). Indices are those of the terms; the coefficients of the last so many as are `common` do not differ between
+    objects.
     """
     library = kernel()
     if library is not None:
@@ -198,7 +172,6 @@ def _along_mean(effects: RandomEffects, common: int) -> RandomEffects | None:
 
 
 def _worst_condition(objects: int) -> float:
-    """Return the largest condition number of the information on identifiable coefficients."""
     return WORST_CONDITION if objects > 1 else MIN_SINGULAR_VALUE**-2
 
 

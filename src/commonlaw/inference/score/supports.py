@@ -155,7 +155,6 @@ class SupportEvidence:
             best = better
 
     def _equation(self, supports: Bools, equation: int, alone: Sequence[LeastSquaresProblem]) -> "_EquationEvidence":
-        """Return the evidence for one equation by its problems, given the terms of the others."""
         others = int(np.delete(supports, equation, axis=0).sum())
         noise_scale = self.noise_scale.without(others * len(self.problems))
         return _EquationEvidence(np.array([problem.factor for problem in alone]), noise_scale, self.structure_prior)
@@ -174,7 +173,6 @@ class SupportEvidence:
 
     @property
     def _chosen(self) -> list[int]:
-        """The equations whose terms are selected."""
         return [j for j in range(len(self.allowed)) if self.stated is None or not self.stated[j]]
 
     @cached_property

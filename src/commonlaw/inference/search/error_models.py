@@ -121,10 +121,8 @@ def fit_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[Error
     fits, white = list[Fit](), problem.under_white_noise
     for begin in (white, problem) if problem.errors else (white,):
         solved = fit_solutions(begin, supports)
-        fitted_kinds = [
-            kind for kind in kinds if kind != "random-walk" and (begin is white or kind == problem.errors.kind)
-        ]
-        fits += [estimate_error_model(solved, kind) for kind in fitted_kinds]
+        possible = [kind for kind in kinds if begin is white or kind == problem.errors.kind]
+        fits += [estimate_error_model(solved, kind) for kind in possible if kind != "random-walk"]
     if "random-walk" in kinds:
         fits.append(estimate_error_model(fit_supports(white, supports), "random-walk"))
     return [fit for fit in fits if fit.is_usable]
@@ -155,16 +153,12 @@ def _fit_all_pairs(pools: Sequence[Pool], others: Sequence[Bools]) -> list[Fit]:
     distinct = list({each.tobytes(): each for each in listed if each.sum(axis=1).max() <= most}.values())
     fits = list[Fit]()
     for pool in pools:
-        values = [pool.best.evidence.value(each) for each in distinct]
-        fits += [fit_under_errors_of(pool.best, distinct[i]) for i in np.argsort(values)[: settings.MAX_PROPOSED]]
+        best = pool.best
+        values = [best.evidence.value(each) for each in distinct]
+        for supports in (distinct[i] for i in np.argsort(values)[: settings.MAX_PROPOSED]):
+            fit = fit_with(best.problem, supports, best.model_error)
+            fits.append(rescale_noise(fit) if best.errors == "white" else estimate_error_model(fit, best.errors))
     return [fit for fit in fits if fit.is_usable]
-
-
-def fit_under_errors_of(fit: Fit, supports: Bools) -> Fit:
-    """Return supports, shape (equations, terms), under the error model of a fit with its levels estimated again."""
-    if fit.errors == "white":
-        return fit_solutions(fit.problem, supports)
-    return estimate_error_model(fit_with(fit.problem, supports, fit.model_error), fit.errors)
 
 
 def most_probable(fits: Sequence[Fit], needed: float = 0.0) -> Fit:
@@ -194,21 +188,14 @@ def estimate_error_model(fit: Fit, kind: ErrorKind) -> Fit:
 
 def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
     levels = _Levels(problem, kind)
-    count = int(
-        np.clip(
-            np.ceil(settings.LEVEL_MEASUREMENTS / np.mean(problem.measured)), settings.MIN_OBJECTS, settings.MAX_OBJECTS
-        )
-    )
-    indices = evenly_spaced(len(problem.models), count)
-    subset, estimates = (
-        levels.problem(levels.starts[0], problem.of_objects(indices)),
-        [fit.estimates[i] for i in indices],
-    )
-    about = LinearizedObjects(subset.models, subset.padded(estimates), fit.supports & subset.allowed)
+    wanted = np.ceil(settings.LEVEL_MEASUREMENTS / np.mean(problem.measured))
+    count = int(np.clip(wanted, settings.MIN_OBJECTS, settings.MAX_OBJECTS))
+    indices, starts = evenly_spaced(len(problem.models), count), levels.starts
+    subset = levels.problem(starts[0], problem.of_objects(indices))
+    estimates = subset.padded([fit.estimates[i] for i in indices])
+    about = LinearizedObjects(subset.models, estimates, fit.supports & subset.allowed)
     value = partial(_value, levels, subset, about)
-    starts = [(value(start), i) for i, start in enumerate(levels.starts)]
-    index = min(starts)[1]
-    optimum = minimum(value, levels.starts[index], *levels.bounds)
+    optimum = minimum(value, min(starts, key=value), *levels.bounds)
     changed = levels.problem(optimum, problem)
     return fitted(changed, changed.padded(fit.estimates), fit.supports, levels.model_error(optimum))
 
@@ -226,7 +213,6 @@ class _Levels:
         return values[:d], ERRORS[self.kind].model(values[d:])
 
     def problem(self, logs: Floats, before: SearchProblem) -> SearchProblem:
-        """Return a problem with these levels."""
         return before.with_errors(*self.errors(logs), "maximum-marginal-likelihood estimate under this error model")
 
     def model_error(self, logs: Floats) -> float:
@@ -236,8 +222,8 @@ class _Levels:
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper bounds, each of shape (levels and times,)."""
-        scales, floor, noise = self._scales, noise_floor(self.before.trials), self.before.noise_estimate
-        fixed = self.before.noise_given | self.before.trials.schema.is_latent
+        trials, noise = self.before.trials, self.before.noise_estimate
+        scales, floor, fixed = self._scales, noise_floor(trials), self.before.noise_given | trials.schema.is_latent
         least, largest = ERRORS[self.kind].bounds(scales)
         low = np.append(np.where(fixed, noise, floor), least)
         high = np.append(np.where(fixed, noise, np.maximum(scales.states, floor)), largest)
@@ -250,15 +236,12 @@ class _Levels:
         others = ERRORS[self.kind].starts(noise, low[len(noise) :], high[len(noise) :])
         return [np.clip(np.append(noise, each), low, high) for each in others]
 
-    @cached_property
+    @property
     def _scales(self) -> Scales:
-        problem, d = self.before, len(self.before.noise)
-        groups = [problem.trials.of_object(name) for name in problem.trials.objects]
-        trials = [trial for group in groups for trial in group]
-        curves = [curve[:, -d:] for group in problem.smoothed for curve in group]
-        states = np.where(
-            problem.trials.schema.is_latent, noise_floor(problem.trials), within_trial_std(problem.trials)
-        )
+        whole, d = self.before.trials, len(self.before.noise)
+        trials = [trial for name in whole.objects for trial in whole.of_object(name)]
+        curves = [curve[:, -d:] for group in self.before.smoothed for curve in group]
+        states = np.where(whole.schema.is_latent, noise_floor(whole), within_trial_std(whole))
         rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, trials, strict=True)]
         steps = np.concatenate([np.diff(trial.times) for trial in trials])
         longest = max(float(trial.times[-1] - trial.times[0]) for trial in trials)
@@ -269,16 +252,16 @@ class _Levels:
 
 def _value(levels: _Levels, problem: SearchProblem, about: LinearizedObjects, logs: Floats) -> float:
     """Return minus twice the log-evidence at given levels, with the likelihood linearised about the estimates."""
-    measurements, (noise, errors), model_error = problem.measurements, levels.errors(logs), levels.model_error(logs)
-    std = measurements.white_std(noise, errors)
+    (noise, errors), model_error, count = levels.errors(logs), levels.model_error(logs), sum(problem.measured)
+    std = problem.white_std_at(noise, errors)
     try:
         factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
     except NotPositiveError:
         return 1e12
-    prior = measurements.noise_scale(noise, errors, std).prior
-    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), NoiseScale(measurements.count))
-    price = measurements.level_penalty(noise, errors, std) + model_error_penalty(model_error, measurements.count)
-    optimum = evidence + prior + log_determinant + price
+    prior = problem.noise_scale_at(noise, errors, std).prior
+    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), NoiseScale(count))
+    penalty = problem.level_penalty(noise, errors, std) + model_error_penalty(model_error, count)
+    optimum = evidence + prior + log_determinant + penalty
     return optimum if np.isfinite(optimum) else 1e12
 
 

@@ -6,7 +6,6 @@ supports. With long trials or many objects it runs on a subset; all samples then
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -18,20 +17,21 @@ from commonlaw.inference.fit.annealing import (
     fit_supports,
     fit_with,
     refine_support,
+    refit_leading,
     rescale_noise,
     search,
     with_neighbours,
 )
 from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
-from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, best_of
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, best_fit
 from commonlaw.inference.fit.lack_of_fit import with_proportional_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.pool import Pool
-from commonlaw.inference.search.setup import FitSetup, error_kinds, with_interpolation
+from commonlaw.inference.search.setup import FitSetup, with_interpolation
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Step
 from commonlaw.library import Terms
-from commonlaw.likelihood import meshes, threads_are_worthwhile
+from commonlaw.likelihood import threads_are_worthwhile
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.parallel import in_parallel
 from commonlaw.runtime.progress import ProgressCallback, Stage, part
@@ -107,7 +107,7 @@ def fit_terms(setup: FitSetup) -> Pool:
     Raises `CommonlawError` if a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     problem = setup.problem()
-    fit = best_of([fit_supports(problem, problem.allowed, ANY_ERROR)])
+    fit = fit_supports(problem, problem.allowed, ANY_ERROR)
     return Pool((rescale_noise(until_resolved(fit, lambda finer: finer)),))
 
 
@@ -116,7 +116,6 @@ def choose_interpolation(
     trials: Trials,
     *,
     input_interpolation: str,
-    errors: ErrorKind | Literal["auto"],
     progress: ProgressCallback,
     is_chosen: bool = False,
 ) -> tuple[Pool, list[Step]]:
@@ -126,9 +125,8 @@ def choose_interpolation(
     `input_interpolation` is ``"auto"``. If plain terms have already chosen that of the trials (`is_chosen`), it is
     replaced only by one without lack of fit.
 
-    Raises `CommonlawError` if the likelihood cannot be computed, or the error model is not defined for the trials.
+    Raises `CommonlawError` if the likelihood cannot be computed.
     """
-    error_kinds(errors, trials.schema)
     pool, steps = begin(trials, part(progress, 0.0, 0.75)), list[Step]()
     if input_interpolation == "auto" and any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
         progress("comparing interpolations of inputs between samples")
@@ -145,29 +143,18 @@ def best_interpolation(fit: Fit, is_chosen: bool) -> Step:
     the law has no lack of fit under the other.
     """
     before, gains = fit.problem.trials.schema.input_interpolation, dict[str, float]()
-    for other in (_with_interpolation(fit, each) for each in BETWEEN if each != before):
+    for between in (each for each in BETWEEN if each != before):
+        problem = fit.problem.with_meshes_of(with_interpolation(fit.problem.trials, between))
+        other = fit_supports(problem, fit.supports, ANY_ERROR)
         gain = fit.score - other.score
         if gain > settings.STRONG and not (is_chosen and other.lack_of_fit):
-            gains[other.problem.trials.schema.input_interpolation] = gain
+            gains[between] = gain
     if gains:
-        best = max(gains, key=lambda each: gains[each])
+        best = max(gains, key=gains.__getitem__)
         why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
         return Step("inputs", best, why)
     why = "the evidence for no other interpolation is strong, or the law has a lack of fit with it"
     return Step("inputs", before, f"between samples: {why}")
-
-
-def _with_interpolation(fit: Fit, between: str) -> Fit:
-    """Return the fit of the same supports under another input interpolation."""
-    problem = fit.problem
-    groups = [problem.trials.of_object(name) for name in problem.trials.objects]
-    models = tuple(
-        replace(model, meshes=meshes(group, problem.points, input_interpolation=between))
-        for model, group in zip(problem.models, groups, strict=True)
-    )
-    changed = replace(problem, trials=with_interpolation(problem.trials, between), models=models)
-    changed = changed.with_errors(problem.noise, problem.errors, problem.noise_reason)
-    return fit_supports(changed, fit.supports, ANY_ERROR)
 
 
 def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
@@ -184,7 +171,7 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
 
     fit, done = pool.best, set[bytes]()
     while True:
-        fit = best_of([rescale_noise(until_resolved(fit, reselect))])
+        fit = best_fit([rescale_noise(until_resolved(fit, reselect))])
         if fit.problem.solver is None:
             return pool.with_best(fit)
         done.add(fit.supports.tobytes())
@@ -193,6 +180,15 @@ def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
             return pool.with_best(best)
         progress("fitting more plausible candidates")
         fit = best
+
+
+def with_leading_support(pool: Pool) -> Pool:
+    """Return a pool whose best has the supports that its linearization ranks first, if these have a better fit."""
+    if pool.best.problem.solver is None:
+        return pool
+    fit = refit_leading(pool.best)
+    same = np.array_equal(fit.supports, pool.best.supports)
+    return pool.with_best(fit if same else rescale_noise(fit))
 
 
 def subproblems(problem: SearchProblem, prepare_problem: Callable[..., SearchProblem]) -> list[SearchProblem]:

@@ -12,7 +12,6 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
 from commonlaw.inference.score.score import Kind, Score
-from commonlaw.law import Law
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import with_rates
 from commonlaw.likelihood import variance_of_rates
@@ -20,18 +19,12 @@ from commonlaw.likelihood import variance_of_rates
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Fits of different models to the same trials.
+    """Fits of different models to the same trials, the best first, then its rivals.
 
-    Parameters
-    ----------
-    fits
-        The best first, then its rivals. Those whose problem has a solver were selected among plain terms.
-    explored
-        All fits of the search among plain terms, the largest evidence first.
-    approximations
-        Fits of largest evidence under white noise, if the best has process noise.
-    is_approximation
-        Whether the best replaces a law with process noise because its solutions fit whole trials better.
+    Those whose problem has a solver were selected among plain terms; `explored` are all fits of that search, the
+    largest evidence first. If the best has process noise, `approximations` are fits of largest evidence under white
+    noise. The best `is_approximation` if it replaces a law with process noise because its solutions fit whole trials
+    better.
 
     Raises `CommonlawError` if the best fit failed.
     """
@@ -58,7 +51,6 @@ class Pool:
         return cls((*first, *last), explored, tuple(approximations))
 
     def joined(self, others: Sequence[Fit] = (), approximations: Sequence[Fit] = ()) -> "Pool":
-        """Return the pool with other fits."""
         return Pool.of((*self.fits, *others), self.explored, (*self.approximations, *approximations))
 
     def with_best(self, fit: Fit) -> "Pool":
@@ -67,12 +59,10 @@ class Pool:
 
     @property
     def best(self) -> Fit:
-        """The chosen fit."""
         return self.fits[0]
 
     @property
     def rivals(self) -> tuple[Fit, ...]:
-        """The others."""
         return self.fits[1:]
 
     @property
@@ -90,19 +80,16 @@ class Pool:
 
     def proposals(self) -> Iterator[Bools]:
         """Yield supports of large evidence under the error model of the best, and those on the path of the solver."""
-        best = self.best
+        best, solver = self.best, self.best.problem.solver
+        assert solver is not None
         yield best.supports
         yield from (fit.supports for fit in self.explored[: settings.MAX_PROPOSED])
-        equations, solver = range(len(best.supports)), best.problem.solver
-        assert solver is not None
-        for j, listed in zip(equations, best.neighbours(), strict=True):
-            yield from (_with_support(best.supports, j, own) for _, own in listed[: settings.MAX_PROPOSED])
-        for j in equations:
-            yield from (_with_support(best.supports, j, own) for own in best.evidence.path(best.supports, j, solver))
-
-    def law(self) -> Law:
-        """Return the law of the best fit, with coefficients and standard errors."""
-        return fitted_law(self.best.problem.law, self.best)
+        near = [[support for _, support in listed[: settings.MAX_PROPOSED]] for listed in best.neighbours()]
+        paths = [best.evidence.path(best.supports, j, solver) for j in range(len(best.supports))]
+        for j, support in ((j, each) for group in (near, paths) for j, listed in enumerate(group) for each in listed):
+            supports = best.supports.copy()
+            supports[j] = support
+            yield supports
 
     @cached_property
     def is_determined(self) -> bool:
@@ -111,20 +98,13 @@ class Pool:
         A term is kept for what it explains. If its coefficient is smaller than its standard error all the same, terms
         are collinear and the likelihood is flat along a combination of them.
         """
-        law = self.law()
+        law = fitted_law(self.best.problem.law, self.best)
         chosen = np.broadcast_to(self.best.supports, law.coefficients.shape)
         values, errors = law.coefficients[chosen], standard_errors(law)[chosen]
         ratios = np.divide(values, errors, out=np.full_like(values, np.inf), where=~(errors <= 0))
         squares = np.nan_to_num(ratios.reshape(len(law.objects), -1) ** 2, posinf=np.inf)
         of_terms, of_objects = squares.mean(axis=0), squares.max(axis=1, initial=0.0)
         return not squares.size or bool(min(*of_terms, *of_objects) > 1)
-
-
-def _with_support(supports: Bools, equation: int, support: Bools) -> Bools:
-    """Return supports with that of one equation replaced by another one, shape (terms,)."""
-    changed = supports.copy()
-    changed[equation] = support
-    return changed
 
 
 def score_of_order(fit: Fit) -> Score:
@@ -144,9 +124,9 @@ def score_of_order(fit: Fit) -> Score:
     if not len(with_rates(problem.order, states)):
         return score
     rates = np.concatenate([each[:, states:] for own in problem.smoothed for each in own])
-    variances, price = np.nanmean(rates**2, axis=0), 0.0
+    variances, penalty = np.nanmean(rates**2, axis=0), 0.0
     for model, estimate in zip(problem.models, fit.estimates, strict=True):
         for mesh, found, _ in model.parts(estimate):
             starts = found[mesh.first, states : model.width]
-            price += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
-    return score.plus("initial conditions", price)
+            penalty += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
+    return score.plus("initial conditions", penalty)

@@ -16,7 +16,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched, matched_noise, measured_schema
+from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms
@@ -67,22 +67,11 @@ def _leave_one_out_squares(trial: Trial) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class FitSetup:
-    """A law of given terms, and the trials that its coefficients are fitted to.
+    """A law of given terms, and the trials of its objects that its coefficients are fitted to.
 
-    Parameters
-    ----------
-    law
-        Of the objects of the trials.
-    trials
-        The measurements in the units of the law, transformed by `transform_trials`.
-    noise
-        Standard deviation of each state's noise, shape (states,), if it is known.
-    huber_threshold
-        Standard deviations beyond which a measurement counts as an outlier, infinite for none.
-    input_interpolation
-        The interpolation of inputs between samples, or ``"auto"``, which begins with what these support.
-    priors
-        Priors of the coefficients of each object, None for flat; all flat if empty.
+    Trials are in the units of the law, transformed by `transform_trials`. Known noise has shape (states,). The
+    interpolation of inputs may be ``"auto"``, which begins with what these support. Priors of the coefficients of each
+    object are None for flat; all are flat if empty.
     """
 
     law: Law
@@ -118,7 +107,12 @@ class FitSetup:
         check_gaps(tuple(trials), trials.schema)
         between = law.schema.input_interpolation if input_interpolation is None else input_interpolation
         trials = transform_trials(trials, law.schema.logarithmic, between)
-        return cls(_of_objects(law, trials), trials, known_noise(levels, trials), huber_threshold, between)
+        if law.order == 0:
+            raise CommonlawError("discrete-not-refined")
+        law = law.select(trials.objects)
+        if not shares_terms(law):
+            raise CommonlawError("refine-own-terms")
+        return cls(law, trials, known_noise(levels, trials), huber_threshold, between)
 
     @property
     def known(self) -> Floats:
@@ -130,21 +124,16 @@ class FitSetup:
 
     def problem(self) -> SearchProblem:
         """Return the measurements prepared for a fit of the terms of the law."""
-        noise, huber, law = self.noise, self.huber_threshold, self.law
-        begin = law.coefficients
-        problem = prepare(self.trials, law.terms, self.known, noise=noise, huber_threshold=huber, guess=begin)
+        problem = prepare(
+            self.trials,
+            self.law.terms,
+            self.known,
+            noise=self.noise,
+            huber_threshold=self.huber_threshold,
+            guess=self.law.coefficients,
+        )
         problem = replace(problem, residuals_estimate_noise=problem.is_determined(int(np.isnan(self.known).sum())))
         return problem.with_priors(self.priors) if self.priors else problem
-
-
-def _of_objects(law: Law, trials: Trials) -> Law:
-    """Return the law of the objects of these trials."""
-    if law.order == 0:
-        raise CommonlawError("discrete-not-refined")
-    law = law.select(trials.objects)
-    if not shares_terms(law):
-        raise CommonlawError("refine-own-terms")
-    return law
 
 
 def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[ErrorKind, ...]:
@@ -156,13 +145,6 @@ def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[Er
     if errors in grown:
         raise CommonlawError("log-states-with-errors", states=schema.logarithmic)
     return tuple(kind for kind in (ERRORS if errors == "auto" else (errors,)) if kind not in grown)
-
-
-def check_one_scale(laws: Sequence[Law]) -> None:
-    """Refuse to compare laws with states on different scales."""
-    scales = [", ".join(measured_schema(law).logarithmic) or "none" for law in laws]
-    if len(set(scales)) > 1:
-        raise CommonlawError("log-states-differ", scales=dict.fromkeys(scales))
 
 
 def on_log_scale(law: Law, states: Sequence[str]) -> Law:

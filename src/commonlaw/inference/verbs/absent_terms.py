@@ -241,7 +241,6 @@ def _observed(
 
 
 def _with_term(law: Law, name: str) -> Law:
-    """Return a law whose library contains a term."""
     bare = replace(
         law, provenance=Provenance(), uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=())
     )

@@ -16,7 +16,7 @@ from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.pool import Pool, score_of_order
-from commonlaw.inference.search.setup import FitSetup, check_one_scale, error_kinds
+from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched, measured_schema
@@ -105,7 +105,9 @@ def compare(
     states = [measured_schema(law).measured if observed else law.schema.states for law in laws.values()]
     if len(listed := dict.fromkeys(", ".join(sorted(state)) for state in states)) > 1:
         raise CommonlawError("laws-of-other-states", states=listed)
-    check_one_scale(list(laws.values()))
+    scales = dict.fromkeys(", ".join(measured_schema(law).logarithmic) or "none" for law in laws.values())
+    if len(scales) > 1:
+        raise CommonlawError("log-states-differ", scales=scales)
     if observed:
         refuse_client(client)
         check_white(changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold}))
@@ -126,7 +128,10 @@ def compare(
     with threads(n_jobs):
         fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
         finest = max(pool.best.problem.points for pool in fitted)
-        pools = in_parallel(lambda pool: _on_mesh(pool.best, finest), fitted)
+        # Evidence compares on one mesh alone
+        fits = [pool.best for pool in fitted]
+        fits = in_parallel(lambda fit: fit_supports(fit.problem.with_points(finest), fit.supports, ANY_ERROR), fits)
+        pools = [Pool((fit,)) for fit in fits]
         best = min((pool.best for pool in pools), key=score)
         if errors != "auto" or best.departures or best.lack_of_fit:
             kinds = error_kinds(errors, trials.schema)
@@ -149,11 +154,9 @@ def _frame(
     departs: Sequence[bool],
     above: Floats,
 ) -> "pd.DataFrame":
-    """Return the table of `compare`, from minus twice the log-evidence above the least."""
     import pandas as pd
 
     lines = [[] if law.observation is None else law.observation.lines for law in laws.values()]
-    weights = np.exp(-above / 2)
     frame = pd.DataFrame(
         {
             "law": list(laws),
@@ -162,16 +165,19 @@ def _frame(
             "errors": errors,
             "model error": departs,
             "2 log B": above,
-            "probability": weights / weights.sum(),
         }
     )
-    return frame.sort_values("2 log B", ignore_index=True)
+    return _with_probabilities(frame)
+
+
+def _with_probabilities(frame: "pd.DataFrame") -> "pd.DataFrame":
+    weights = np.exp(-frame["2 log B"] / 2)
+    return frame.assign(probability=weights / weights.sum()).sort_values("2 log B", ignore_index=True)
 
 
 def _of_observations(
     laws: Mapping[str, Law], trials: Trials | TrialStream, noise: Mapping[str, float] | None
 ) -> "pd.DataFrame":
-    """Return what `compare` says of laws of which some have an observation."""
     if isinstance(trials, TrialStream):
         raise CommonlawError("not-refined-file-by-file", what="observation equations")
     units = dict[str, str]()
@@ -202,17 +208,12 @@ def compare_by_parts(
 
     light = {name: average_law(law) for name, law in laws.items()}
     frames = done_in_parts(partial(_of_part, light, settings), parts, f"comparing {len(laws)} laws", progress)
-    said = pd.concat(frames).groupby("law", sort=False)
-    frame = said.agg(
-        {"equations": "first", "coefficients": "first", "errors": _listed, "model error": "any", "2 log B": "sum"}
-    ).reset_index()
+    rows = pd.concat(frames).groupby("law", sort=False)
+    merged: dict[str, Any] = dict.fromkeys(("equations", "coefficients"), "first")
+    merged |= {"errors": lambda errors: ", ".join(dict.fromkeys(errors)), "model error": "any", "2 log B": "sum"}
+    frame = rows.agg(merged).reset_index()
     frame["2 log B"] -= frame["2 log B"].min()
-    weights = np.exp(-frame["2 log B"] / 2)
-    return frame.assign(probability=weights / weights.sum()).sort_values("2 log B", ignore_index=True)
-
-
-def _listed(errors: "pd.Series[str]") -> str:
-    return ", ".join(dict.fromkeys(errors))
+    return _with_probabilities(frame)
 
 
 def _of_part(laws: Mapping[str, Law], settings: Mapping[str, Any], part: TrialStream) -> "pd.DataFrame":
@@ -237,11 +238,3 @@ def written_alike(law: Law, schema: Schema) -> Law:
         uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=()),
         provenance=Provenance(),
     )
-
-
-def _on_mesh(fit: Fit, points: int) -> Pool:
-    """Return what was fitted, as it is on a mesh of so many points: evidence compares on one mesh alone."""
-    fine = fit.problem
-    while fine.points < points:
-        fine = fine.finer()
-    return Pool((fit_supports(fine, fit.supports, ANY_ERROR),))

@@ -14,7 +14,7 @@ from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, standard_errors
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.tables import LOG_SCORE
-from commonlaw.runtime.progress import Stage
+from commonlaw.runtime.progress import Stage, silent
 from commonlaw.text import counted
 from commonlaw.trials import Trials
 
@@ -24,16 +24,9 @@ _MEASURES = ("2 log B", LOG_SCORE, "held-out error", "BIC", "EBIC", "AIC", "AICc
 
 @dataclass(frozen=True, eq=False)
 class CandidateLaw:
-    """A law with an alternative support.
+    """A law with an alternative support, fitted to the trials, or the chosen law.
 
-    Parameters
-    ----------
-    law
-        Fitted to the trials.
-    evidence
-        2 log B relative to the most probable candidate, summed over equations; None if not computed.
-    chosen
-        Whether it is the chosen law.
+    Its evidence is 2 log B relative to the most probable candidate, summed over equations; None if not computed.
     """
 
     law: Law
@@ -96,6 +89,8 @@ def iterate_candidates(law: Law, trials: Trials, most: int, progress: Callable[[
 def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool = False) -> CandidateLaw:
     """Return the law with other terms of its library, fitted as by `candidate_laws`.
 
+    Raises `CommonlawError` if there is no term, or coefficients cannot be found for them.
+
     Parameters
     ----------
     law
@@ -106,11 +101,6 @@ def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool =
         Which terms it has, shape (equations, terms); known coefficients are always kept.
     own_noise
         Whether the white noise is estimated from its own residuals, and not that of the law.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no term, or coefficients cannot be found for them.
 
     Examples
     --------
@@ -124,11 +114,25 @@ def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool =
     """
     if not np.any(support):
         raise CommonlawError("law-without-terms")
+    certain, evidence = (standard_errors(law) == 0).all(axis=0), _evidence(law, support)
+    support = support | certain
+    free = np.where(certain[support], 0.0, 1.0)
+    template = replace(
+        law,
+        coefficients=np.where(certain, law.coefficients, support * 1.0),
+        uncertainty=Uncertainty(np.tile(np.diag(free), (len(law.objects), 1, 1))),
+        provenance=Provenance(law.provenance.differentiation),
+    )
+    # White noise has the level of the law; levels of other errors are estimated, as they depend on the lack of fit
+    kind, levels, noise = law.uncertainty.error_model.kind, law.uncertainty.noise, dict[str, float]()
+    if not (own_noise or levels is None or kind != "white"):
+        pairs = zip(law.schema.states, levels.tolist(), strict=True)
+        noise = {name: level for name, level in pairs if name not in trials.schema.noise_columns}
     try:
-        fitted = _fitted(law, support, trials, own_noise)
+        fitted = refine(template, trials, noise=noise or None, errors=kind, progress=silent)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise CommonlawError("terms-cannot-be-fitted", error=error) from None
-    return CandidateLaw(fitted, _evidence(law, support), False)
+    return CandidateLaw(fitted, evidence, False)
 
 
 def _supports(law: Law, most: int) -> list[Bools]:
@@ -146,7 +150,6 @@ def _supports(law: Law, most: int) -> list[Bools]:
 
 
 def _in_one_equation(law: Law) -> Iterator[Bools]:
-    """Yield supports with an alternative in one of the equations, the best first."""
     known = (
         [value for name in _MEASURES if (value := alternative.measures.get(name)) is not None]
         for alternative in law.provenance.alternatives
@@ -200,29 +203,3 @@ def _evidence(law: Law, support: Bools) -> float | None:
     pairs = zip(left_hand_sides(law), support, strict=True)
     known = [measures.get((left, frozenset(terms[own]))) for left, own in pairs]
     return None if any(each is None for each in known) else float(sum(each or 0.0 for each in known))
-
-
-def _fitted(law: Law, support: Bools, trials: Trials, own_noise: bool = False) -> Law:
-    """Return the law with other terms, fitted under the same error model; known coefficients are kept.
-
-    White noise has the level of the law; levels of other errors are estimated, as they depend on the lack of fit.
-    """
-    certain = (standard_errors(law) == 0).all(axis=0)
-    support = support | certain
-    start = np.where(certain, law.coefficients, support * 1.0)
-    free = np.where(certain[support], 0.0, 1.0)
-    covariance = np.tile(np.diag(free), (len(law.objects), 1, 1))
-    template = replace(
-        law,
-        coefficients=start,
-        uncertainty=Uncertainty(covariance),
-        provenance=Provenance(law.provenance.differentiation),
-    )
-    kind, given = law.uncertainty.error_model.kind, trials.schema.noise_columns
-    levels = (
-        {}
-        if own_noise or law.uncertainty.noise is None or kind != "white"
-        else dict(zip(law.schema.states, law.uncertainty.noise.tolist(), strict=True))
-    )
-    noise = {name: level for name, level in levels.items() if name not in given}
-    return refine(template, trials, noise=noise or None, errors=kind, progress=lambda _: None)

@@ -29,7 +29,7 @@ from commonlaw.inference.result.history import (
 )
 from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import choose_interpolation, fit_terms
-from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.law import Law, Step, pool_objects
 from commonlaw.law.alignment import matched
@@ -151,7 +151,6 @@ def _of_observation(
     calls: tuple[str, ...],
     progress: ProgressCallback,
 ) -> Law:
-    """Return a law with an observation fitted to trials as `commonlaw.estimation` does."""
     if isinstance(trials, TrialStream):
         raise CommonlawError("not-refined-file-by-file", what="observation equations")
     known = settings_of(FitOptions, "refine")
@@ -181,14 +180,14 @@ class _Fit:
     def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback) -> Law:
         """Return a law fitted to trials; objects may be alike, and say where parameters inside terms begin."""
         setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_interpolation, self.log_states)
+        error_kinds(self.errors, setup.trials.schema)  # Refused before the work
         progress("estimating noise, smoothing, fitting coefficients")
-        if alike and setup.law.terms.parameters and not trials.schema.initial_values:  # There `known_starts` does so
+        if alike and setup.law.terms.parameters and not trials.schema.initial_values:
             setup = replace(setup, priors=empirical_priors(setup.problem(), setup.law.coefficients))
         pool, steps = choose_interpolation(
             lambda own, _: fit_terms(replace(setup, trials=own)),
             setup.trials,
             input_interpolation=setup.input_interpolation,
-            errors=self.errors,
             progress=progress,
         )
         # Of few measurements the residuals do not show what kind of errors they have
@@ -223,7 +222,6 @@ class _Fit:
 
 
 def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallback) -> Law:
-    """Return the law of the objects of a stream, fitted part by part."""
     if law.terms.parameters or law.schema.initial_values:
         what = "nonlinear parameters" if law.terms.parameters else "latent states"
         raise CommonlawError("not-refined-file-by-file", what=what)
