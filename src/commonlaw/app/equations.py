@@ -88,8 +88,9 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
     computed at once, each with the index of its trial.
     """
     try:
+        starts = tuple(equations.initial.items())
         begun, trials, formulas = _read(
-            table, columns, equations.text, tuple(equations.initial.items()), equations.initial_time, equations.doses
+            table, msgspec.json.encode(columns), equations.text, starts, equations.initial_time, equations.doses
         )
     except CommonlawError as error:
         return {"problem": message(error)}
@@ -119,14 +120,14 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
 @lru_cache(maxsize=8)
 def _read(
     table: Table,
-    columns: Columns,
+    columns: bytes,
     text: str,
     starts: tuple[tuple[str, InitialGiven], ...],
     initial_time: float | None,
     doses: tuple[str, ...],
 ) -> tuple[Beginning, Trials, list[list[str]]]:
     """Return how a fit of equations begins, the trials, and the equations as MathML."""
-    trials = with_doses(table.trials(columns), doses)
+    trials = with_doses(table.trials(msgspec.json.decode(columns, type=Columns)), doses)
     model_text, given = ModelText.of(text), dict(starts)
     asked = split_equations(model_text.equations)
     second = [each.state for each in asked if each.order == 2]

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from commonlaw.app.equations import named, words
-from commonlaw.app.question import Columns, Table, message, shown_roles, text_in_page
+from commonlaw.app.question import Columns, Table, as_asked, edited, message, recognized, shown_roles, text_in_page
 from commonlaw.app.result import Found, numbers
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.experiments import suggestions
@@ -19,6 +19,7 @@ from commonlaw.trials import Trial, Trials
 from commonlaw.trials.check import Finding, Report
 from commonlaw.trials.columns import Codes, Table as Cells
 from commonlaw.trials.roles import GUESSED
+from commonlaw.trials.tables import rows_of
 from commonlaw.trials.trial import property_names
 
 _CASES, _AROUND = 12, 3
@@ -120,13 +121,13 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
         "problem": "",
     }
     try:
-        rows = columns.rows(held)
+        rows = rows_of(held, as_asked(columns))
     except CommonlawError as error:
-        return found | {"recognised": columns.recognised(held), "problem": message(error)}
+        return found | {"recognised": recognized(held, columns), "problem": message(error)}
     whole = Trials(*rows.data)
     check = whole.check()
     try:
-        trials = columns.edited(whole)
+        trials = edited(whole, columns)
     except CommonlawError as error:
         return found | {"recognised": shown_roles(rows.columns), "problem": message(error)}
     found |= {"recognised": shown_roles(rows.columns), "guessed": rows.columns.guessed and rows.columns.sentence}

@@ -50,7 +50,7 @@ _AT_ONCE = 4
 
 class _Recognised(msgspec.Struct, forbid_unknown_fields=True):
     table: str
-    columns: Columns = Columns()
+    columns: Columns = {}
 
 
 class _DataSet(msgspec.Struct, forbid_unknown_fields=True):

@@ -31,11 +31,9 @@ from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.runtime.reading import checked_file, read_file
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
-from commonlaw.trials.cells import DecimalMark
-from commonlaw.trials.dates import DateOrder
 from commonlaw.trials.files import read_table, table_files
-from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import join_header
+from commonlaw.trials.reading import WrittenReading, checked
 from commonlaw.trials.roles import GUESSED
 from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
@@ -372,43 +370,23 @@ def _names_of(schema: Schema) -> dict[str, Any]:
     return names | {"states": schema.measured, "inputs": schema.inputs}
 
 
-class _TableSchema(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """Roles of the columns of a table and how it is read, as a TOML file holds them."""
+class _SchemaFile(WrittenReading, total=False):
+    """What a TOML file says of a table."""
 
-    object: str | None = None
-    object_name: str | None = None
-    trial: str | None = None
-    time: str | None = None
-    states: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = ()
-    noise_columns: dict[str, str] = {}
-    properties: tuple[str, ...] = ()
-    units: dict[str, str] = {}
-    wide: str | None = None
-    restarts: Restarts | None = None
-    missing: tuple[str, ...] = ()
-    below: dict[str, float] = {}
-    decimal: DecimalMark | None = None
-    dates: DateOrder | None = None
-    sheet: str | None = None
-    exclude: tuple[str, ...] = ()
-    clip: bool = False
+    sheet: str
+    exclude: tuple[str, ...]
+    clip: bool
 
 
 def read_schema(path: str) -> dict[str, Any]:
-    """Return the options that a schema file gives, by field of `Source`.
-
-    Raises
-    ------
-    CommonlawError
-        If it is not TOML, or has other keys or values.
-    """
+    """Return the options that a schema file gives, by field of `Source`; refuse other keys and values."""
+    content = read_file(checked_file(path, 2**20))
     try:
-        document = tomllib.loads(read_file(checked_file(path, 2**20)).decode())
-        schema = msgspec.convert(document, _TableSchema)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, msgspec.ValidationError) as error:
+        said = checked(tomllib.loads(content.decode()), _SchemaFile)
+        lists = {name: said[name] for name in ("states", "inputs") if name in said}
+        return {**msgspec.convert(said, _SchemaFile), **msgspec.convert(lists, dict[str, tuple[str, ...]])}
+    except (ValueError, RecursionError, CommonlawError) as error:
         raise CommonlawError("table-schema", path=path, problem=error) from None
-    return {name: value for name, value in msgspec.structs.asdict(schema).items() if name in document}
 
 
 def written_schema(source: Source, trials: Trials) -> bytes:

@@ -17,6 +17,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.text import counted
 from commonlaw.trials.cells import Notation, Numerals, Unreadable, is_meant_as_number, is_missing, numerals
 from commonlaw.trials.headers import find_name, known_unit, plain, split_headers
+from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.trial import nearest
 
 if TYPE_CHECKING:
@@ -53,8 +54,10 @@ class Table:
     """Columns of text whose cells may be meant as numbers: all those of a text file, mixed ones of a worksheet."""
     notation: Notation = field(default_factory=Notation)
     """How numbers are written in the columns of text."""
-    roles: Mapping[str, str | list[str] | dict[str, str]] = field(default_factory=dict)
+    roles: WrittenReading = field(default_factory=WrittenReading)
     """Names of columns by role, where the file says so itself."""
+    label: str = "object"
+    """Name of the object, if no column names it."""
     notes: tuple[str, ...] = ()
     facts: tuple[str, ...] = ()
     """What was guessed of how the table is written."""

@@ -12,12 +12,10 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Column, Table
+from commonlaw.trials.reading import DateOrder
 
 if TYPE_CHECKING:
     import pandas as pd
-
-DateOrder = Literal["dmy", "mdy", "ymd", "h:mm", "m:ss"]
-"""How dates are written, and times of day."""
 
 _OFFSET = r" ?(Z|[+-]\d\d(:?\d\d)?)"
 _ISO = re.compile(rf"\d{{4}}-\d\d(-\d\d([T ]\d\d(:?\d\d){{1,2}}([.,]\d+)?({_OFFSET})?)?)?|\d{{8}}T\d{{4}}(\d\d)?Z?")

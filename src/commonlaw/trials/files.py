@@ -37,6 +37,7 @@ from commonlaw.text import as_text, counted
 from commonlaw.trials import workbook_process
 from commonlaw.trials.columns import Column, Table, column_of, filled_table, frame_table
 from commonlaw.trials.headers import check_unit, join_header
+from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.recognition import TRIAL, is_called
 from commonlaw.trials.text import are_units, headers_with_units, text_table
 from commonlaw.trials.trial import Property, TrialData, property_names
@@ -182,6 +183,7 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
         frozenset().union(*(each.loose for each in tables)),
         notes=tuple(dict.fromkeys(note for each in tables for note in each.notes)),
         facts=tuple(dict.fromkeys(fact for each in tables for fact in each.facts)),
+        label=as_text(name_of_table(path)) if isinstance(path, str | os.PathLike) else "object",
     )
 
 
@@ -209,16 +211,18 @@ def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:
     if not content.removeprefix(BYTE_ORDER_MARK).strip():
         raise CommonlawError("table-empty", name=name)
     if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        return workbook_table(name, content, sheet)
-    if sheet is not None:
+        found = workbook_table(name, content, sheet)
+    elif sheet is not None:
         raise CommonlawError("sheet-of-text", name=name, sheet=sheet)
-    if content.startswith(b"PAR1"):
+    elif content.startswith(b"PAR1"):
         with _whole(name):
             file, data = _unpacked(name, content)
             kept = _kept(name, file.schema_arrow.metadata)
-            roles: dict[str, Any] = dict(kept.get("roles", {}))
-            return replace(frame_table(data, name), roles=roles, notes=kept.get("notes", ()))
-    return text_table(name, content)
+            found = frame_table(data, name)
+            found = replace(found, roles=kept.get("roles", found.roles), notes=kept.get("notes", ()))
+    else:
+        found = text_table(name, content)
+    return replace(found, label=as_text(name_of_table(name)))
 
 
 def name_of_table(path: str | os.PathLike[str]) -> str:
@@ -234,26 +238,14 @@ def name_of_table(path: str | os.PathLike[str]) -> str:
 _METADATA = b"commonlaw"  # the key under which a file keeps the roles of its columns
 
 
-class _Roles(TypedDict, total=False):
-    """Names of columns by role."""
-
-    object: str
-    trial: str
-    time: str
-    states: list[str]
-    inputs: list[str]
-    noise_columns: dict[str, str]
-    properties: list[str]
-
-
 class _Kept(TypedDict, total=False):
     """What a file says of its columns itself."""
 
-    roles: _Roles
+    roles: WrittenReading
     notes: tuple[str, ...]
 
 
-def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, Any]]:
+def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", WrittenReading]:
     """Return a Parquet file to read batches of rows from, and the names of its columns by role."""
     arrow, _ = _arrow("streaming Parquet files")
     try:
@@ -261,7 +253,7 @@ def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, An
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise CommonlawError("not-parquet", path=path, error=error) from None
     check_size(str(path), 1, file.metadata.num_columns)
-    return file, dict(_kept(str(path), file.schema_arrow.metadata).get("roles", {}))
+    return file, _kept(str(path), file.schema_arrow.metadata).get("roles", {})
 
 
 def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -11,10 +10,8 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted, shown
 from commonlaw.trials.columns import Codes, Table
+from commonlaw.trials.reading import Restarts
 from commonlaw.trials.trial import Schema, Trial
-
-Restarts = Literal["trials", "sort"]
-"""What times that go back mean: new trials, or rows of one trial that are out of order."""
 
 Cells = tuple[Floats, Floats, Floats, Floats, Floats]
 """Of all rows: times, shape (n,), states, inputs, standard deviations of the states and limits that they are below of,

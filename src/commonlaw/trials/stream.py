@@ -19,8 +19,8 @@ from commonlaw.text import counted
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import refuse_dates
 from commonlaw.trials.files import batch_tables, opened
+from commonlaw.trials.reading import Reading, Roles, checked
 from commonlaw.trials.repeats import joined
-from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_gaps, check_measured
 from commonlaw.trials.trials import Named, Trials, Until, labels, name_of
@@ -170,7 +170,7 @@ class TrialStream:
             pairs = (part.split("=", 1) for part in each.parent.parts if "=" in part)
             files.append(_File(each, {name: unquote(value) for name, value in pairs if name}))
         _, kept = opened(files[0].path)
-        known = cast(Reading, {"properties": [], "noise_columns": {}, **kept, **checked(roles)})
+        known = cast(Reading, {"properties": [], "noise_columns": {}, **kept, **checked(roles, Roles)})
         if not isinstance(known["properties"], list | tuple):
             raise CommonlawError("stream-properties", where=str(path))
         missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]
@@ -180,7 +180,7 @@ class TrialStream:
         if begin is None:
             raise CommonlawError("stream-without-rows", path=files[0].path)
         refuse_dates(begin, begin.find(str(known["time"])))
-        schema = read_rows(begin, "object", known).data.schema
+        schema = read_rows(begin, known).data.schema
         parts = [cls(schema, _TrialsOfFile(file, known)) for file in files]
         return cls(schema, _OneAfterTheOther(parts), parts)
 
@@ -303,7 +303,7 @@ class _TrialsOfFile:
     def _batches(self, read: list[TrialData] | None) -> Iterator[TrialData]:
         """Yield what batches of rows make; what comes with the trials is kept in a list, if there is one."""
         for each in self.file.tables(_ROWS):
-            data = read_rows(each, "object", self.roles).data
+            data = read_rows(each, self.roles).data
             if read is not None:
                 read.append(data._replace(trials=()))
             yield data

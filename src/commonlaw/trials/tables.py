@@ -4,7 +4,7 @@ import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Unpack, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,8 +16,9 @@ from commonlaw.trials.dates import Elapsed, elapsed, first_time, with_dates_as_t
 from commonlaw.trials.grouping import are_used, groups_of, inputs_before, read_cells, repeats_in_words, trials_of
 from commonlaw.trials.headers import joined_units, known_unit, label
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
+from commonlaw.trials.reading import Reading, checked, notation_of
 from commonlaw.trials.recognition import unit_in_name
-from commonlaw.trials.roles import ColumnRoles, Reading, checked, column_roles, free_columns, notation_of, time_of
+from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 from commonlaw.trials.wide import deviations_of, long_table, times_across
 
@@ -33,22 +34,22 @@ class Rows:
     columns: ColumnRoles
     """What columns were taken for."""
 
+    def at(self, rows: Codes) -> "Rows":
+        """Return the same, where each row was one of these of another table."""
+        return replace(self, row_indices=tuple(rows[row_index] for row_index in self.row_indices))
 
-def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows:
+
+def rows_of(table: Table, roles: Reading) -> Rows:
     """Return what the rows of a whole table make, see `Trials.read`."""
-    said = cast(Reading, {**table.roles, **checked(roles, Reading)})
-    table, said, origin = _prepared(table, said)
-    time = time_of(table, said)
-    samples = _with_times(table, said, time, first_time(table, time))  # Ahead of it may be conditions
-    columns = column_roles(samples, said, time)
-    if columns.wide:
-        rows = _long_rows(table, default_object, said, columns)
-    elif len(samples) < len(table):
-        rows = read_rows(table, default_object, said)
+    found = _recognized(table, roles)
+    if found.columns.wide:
+        rows = _long_rows(found)
+    elif len(found.samples) < len(found.table):
+        rows = read_rows(found.table, found.roles)
     else:
-        rows = _rows(samples, default_object, said, columns, columns)
-    if origin is not None:
-        rows = replace(rows, row_indices=tuple(origin[row_index] for row_index in rows.row_indices))
+        rows = _rows(found.samples, found.roles, found.columns, found.columns)
+    if found.origin is not None:
+        rows = rows.at(found.origin)
     if rows.empty:
         raise CommonlawError("nothing-measured", trial=rows.empty[0])
     check_measured(rows.data.trials, rows.data.schema.states)
@@ -57,63 +58,69 @@ def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows
 
 def column_roles_of(table: Table, roles: Reading) -> ColumnRoles:
     """Return which column is what, also where the rows make no trials."""
-    said = cast(Reading, {**table.roles, **checked(roles, Reading)})
-    table, said, _ = _prepared(table, said)
-    time = time_of(table, said)
-    return column_roles(_with_times(table, said, time, first_time(table, time)), said, time)
+    return _recognized(table, roles).columns
 
 
-def _prepared(table: Table, roles: Reading) -> tuple[Table, Reading, Codes | None]:
-    """Return the table with its numbers read, and a row for each cell if its columns are times; and the roles then."""
-    table = with_numbers(table, notation_of(roles))
+class _Recognized(NamedTuple):
+    """A table with its numbers read, what is said of it, and its columns; if these were times, a row for each cell."""
+
+    table: Table
+    roles: Reading
+    origin: Codes | None
+    """The rows of the table as it came in, if a cell of each has become a row."""
+    samples: Table
+    """From the first time on; ahead of it may be conditions."""
+    columns: ColumnRoles
+
+
+def _recognized(table: Table, roles: Reading) -> _Recognized:
+    said = cast(Reading, {**table.roles, **checked(roles)})
+    table, origin = with_numbers(table, notation_of(said)), None
     if table.facts:
         table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))
-    if roles.get("time") in table.columns or (across := times_across(table, roles.get("wide"))) is None:
-        return table, roles, None
-    table, origin = across
-    return table, cast(Reading, {**table.roles, **roles, "wide": None}), origin
+    if said.get("time") not in table.columns and (across := times_across(table, said.get("wide"))) is not None:
+        table, origin = across
+        said = cast(Reading, {**table.roles, **said, "wide": None})
+    time = time_of(table, said)
+    first = first_time(table, time)
+    samples = _with_times(table.taken(np.arange(first, len(table))) if first else table, said, time)
+    return _Recognized(table, said, origin, samples, column_roles(samples, said, time))
 
 
-def _with_times(table: Table, roles: Reading, time: str, first: int = 0) -> Table:
-    """Return the rows from the first one on with times as numbers."""
-    rows = table.taken(np.arange(first, len(table))) if first else table
-    return with_dates_as_times(rows, time, roles.get("dates"), free_columns(rows, roles))
+def _with_times(table: Table, roles: Reading, time: str) -> Table:
+    """Return the table with times as numbers."""
+    return with_dates_as_times(table, time, roles.get("dates"), free_columns(table, roles))
 
 
-def _long_rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles) -> Rows:
+def _long_rows(found: _Recognized) -> Rows:
     """Return the trials in a table that has a column for each object."""
+    table, columns = found.table, found.columns
     if columns.object is not None:
         raise CommonlawError("wide-with-object", where=table.source, column=columns.object)
     long, state, origin = long_table(table, columns.time, columns.states, columns.noise_columns, columns.wide)
     noise = {state: name} if (name := deviations_of(state)) in long.columns else {}
-    named: Reading = {
-        "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs, "noise_columns": noise,
+    roles: Reading = {
+        **found.roles, "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs,
+        "noise_columns": noise,
     }  # fmt: skip
     long = _with_times(long, roles, columns.time)
-    rows = _rows(
-        long, default_object, {**roles, **named}, column_roles(long, {**roles, **named}, columns.time), columns
-    )
-    schema = replace(rows.data.schema, wide=columns.states)
-    return replace(
-        rows,
-        data=rows.data._replace(schema=schema),
-        row_indices=tuple(origin[row_index] for row_index in rows.row_indices),
-    )
+    rows = _rows(long, roles, column_roles(long, roles, columns.time), columns).at(origin)
+    return replace(rows, data=rows.data._replace(schema=replace(rows.data.schema, wide=columns.states)))
 
 
-def read_rows(table: Table, default_object: str, roles: Reading) -> Rows:
+def read_rows(table: Table, roles: Reading) -> Rows:
     """Return the trials in a table, which may end within a trial."""
     time = time_of(table, roles)
     table = _with_times(table, roles, time)
     columns = column_roles(table, roles, time)
-    return _rows(table, default_object, roles, columns, columns)
+    return _rows(table, roles, columns, columns)
 
 
-def _rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles, shown: ColumnRoles) -> Rows:
+def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles) -> Rows:
     """Return the trials in a table whose columns have these roles, of a long one those `shown` of a wide one."""
     if columns.object is not None and "object_name" in roles:
         raise CommonlawError("object-column-and-name", where=table.source, column=columns.object)
-    owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or default_object)
+    owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or table.label)
     runs, labels, spelled_runs = _labels(table, columns.trial, "trial", "1")
     if columns.properties is None:
         known = given_properties(roles["properties"], columns.object or "object", objects)

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from commonlaw.array_types import Floats, same_content
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.runtime.notebooks import ShownInNotebooks
-from commonlaw.text import as_text, counted
+from commonlaw.text import counted
 from commonlaw.trials.check import Report, check, clipped
 from commonlaw.trials.columns import frame_table
-from commonlaw.trials.files import TablePath, name_of_table, read_table, to_csv, to_frame, to_parquet
+from commonlaw.trials.files import TablePath, read_table, to_csv, to_frame, to_parquet
 from commonlaw.trials.headers import label
-from commonlaw.trials.roles import Reading
+from commonlaw.trials.reading import Reading
 from commonlaw.trials.tables import rows_of, trials_from_arrays
 from commonlaw.trials.trial import (
     NoSuchTrialError,
@@ -174,8 +174,7 @@ class Trials(ShownInNotebooks):
         >>> trials, trials.schema.units["T"]
         (<Trials: 2 trials of 2 objects, 4 samples of T>, 'degC')
         """
-        name = as_text(name_of_table(path)) if isinstance(path, str | os.PathLike) else "object"
-        return cls(*rows_of(read_table(path, sheet), name, **roles).data)
+        return cls(*rows_of(read_table(path, sheet), roles).data)
 
     @classmethod
     def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
@@ -188,7 +187,7 @@ class Trials(ShownInNotebooks):
         Without a column of objects there is one object, named ``object``. Raises `CommonlawError` if a column does not
         exist, or a value is invalid; the message names the column and the row, counted from 1.
         """
-        return cls(*rows_of(frame_table(frame), "object", **roles).data)
+        return cls(*rows_of(frame_table(frame), roles).data)
 
     @classmethod
     def from_arrays(
