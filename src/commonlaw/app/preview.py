@@ -222,10 +222,7 @@ class Budget(msgspec.Struct, forbid_unknown_fields=True):
 def suggested(found: Found, asked: Budget) -> dict[str, Any]:
     """Return experiments for each purpose, with what they settle.
 
-    Raises
-    ------
-    CommonlawError
-        If the budget is none that the page offers, or nothing can be suggested.
+    Raises `CommonlawError` if the budget is none that the page offers, or nothing can be suggested.
     """
     if not 1 <= asked.trials <= _MAX_EXPERIMENT_TRIALS:
         raise CommonlawError("design-budget", trials=asked.trials, limit=_MAX_EXPERIMENT_TRIALS)

@@ -313,10 +313,7 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     def method(self) -> "TrajectoryLikelihood | None":
         """The method with these settings, None without any.
 
-        Raises
-        ------
-        CommonlawError
-            If a text is no value of its setting.
+        Raises `CommonlawError` if a text is no value of its setting.
         """
         from commonlaw.discovery import TrajectoryLikelihood
 

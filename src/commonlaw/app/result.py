@@ -75,10 +75,7 @@ class Found:
     def candidate(self, index: int) -> Law:
         """Return the law of a candidate.
 
-        Raises
-        ------
-        CommonlawError
-            If there is none.
+        Raises `CommonlawError` if there is none.
         """
         if not 0 <= index < len(self.candidates):
             raise CommonlawError("candidate-index", index=index, candidates=len(self.candidates))
@@ -188,10 +185,8 @@ class Groups(msgspec.Struct, forbid_unknown_fields=True):
 def compared_groups(found: Found, asked: Groups) -> dict[str, Any]:
     """Return how parameters of objects differ between groups, as a table.
 
-    Raises
-    ------
-    CommonlawError
-        If the property does not divide the objects into groups, there is no such value, or standard errors are missing.
+    Raises `CommonlawError` if the property does not divide the objects into groups, there is no such value, or standard
+    errors are missing.
     """
     law = found.candidate(asked.candidate)
     values = comparable_groups(law).get(asked.by, [])

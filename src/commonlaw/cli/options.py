@@ -310,10 +310,7 @@ def in_order(values: dict[str, Any]) -> bool:
 def check_order(values: Mapping[str, Any]) -> None:
     """Refuse a table in the place of a law, and a law in that of a table.
 
-    Raises
-    ------
-    click.UsageError
-        If the value of an argument is plainly what another one takes, or one is missing.
+    Raises `click.UsageError` if the value of an argument is plainly what another one takes, or one is missing.
     """
     law, equations, path = (str(values.get(name) or "") for name in ("law_path", "equations", "path"))
     is_text = bool(_EQUATION.search(path)) and not _is_file(path)
@@ -345,10 +342,7 @@ def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> Non
 def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
     """Refuse files that are to be written and cannot, or must not, as they are read.
 
-    Raises
-    ------
-    CommonlawError
-        See `check_targets`; or if the name of a figure or table says no format.
+    Raises `CommonlawError` see `check_targets`; or if the name of a figure or table says no format.
     """
     inputs: list[str] = []
     outputs: list[str] = []

@@ -186,10 +186,7 @@ def standard_streams() -> Iterator[None]:
 
     Characters that a stream has no code for are shown like those that hide.
 
-    Raises
-    ------
-    CommonlawError
-        If standard output is closed, or what it goes to is full.
+    Raises `CommonlawError` if standard output is closed, or what it goes to is full.
     """
     # Closed streams are opened, so that no file gets their numbers; nothing can be written to them
     for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():

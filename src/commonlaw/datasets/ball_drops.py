@@ -56,6 +56,8 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     density. The golf ball weighs 1.62 oz as measured (0.0459 kg); the paper's table has 1.6 oz (0.0454 kg) and the
     density that goes with it.
 
+    Raises `CommonlawError` if a file cannot be had, or is not the published one.
+
     Parameters
     ----------
     folder
@@ -63,11 +65,6 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
         COMMONLAW_DATA names; without it both files are downloaded once, and kept in the user's cache.
     clip
         Whether drops end before their last irregular frame, see `Trials.clip_irregular`.
-
-    Raises
-    ------
-    CommonlawError
-        If a file cannot be had, or is not the published one.
     """
     heights, balls = (_file(name, folder) for name in (_HEIGHTS, _BALLS))
     table = Trials.read(heights, trial="Drop #", time="Time", states="Height")

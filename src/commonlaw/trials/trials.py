@@ -293,15 +293,12 @@ class Trials(ShownInNotebooks):
     def with_properties(self, values: ObjectProperties) -> "Trials":
         """Return the trials with further properties of their objects.
 
+        Raises `CommonlawError` if an object has no trial, or a value is invalid.
+
         Parameters
         ----------
         values
             By object and property name: ``{"Ball 1": {"mass": 0.3}}``.
-
-        Raises
-        ------
-        CommonlawError
-            If an object has no trial, or a value is invalid.
         """
         given = {name: {**self.properties.get(name, {}), **value} for name, value in values.items()}
         return replace(self, properties={**self.properties, **given})
