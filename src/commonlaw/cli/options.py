@@ -342,7 +342,7 @@ def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> Non
 def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
     """Refuse files that are to be written and cannot, or must not, as they are read.
 
-    Raises `CommonlawError` see `check_targets`; or if the name of a figure or table says no format.
+    Raises `CommonlawError` as `check_targets` does, or if the name of a figure or table says no format.
     """
     inputs: list[str] = []
     outputs: list[str] = []
