@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,11 +10,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
-from commonlaw.trials.trial import Schema, Trial, TrialData
+from commonlaw.trials.trial import Schema, Trial
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from commonlaw.trials.trials import Trials
 
 _SHORT = 5  # samples; fewer leave nothing to judge a rate by
 _JITTER = 0.1  # of the median step
@@ -122,18 +123,16 @@ class Report:
         return {"trials": held["trials"], "findings": self.findings, "notes": held["notes"]}
 
 
-def check(data: TrialData, tolerance: float | None) -> Report:
+def check(trials: "Trials", tolerance: float | None) -> Report:
     """Return figures of every trial and what data checks find, see `Trials.check`."""
-    trials, schema, notes = data.trials, data.schema, data.notes
+    schema = trials.schema
     rows = tuple(_figures(trial, schema.states, tolerance) for trial in trials)
     found = (
         finding
         for trial, row in zip(trials, rows, strict=True)
         for finding in (*_sampling(trial, row, schema, tolerance), *_values(trial, schema, len(trial) - row.clipped))
     )
-    lengths: dict[str, list[int]] = {}
-    for trial in trials:
-        lengths.setdefault(trial.object, []).append(len(trial))
+    lengths = {name: [*map(len, trials.of_object(name))] for name in trials.objects}
     uneven = [
         Finding(f"{name}: trials of very different lengths, {min(length)} to {max(length)} samples", name)
         for name, length in lengths.items()
@@ -145,7 +144,7 @@ def check(data: TrialData, tolerance: float | None) -> Report:
     ]
     bare = ", ".join(name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units)
     text = f"no unit is known for {bare}: write it in the header, as in 'x [m]', or give it with `units=...`"
-    return Report(rows, (*found, *uneven, *copies, *([Finding(text)] if bare else [])), notes)
+    return Report(rows, (*found, *uneven, *copies, *([Finding(text)] if bare else [])), trials.notes)
 
 
 def _unit(schema: Schema, name: str) -> str:
@@ -253,21 +252,6 @@ def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
         if before is not trial:
             pairs.append((trial, before))
     return tuple(pairs)
-
-
-def clipped(trials: Sequence[Trial], tolerance: float | None) -> tuple[list[Trial], str]:
-    """Return the trials, each clipped at its last irregular frame, and what was done, see `Trials.clip_irregular`."""
-    if tolerance is not None and not tolerance > 0:
-        raise CommonlawError("step-tolerance", tolerance=tolerance)
-    kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in trials]
-    shorter = [
-        f"{before.label} from {len(before)} to {len(after)} samples"
-        for before, after in zip(trials, kept, strict=True)
-        if len(after) < len(before)
-    ]
-    off = "7.5 %" if tolerance is None else f"{tolerance:g}"
-    reason = f"irregular frame, a step more than {off} off the trial's median step"
-    return kept, f"clipped {'; '.join(shorter)}: {reason}" if shorter else ""
 
 
 def regular_length(times: Floats, tolerance: float | None) -> int:

@@ -10,7 +10,7 @@ import pickle
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -40,12 +40,13 @@ from commonlaw.trials.headers import check_unit, join_header
 from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.recognition import TRIAL, is_called
 from commonlaw.trials.text import are_units, headers_with_units, text_table
-from commonlaw.trials.trial import Property, TrialData, property_names
+from commonlaw.trials.trial import Property, property_names
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
+
+    from commonlaw.trials.trials import Trials
 
 
 _ENDINGS = frozenset([".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".xlsx", ".xls", ".ods", ".gz", ".bz2", ".xz"])
@@ -123,23 +124,24 @@ def table_files(path: TablePath) -> list[Path]:
     """
     if not isinstance(path, str | os.PathLike):
         return [Path(each) for each in path]
-    given = Path(path)
-    try:
-        is_folder, is_there = given.is_dir(), given.exists()
-    except OSError:  # As of a name that is too long, which is refused where it is read
-        return []
-    if is_folder:
-        found = [each for each in given.rglob("*") if each.suffix.casefold() in _ENDINGS]
-    elif any(mark in str(path) for mark in "*?[") and not is_there:
-        root = Path(given.anchor or ".")
-        found = [each for each in root.glob(str(given.relative_to(root))) if each.suffix.casefold() != ".parquet"]
-    else:
-        return []
-    digits = re.compile(r"(\d+)")
+    digits, found = re.compile(r"(\d+)"), files_of(Path(path), _ENDINGS) or []
     return sorted(
-        (each for each in found if each.is_file() and not each.name.startswith(".")),
+        (each for each in found if each.is_file() and each.name[0] != "." and each.suffix.casefold() != ".parquet"),
         key=lambda each: [int(part) if part.isdigit() else part.casefold() for part in digits.split(str(each))],
     )
+
+
+def files_of(path: Path, endings: Container[str]) -> list[Path] | None:
+    """Return what is in a folder with these endings, or what a pattern names; None if the path is neither."""
+    try:
+        if path.is_dir():
+            return [each for each in path.rglob("*") if each.suffix.casefold() in endings]
+        if path.exists() or not any(mark in str(path) for mark in "*?["):
+            return None
+    except OSError:  # As of a name that is too long, which is refused where it is read
+        return None
+    root = Path(path.anchor or ".")
+    return [*root.glob(str(path.relative_to(root)))]
 
 
 def read_table(path: TablePath, sheet: str | None = None) -> Table:
@@ -344,16 +346,9 @@ def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:
         raise CommonlawError("parquet-metadata", where=source, metadata=_METADATA.decode(), error=error) from None
 
 
-def to_frame(data: TrialData) -> "pd.DataFrame":
-    """Return a frame with a row for each sample, see `Trials.to_frame`."""
-    import pandas as pd
-
-    return pd.DataFrame({name: pd.Series(column).infer_objects() for name, column in _columns(data).items()})
-
-
-def to_csv(data: TrialData, path: str | os.PathLike[str]) -> None:
+def to_csv(trials: "Trials", path: str | os.PathLike[str]) -> None:
     """Write a CSV file, see `Trials.to_csv`."""
-    columns = _with_units(data)
+    columns = _with_units(trials)
     cells = []
     for column in columns.values():  # Text in quotes, numbers with all their digits, nothing if empty
         if column.dtype == object:
@@ -364,25 +359,18 @@ def to_csv(data: TrialData, path: str | os.PathLike[str]) -> None:
     write_whole(path, "\n".join(lines).encode())
 
 
-def to_parquet(data: TrialData, path: str | os.PathLike[str]) -> None:
+def to_parquet(trials: "Trials", path: str | os.PathLike[str]) -> None:
     """Write a Parquet file, see `Trials.to_parquet`."""
-    schema = data.schema
-    roles = {
-        "object": schema.object,
-        "trial": schema.trial,
-        "time": schema.time,
-        "states": schema.states,
-        "inputs": schema.inputs,
-        "noise_columns": schema.noise_columns,
-        "properties": property_names(data.properties),
-    }
-    kept = json.dumps({"roles": roles, "notes": data.notes}).encode()
-    write_whole(path, parquet_bytes(_with_units(data), {_METADATA: kept}))
+    names = ("object", "trial", "time", "states", "inputs", "noise_columns")
+    roles = {name: getattr(trials.schema, name) for name in names}
+    roles["properties"] = property_names(trials.properties)
+    kept = json.dumps({"roles": roles, "notes": trials.notes}).encode()
+    write_whole(path, parquet_bytes(_with_units(trials), {_METADATA: kept}))
 
 
-def _columns(data: TrialData) -> dict[str, Column]:
+def columns_of(trials: "Trials") -> dict[str, Column]:
     """Return the columns of all samples; a missing state or property is NaN among numbers and None among texts."""
-    trials, schema, properties = data.trials, data.schema, data.properties
+    schema, properties = trials.schema, trials.properties
     rows = list[tuple[Floats, ...]]()
     for trial in trials:  # From its first input before its first sample on
         unknown = np.full((len(trial.earlier), trial.states.shape[1]), np.nan)
@@ -405,15 +393,15 @@ def _columns(data: TrialData) -> dict[str, Column]:
     values = np.hstack([states, inputs])
     columns |= dict(zip((*schema.states, *schema.inputs), values.T, strict=True))
     columns |= {name: noise[:, schema.states.index(state)] for state, name in schema.noise_columns.items()}
-    for name in property_names(data.properties):
+    for name in property_names(properties):
         columns[name] = per_trial([properties.get(trial.object, {}).get(name) for trial in trials])
     return columns
 
 
-def _with_units(data: TrialData) -> dict[str, Column]:
+def _with_units(trials: "Trials") -> dict[str, Column]:
     """Return the columns with units in their names."""
-    units = {name: check_unit(unit, f"column {name!r}") for name, unit in data.schema.units.items() if unit.strip()}
-    return {join_header(name, units.get(name, "")): column for name, column in _columns(data).items()}
+    units = {name: check_unit(unit, f"column {name!r}") for name, unit in trials.schema.units.items() if unit.strip()}
+    return {join_header(name, units.get(name, "")): column for name, column in columns_of(trials).items()}
 
 
 def _quoted(text: str) -> str:

@@ -18,7 +18,7 @@ from commonlaw.runtime.reading import MOST_CELLS
 from commonlaw.text import counted
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import refuse_dates
-from commonlaw.trials.files import batch_tables, opened
+from commonlaw.trials.files import batch_tables, files_of, opened
 from commonlaw.trials.reading import Reading, Roles, checked
 from commonlaw.trials.repeats import joined
 from commonlaw.trials.tables import read_rows
@@ -143,7 +143,7 @@ class TrialStream:
         return self._of(kept), self._of(rest)
 
     def _of(self, parts: Sequence["TrialStream"]) -> "TrialStream":
-        return TrialStream(self.schema, _OneAfterTheOther(parts), parts)
+        return TrialStream(self.schema, partial(chain.from_iterable, parts), parts)
 
     @classmethod
     def from_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
@@ -182,7 +182,7 @@ class TrialStream:
         refuse_dates(begin, begin.find(str(known["time"])))
         schema = read_rows(begin, known).data.schema
         parts = [cls(schema, _TrialsOfFile(file, known)) for file in files]
-        return cls(schema, _OneAfterTheOther(parts), parts)
+        return cls(schema, partial(chain.from_iterable, parts), parts)
 
 
 class _Looked(NamedTuple):
@@ -240,16 +240,6 @@ def as_one(parts: Sequence[Trials]) -> Trials:
 
 
 @dataclass(frozen=True)
-class _OneAfterTheOther:
-    """Yields the trials of several streams; it can be sent to another process."""
-
-    parts: Sequence[TrialStream]
-
-    def __call__(self) -> Iterator[Trial]:
-        return chain.from_iterable(self.parts)
-
-
-@dataclass(frozen=True)
 class _File:
     """A Parquet file, and what the names of its folders say of all its rows."""
 
@@ -270,20 +260,15 @@ class _TrialsOfFile:
     file: _File
     roles: Reading
 
-    def __call__(self) -> Iterator[Trial]:
-        return self._trials()
-
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects."""
         batches = list[TrialData]()
-        trials = tuple(self._trials(batches))
-        return Trials(
-            trials,
-            batches[0].schema,
-            {name: attribute for batch in batches for name, attribute in batch.properties.items()},
-        )
+        trials = tuple(self(batches))
+        properties = {name: attribute for batch in batches for name, attribute in batch.properties.items()}
+        return Trials(trials, batches[0].schema, properties)
 
-    def _trials(self, read: list[TrialData] | None = None) -> Iterator[Trial]:
+    def __call__(self, read: list[TrialData] | None = None) -> Iterator[Trial]:
+        """Yield the trials; what comes with those of each batch of rows is kept in a list, if there is one."""
         path, done = self.file.path, set[tuple[str, str]]()
         batches = self._batches(read)
         trials = ((trial.measured(), data.schema.states) for data in batches for trial in data.trials)
@@ -301,7 +286,6 @@ class _TrialsOfFile:
             yield trial
 
     def _batches(self, read: list[TrialData] | None) -> Iterator[TrialData]:
-        """Yield what batches of rows make; what comes with the trials is kept in a list, if there is one."""
         for each in self.file.tables(_ROWS):
             data = read_rows(each, self.roles).data
             if read is not None:
@@ -311,14 +295,9 @@ class _TrialsOfFile:
 
 def _files(path: str | os.PathLike[str]) -> list[Path]:
     """Return the files that a path names, in order of their names."""
-    given = Path(path)
-    if given.is_dir():
-        found = [*given.rglob("*.parquet")]
-    elif any(each in str(path) for each in "*?[") and not given.exists():
-        root = Path(given.anchor or ".")
-        found = [*root.glob(str(given.relative_to(root)))]
-    else:
-        return [given.absolute()]
+    found = files_of(Path(path), {".parquet"})
+    if found is None:
+        return [Path(path).absolute()]
     files = sorted(each.absolute() for each in found if each.is_file())
     if not files:
         raise CommonlawError("no-parquet-file", path=str(path))

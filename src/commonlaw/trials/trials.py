@@ -14,9 +14,9 @@ from commonlaw.array_types import Floats, same_content
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
-from commonlaw.trials.check import Report, check, clipped
+from commonlaw.trials.check import Report, check, regular_length
 from commonlaw.trials.columns import frame_table
-from commonlaw.trials.files import TablePath, read_table, to_csv, to_frame, to_parquet
+from commonlaw.trials.files import TablePath, columns_of, read_table, to_csv, to_parquet
 from commonlaw.trials.headers import label
 from commonlaw.trials.reading import Reading
 from commonlaw.trials.tables import rows_of, trials_from_arrays
@@ -26,7 +26,6 @@ from commonlaw.trials.trial import (
     PropertyTable,
     Schema,
     Trial,
-    TrialData,
     check_noise_columns,
     check_properties,
     normalized,
@@ -246,10 +245,6 @@ class Trials(ShownInNotebooks):
         return {name: tuple(own) for name, own in found.items()}
 
     @property
-    def _data(self) -> TrialData:
-        return TrialData(self.trials, self.schema, self.properties, self.notes, self.nameless)
-
-    @property
     def shape(self) -> tuple[int]:
         """Number of trials in a tuple, for splitters of scikit-learn."""
         return (len(self.trials),)
@@ -394,8 +389,17 @@ class Trials(ShownInNotebooks):
 
         Raises `CommonlawError` if the tolerance is not positive.
         """
-        kept, note = clipped(self.trials, tolerance)
-        return self.with_trials(kept, note) if note else self
+        if tolerance is not None and not tolerance > 0:
+            raise CommonlawError("step-tolerance", tolerance=tolerance)
+        kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in self.trials]
+        shorter = [
+            f"{before.label} from {len(before)} to {len(after)} samples"
+            for before, after in zip(self.trials, kept, strict=True)
+            if len(after) < len(before)
+        ]
+        off = "7.5 %" if tolerance is None else f"{tolerance:g}"
+        reason = f"irregular frame, a step more than {off} off the trial's median step"
+        return self.with_trials(kept, f"clipped {'; '.join(shorter)}: {reason}") if shorter else self
 
     def without_noise(self) -> "Trials":
         """Return the trials without the standard deviations of their measurements."""
@@ -414,12 +418,14 @@ class Trials(ShownInNotebooks):
             Default: order 2 for a single state, 1 for several; polynomials of degree 3, or lower for few samples.
         """
         found = resolve_name("commonlaw.discovery.hints:confounded_variables")(self, order, library)
-        report = check(self._data, tolerance)
+        report = check(self, tolerance)
         return replace(report, found=(*report.found, *found))
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a pandas data frame with a row for each sample and the column names of the schema."""
-        return to_frame(self._data)
+        import pandas as pd
+
+        return pd.DataFrame({name: pd.Series(column).infer_objects() for name, column in columns_of(self).items()})
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file with the columns of `to_frame` and units in the headers: ``height [m]``.
@@ -429,14 +435,14 @@ class Trials(ShownInNotebooks):
 
         Raises `CommonlawError` if pint does not know a unit, or the file cannot be written.
         """
-        to_csv(self._data, path)
+        to_csv(self, path)
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
         """Write a Parquet file that includes the roles of its columns, so that `read` needs no keywords.
 
         Raises `CommonlawError` if pyarrow is not installed, pint does not know a unit, or the file cannot be written.
         """
-        to_parquet(self._data, path)
+        to_parquet(self, path)
 
     def select(self, /, object: object = None, trial: object = None, **properties: object) -> "Trials":
         """Return the trials that meet all conditions.
