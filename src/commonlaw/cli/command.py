@@ -9,7 +9,7 @@ from typing import IO, Any
 
 import click
 
-from commonlaw.cli.options import SettingsOption, check_files, check_order, check_text, dialect, in_order
+from commonlaw.cli.options import OTHERS, SettingsOption, check_files, check_order, check_text, dialect, in_order
 from commonlaw.cli.output import changing_line, say
 from commonlaw.diagnostics import reference
 from commonlaw.errors import CommonlawError
@@ -116,9 +116,6 @@ def _lines(words: Callable[[], str]) -> Iterator[None]:
         ended.set()
 
 
-_OTHERS = "Options"
-"""The heading of options that have none."""
-
 ALL_OPTIONS = f"{__name__}.all_options"
 """Set in the `meta` of a context whose help lists all options."""
 
@@ -203,9 +200,9 @@ class Command(click.Command):
         count, is_whole = len(options), bool(ctx.meta.get(ALL_OPTIONS))
         if not is_whole:
             options = [option for option in options if getattr(option, "everyday", True)]
-        headings = dict.fromkeys(getattr(option, "group", _OTHERS) for option in options)
-        for heading in sorted(headings, key=_OTHERS.__eq__):
-            own = (option for option in options if getattr(option, "group", _OTHERS) == heading)
+        headings = dict.fromkeys(getattr(option, "group", OTHERS) for option in options)
+        for heading in sorted(headings, key=OTHERS.__eq__):
+            own = (option for option in options if getattr(option, "group", OTHERS) == heading)
             records = [record for each in own if (record := each.get_help_record(ctx)) is not None]
             with formatter.section(heading):
                 formatter.write_dl(records)

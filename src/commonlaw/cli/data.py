@@ -3,7 +3,7 @@
 import click
 
 from commonlaw.cli.command import Commands
-from commonlaw.cli.options import AS_JSON, in_options, saving
+from commonlaw.cli.options import AS_JSON, in_options, option, saving
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.cli.source import EVERY_OPTION, WITH_LAW, Source, with_table, written_schema
 from commonlaw.runtime.files import write_whole
@@ -17,13 +17,13 @@ def data() -> None:
 
 @data.command()
 @with_table(*EVERY_OPTION)
-@click.option(
+@option(
     "--order",
+    "Order of the laws that are tested for confounded variables; 0 for no test.  [default: 2 for a "
+    "single state, 1 for several]",
     type=click.IntRange(0, 2),
-    help="Order of the laws that are tested for confounded variables; 0 for no test.  [default: 2 for a single state, "
-    "1 for several]",
 )
-@click.option("--library", metavar="SPEC", help="Their candidate terms, as in discover.  [default: poly:3]")
+@option("--library SPEC", "Their candidate terms, as in discover.  [default: poly:3]")
 @saving(schema="the roles of the columns and how the table is read, for --schema of all commands")
 @AS_JSON
 def check(source: Source, order: int | None, library: str | None, save: tuple[str, ...], as_json: bool) -> None:

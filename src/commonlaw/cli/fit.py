@@ -56,54 +56,44 @@ if TYPE_CHECKING:
 @with_table(*WITHOUT_LAW, "states", "inputs", "exclude", training=True)
 @click.argument("equations", required=False)
 @option(
-    "Law",
-    "--initial-value",
+    "--initial-value STATE=VALUE...",
+    "Initial value of a state, at the first sample of each trial: a number, a property of the objects, "
+    "depot=dose, a parameter, x=x0, or depot=free to estimate it",
     "initial_values",
+    group="Law",
     everyday=True,
-    metavar="STATE=VALUE",
-    multiple=True,
-    help="Initial value of a state, at the first sample of each trial: a number, a property of the objects, "
-    "depot=dose, a parameter, x=x0, or depot=free to estimate it; repeat for more.",
 )
 @option(
-    "Law",
-    "--initial-time",
+    "--initial-time TIME",
+    "Time of these initial values, if before the first sample of a trial, such as that of an injection.",
     "initial_time",
+    group="Law",
     type=float,
-    metavar="TIME",
-    help="Time of these initial values, if before the first sample of a trial, such as that of an injection.",
 )
 @option(
-    "Law",
-    "--dose",
+    "--dose COLUMN...",
+    'An input that holds amounts which are added at once, at the times of their rows, "c\' = -k c + dose/V"',
     "doses",
-    metavar="COLUMN",
-    multiple=True,
-    help='An input that holds amounts which are added at once, at the times of their rows, "c\' = -k c + dose/V"; '
-    "repeat for more.",
+    group="Law",
 )
 @option(
-    "Law",
-    "--shared",
+    "--shared LETTER[=COLUMN]...",
+    "A coefficient of the equations that all objects have in common, k, or objects and trials with one "
+    "value of a column, k=strain; k=trial is one for each trial",
+    group="Law",
     everyday=True,
-    metavar="LETTER[=COLUMN]",
-    multiple=True,
-    help="A coefficient of the equations that all objects have in common, k, or objects and trials with one value of a "
-    "column, k=strain; k=trial is one for each trial. Repeat for more.",
 )
 @option(
-    "Law",
-    "--guess",
+    "--guess LETTER=VALUE...",
+    "Initial guess of a nonlinear parameter, a frequency w=0.3  [default: a grid of values]",
     "guesses",
-    metavar="LETTER=VALUE",
-    multiple=True,
-    help="Initial guess of a nonlinear parameter, a frequency w=0.3; repeat for more.  [default: a grid of values]",
+    group="Law",
 )
 @with_settings("fit")
 @option(
-    "Output",
-    "--against",
-    metavar="LAW.json",
+    "--against LAW.json",
+    "",
+    group="Output",
     type=ReadFile(),
     replaced_by="write commonlaw compare TABLE LAW LAW afterwards",
 )

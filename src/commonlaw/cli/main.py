@@ -11,7 +11,7 @@ import click
 
 from commonlaw import __version__
 from commonlaw.cli.command import Commands, Refusal, command, say_every_step
-from commonlaw.cli.options import ReadFile, in_options, is_law_file
+from commonlaw.cli.options import ReadFile, in_options, is_law_file, option
 from commonlaw.cli.output import say, standard_streams
 from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
@@ -23,15 +23,15 @@ _MODULES = {
     "models": "fit",
     "compare": "fit",
     "refine": "fit",
-    "predict": "predict",
-    "explain": "show",
-    "check": "criticism",
-    "discrepancy": "criticism",
-    "bounds": "criticism",
-    "design": "design",
-    "report": "show",
+    "predict": "saved_law",
+    "explain": "saved_law",
+    "check": "saved_law",
+    "discrepancy": "saved_law",
+    "bounds": "saved_law",
+    "design": "saved_law",
+    "report": "saved_law",
     "app": "main",
-    "show": "show",
+    "show": "saved_law",
     "data": "data",
     "help": "main",
 }
@@ -125,8 +125,8 @@ def main() -> None:
 
 @command
 @click.argument("path", required=False, metavar="[TABLE]", type=ReadFile())
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen at; 0 for any that is free.")
-@click.option("--browser/--no-browser", "open_browser", default=True, help="Whether to open a browser.")
+@option("--port", "Port to listen at; 0 for any that is free.", type=click.IntRange(0, 65535), default=0)
+@option("--browser/--no-browser", "Whether to open a browser.", "open_browser", default=True)
 def app(path: str | None, port: int, open_browser: bool) -> None:
     """Open the app in a browser: discover and fit laws without code.
 

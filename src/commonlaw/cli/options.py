@@ -26,21 +26,43 @@ class GroupedOption(click.Option):
     One of the last release is hidden, and `replaced_by` says what to do now.
     """
 
-    def __init__(self, *args: Any, group: str, everyday: bool = False, replaced_by: str = "", **settings: Any) -> None:
+    def __init__(self, *args: Any, group: str, everyday: bool, replaced_by: str = "", **settings: Any) -> None:
         super().__init__(*args, **settings)
         self.hidden = bool(replaced_by)
         self.group, self.everyday, self.replaced_by = group, everyday, replaced_by
 
 
-def option(group: str, *names: str, kind: type[GroupedOption] = GroupedOption, **settings: Any) -> Decorator:
-    """Return the decorator that adds an option under a heading."""
-    return click.option(*names, cls=kind, group=group, **settings)
+OTHERS = "Options"
+"""The heading of options that have no other."""
 
 
-HISTORY = option("Output", "--history", is_flag=True, replaced_by="write commonlaw show LAW.json --history afterwards")
+def option(
+    spec: str,
+    help: str,
+    *names: str,
+    group: str = OTHERS,
+    everyday: bool | None = None,
+    kind: type[GroupedOption] = GroupedOption,
+    **settings: Any,
+) -> Decorator:
+    """Return the decorator that adds an option under a heading, by default an everyday one under that of others.
+
+    The `spec` is the option with what stands for its value, ``--state COLUMN``; with dots behind it is repeated.
+    """
+    flag, _, metavar = spec.partition(" ")
+    if metavar.endswith("..."):
+        text, mark, default = help.partition("  [default: ")
+        help, metavar, settings["multiple"] = f"{text}; repeat for more.{mark}{default}", metavar[:-3], True
+    settings |= {"group": group, "everyday": group == OTHERS if everyday is None else everyday}
+    return click.option(flag, *names, cls=kind, metavar=metavar or None, help=help, **settings)
+
+
+HISTORY = option(
+    "--history", "", group="Output", is_flag=True, replaced_by="write commonlaw show LAW.json --history afterwards"
+)
 """Adds the option to a command, which receives it as `history`."""
 
-AS_JSON = option("Output", "--json", "as_json", is_flag=True, everyday=True, help="Print the result as JSON.")
+AS_JSON = option("--json", "Print the result as JSON.", "as_json", group="Output", is_flag=True, everyday=True)
 """Adds the option to a command, which receives it as `as_json`."""
 
 
@@ -261,17 +283,8 @@ def saving(required: bool = False, default: tuple[str, ...] | None = None, **con
     for kind, what in content.items():
         texts.append(f"{what} ({' '.join(each for each in ENDINGS[kind] if each not in taken)})")
         taken |= {*ENDINGS[kind]}
-    return option(
-        "Output",
-        "--save",
-        metavar="FILE",
-        everyday=True,
-        multiple=True,
-        required=required,
-        default=default,
-        type=WrittenFile(*content),
-        help=f"Write {', or '.join(texts)}; repeat for more.",
-    )
+    settings: dict[str, Any] = {"required": required, "default": default, "type": WrittenFile(*content)}
+    return option("--save FILE...", f"Write {', or '.join(texts)}", group="Output", everyday=True, **settings)
 
 
 def is_law_file(value: str) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial, reduce, wraps
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import click
 import msgspec
@@ -31,9 +31,10 @@ from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.runtime.reading import checked_file, read_file
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
+from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.files import read_table, table_files
 from commonlaw.trials.headers import join_header
-from commonlaw.trials.reading import WrittenReading, checked
+from commonlaw.trials.reading import DateOrder, Restarts, WrittenReading, checked
 from commonlaw.trials.roles import GUESSED
 from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
@@ -46,106 +47,76 @@ if TYPE_CHECKING:
 S = TypeVar("S", Trials, TrialStream)
 
 
-_table = partial(partial, option, "Table")
-_column = partial(_table, metavar="COLUMN")
+_table: Callable[..., Callable[..., Decorator]] = partial(partial, option, group="Table")
 
 _OPTIONS = {
     "schema": _table(
-        "--schema",
-        metavar="SCHEMA.toml",
+        "--schema SCHEMA.toml",
+        "Roles of columns and how the table is read, as written by commonlaw data check --save; other "
+        "options take precedence.",
         type=ReadFile(),
-        help="Roles of columns and how the table is read, as written by commonlaw data check --save; other options "
-        "take precedence.",
     ),
-    "object": _column("--object", help="Column that names the object; '' if there is none."),
-    "trial": _column("--trial", help="Column that labels the trial of an object; '' if there is none."),
-    "time": _column("--time", help="Column of times."),
-    "states": _column("--state", "states", multiple=True, help="Column of a measured state; repeat for more."),
-    "inputs": _column("--input", "inputs", multiple=True, help="Column of a measured input; repeat for more."),
-    "properties": _column(
-        "--property", "properties", multiple=True, help="Column of an object's property; repeat for more."
-    ),
+    "object": _table("--object COLUMN", "Column that names the object; '' if there is none."),
+    "trial": _table("--trial COLUMN", "Column that labels the trial of an object; '' if there is none."),
+    "time": _table("--time COLUMN", "Column of times."),
+    "states": _table("--state COLUMN...", "Column of a measured state", "states"),
+    "inputs": _table("--input COLUMN...", "Column of a measured input", "inputs"),
+    "properties": _table("--property COLUMN...", "Column of an object's property", "properties"),
     "noise_columns": _table(
-        "--noise-column",
+        "--noise-column STATE=COLUMN...",
+        "Column of the standard deviations of a state's measurements, '' if there is none",
         "noise_columns",
-        metavar="STATE=COLUMN",
-        multiple=True,
-        help="Column of the standard deviations of a state's measurements; repeat for more; '' if there is none.",
     ),
     "units": _table(
-        "--unit",
-        "units",
-        metavar="COLUMN=UNIT",
-        multiple=True,
-        help="Unit of a column, height=m; a header such as 'height [m]' says it too; repeat for more.",
+        "--unit COLUMN=UNIT...", "Unit of a column, height=m; a header such as 'height [m]' says it too", "units"
     ),
-    "object_name": _table(
-        "--object-name", metavar="NAME", help="Name of the object, if no column names it.  [default: the file's]"
-    ),
+    "object_name": _table("--object-name NAME", "Name of the object, if no column names it.  [default: the file's]"),
     "wide": _table(
-        "--wide",
-        metavar="NAME",
-        help="Read a column for each object, as for the wells of a plate; NAME is what was measured: 'OD [OD]'.",
+        "--wide NAME",
+        "Read a column for each object, as for the wells of a plate; NAME is what was measured: 'OD [OD]'.",
     ),
     "restarts": _table(
         "--restarts",
-        type=click.Choice(["trials", "sort"]),
-        help="Where times go back, a trial begins, or rows are out of order.  [default: refused if not shuffled]",
+        "Where times go back, a trial begins, or rows are out of order.  [default: refused if not shuffled]",
+        type=click.Choice(get_args(Restarts)),
     ),
     "missing": _table(
-        "--missing",
-        multiple=True,
-        metavar="MARK",
-        help="Cells that are missing values, such as -999 or '<0.5', besides empty ones, NA, -, n.d.; repeat for more.",
+        "--missing MARK...", "Cells that are missing values, such as -999 or '<0.5', besides empty ones, NA, -, n.d."
     ),
-    "below": _table(
-        "--below",
-        multiple=True,
-        metavar="MARK=LIMIT",
-        help="Cells below a limit of quantification, BLQ=0.5, besides <0.5; repeat for more.",
+    "below": _table("--below MARK=LIMIT...", "Cells below a limit of quantification, BLQ=0.5, besides <0.5"),
+    "decimal": _table(
+        "--decimal", "Decimal mark.  [default: as the cells show]", type=click.Choice(get_args(DecimalMark))
     ),
-    "decimal": _table("--decimal", type=click.Choice([".", ","]), help="Decimal mark.  [default: as the cells show]"),
     "dates": _table(
         "--dates",
-        type=click.Choice(["dmy", "mdy", "ymd", "h:mm", "m:ss"]),
-        help="Order of day, month and year, or what 1:30 is.  [default: as the cells show]",
+        "Order of day, month and year, or what 1:30 is.  [default: as the cells show]",
+        type=click.Choice(get_args(DateOrder)),
     ),
-    "sheet": _table("--sheet", metavar="NAME", help="Sheet of a workbook."),
+    "sheet": _table("--sheet NAME", "Sheet of a workbook."),
     "clip": _table(
-        "--clip", is_flag=True, help="Cut each trial at its last irregular time step (7.5 % off the median step)."
+        "--clip", "Cut each trial at its last irregular time step (7.5 % off the median step).", is_flag=True
     ),
     "exclude": _table(
-        "--exclude",
-        metavar="NAME=VALUE",
-        multiple=True,
-        help="Leave trials out that fit, written as for --where; of several, those that fit all.",
+        "--exclude NAME=VALUE...", "Leave trials out that fit, written as for --where; of several, those that fit all"
     ),
     "where": _table(
-        "--where",
-        metavar="NAME=VALUE",
-        multiple=True,
-        help="Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several, and a name with a "
-        "comma in double quotes; repeat for more.",
+        "--where NAME=VALUE...",
+        "Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several, and a name "
+        "with a comma in double quotes",
     ),
 }
 """All that can be said of a table, by field of `Source`."""
 
 _HELD_OUT = {
     "hold_out": option(
-        "Table",
-        "--hold-out",
-        metavar="NAME=VALUE",
-        multiple=True,
+        "--hold-out NAME=VALUE...",
+        "Learn nothing from trials that fit, written as for --where, and check the law on them; ball=Golf "
+        "Ball holds an object out",
+        group="Table",
         everyday=True,
-        help="Learn nothing from trials that fit, written as for --where, and check the law on them; ball=Golf Ball "
-        "holds an object out.",
     ),
     "learn_until": option(
-        "Table",
-        "--learn-until",
-        type=float,
-        metavar="TIME",
-        help="Learn from samples up to this time, check on the others.",
+        "--learn-until TIME", "Learn from samples up to this time, check on the others.", group="Table", type=float
     ),
 }
 
@@ -464,12 +435,12 @@ R = TypeVar("R")
 
 
 with_cluster = option(
-    "Cluster",
-    "--cluster",
-    metavar="ADDRESS",
-    help="Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address that its "
-    "scheduler shows, or local:4 for four processes of this machine. They read the files themselves, so name them as "
-    "the workers see them. Without it a folder or a pattern of Parquet files is gone through here, file by file.",
+    "--cluster ADDRESS",
+    "Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address "
+    "that its scheduler shows, or local:4 for four processes of this machine. They read the files "
+    "themselves, so name them as the workers see them. Without it a folder or a pattern of Parquet files "
+    "is gone through here, file by file.",
+    group="Cluster",
 )
 """Adds the option to a command, which receives it as `cluster`."""
 
