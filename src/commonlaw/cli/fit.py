@@ -37,13 +37,15 @@ from commonlaw.cli.source import (
     WITH_LAW,
     WITHOUT_LAW,
     Source,
-    columns_of,
     on_cluster_at,
     stream_of,
     with_cluster,
     with_table,
 )
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.law.alignment import measured_schema
+from commonlaw.law.models import named_models
+from commonlaw.law.observation import ALL
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
@@ -132,19 +134,10 @@ def fit(
       commonlaw fit dataset:linear-drag:noise=0.05 "x'' = -g - c v"
     """
     import commonlaw as cl
-    from commonlaw.law.observation import ALL
 
     if cluster:
-        source.check_streams()
-        alone = {
-            "--initial-value": initial_values,
-            "--initial-time": initial_time,
-            "--dose": doses,
-            "--against": against,
-        }
-        alone |= {"--shared": shared, "--guess": guesses}
-        if given := [name for name, value in alone.items() if value]:
-            raise click.UsageError(f"{', '.join(given)} with --cluster: leave it out, or fit single files")
+        alone = {"--initial-value": initial_values, "--initial-time": initial_time, "--dose": doses}
+        source.check_streams(alone | {"--against": against, "--shared": shared, "--guess": guesses})
         with working("Fitting ...") as show, on_cluster_at(cluster, show):
             found = find_law(
                 source, outputs, show, True, lambda trials, tell: cl.fit(equations, trials, **settings, progress=tell)
@@ -291,7 +284,7 @@ def refine(
     if cluster:
         source.check_streams()
     with working("Refining ...") as show, on_cluster_at(cluster, show):
-        trials = source.select(stream_of(source, law.schema)) if cluster else source.chosen(columns_of(law))
+        trials = source.select(stream_of(source, law.schema)) if cluster else source.chosen(measured_schema(law))
         law = cl.refine(law, trials, **settings, progress=show)
         later = Artifacts()
         later.save(save, law=law)
@@ -311,7 +304,6 @@ def models(names: tuple[str, ...]) -> None:
       commonlaw models logistic
       commonlaw fit mice.csv logistic:x=weight
     """
-    from commonlaw.law.models import named_models
 
     for name in names:
         check_choice("named model", name, named_models)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from commonlaw.cli.options import in_options
 from commonlaw.errors import CommonlawError
+from commonlaw.law.text import Written, with_error
 from commonlaw.text import escaped, in_line, json_text, visible
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 _GAP = 3
 """Characters between the columns of a table."""
-
 
 _MOST_ROWS = 1000
 """Rows of a table that are printed; more would take minutes to set."""
@@ -51,8 +51,6 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
-
-    from commonlaw.law.text import Written
 
     rows = [list(row) for row in rows]
     rows, left_out = rows[:_MOST_ROWS], rows[_MOST_ROWS:]
@@ -126,8 +124,6 @@ def _console() -> "Console":
 def shown(value: object) -> str:
     """Return a cell's text: numbers to four digits or as far as their error lets them be, nothing for a missing one."""
     if isinstance(value, tuple):
-        from commonlaw.law.text import with_error
-
         return with_error(*value)
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -22,9 +22,16 @@ from commonlaw.cli.output import (
     print_table,
     say,
 )
-from commonlaw.cli.source import Source, columns_of, few_trials, stream_of
+from commonlaw.cli.source import Source, few_trials, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
+from commonlaw.law.alignment import measured_schema
+from commonlaw.law.law import object_index, shares_terms
+from commonlaw.law.models import model_named
+from commonlaw.law.parameters import named_parameters
+from commonlaw.law.simplify import within_errors
+from commonlaw.law.text import MANY, said_within_errors
+from commonlaw.library.equation import split_equations
 from commonlaw.runtime.fit_options import FitOptions, settings_of
 from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import as_text, counted, in_line, r_squared
@@ -51,7 +58,6 @@ def print_spread(law: "Law", heads: list[str]) -> None:
 
     Nothing of a law that has none.
     """
-    from commonlaw.law.parameters import named_parameters
     from commonlaw.law.tables import letter_values, outlying
 
     if not heads:
@@ -87,7 +93,6 @@ def print_compared(frame: "pd.DataFrame") -> None:
 
 def over_table(source: Source, text: str) -> tuple[str, tuple[str, ...]]:
     """Return equations, or those of a named model over the columns of the table, and its inputs that are doses."""
-    from commonlaw.law.models import model_named
 
     named = model_named(text)
     if named is None:
@@ -110,9 +115,8 @@ def load(
     Columns of `groups` are inputs.
     """
     from commonlaw.estimation.model import ModelText
-    from commonlaw.library.equation import split_equations
 
-    schemas = [*map(columns_of, laws)]
+    schemas = [*map(measured_schema, laws)]
     if not equations:
         return source.load(schemas[0])
     trials, text = source.load(), ModelText.of(equations[0])
@@ -213,7 +217,7 @@ class FitResult:
 
         found = later.take("the law was not checked", lambda: find_by_stream(law, held_out, show, training), None)
         findings = Findings(law, few, few) if found is None else replace(found.few, law=found.law)
-        return cls(findings, None, stream=training, everything=found, program=source.stream_program())
+        return cls(findings, None, stream=training, everything=found, program=source.program(training))
 
     @classmethod
     def check(
@@ -234,7 +238,7 @@ class FitResult:
         truth = later.take("the true law was not found", lambda: truth_of(name) if name else None, None)
         unchecked = Findings(law, trials, training)
         findings = later.take("the law was not checked", lambda: find(law, trials, training, bands), unchecked)
-        program = source.stream_program() if stream else source.program(trials) if source.path else ""
+        program = source.program(stream or trials) if source.path else ""
         return cls(findings, truth, stream=stream, program=program)
 
     @property
@@ -259,11 +263,7 @@ class FitResult:
 
     def show(self) -> None:
         """Print the law, how well it forecasts, and the most probable candidates."""
-        from commonlaw.law.law import shares_terms
-        from commonlaw.law.parameters import named_parameters
-        from commonlaw.law.simplify import within_errors
         from commonlaw.law.tables import MEANINGS, readable_candidates
-        from commonlaw.law.text import MANY, said_within_errors
 
         law, training = self.law, self.findings.training
         if self.stream is None:
@@ -376,8 +376,6 @@ class FitResult:
 
     def _show_coefficients(self) -> None:
         """Print what the letters of the law stand for, of many objects how they are spread."""
-        from commonlaw.law.parameters import named_parameters
-        from commonlaw.law.text import MANY
 
         if len(self.law.objects) > MANY:
             law = self.law
@@ -404,7 +402,6 @@ class FitResult:
 
     def _true_values(self, coefficient: "Coefficient") -> Floats:
         """Return what a letter stands for in the true law, shape (objects,)."""
-        from commonlaw.law.law import object_index
 
         truth, columns = cast("Law", self.truth), list[Floats]()
         rows = [object_index(truth, name) for name in self.law.objects]
@@ -423,7 +420,7 @@ class FitResult:
         errors_of = curves.errors().pivot_table(
             index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
         )
-        schema = columns_of(law)
+        schema = measured_schema(law)
         for state in schema.measured:
             what = "RMS residual" if curves.is_fit else "RMS forecast error"
             columns[_with_unit(f"{what} of {state}", schema.units.get(state))] = (

@@ -37,7 +37,6 @@ from commonlaw.cli.results import page
 from commonlaw.cli.source import (
     WITH_LAW,
     Source,
-    columns_of,
     guesses,
     on_cluster_at,
     stream_of,
@@ -46,9 +45,13 @@ from commonlaw.cli.source import (
 )
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, average_law, relations_frame, to_json, to_latex
+from commonlaw.law.alignment import has_bands, measured_schema
+from commonlaw.law.parameters import named_parameters, units_with_rates
+from commonlaw.law.text import Written
 from commonlaw.runtime.progress import check_memory, part
 from commonlaw.text import counted, in_line, r_squared
 from commonlaw.trials import Trials
+from commonlaw.trials.properties import given_properties
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,8 +68,6 @@ if TYPE_CHECKING:
 def show(law_path: str, latex: bool, name: str | None, average: bool, history: bool) -> None:
     """Print LAW.json: equations, coefficients and derived quantities with 95 % intervals, range of the data."""
     import pandas as pd
-
-    from commonlaw.law.parameters import units_with_rates
 
     if name and average:
         raise click.UsageError("give --select or --average, not both")
@@ -135,8 +136,6 @@ def explain(
       commonlaw explain law.json --property diameter,mass
       commonlaw explain law.json --properties balls.csv --save explained.json
     """
-    from commonlaw.law.parameters import named_parameters
-    from commonlaw.trials.properties import given_properties
 
     law = Law.load(law_path)
     with working("Explaining ..."):
@@ -202,9 +201,9 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
             stream = stream_of(source, law.schema)
             training = source.select(stream) if source.holds_out else None
             found = find_by_stream(law, source.held_out(stream), part(show, 0.0, 1.0), training)
-            made = partial(page, found.few, source.stream_program(), show, found)
+            made = partial(page, found.few, source.program(stream), show, found)
         else:
-            trials = source.load(columns_of(law))
+            trials = source.load(measured_schema(law))
             guessed += guesses(trials)
             program = source.program(trials) if source.path else ""
             made = partial(page, find(law, trials, source.select(trials)), program, show)
@@ -291,7 +290,6 @@ def predict(
       commonlaw predict pairs.csv law.json --initial-samples all --phase-plane --save plane.svg
       commonlaw predict 'runs/*.parquet' law.json --folder forecasts --save errors.parquet --cluster local:4
     """
-    from commonlaw.law.alignment import has_bands
     from commonlaw.law.tables import letter_values
     from commonlaw.stream import forecast_stream
 
@@ -300,10 +298,7 @@ def predict(
         given: dict[str, object] = {f"--save {each}": each for each in save if not is_of_kind(each, "table")}
         given |= {"--discrepancy": discrepancy, "--input-interpolation": input_interpolation}
         given |= {"--phase-plane": phase_plane, "--until": grid["until"], "--step": grid["step"]}
-        source.check_streams()
-        if refused := [name for name, value in given.items() if value]:
-            names = ", ".join(refused)
-            raise click.UsageError(f"{names} with a stream of files: leave it out, or forecast single files")
+        source.check_streams(given)
         later = Artifacts()
         with working("Forecasting ...") as show, on_cluster_at(cluster, show):
             stream = source.select(stream_of(source, law.schema))
@@ -362,14 +357,14 @@ def _with_properties(source: Source, law: "Law") -> Trials:
 
     In a table of one object a column that does not change is a property only where one is looked for.
     """
-    trials = source.load(columns_of(law))
+    trials = source.load(measured_schema(law))
     taken = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
     if law.provenance.with_discrepancy:
         taken = (*taken, *law.provenance.with_discrepancy.schema.inputs[len(law.schema.inputs) :])
     known = {name for values in trials.properties.values() for name in values}
     if source.path and "properties" not in source.roles and not {*taken} <= known:
         with suppress(CommonlawError):
-            return source.reading(properties=list(taken)).load(columns_of(law))
+            return source.reading(properties=list(taken)).load(measured_schema(law))
     return trials
 
 
@@ -418,9 +413,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
     law = Law.load(law_path)
     later = Artifacts()
     if cluster or source.is_stream:
-        source.check_streams()
-        if figures := [each for each in save if is_of_kind(each, "figure")]:
-            raise click.UsageError(f"--save {figures[0]} with a stream of files: leave it out, or check single files")
+        source.check_streams({f"--save {each}": is_of_kind(each, "figure") for each in save})
         with working("Checking ...") as show, on_cluster_at(cluster, show):
             of_files = check_stream(law, source.select(stream_of(source, law.schema)), progress=show)
             later.save(save, table=lambda: of_files.objects)
@@ -440,7 +433,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
         later.end(silent=as_json)
         return
     with working("Checking ..."):
-        trials = source.chosen(columns_of(law))
+        trials = source.chosen(measured_schema(law))
         found = law.residuals(trials)
         later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_residuals(found))
     if as_json:
@@ -454,8 +447,6 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
 def _readable(tests: "pd.DataFrame") -> "pd.DataFrame":
     """Return a table of tests with as many digits as decide."""
     import pandas as pd
-
-    from commonlaw.law.text import Written
 
     shown = tests.drop(columns="meaning")
     for name, least in (("statistic", -np.inf), ("p-value", 0.001), ("adjusted", 0.001)):
@@ -511,7 +502,7 @@ def discrepancy(
 
     law = Law.load(law_path)
     with working("Seeking a discrepancy ..."):
-        trials = source.chosen(columns_of(law))
+        trials = source.chosen(measured_schema(law))
         levels = numbers("--noise", noise) if noise else None
         found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=_zero(zero_at), noise=levels)
         later = Artifacts()
@@ -583,7 +574,7 @@ def bounds(
 
     law = Law.load(law_path)
     with working("Fitting ...") as show:
-        trials = source.chosen(columns_of(law))
+        trials = source.chosen(measured_schema(law))
         found = found_by(law, trials, terms or None, level=level, progress=show)
         frame = found.to_frame()
         later = Artifacts()

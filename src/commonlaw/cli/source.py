@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial, reduce, wraps
 from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import click
@@ -40,7 +41,6 @@ from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
-    from commonlaw.law import Law
     from commonlaw.law.script import Source as Program
 
 
@@ -218,7 +218,7 @@ class Source:
     def load(self, schema: Schema | None = None) -> Trials:
         """Return all trials but those excluded; names that no option gives are taken from `schema`."""
         if self.is_stream:
-            return self.named_like(schema).stream().read()
+            return self.stream(schema).read()
         if self.dataset:
             from commonlaw.datasets import DATASETS
             from commonlaw.runtime.arguments import parse_spec
@@ -234,7 +234,7 @@ class Source:
     def chosen(self, schema: Schema | None = None) -> Trials:
         """Return what `select` does of the trials that `load` does; of a folder or a pattern no others are held."""
         if self.is_stream:
-            return self.select(self.named_like(schema).stream()).read()
+            return self.select(self.stream(schema)).read()
         return self.select(self.load(schema))
 
     @property
@@ -247,24 +247,23 @@ class Source:
             return several and not table_files(path)
         return False
 
-    def check_streams(self) -> None:
-        """Refuse what does not go with files that are streamed."""
-        refused = [name for name in _READING if name in self.roles]
-        refused += [name for name in ("sheet", "clip") if getattr(self, name)]
-        if refused:
-            raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out")
+    def check_streams(self, others: Mapping[str, object] = MappingProxyType({})) -> None:
+        """Refuse what does not go with files that are streamed, `others` of the options among it."""
+        given = (
+            {name: self.roles.get(name) for name in _READING} | {"sheet": self.sheet, "clip": self.clip} | {**others}
+        )
+        if refused := [name for name, value in given.items() if value]:
+            instead = "leave it out, or give single files"
+            raise click.UsageError(f"{', '.join(refused)} with a stream of files: {instead}")
         if not self.path:
             raise click.UsageError("give Parquet files, such as 'runs/*.parquet'")
 
-    def stream(self) -> TrialStream:
-        """Return the trials of Parquet files as a stream."""
+    def stream(self, schema: Schema | None = None) -> TrialStream:
+        """Return the trials of Parquet files as a stream; names that no option gives are taken from `schema`."""
         self.check_streams()
-        given = {name: value for name, value in self.roles.items() if value}
+        roles = (_names_of(schema) if schema else {}) | {**self.roles}
+        given = {name: value for name, value in roles.items() if value}
         return self._without_excluded(TrialStream.from_parquet(str(self.path), **given))
-
-    def named_like(self, schema: Schema | None) -> "Source":
-        """Return the same with the names of a schema for those that no option gives."""
-        return self if schema is None else self.reading(**_names_of(schema) | {**self.roles})
 
     @property
     def holds_out(self) -> bool:
@@ -289,9 +288,13 @@ class Source:
             trials = trials.split(**_conditions("--hold-out", self.hold_out, trials))[1]
         return trials if self.learn_until is None else trials.until(self.learn_until)
 
-    def program(self, trials: Trials) -> "Program":
-        """Return where a program finds these trials in the table, and which of them it learns from."""
+    def program(self, trials: Trials | TrialStream) -> "Program":
+        """Return where a program finds these trials, and which of a table it learns from."""
         from commonlaw.law.script import Source as Program
+
+        properties = tuple(self.roles.get("properties", ()))
+        if isinstance(trials, TrialStream):
+            return Program(self.path or "", properties=properties, stream=True)
 
         def conditions(name: str, texts: Sequence[str]) -> str:
             return "**" + repr(_conditions(name, texts, trials)) if texts else ""
@@ -304,14 +307,8 @@ class Source:
         reading = {name: self.roles[name] for name in _READING if name in self.roles}
         reading |= {"sheet": self.sheet} if self.sheet else {}
         reading |= {"noise_columns": {}} if self.roles.get("noise_columns") == {} else {}
-        training, properties = f"measured{learned}" if learned else "", tuple(self.roles.get("properties", ()))
+        training = f"measured{learned}" if learned else ""
         return Program(self.files, properties=properties, training=training, reading=reading, kept=kept)
-
-    def stream_program(self) -> "Program":
-        """Return where a program finds the trials of files."""
-        from commonlaw.law.script import Source as Program
-
-        return Program(self.path or "", properties=tuple(self.roles.get("properties", ())), stream=True)
 
     def _without_excluded(self, trials: S) -> S:
         return trials.split(**_conditions("--exclude", self.exclude, trials))[1] if self.exclude else trials
@@ -456,20 +453,10 @@ def on_cluster_at(address: str | None, show: ProgressCallback) -> Iterator[None]
         yield
 
 
-def columns_of(law: "Law") -> "Schema":
-    """Return names and units of what was measured of a law."""
-    from commonlaw.law.alignment import measured_schema
-
-    return measured_schema(law)
-
-
 def stream_of(source: Source, schema: Schema | None = None) -> TrialStream:
-    """Return the trials of files as a stream; a worker lists them if there is one, as they need not be here.
-
-    Names that no option gives are taken from `schema`.
-    """
-    source = source.named_like(schema)
-    return _by_a_worker(Source.stream, replace(source, path=str(Path(str(source.path)).absolute())))
+    """Return the stream of a source; a worker lists its files if there is one, as they need not be here."""
+    absolute = replace(source, path=str(Path(str(source.path)).absolute()))
+    return _by_a_worker(partial(Source.stream, schema=schema), absolute)
 
 
 def few_trials(stream: TrialStream) -> Trials:
