@@ -1,13 +1,13 @@
 """`commonlaw discover`: from a table to a law, or with --each from each of several tables to its own."""
 
 import warnings
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import click
 
@@ -25,10 +25,6 @@ from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.runtime.shutdown import begun, end_with_parent
 from commonlaw.text import as_text, counted, shown
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -119,12 +115,14 @@ _BATCH_OPTIONS = (
 
 @dataclass(frozen=True)
 class FileResult:
-    """What was found in a file: the form of the law, whether it can be used, the rows of the table, and guesses."""
+    """What was found in a file: the form of the law, whether it can be used, rows of the table, and guesses; or not."""
 
-    law: str
-    usable: bool | None
-    rows: list[dict[str, object]]
-    guesses: list[str]
+    path: str
+    failure: str = ""
+    law: str = ""
+    usable: bool | None = None
+    rows: Sequence[Mapping[str, object]] = ()
+    guesses: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -150,15 +148,16 @@ class Batch:
                 f"{' and '.join(given)} for a single file: with --each, results go to a table, --save results.csv"
             )
 
-    def run(self, source: Source, question: Question, show: ProgressCallback) -> "BatchResults":
+    def run(self, source: Source, question: Question, show: ProgressCallback) -> list[FileResult]:
         """Find the laws of all files, by the workers of a cluster if there is one."""
         paths = [path for path in (source.path, *self.more) if path]
         pieces = [(replace(source, path=str(Path(path).absolute())), question) for path in paths]
-        results: list[tuple[FileResult | None, str]] = [(None, "")] * len(paths)
+        results = [*map(FileResult, paths)]
         with closing(self._ended(pieces, show)) as ended:
             for number, found, failure in ended:
-                results[number] = found, in_options(failure)
-        return BatchResults(paths, results)
+                path = paths[number]
+                results[number] = replace(found, path=path) if found else FileResult(path, in_options(failure))
+        return results
 
     def _ended(self, pieces: Sequence[Piece], show: ProgressCallback) -> Generator[tuple[int, FileResult | None, str]]:
         """Yield the number of each file as soon as it is done, with what was found or why nothing was."""
@@ -179,43 +178,26 @@ class Batch:
                 show(Stage(f"{done} of {len(pieces)} files", done / len(pieces)))
 
 
-@dataclass(frozen=True)
-class BatchResults:
-    """What was found in each file, or why nothing was."""
+def give(results: Sequence[FileResult], paths: Sequence[str]) -> None:
+    """Write the table, print a line for each file, and say in how many there is a law."""
+    import pandas as pd
 
-    paths: Sequence[str]
-    found: Sequence[tuple[FileResult | None, str]]
-
-    def give(self, paths: Sequence[str], later: Artifacts) -> None:
-        """Write the table, print a line for each file, and say in how many there is a law."""
-        later.save(paths, table=self._table)
-        words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
-        print_table(
-            ["file", "law", "forecasts by it, or what is wrong"],
-            [
-                [path, each.law, words[each.usable]] if each else [path, "", failure]
-                for path, (each, failure) in zip(self.paths, self.found, strict=True)
-            ],
-        )
-        laws = sum(each is not None for each, _ in self.found)
-        say(f"\n{counted(laws, 'law')} in {counted(len(self.paths), 'file')}")
-        files = dict[str, list[str]]()
-        for path, (each, _) in zip(self.paths, self.found, strict=True):
-            for guess in each.guesses if each else ():
-                files.setdefault(guess, []).append(path)
-        later.end(
-            [f"in {shown(names)}: {guess}" for guess, names in files.items()],
-            reasons=() if laws else ("no file has a law",),
-        )
-
-    def _table(self) -> "pd.DataFrame":
-        import pandas as pd
-
-        rows: list[dict[str, object]] = []
-        for name, (each, failure) in zip(self.paths, self.found, strict=True):
-            file: dict[str, object] = {"file": as_text(name)}
-            rows += [file | row for row in each.rows] if each else [file | {"error": failure}]
-        return pd.DataFrame(rows, columns=COLUMNS)
+    later = Artifacts()
+    rows = [{"file": as_text(each.path), **row} for each in results for row in each.rows or [{"error": each.failure}]]
+    later.save(paths, table=lambda: pd.DataFrame(rows, columns=COLUMNS))
+    words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
+    print_table(
+        ["file", "law", "forecasts by it, or what is wrong"],
+        [[each.path, each.law, words[each.usable] if each.law else each.failure] for each in results],
+    )
+    laws = sum(bool(each.law) for each in results)
+    say(f"\n{counted(laws, 'law')} in {counted(len(results), 'file')}")
+    files = dict[str, list[str]]()
+    for each in results:
+        for guess in each.guesses:
+            files.setdefault(guess, []).append(each.path)
+    notes = [f"in {shown(names)}: {guess}" for guess, names in files.items()]
+    later.end(notes, reasons=() if laws else ("no file has a law",))
 
 
 with_batch = as_one("batch", Batch, _BATCH_OPTIONS)
@@ -237,10 +219,11 @@ def _found_in_file(piece: Piece) -> FileResult:
     }
     rows = coefficient_rows(law).to_dict(orient="records") or [{}]
     return FileResult(
-        "; ".join(law.structure),
-        verdict.usable if verdict else None,
-        [{str(name): value for name, value in row.items()} | said for row in rows],
-        guesses(trials),
+        source.name,
+        law="; ".join(law.structure),
+        usable=verdict.usable if verdict else None,
+        rows=[{str(name): value for name, value in row.items()} | said for row in rows],
+        guesses=guesses(trials),
     )
 
 
@@ -280,6 +263,6 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
         else:
             learned, later = find_law(source, outputs, show, streams, question.answer, question.explained)
     if batch.each:
-        results.give(outputs.save, Artifacts())
+        give(results, outputs.save)
     else:
         outputs.give(learned, later)

@@ -249,9 +249,8 @@ class Source:
 
     def check_streams(self, others: Mapping[str, object] = MappingProxyType({})) -> None:
         """Refuse what does not go with files that are streamed, `others` of the options among it."""
-        given = (
-            {name: self.roles.get(name) for name in _READING} | {"sheet": self.sheet, "clip": self.clip} | {**others}
-        )
+        given: dict[str, object] = {name: name in self.roles for name in _READING}
+        given |= {"sheet": self.sheet, "clip": self.clip, **others}
         if refused := [name for name, value in given.items() if value]:
             instead = "leave it out, or give single files"
             raise click.UsageError(f"{', '.join(refused)} with a stream of files: {instead}")
