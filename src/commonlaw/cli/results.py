@@ -6,6 +6,7 @@ import shlex
 import sys
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -53,26 +54,6 @@ _MAX_LISTED, _MAX_CANDIDATES = 10, 4
 """Objects, and candidates of each equation, that are printed."""
 
 
-def print_spread(law: "Law", heads: list[str]) -> None:
-    """Print letter values of the coefficients, under these heads, and the objects farthest from the medians.
-
-    Nothing of a law that has none.
-    """
-    from commonlaw.law.tables import letter_values, outlying
-
-    if not heads:
-        return
-    parameters = named_parameters(law)
-    values, errors = parameters.values, parameters.errors
-    print_frame(letter_values(dict(zip(heads, values.T, strict=True)), "object"))
-    say(f"\nThe {_MAX_LISTED} objects farthest from the medians, in standard deviations of a normal spread:\n")
-    rows: list[list[object]] = []
-    for i, *rest in zip(*outlying(values, heads, _MAX_LISTED), strict=True):
-        own = zip(values[i].tolist(), np.nan_to_num(errors[i]).tolist(), strict=True)
-        rows.append([law.objects[i], *own, *rest])
-    print_table([law.schema.object, *heads, "farthest in", "by"], rows)
-
-
 def compared(laws: "Mapping[str, Law]", training: "Trials", settings: Mapping[str, Any]) -> "pd.DataFrame":
     """Return the evidence of laws beside each other, under the settings that they were fitted with."""
     from commonlaw.inference import compare
@@ -93,7 +74,6 @@ def print_compared(frame: "pd.DataFrame") -> None:
 
 def over_table(source: Source, text: str) -> tuple[str, tuple[str, ...]]:
     """Return equations, or those of a named model over the columns of the table, and its inputs that are doses."""
-
     named = model_named(text)
     if named is None:
         return text, ()
@@ -170,7 +150,10 @@ class Outputs:
 
     def give(self, learned: "FitResult", later: Artifacts) -> None:
         """Write the files and print the rest."""
-        later.save(self.save, law=learned.law, figure=learned.figure, table=learned.coefficients, report=learned.report)
+        from commonlaw.law.tables import coefficient_rows
+
+        table = partial(coefficient_rows, learned.law)
+        later.save(self.save, law=learned.law, figure=learned.figure, table=table, report=learned.report)
         if self.as_json:
             print_json(learned.document())
         else:
@@ -199,25 +182,6 @@ class FitResult:
     everything: "ManyFindings | None" = None
     program: "Program | str" = ""
     """Where a program finds the trials."""
-
-    @classmethod
-    def check_by_stream(
-        cls,
-        law: "Law",
-        source: Source,
-        held_out: "TrialStream",
-        training: "TrialStream",
-        few: "Trials",
-        show: ProgressCallback,
-        later: Artifacts,
-    ) -> "FitResult":
-        """Return a law with what forecasts of all that was held out of a stream say; `few` were learned from."""
-        from commonlaw.stream import find_by_stream
-        from commonlaw.verdict import Findings
-
-        found = later.take("the law was not checked", lambda: find_by_stream(law, held_out, show, training), None)
-        findings = Findings(law, few, few) if found is None else replace(found.few, law=found.law)
-        return cls(findings, None, stream=training, everything=found, program=source.program(training))
 
     @classmethod
     def check(
@@ -250,12 +214,6 @@ class FitResult:
         """Return a figure of the law and its fit, or else its forecasts, if there are any."""
         shown = self.findings.shown
         return plots.plot_law(self.law, shown, truth=self.truth) if shown else None
-
-    def coefficients(self) -> "pd.DataFrame":
-        """Return a table with a row for each coefficient of each object."""
-        from commonlaw.law.tables import coefficient_rows
-
-        return coefficient_rows(self.law)
 
     def report(self) -> bytes:
         """Return a page that says all about the law."""
@@ -375,34 +333,37 @@ class FitResult:
         return [*found.training.notes, *self.law.diagnostics, *found.lacking, *outcomes]
 
     def _show_coefficients(self) -> None:
-        """Print what the letters of the law stand for, of many objects how they are spread."""
+        """Print what the letters of the law stand for, of many objects their letter values and those farthest off."""
+        from commonlaw.law.tables import letter_values, outlying
 
-        if len(self.law.objects) > MANY:
-            law = self.law
-            names = [definition.name for definition in named_parameters(law).definitions]
-            if law.uncertainty.explanation is not None:  # Its equations have letters of their own
-                parts = [
-                    (law.terms.names[definition.term], law.schema.states[definition.equation])
-                    for definition in named_parameters(law).definitions
-                ]
-                names = [f"of {term}{f' in {state}' * (len(law.schema.states) > 1)}" for term, state in parts]
-            print_spread(law, [_with_unit(*each) for each in zip(names, named_parameters(law).units, strict=True)])
-        else:
+        law, parameters = self.law, named_parameters(self.law)
+        units, values, errors = parameters.units, parameters.values, np.nan_to_num(parameters.errors)
+        if len(law.objects) <= MANY:
             # With standard errors, true coefficients and RMS residuals where these are known
-            law, parameters = self.law, named_parameters(self.law)
             columns = {law.schema.object: list[object](law.objects)}
-            deviations = np.nan_to_num(parameters.errors.T)
-            letters = zip(parameters.definitions, parameters.units, parameters.values.T, deviations, strict=True)
-            for each, unit, own, errors in letters:
-                pairs = zip(own.tolist(), errors.tolist(), strict=True)
+            for each, unit, own, stds in zip(parameters.definitions, units, values.T, errors.T, strict=True):
+                pairs = zip(own.tolist(), stds.tolist(), strict=True)
                 columns[_with_unit(each.name, unit)] = [(value, error) if error else value for value, error in pairs]
                 if self.truth is not None:
                     columns[f"true {each.name}"] = self._true_values(each).tolist()
             print_columns(columns | self._error_columns())
+            return
+        names = [definition.name for definition in parameters.definitions]
+        if law.uncertainty.explanation is not None:  # Its equations have letters of their own
+            parts = [(law.terms.names[each.term], law.schema.states[each.equation]) for each in parameters.definitions]
+            names = [f"of {term}{f' in {state}' * (len(law.schema.states) > 1)}" for term, state in parts]
+        if heads := [_with_unit(*each) for each in zip(names, units, strict=True)]:
+            print_frame(letter_values(dict(zip(heads, values.T, strict=True)), "object"))
+            said = "objects farthest from the medians, in standard deviations of a normal spread"
+            say(f"\nThe {_MAX_LISTED} {said}:\n")
+            rows = [
+                [law.objects[i], *zip(values[i].tolist(), errors[i].tolist(), strict=True), *rest]
+                for i, *rest in zip(*outlying(values, heads, _MAX_LISTED), strict=True)
+            ]
+            print_table([law.schema.object, *heads, "farthest in", "by"], rows)
 
     def _true_values(self, coefficient: "Coefficient") -> Floats:
         """Return what a letter stands for in the true law, shape (objects,)."""
-
         truth, columns = cast("Law", self.truth), list[Floats]()
         rows = [object_index(truth, name) for name in self.law.objects]
         for each in coefficient.parts:  # Zero where the true law has no such term
@@ -467,6 +428,13 @@ def find_law(
         return FitResult.check(law, source, trials, training, outputs.draws, later), later
     few = few_trials(training)
     if source.holds_out:
-        return FitResult.check_by_stream(law, source, source.held_out(trials), training, few, show, later), later
+        from commonlaw.stream import find_by_stream
+        from commonlaw.verdict import Findings
+
+        find_all = partial(find_by_stream, law, source.held_out(trials), show, training)
+        found = later.take("the law was not checked", find_all, None)
+        findings = Findings(law, few, few) if found is None else replace(found.few, law=found.law)
+        program = source.program(training)
+        return FitResult(findings, None, stream=training, everything=found, program=program), later
     show("checking the law by forecasts of a few trials")
     return FitResult.check(law, source, few, few, outputs.draws, later, trials), later
