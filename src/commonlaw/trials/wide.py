@@ -43,9 +43,12 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     groups = [[name for name in stems if stems[name] == stem] for stem in dict.fromkeys(stems.values())]
     if len(wells) >= _MIN_LIKE_COLUMNS and len({well[1] for well in wells.values()}) == 1:
         letters = {well[2] for well in wells.values()}
-        alike = [*wells] if len(letters) > 1 or len(wells) >= _MIN_COLUMNS or _start_alike(table, [*wells]) else []
-    elif len(names) > 1 and len(conditions) == 1 and (condition := conditions.pop()) and not _is_length(condition):
-        alike = list(names)
+        values = _complete(table, [*wells])
+        start_alike = len(values) and np.ptp(values[0]) < _MAX_REPLICATE_DIFFERENCE * np.ptp(values)
+        alike = [*wells] if len(letters) > 1 or len(wells) >= _MIN_COLUMNS or start_alike else []
+    elif len(names) > 1 and len(conditions) == 1 and (condition := conditions.pop()):
+        unit = known_unit(condition)  # Lengths are the places of sensors on one object
+        alike = [] if unit is not None and unit.dimensionality == {"[length]": 1} else list(names)
     elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
         individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
         values = _complete(table, names)
@@ -55,12 +58,6 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     else:
         return []
     return alike if len({table.units.get(name) for name in alike}) == 1 else []
-
-
-def _is_length(unit: str) -> bool:
-    """Say whether a text is a unit of length, as of the places of sensors on one object."""
-    known = known_unit(unit)
-    return known is not None and known.dimensionality == {"[length]": 1}
 
 
 def _is_variable(stem: str) -> bool:
@@ -76,12 +73,6 @@ def _complete(table: Table, names: Sequence[str]) -> Floats:
     """Return the rows of columns without missing values, shape (n, columns)."""
     values = np.column_stack([readable(table, name) for name in names])
     return np.asarray(values[np.isfinite(values).all(axis=1)])
-
-
-def _start_alike(table: Table, names: Sequence[str]) -> bool:
-    """Return whether the first values of columns differ by little of the range of all."""
-    values = _complete(table, names)
-    return bool(len(values)) and bool(np.ptp(values[0]) < _MAX_REPLICATE_DIFFERENCE * np.ptp(values))
 
 
 def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
