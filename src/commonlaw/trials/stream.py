@@ -17,7 +17,7 @@ from commonlaw.runtime.progress import ProgressCallback, check_memory, on_termin
 from commonlaw.runtime.reading import MOST_CELLS
 from commonlaw.text import counted
 from commonlaw.trials.columns import Table
-from commonlaw.trials.dates import refuse_dates
+from commonlaw.trials.dates import holds_dates
 from commonlaw.trials.files import batch_tables, files_of, opened
 from commonlaw.trials.reading import Reading, Roles, checked
 from commonlaw.trials.repeats import joined
@@ -179,7 +179,9 @@ class TrialStream:
         begin = next(files[0].tables(1), None)
         if begin is None:
             raise CommonlawError("stream-without-rows", path=files[0].path)
-        refuse_dates(begin, begin.find(str(known["time"])))
+        time = begin.find(str(known["time"]))
+        if holds_dates(begin.columns[time]):  # The earliest is not known
+            raise CommonlawError("dates-in-stream", where=begin.source, column=time)
         schema = read_rows(begin, known).data.schema
         parts = [cls(schema, _TrialsOfFile(file, known)) for file in files]
         return cls(schema, partial(chain.from_iterable, parts), parts)
