@@ -10,12 +10,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.trials.trial import Schema, Trial
+from commonlaw.trials.trial import Schema, Trial, TrialData
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from commonlaw.trials.trials import Trials
 
 _SHORT = 5  # samples; fewer leave nothing to judge a rate by
 _JITTER = 0.1  # of the median step
@@ -123,16 +121,18 @@ class Report:
         return {"trials": held["trials"], "findings": self.findings, "notes": held["notes"]}
 
 
-def check(trials: "Trials", tolerance: float | None) -> Report:
+def check(data: TrialData, tolerance: float | None) -> Report:
     """Return figures of every trial and what data checks find, see `Trials.check`."""
-    schema = trials.schema
+    trials, schema = data.trials, data.schema
     rows = tuple(_figures(trial, schema.states, tolerance) for trial in trials)
     found = (
         finding
         for trial, row in zip(trials, rows, strict=True)
         for finding in (*_sampling(trial, row, schema, tolerance), *_values(trial, schema, len(trial) - row.clipped))
     )
-    lengths = {name: [*map(len, trials.of_object(name))] for name in trials.objects}
+    lengths: dict[str, list[int]] = {}
+    for trial in trials:
+        lengths.setdefault(trial.object, []).append(len(trial))
     uneven = [
         Finding(f"{name}: trials of very different lengths, {min(length)} to {max(length)} samples", name)
         for name, length in lengths.items()
@@ -144,7 +144,7 @@ def check(trials: "Trials", tolerance: float | None) -> Report:
     ]
     bare = ", ".join(name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units)
     text = f"no unit is known for {bare}: write it in the header, as in 'x [m]', or give it with `units=...`"
-    return Report(rows, (*found, *uneven, *copies, *([Finding(text)] if bare else [])), trials.notes)
+    return Report(rows, (*found, *uneven, *copies, *([Finding(text)] if bare else [])), data.notes)
 
 
 def _unit(schema: Schema, name: str) -> str:

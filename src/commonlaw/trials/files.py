@@ -40,13 +40,11 @@ from commonlaw.trials.headers import check_unit, join_header
 from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.recognition import TRIAL, is_called
 from commonlaw.trials.text import are_units, headers_with_units, text_table
-from commonlaw.trials.trial import Property, property_names
+from commonlaw.trials.trial import Property, TrialData, property_names
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
-
-    from commonlaw.trials.trials import Trials
 
 
 _ENDINGS = frozenset([".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".xlsx", ".xls", ".ods", ".gz", ".bz2", ".xz"])
@@ -346,7 +344,7 @@ def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:
         raise CommonlawError("parquet-metadata", where=source, metadata=_METADATA.decode(), error=error) from None
 
 
-def to_csv(trials: "Trials", path: str | os.PathLike[str]) -> None:
+def to_csv(trials: TrialData, path: str | os.PathLike[str]) -> None:
     """Write a CSV file, see `Trials.to_csv`."""
     columns = _with_units(trials)
     cells = []
@@ -359,7 +357,7 @@ def to_csv(trials: "Trials", path: str | os.PathLike[str]) -> None:
     write_whole(path, "\n".join(lines).encode())
 
 
-def to_parquet(trials: "Trials", path: str | os.PathLike[str]) -> None:
+def to_parquet(trials: TrialData, path: str | os.PathLike[str]) -> None:
     """Write a Parquet file, see `Trials.to_parquet`."""
     names = ("object", "trial", "time", "states", "inputs", "noise_columns")
     roles = {name: getattr(trials.schema, name) for name in names}
@@ -368,9 +366,9 @@ def to_parquet(trials: "Trials", path: str | os.PathLike[str]) -> None:
     write_whole(path, parquet_bytes(_with_units(trials), {_METADATA: kept}))
 
 
-def columns_of(trials: "Trials") -> dict[str, Column]:
+def columns_of(data: TrialData) -> dict[str, Column]:
     """Return the columns of all samples; a missing state or property is NaN among numbers and None among texts."""
-    schema, properties = trials.schema, trials.properties
+    trials, schema, properties = data.trials, data.schema, data.properties
     rows = list[tuple[Floats, ...]]()
     for trial in trials:  # From its first input before its first sample on
         unknown = np.full((len(trial.earlier), trial.states.shape[1]), np.nan)
@@ -398,7 +396,7 @@ def columns_of(trials: "Trials") -> dict[str, Column]:
     return columns
 
 
-def _with_units(trials: "Trials") -> dict[str, Column]:
+def _with_units(trials: TrialData) -> dict[str, Column]:
     """Return the columns with units in their names."""
     units = {name: check_unit(unit, f"column {name!r}") for name, unit in trials.schema.units.items() if unit.strip()}
     return {join_header(name, units.get(name, "")): column for name, column in columns_of(trials).items()}

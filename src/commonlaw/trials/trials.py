@@ -26,6 +26,7 @@ from commonlaw.trials.trial import (
     PropertyTable,
     Schema,
     Trial,
+    TrialData,
     check_noise_columns,
     check_properties,
     normalized,
@@ -245,6 +246,10 @@ class Trials(ShownInNotebooks):
         return {name: tuple(own) for name, own in found.items()}
 
     @property
+    def _data(self) -> TrialData:
+        return TrialData(self.trials, self.schema, self.properties, self.notes, self.nameless)
+
+    @property
     def shape(self) -> tuple[int]:
         """Number of trials in a tuple, for splitters of scikit-learn."""
         return (len(self.trials),)
@@ -418,14 +423,16 @@ class Trials(ShownInNotebooks):
             Default: order 2 for a single state, 1 for several; polynomials of degree 3, or lower for few samples.
         """
         found = resolve_name("commonlaw.discovery.hints:confounded_variables")(self, order, library)
-        report = check(self, tolerance)
+        report = check(self._data, tolerance)
         return replace(report, found=(*report.found, *found))
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a pandas data frame with a row for each sample and the column names of the schema."""
         import pandas as pd
 
-        return pd.DataFrame({name: pd.Series(column).infer_objects() for name, column in columns_of(self).items()})
+        return pd.DataFrame(
+            {name: pd.Series(column).infer_objects() for name, column in columns_of(self._data).items()}
+        )
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file with the columns of `to_frame` and units in the headers: ``height [m]``.
@@ -435,14 +442,14 @@ class Trials(ShownInNotebooks):
 
         Raises `CommonlawError` if pint does not know a unit, or the file cannot be written.
         """
-        to_csv(self, path)
+        to_csv(self._data, path)
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
         """Write a Parquet file that includes the roles of its columns, so that `read` needs no keywords.
 
         Raises `CommonlawError` if pyarrow is not installed, pint does not know a unit, or the file cannot be written.
         """
-        to_parquet(self, path)
+        to_parquet(self._data, path)
 
     def select(self, /, object: object = None, trial: object = None, **properties: object) -> "Trials":
         """Return the trials that meet all conditions.
