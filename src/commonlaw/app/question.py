@@ -18,6 +18,7 @@ from commonlaw.law.observation import ALL
 from commonlaw.law.script import Source
 from commonlaw.library.bounds import limits_of, parts_of
 from commonlaw.runtime.fit_options import FitOptions, read_settings, settings_of, shown_value
+from commonlaw.text import number_or_text
 from commonlaw.trials import Trials
 from commonlaw.trials.columns import Table as Cells
 from commonlaw.trials.files import table_in
@@ -242,13 +243,7 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     @property
     def initial(self) -> dict[str, InitialGiven]:
         """The initial values as `commonlaw.fit` takes them."""
-        result = dict[str, InitialGiven]()
-        for name, text in self.starts.items():
-            try:
-                result[name] = float(text)
-            except ValueError:
-                result[name] = text
-        return result
+        return {name: number_or_text(text) for name, text in self.starts.items()}
 
     @property
     def written(self) -> str:

@@ -46,10 +46,10 @@ class Artifacts:
             self.failures.append(f"{failure}: {type(error).__name__}: {error}")
         return otherwise
 
-    def write(self, path: str | None, content: Callable[[], bytes | None]) -> None:
-        """Write a file if one is asked for; a content of None is none, for which there are words already."""
-        made = self.take(f"{path} was not made", content, None) if path else None
-        if not path or made is None:
+    def write(self, path: str, content: Callable[[], bytes | None]) -> None:
+        """Write a file; a content of None is none, for which there are words already."""
+        made = self.take(f"{path} was not made", content, None)
+        if made is None:
             return
         try:
             write_whole(path, made)
@@ -58,13 +58,13 @@ class Artifacts:
         else:
             self.written += [path] if path not in self.written else []
 
-    def write_law(self, path: str | None, law: "Law") -> None:
-        """Write a law if that is asked for; one of so many objects that its JSON is too large as Parquet beside it."""
+    def write_law(self, path: str, law: "Law") -> None:
+        """Write a law; one of so many objects that its JSON is too large as Parquet beside it."""
         from commonlaw.law.io import law_file
 
-        failure, nothing = f"{path} was not made", ("", b"")
-        name, content = self.take(failure, lambda: law_file(law, path), nothing) if path else nothing
-        self.write(name or None, lambda: content)
+        name, content = self.take(f"{path} was not made", lambda: law_file(law, path), ("", b""))
+        if name:
+            self.write(name, lambda: content)
         said = f"{path} is too large for JSON: the law is saved in {name}; use that file"
         if name not in ("", path) and said not in self.failures:
             self.failures.append(said)
@@ -80,36 +80,30 @@ class Artifacts:
     ) -> None:
         """Write files, each with what its ending says if that is given; figures by a function of the room of plots."""
 
-        def drawn(path: str, figure: "Callable[[ModuleType], Figure | None]") -> bytes | None:
-            from commonlaw import plots
+        def content(path: str) -> bytes | None:
+            if law is not None and is_of_kind(path, "program"):
+                from commonlaw.law.export import exported
 
-            made = figure(plots)
-            return None if made is None else plots.render(made, path)
+                return exported(law, path)
+            if figure is not None and is_of_kind(path, "figure"):
+                from commonlaw import plots
 
-        def program(law: "Law", path: str) -> bytes:
-            from commonlaw.law.export import exported
-
-            return exported(law, path)
-
-        def tabled(path: str, table: "Callable[[], pd.DataFrame]") -> bytes:
-            content = BytesIO()
-            if path.lower().endswith(".csv"):
-                table().to_csv(content, index=False)
-            else:
-                table().to_parquet(content, index=False)
-            return content.getvalue()
+                made = figure(plots)
+                return None if made is None else plots.render(made, path)
+            if report is not None and is_of_kind(path, "report"):
+                return report()
+            if table is None or not is_of_kind(path, "table"):
+                return None
+            frame, file = table(), BytesIO()
+            write = frame.to_csv if path.lower().endswith(".csv") else frame.to_parquet
+            write(file, index=False)
+            return file.getvalue()
 
         for path in paths:
             if law is not None and is_of_kind(path, "law"):
                 self.write_law(path, law)
-            elif law is not None and is_of_kind(path, "program"):
-                self.write(path, partial(program, law, path))
-            elif figure is not None and is_of_kind(path, "figure"):
-                self.write(path, partial(drawn, path, figure))
-            elif report is not None and is_of_kind(path, "report"):
-                self.write(path, report)
-            elif table is not None and is_of_kind(path, "table"):
-                self.write(path, partial(tabled, path, table))
+            else:
+                self.write(path, partial(content, path))
 
     def end(self, notes: Iterable[object] = (), *, silent: bool = False, reasons: Sequence[str] = ()) -> None:
         """Say which files were written, unless silent, then the notes and what failed.

@@ -18,11 +18,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.runtime.shutdown import end_at_once
 
 _MODULES = {
-    "discover": "discover",
-    "fit": "fit",
-    "models": "fit",
-    "compare": "fit",
-    "refine": "fit",
+    "discover": "learning",
+    "fit": "learning",
+    "models": "learning",
+    "compare": "learning",
+    "refine": "learning",
     "predict": "saved_law",
     "explain": "saved_law",
     "check": "saved_law",

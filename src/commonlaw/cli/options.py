@@ -180,14 +180,6 @@ def numbers(name: str, texts: Sequence[str]) -> dict[str, float]:
     return result
 
 
-def number_or_text(text: str) -> float | str:
-    """Return the number that a text is, or the text itself."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
 _EQUATION = re.compile(r"('|\]|/\s*d\s*\w+(\s*\^?\s*2)?)\s*=")
 """The left-hand side of an equation: of ``x''``, ``x[k+1]``, ``dx/dt``."""
 
@@ -357,19 +349,12 @@ def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> No
 
     Raises `CommonlawError` as `check_targets` does, or if the name of a figure or table says no format.
     """
-    inputs: list[str] = []
-    outputs: list[str] = []
-    for param in params:
-        texts = _values(values.get(str(param.name)))
-        if isinstance(param.type, ReadFile):
-            inputs += (file for text in texts for file in param.type.files(text))
-        elif isinstance(param.type, WrittenFile):
-            outputs += texts
-    check_targets(outputs, inputs)
-    for each in params:
-        if isinstance(each.type, WrittenFile):
-            for path in _values(values.get(str(each.name))):
-                each.type.check(path)
+    given = [(param.type, text) for param in params for text in _values(values.get(str(param.name)))]
+    written = [(kind, path) for kind, path in given if isinstance(kind, WrittenFile)]
+    read = [file for kind, text in given if isinstance(kind, ReadFile) for file in kind.files(text)]
+    check_targets([path for _, path in written], read)
+    for kind, path in written:
+        kind.check(path)
 
 
 def _values(given: Any) -> list[Any]:

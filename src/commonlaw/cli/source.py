@@ -21,7 +21,6 @@ from commonlaw.cli.options import (
     ReadFile,
     ReadTable,
     by_name,
-    number_or_text,
     numbers,
     option,
     pairs,
@@ -31,6 +30,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.runtime.reading import checked_file, read_file
+from commonlaw.text import number_or_text
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.files import read_table, table_files
