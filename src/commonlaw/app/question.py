@@ -23,22 +23,12 @@ from commonlaw.trials import Trials
 from commonlaw.trials.columns import Table as Cells
 from commonlaw.trials.files import table_in
 from commonlaw.trials.reading import Reading, WrittenReading
-from commonlaw.trials.roles import ColumnRoles, named_roles
+from commonlaw.trials.roles import ROLES, ColumnRoles, named_roles
 from commonlaw.trials.tables import column_roles_of, rows_of
 from commonlaw.trials.wide import quantity
 
 if TYPE_CHECKING:
     from commonlaw.discovery import TrajectoryLikelihood
-
-_COLUMNS = {
-    "object": "object",
-    "trial": "trial",
-    "time": "time",
-    "states": "state",
-    "inputs": "input",
-    "properties": "property",
-}
-"""What the page calls the settings that choose columns."""
 
 _READING = {
     "dates": "the date format",
@@ -69,8 +59,8 @@ def in_page(code: str) -> str:
     name, _, value = code.partition("=")
     if code in _OTHERS:
         return _OTHERS[code]
-    if name in _COLUMNS:
-        return f"{_COLUMNS[name]!r} under Columns" if value in ("...", "[...]") else f"{_COLUMNS[name]} {value}"
+    if name in ROLES and name != "noise_columns":
+        return f"{ROLES[name]!r} under Columns" if value in ("...", "[...]") else f"{ROLES[name]} {value}"
     if name in _READING:
         return f"{_READING[name]} under Columns" if value == "..." else f"{value} as {_READING[name]} under Columns"
     if name == "doses":

@@ -30,16 +30,16 @@ from commonlaw.trials.wide import columns_of_one_quantity, shown_columns, wide_h
 _LABELS: tuple[Literal["object", "trial", "time"], ...] = ("object", "trial", "time")
 GUESSED = "columns recognized as "
 """What the line on guessed roles begins with."""
-_OPTIONS = {
+ROLES = {
     "time": "time",
     "object": "object",
     "trial": "trial",
-    "state": "states",
-    "input": "inputs",
-    "property": "properties",
-    "standard deviations": "noise_columns",
+    "states": "state",
+    "inputs": "input",
+    "properties": "property",
+    "noise_columns": "standard deviations",
 }
-"""The option that names the columns of each role."""
+"""What columns are, by the keyword that names them."""
 
 
 def free_columns(table: Table, roles: Reading) -> list[str]:
@@ -83,34 +83,27 @@ class ColumnRoles:
 
     @property
     def _by_role(self) -> dict[str, str]:
-        """The columns of each role, and why they have it."""
-        states = [f"{shown_columns(self.states)}, each of an object"] if self.wide else self.states
-        roles: dict[str, Sequence[str | None]] = {
-            "time": [self.time],
-            "object": [self.object],
-            "trial": [self.trial],
-            "state": states,
-            "input": self.inputs,
-            "property": self.properties or (),
-            "standard deviations": [*self.noise_columns.values()],
-        }
-        why = {name: f" ({reason})" for name, reason in self.reasons.items() if reason}
-        shown = {
-            role: ", ".join(f"{name}{why.get(name, '')}" for name in names if name) for role, names in roles.items()
-        }
-        return {role: names for role, names in shown.items() if names}
+        """The columns by keyword, and why they have this role."""
+        result = dict[str, str]()
+        for role in ROLES:
+            given = getattr(self, role) or ()
+            names = [given] if isinstance(given, str) else [*(given.values() if isinstance(given, Mapping) else given)]
+            why = {name: f" ({reason})" for name in names if (reason := self.reasons.get(name))}
+            if names:
+                result[role] = ", ".join(f"{name}{why.get(name, '')}" for name in names)
+        return result | ({"states": f"{shown_columns(self.states)}, each of an object"} if self.wide else {})
 
     @property
     def sentence(self) -> str:
         """Which column was taken for what, and why."""
-        return "; ".join(f"{role}: {names}" for role, names in self._by_role.items())
+        return "; ".join(f"{ROLES[role]}: {names}" for role, names in self._by_role.items())
 
     @property
     def lines(self) -> tuple[str, ...]:
         """The notes, and if something was guessed, what it was and how to change it."""
         if not self.guessed:
             return self.notes
-        options = [f"`{_OPTIONS[role]}=...`" for role in _OPTIONS if role in self._by_role or role == "input"]
+        options = [f"`{role}=...`" for role in ROLES if role in self._by_role or role == "inputs"]
         remedy = f"Correct them by {', '.join(options)}{', `wide=...`' if self.wide else ''}"
         return (f"{GUESSED}{self.sentence}. {remedy}", *self.notes)
 
