@@ -30,20 +30,12 @@ _Labels = tuple[str | None, str | None]
 
 
 def finding_kinds(check: Report, table: Cells, row_indices: Sequence[Codes]) -> list[dict[str, Any]]:
-    """Return the findings: for each kind its text, how many cases there are, and the first of them with their rows.
+    """Return the findings in trials, whose samples are these rows of a table.
 
-    Parameters
-    ----------
-    check
-        What data checks found in the trials of a table.
-    table
-        Its cells.
-    row_indices
-        Of each trial the indices of the rows of its samples.
+    For each kind there are its text, the number of cases, and the first of them with their rows.
     """
-    rows: dict[_Labels, Codes] = {
-        (trial.object, trial.trial): row_index for trial, row_index in zip(check.trials, row_indices, strict=True)
-    }
+    labels = [(trial.object, trial.trial) for trial in check.trials]
+    rows: dict[_Labels, Codes] = dict(zip(labels, row_indices, strict=True))
     return [
         {"text": text_in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:_CASES]]}
         for text, same in check.kinds().items()

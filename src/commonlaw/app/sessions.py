@@ -19,21 +19,12 @@ from commonlaw.runtime.progress import part
 
 @dataclass(eq=False)
 class Search:
-    """A search that runs or has ended.
-
-    Parameters
-    ----------
-    question
-        What is asked.
-    table
-        The table that it is asked of.
-    fits
-        Of laws of other terms, in the order in which they were asked for; only the last may go on.
-    """
+    """A search that runs or has ended: what is asked of a table."""
 
     question: Question
     table: Table
     fits: list[Work[ShownLaw]] = field(default_factory=list)
+    """Of laws of other terms, in the order in which they were asked for; only the last may go on."""
     law: str | None = None
     """The law that it found before, if it was saved since."""
 
@@ -227,7 +218,6 @@ class Sessions:
         with self._beginning:
             self._is_open = False
             searches = [*self.searches.values.values()]
-        for search in searches:
-            search.cancel()
-        for each in searches:
-            each.close()
+        for end in (Search.cancel, Search.close):
+            for search in searches:
+                end(search)

@@ -62,13 +62,7 @@ prepare = _READY.prepare
 
 @dataclass(eq=False)
 class Work(Generic[T]):
-    """Work that goes on or has ended; a thread takes in what its process says, and sees the process off.
-
-    Parameters
-    ----------
-    task
-        What is done.
-    """
+    """A task that goes on or has ended; a thread takes in what its process says, and sees the process off."""
 
     task: Task[T]
     stages: list[tuple[str, float]] = field(default_factory=list)

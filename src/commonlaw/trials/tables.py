@@ -3,6 +3,7 @@
 import itertools
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
@@ -185,8 +186,7 @@ def trials_from_arrays(
     parts = list(zip(objects, labels, runs, all_states, all_inputs, all_noise, strict=True))
     if not parts:
         raise CommonlawError("no-times")
-    empty = [_empty(at, values, own) for _, _, at, values, own, _ in parts]
-    made = tuple(_trial(gaps, *part) for gaps, part in zip(empty, parts, strict=True))
+    made, empty = zip(*(_trial(*part) for part in parts), strict=True)
     columns = _columns(made[0], names)
     check_measured(made, columns[0])
     known = given_properties(properties, "object", list(dict.fromkeys(objects)))
@@ -250,30 +250,21 @@ def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
     return np.split(result.values, np.cumsum([len(run) for run in runs])[:-1]), result
 
 
-def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:
-    """Return the indices of samples that say nothing, see `are_used`; none where `Trial` refuses the arrays."""
-    try:
-        values = states if type(states) is np.ndarray and states.dtype == np.float64 else as_numbers(states)
-    except CommonlawError:
-        return np.empty(0, dtype=np.int64)
-    is_fit = values.size and values.ndim in (1, 2) and np.shape(times) == (len(values),)
-    if not is_fit or np.isfinite(values).all():
-        return np.empty(0, dtype=np.int64)
-    used = are_used(values.reshape(len(values), -1), driven=inputs is not None and np.size(inputs) > 0)
-    return np.flatnonzero(~used) if used.any() else np.empty(0, dtype=np.int64)
-
-
-def _trial(empty: NDArray[np.int64], name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> Trial:
-    """Return a trial without its samples that are empty."""
+def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> tuple[Trial, Codes]:
+    """Return a trial without the samples that say nothing, see `are_used`, and their indices."""
     inputs, noise = (np.empty((0, 0)) if each is None else each for each in (inputs, noise))
-    earlier = np.empty((0, 0))
-    if len(empty):
+    earlier, unused = np.empty((0, 0)), np.empty(0, dtype=np.int64)
+    with suppress(CommonlawError):  # What is no array `Trial` refuses
+        values = states if type(states) is np.ndarray and states.dtype == np.float64 else as_numbers(states)
+        if values.size and values.ndim in (1, 2) and np.shape(times) == (len(values),):
+            used = are_used(values.reshape(len(values), -1), driven=np.size(inputs) > 0)
+            unused = np.flatnonzero(~used & used.any())
+    if len(unused):
         if np.size(inputs):
-            used = np.isin(np.arange(len(times)), empty, invert=True)
             earlier = inputs_before(as_numbers(times), as_numbers(inputs).reshape(len(times), -1), used)
-        times, states = np.delete(times, empty), np.delete(as_numbers(states), empty, axis=0)
-        inputs, noise = (np.delete(each, empty, axis=0) if np.size(each) else each for each in (inputs, noise))
-    return Trial(name, run, times, states, inputs, noise, earlier=earlier)
+        times, states = np.delete(times, unused), np.delete(as_numbers(states), unused, axis=0)
+        inputs, noise = (np.delete(each, unused, axis=0) if np.size(each) else each for each in (inputs, noise))
+    return Trial(name, run, times, states, inputs, noise, earlier=earlier), unused
 
 
 def _per_trial(what: str, values: Any, count: int) -> list[Any]:
