@@ -88,53 +88,44 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
 
 def _file(name: str, folder: str | os.PathLike[str] | None) -> Path:
     """Return the path of a file that is the published one: in the folder, in the one of the environment, or fetched."""
-    if folder is not None:
-        return _checked(Path(folder) / name, "the folder given")
-    if os.environ.get(_VARIABLE):
-        return _checked(Path(os.environ[_VARIABLE]) / name, f"the folder in {_VARIABLE}")
-    return _downloaded(name)
-
-
-def _checked(path: Path, whose: str) -> Path:
+    named = os.environ.get(_VARIABLE)
+    if folder is None and not named:
+        return _downloaded(name)
+    path = Path(folder if folder is not None else named or "") / name
     try:
         content = read_file(path)
     except CommonlawError as error:
-        raise CommonlawError("dataset-file", name=path.name, folder=whose, error=error, source=_SOURCE) from None
+        whose = "the folder given" if folder is not None else f"the folder in {_VARIABLE}"
+        raise CommonlawError("dataset-file", name=name, folder=whose, error=error, source=_SOURCE) from None
     found = hashlib.sha256(content).hexdigest()
-    if found != _SHA256[path.name]:
-        raise CommonlawError("dataset-checksum", path=path, found=found, sha256=_SHA256[path.name], source=_SOURCE)
+    if found != _SHA256[name]:
+        raise CommonlawError("dataset-checksum", path=path, found=found, sha256=_SHA256[name], source=_SOURCE)
     return path
 
 
 def _downloaded(name: str) -> Path:
     """Return the path of a file in the user's cache, downloaded if it is not there yet."""
     import pooch
+    from requests import exceptions
 
     cache, patient = pooch.os_cache("commonlaw"), pooch.HTTPDownloader(timeout=10.0)
     try:
         with put_away_first() as ending, ending.waiting():
             return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache, downloader=patient))
     except (OSError, ValueError) as error:  # no connection, no space, or another file than the published one
+        is_away = isinstance(error, (exceptions.ConnectionError, exceptions.Timeout))
+        is_away = is_away and not isinstance(error, exceptions.SSLError)  # Of these errors the text is long
+        cause = f"no connection to {_SOURCE.split('/')[2]}" if is_away else str(error)
         raise CommonlawError(
             "dataset-download",
             source=_SOURCE,
             name=name,
             cache=str(cache),
-            cause=_cause(error),
+            cause=cause,
             heights=_HEIGHTS,
             balls=_BALLS,
             variable=_VARIABLE,
         ) from None
-
-
-def _cause(error: Exception) -> str:
-    """Return why a download failed: of errors of connections, which are long, what matters."""
-    from requests import exceptions
-
-    unreachable = isinstance(error, (exceptions.ConnectionError, exceptions.Timeout))
-    if unreachable and not isinstance(error, exceptions.SSLError):
-        return f"no connection to {_SOURCE.split('/')[2]}"
-    return str(error)
 
 
 ball_drops = Dataset(

@@ -143,12 +143,14 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     )
     groups = groups_of(owners, objects, runs, labels)
     cells = read_cells(located, schema)
-    found = trials_of(table, cells, groups, roles.get("restarts"), named=columns.trial is not None)
+    trials, row_indices, empty, notes = trials_of(
+        table, cells, groups, roles.get("restarts"), named=columns.trial is not None
+    )
     shown = replace(shown, properties=columns.properties, notes=tuple(dict.fromkeys((*shown.notes, *columns.notes))))
-    remarks = (*table.notes, *spelled, *spelled_runs, *shown.lines, *known.notes, *found.notes)
+    remarks = (*table.notes, *spelled, *spelled_runs, *shown.lines, *known.notes, *notes)
     nameless = columns.object is None and "object_name" not in roles
-    data = TrialData(found.trials, schema, known.values, remarks, nameless)
-    return Rows(data, found.empty, found.row_indices, shown)
+    data = TrialData(tuple(trials), schema, known.values, remarks, nameless)
+    return Rows(data, tuple(empty), tuple(row_indices), shown)
 
 
 def _labels(table: Table, column: str | None, what: str, default: str) -> tuple[Codes, list[str], tuple[str, ...]]:
