@@ -242,7 +242,6 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
 
 
 def _views(findings: Findings) -> list[Forecast]:
-    """Return what is drawn of a law, the fit first."""
     return [each for each in (findings.fit, findings.forecast) if each is not None]
 
 
@@ -273,12 +272,10 @@ def _mathml(law: Law) -> list[list[str]]:
 
 
 def _terms(law: Law, support: Bools) -> list[list[str]]:
-    """Return the names of terms of each equation."""
     return [[name for name, there in zip(law.terms.names, row, strict=True) if there] for row in support]
 
 
 def _table(frame: pd.DataFrame) -> dict[str, Any]:
-    """Return a table as the page fills it."""
     return {"head": list(frame), "rows": frame.to_numpy().tolist()}
 
 

@@ -119,7 +119,6 @@ def _asset(name: str) -> Callable[[Request], Response]:
 
 
 def _message(call: _Call) -> Response:
-    """Explain a message by its code."""
     code = call.path["code"]
     if code not in {*sentences(), *notes()}:
         raise CommonlawError("message-unknown", name=code[:80], hint="")

@@ -9,7 +9,7 @@ from typing import IO, Any
 
 import click
 
-from commonlaw.cli.options import OTHERS, SettingsOption, check_files, check_order, check_text, dialect, in_order
+from commonlaw.cli.options import OTHERS, GroupedOption, check_files, check_order, check_text, dialect, in_order
 from commonlaw.cli.output import changing_line, say
 from commonlaw.diagnostics import reference
 from commonlaw.errors import CommonlawError
@@ -209,7 +209,7 @@ class Command(click.Command):
         if len(options) < count:
             formatter.write(f"\n{count - len(options)} more options: {ctx.command_path} --help-all\n")
         for each in options if is_whole else ():
-            for title, rows in each.groups().items() if isinstance(each, SettingsOption) else ():
+            for title, rows in each.settings().items() if isinstance(each, GroupedOption) else ():
                 with formatter.section(title):
                     formatter.write_dl(rows)
 

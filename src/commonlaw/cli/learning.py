@@ -234,7 +234,6 @@ with_batch = as_one("batch", Batch, _BATCH_OPTIONS)
 
 
 def _found_in_file(piece: Piece) -> FileResult:
-    """Return what is found in a file."""
     from commonlaw.law.tables import coefficient_rows
 
     source, question = piece

@@ -11,7 +11,6 @@ from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.options import (
     Decorator,
     ReadLaw,
-    SettingsOption,
     as_one,
     by_name,
     is_law_file,
@@ -75,8 +74,8 @@ def setting_options(function: str, options: type = FitOptions) -> list[Decorator
             help = f"{about.text}{f'  [default: {default}]' if default else ''}"
             result.append(made(f"--{name.replace('_', '-')} {about.metavar}", help, name, multiple=True))
     text = "A setting of the fit by its name, such as errors=white, of those that --help-all lists"
-    groups = partial(_settings_help, function, options)
-    return [*result, made("--set NAME=VALUE...", text, "settings", kind=SettingsOption, groups=groups)]
+    rows = partial(_settings_help, function, options)
+    return [*result, made("--set NAME=VALUE...", text, "settings", settings=rows)]
 
 
 def given_settings(values: dict[str, Any], function: str) -> dict[str, list[str]]:

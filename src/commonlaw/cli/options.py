@@ -23,13 +23,22 @@ Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 class GroupedOption(click.Option):
     """An option that stands under a heading; the short help lists only everyday ones.
 
-    One of the last release is hidden, and `replaced_by` says what to do now.
+    One of the last release is hidden, and `replaced_by` says what to do now. One that takes settings by name has
+    `settings`: by heading, rows of name and text.
     """
 
-    def __init__(self, *args: Any, group: str, everyday: bool, replaced_by: str = "", **settings: Any) -> None:
-        super().__init__(*args, **settings)
+    def __init__(
+        self,
+        *args: Any,
+        group: str,
+        everyday: bool,
+        replaced_by: str = "",
+        settings: Callable[[], Mapping[str, Sequence[tuple[str, str]]]] = dict,
+        **others: Any,
+    ) -> None:
+        super().__init__(*args, **others)
         self.hidden = bool(replaced_by)
-        self.group, self.everyday, self.replaced_by = group, everyday, replaced_by
+        self.group, self.everyday, self.replaced_by, self.settings = group, everyday, replaced_by, settings
 
 
 OTHERS = "Options"
@@ -42,7 +51,6 @@ def option(
     *names: str,
     group: str = OTHERS,
     everyday: bool | None = None,
-    kind: type[GroupedOption] = GroupedOption,
     **settings: Any,
 ) -> Decorator:
     """Return the decorator that adds an option under a heading, by default an everyday one under that of others.
@@ -54,7 +62,7 @@ def option(
         text, mark, default = help.partition("  [default: ")
         help, metavar, settings["multiple"] = f"{text}; repeat for more.{mark}{default}", metavar[:-3], True
     settings |= {"group": group, "everyday": group == OTHERS if everyday is None else everyday}
-    return click.option(flag, *names, cls=kind, metavar=metavar or None, help=help, **settings)
+    return click.option(flag, *names, cls=GroupedOption, metavar=metavar or None, help=help, **settings)
 
 
 HISTORY = option(
@@ -90,16 +98,6 @@ def as_one(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     return decorate
 
 
-class SettingsOption(GroupedOption):
-    """The option that takes settings by name; `groups` gives their headings, and rows of name and text."""
-
-    def __init__(
-        self, *args: Any, groups: Callable[[], Mapping[str, Sequence[tuple[str, str]]]], **settings: Any
-    ) -> None:
-        super().__init__(*args, **settings)
-        self.groups = groups
-
-
 def dialect(command: click.Command) -> Dialect:
     """Return what writes settings as the options of a command: ``time='t'`` is ``--time t``.
 
@@ -108,7 +106,7 @@ def dialect(command: click.Command) -> Dialect:
     """
     by_name = {str(param.name): param for param in command.params}
     options = {name: max(each.opts, key=len) for name, each in by_name.items() if not getattr(each, "replaced_by", "")}
-    lists = [param.groups().values() for param in command.params if isinstance(param, SettingsOption)]
+    lists = [param.settings().values() for param in command.params if isinstance(param, GroupedOption)]
     settings = {row[0] for rows in lists for group in rows for row in group}
 
     def write(code: str) -> str:

@@ -332,7 +332,6 @@ class Source:
 
 
 def _names_of(schema: Schema) -> dict[str, Any]:
-    """Return the columns of a schema by role."""
     names: dict[str, Any] = {"object": schema.object, "trial": schema.trial, "time": schema.time}
     return names | {"states": schema.measured, "inputs": schema.inputs}
 

@@ -354,7 +354,6 @@ def _load_oscillator(samples: int = 500, step: float = 0.01, noise: float = 0.0,
 
 
 def _truth_of_oscillator() -> "Law":
-    """Return the law of the oscillator."""
     return exact_law(_PLANE, ["x**3", "y**3"], {_NAME: _MATRIX.tolist()})
 
 
@@ -414,7 +413,6 @@ def _load_pairs(
 
 
 def _truth_of_pairs(growth: PerObject, predation: PerObject, decline: PerObject, reproduction: PerObject) -> "Law":
-    """Return the law of these pairs of species."""
     rates = {"growth": growth, "predation": predation, "decline": decline, "reproduction": reproduction}
     pairs = objects("Pair", positive=True, **rates)
     rows = {name: [[a, 0.0, -b], [0.0, -c, d]] for name, (a, b, c, d) in pairs.items()}
@@ -476,7 +474,6 @@ def _load_lorenz(
 
 
 def _truth_of_lorenz(sigma: PerObject, rho: PerObject, beta: PerObject) -> "Law":
-    """Return the law of these systems."""
     rows = {
         name: [[-s, s, 0.0, 0.0, 0.0], [r, -1.0, 0.0, 0.0, -1.0], [0.0, 0.0, -b, 1.0, 0.0]]
         for name, (s, r, b) in objects("System", sigma=sigma, rho=rho, beta=beta).items()

@@ -265,7 +265,6 @@ def regular_length(times: Floats, tolerance: float | None) -> int:
 
 
 def _irregular(times: Floats, tolerance: float | None) -> Bools:
-    """Return which steps are irregular, shape (n - 1,)."""
     steps = np.diff(times)
     median = np.median(steps) if len(steps) else 0.0
     return np.asarray(np.abs(steps - median) > (_REGULAR * median if tolerance is None else tolerance))

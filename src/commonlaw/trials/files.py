@@ -314,7 +314,6 @@ def _flat(file: "pq.ParquetFile") -> list["pa.Field[Any]"]:
 
 
 def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
-    """Yield so many rows after the other."""
     found = 0
     for batch in file.iter_batches(batch_size=rows, columns=[field.name for field in _flat(file)]):
         batch.validate(full=True)  # Texts may be numbers of entries that a damaged dictionary does not have
@@ -397,7 +396,6 @@ def columns_of(data: TrialData) -> dict[str, Column]:
 
 
 def _with_units(trials: TrialData) -> dict[str, Column]:
-    """Return the columns with units in their names."""
     units = {name: check_unit(unit, f"column {name!r}") for name, unit in trials.schema.units.items() if unit.strip()}
     return {join_header(name, units.get(name, "")): column for name, column in columns_of(trials).items()}
 

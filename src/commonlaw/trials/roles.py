@@ -233,7 +233,6 @@ def _found(table: Table, names: Any) -> tuple[str, ...]:
 
 
 def _noise_columns(table: Table, roles: Roles, states: Sequence[str], free: Sequence[str]) -> dict[str, str]:
-    """Return the columns of standard deviations by state."""
     numbers = [name for name in free if table.is_numeric(name)]
     given = roles.get("noise_columns")
     if given is None:

@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,15 +42,15 @@ class Rows:
 
 def rows_of(table: Table, roles: Reading) -> Rows:
     """Return what the rows of a whole table make, see `Trials.read`."""
-    found = _recognized(table, roles)
-    if found.columns.wide:
-        rows = _long_rows(found)
-    elif len(found.samples) < len(found.table):
-        rows = read_rows(found.table, found.roles)
+    table, said, samples, columns, origin = _recognized(table, roles)
+    if columns.wide:
+        rows = _long_rows(table, said, columns)
+    elif len(samples) < len(table):
+        rows = read_rows(table, said)
     else:
-        rows = _rows(found.samples, found.roles, found.columns, found.columns)
-    if found.origin is not None:
-        rows = rows.at(found.origin)
+        rows = _rows(samples, said, columns, columns)
+    if origin is not None:
+        rows = rows.at(origin)
     if rows.empty:
         raise CommonlawError("nothing-measured", trial=rows.empty[0])
     check_measured(rows.data.trials, rows.data.schema.states)
@@ -59,22 +59,14 @@ def rows_of(table: Table, roles: Reading) -> Rows:
 
 def column_roles_of(table: Table, roles: Reading) -> ColumnRoles:
     """Return which column is what, also where the rows make no trials."""
-    return _recognized(table, roles).columns
+    return _recognized(table, roles)[3]
 
 
-class _Recognized(NamedTuple):
-    """A table with its numbers read, what is said of it, and its columns; if these were times, a row for each cell."""
+def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, ColumnRoles, Codes | None]:
+    """Return a table with its numbers read, what is said of it, its rows from the first time on, and its columns.
 
-    table: Table
-    roles: Reading
-    origin: Codes | None
-    """The rows of the table as it came in, if a cell of each has become a row."""
-    samples: Table
-    """From the first time on; ahead of it may be conditions."""
-    columns: ColumnRoles
-
-
-def _recognized(table: Table, roles: Reading) -> _Recognized:
+    If its columns were times, it has a row for each cell: last come the rows of these in the table as it came in.
+    """
     said = cast(Reading, {**table.roles, **checked(roles)})
     table, origin = with_numbers(table, notation_of(said)), None
     if table.facts:
@@ -85,23 +77,21 @@ def _recognized(table: Table, roles: Reading) -> _Recognized:
     time = time_of(table, said)
     first = first_time(table, time)
     samples = _with_times(table.taken(np.arange(first, len(table))) if first else table, said, time)
-    return _Recognized(table, said, origin, samples, column_roles(samples, said, time))
+    return table, said, samples, column_roles(samples, said, time), origin
 
 
 def _with_times(table: Table, roles: Reading, time: str) -> Table:
-    """Return the table with times as numbers."""
     return with_dates_as_times(table, time, roles.get("dates"), free_columns(table, roles))
 
 
-def _long_rows(found: _Recognized) -> Rows:
+def _long_rows(table: Table, said: Reading, columns: ColumnRoles) -> Rows:
     """Return the trials in a table that has a column for each object."""
-    table, columns = found.table, found.columns
     if columns.object is not None:
         raise CommonlawError("wide-with-object", where=table.source, column=columns.object)
     long, state, origin = long_table(table, columns.time, columns.states, columns.noise_columns, columns.wide)
     noise = {state: name} if (name := deviations_of(state)) in long.columns else {}
     roles: Reading = {
-        **found.roles, "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs,
+        **said, "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs,
         "noise_columns": noise,
     }  # fmt: skip
     long = _with_times(long, roles, columns.time)
