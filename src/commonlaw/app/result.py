@@ -137,7 +137,10 @@ def compared(one: Found, other: Found) -> dict[str, Any]:
     There is a problem in place of evidence that cannot be compared.
     """
     problem, evidence = "", list[float | None]([None, None])
-    if _measurements(one) != _measurements(other):
+    measured = [
+        [(each.object, each.name, each.states.tobytes()) for each in found.findings.training] for found in (one, other)
+    ]
+    if measured[0] != measured[1]:
         problem = "The laws were fitted to other measurements: their evidence does not compare."
     else:
         try:
@@ -151,10 +154,6 @@ def compared(one: Found, other: Found) -> dict[str, Any]:
         "views": other.candidates[0].shown["views"] if other.candidates else [],
         "trials": other.about["views"],
     }
-
-
-def _measurements(found: Found) -> tuple[tuple[str, str, bytes], ...]:
-    return tuple((each.object, each.name, each.states.tobytes()) for each in found.findings.training)
 
 
 def _summary(found: Found, evidence: float | None) -> dict[str, Any]:

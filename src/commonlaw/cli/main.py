@@ -17,25 +17,14 @@ from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.shutdown import end_at_once
 
-_MODULES = {
-    "discover": "learning",
-    "fit": "learning",
-    "models": "learning",
-    "compare": "learning",
-    "refine": "learning",
-    "predict": "saved_law",
-    "explain": "saved_law",
-    "check": "saved_law",
-    "discrepancy": "saved_law",
-    "bounds": "saved_law",
-    "design": "saved_law",
-    "report": "saved_law",
-    "app": "main",
-    "show": "saved_law",
-    "data": "data",
-    "help": "main",
+_COMMANDS = {
+    "learning": ("discover", "fit", "models", "compare", "refine"),
+    "saved_law": ("predict", "explain", "check", "discrepancy", "bounds", "design", "report", "show"),
+    "data": ("data",),
+    "main": ("app", "help"),
 }
-"""Modules of the commands, in the order of the help."""
+"""The commands of each module, in the order of the help."""
+_MODULES = {name: module for module, names in _COMMANDS.items() for name in names}
 
 
 class _Commands(Commands):
