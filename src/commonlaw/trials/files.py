@@ -247,7 +247,7 @@ class _Kept(TypedDict, total=False):
 
 def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", WrittenReading]:
     """Return a Parquet file to read batches of rows from, and the names of its columns by role."""
-    arrow, _ = _arrow("streaming Parquet files")
+    arrow = _arrow("streaming Parquet files")
     try:
         file = _file(checked_file(path, np.inf))
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
@@ -258,7 +258,7 @@ def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", WrittenReadi
 
 def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
     """Yield the tables in so many rows of a Parquet file after the other, or in fewer, as memory allows."""
-    arrow, _ = _arrow("streaming Parquet files")
+    arrow = _arrow("streaming Parquet files")
     with _whole(str(path)):
         file, _ = opened(path)
         for batch in _batches(file, min(rows, MOST_CELLS // max(1, file.metadata.num_columns))):
@@ -267,10 +267,10 @@ def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
 
 def parquet_bytes(columns: Mapping[str, Column | Sequence[object]], metadata: Mapping[bytes, bytes]) -> bytes:
     """Return a Parquet file of columns, empty where they are NaN or None, with metadata such as roles and notes."""
-    arrow, parquet = _arrow("writing Parquet files")
+    arrow = _arrow("writing Parquet files")
     table = arrow.table({name: arrow.array(column, from_pandas=True) for name, column in columns.items()})
     content = io.BytesIO()
-    parquet.write_table(table.replace_schema_metadata(dict(metadata)), content)
+    arrow.parquet.write_table(table.replace_schema_metadata(dict(metadata)), content)
     return content.getvalue()
 
 
@@ -282,14 +282,15 @@ def parquet_columns(source: str, content: bytes) -> tuple[dict[str, list[Any]], 
         return columns, dict(file.schema_arrow.metadata or {})
 
 
-def _arrow(feature: str) -> tuple[Any, Any]:
-    return optional_import("pyarrow", feature, "parquet"), optional_import("pyarrow.parquet", feature, "parquet")
+def _arrow(feature: str = "reading Parquet files") -> Any:
+    optional_import("pyarrow.parquet", feature, "parquet")
+    return optional_import("pyarrow", feature, "parquet")
 
 
 @contextmanager
 def _whole(source: str) -> Iterator[None]:
     """Refuse a file that turns out to be damaged while it is read."""
-    arrow, _ = _arrow("reading Parquet files")
+    arrow = _arrow()
     try:
         yield
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
@@ -298,7 +299,7 @@ def _whole(source: str) -> Iterator[None]:
 
 def _file(where: Any) -> "pq.ParquetFile":
     """Return a Parquet file whose texts are read as dictionaries: a few bytes can stand for a text in every row."""
-    _, parquet = _arrow("reading Parquet files")
+    parquet = _arrow().parquet
     file = parquet.ParquetFile(where)
     columns = map(file.schema.column, range(len(file.schema)))
     texts = [column.path for column in columns if column.physical_type == "BYTE_ARRAY"]
@@ -307,7 +308,7 @@ def _file(where: Any) -> "pq.ParquetFile":
 
 def _flat(file: "pq.ParquetFile") -> list["pa.Field[Any]"]:
     """Return the columns of a file that hold neither lists nor bytes, which a few bytes can stand for without end."""
-    types = _arrow("reading Parquet files")[0].types
+    types = _arrow().types
     return [
         each for each in file.schema_arrow if not (types.is_nested(each.type) or types.is_fixed_size_binary(each.type))
     ]
@@ -325,7 +326,7 @@ def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
 
 def _unpacked(source: str, content: bytes) -> tuple["pq.ParquetFile", "pa.Table"]:
     """Return a file and its rows, as far as memory holds them."""
-    arrow, _ = _arrow("reading Parquet files")
+    arrow = _arrow()
     file, batches, size = _file(arrow.BufferReader(content)), [], 0
     check_size(source, file.metadata.num_rows, file.metadata.num_columns)
     for batch in _batches(file, 65_536):

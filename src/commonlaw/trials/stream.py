@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, compress, groupby
 from pathlib import Path
@@ -168,7 +168,7 @@ class TrialStream:
         files = []
         for each in _files(path):
             pairs = (part.split("=", 1) for part in each.parent.parts if "=" in part)
-            files.append(_File(each, {name: unquote(value) for name, value in pairs if name}))
+            files.append(_TrialsOfFile(each, {name: unquote(value) for name, value in pairs if name}))
         _, kept = opened(files[0].path)
         known = cast(Reading, {"properties": [], "noise_columns": {}, **kept, **checked(roles, Roles)})
         if not isinstance(known["properties"], list | tuple):
@@ -183,7 +183,7 @@ class TrialStream:
         if holds_dates(begin.columns[time]):  # The earliest is not known
             raise CommonlawError("dates-in-stream", where=begin.source, column=time)
         schema = read_rows(begin, known).data.schema
-        parts = [cls(schema, _TrialsOfFile(file, known)) for file in files]
+        parts = [cls(schema, replace(file, roles=known)) for file in files]
         return cls(schema, partial(chain.from_iterable, parts), parts)
 
 
@@ -242,25 +242,19 @@ def as_one(parts: Sequence[Trials]) -> Trials:
 
 
 @dataclass(frozen=True)
-class _File:
-    """A Parquet file, and what the names of its folders say of all its rows."""
+class _TrialsOfFile:
+    """Yields the trials of a Parquet file; the last one of a batch of rows may go on in the next."""
 
     path: Path
     partition: dict[str, str]
+    """What the names of its folders say of all its rows."""
+    roles: Reading = field(default_factory=Reading)
 
     def tables(self, rows: int) -> Iterator[Table]:
         """Yield the tables in so many rows after the other."""
         for table in batch_tables(self.path, rows):
             said = {name: np.full(len(table), value, dtype=object) for name, value in self.partition.items()}
             yield replace(table, columns={**said, **table.columns}) if said else table
-
-
-@dataclass(frozen=True)
-class _TrialsOfFile:
-    """Yields the trials of a file; the last one of a batch may go on in the next."""
-
-    file: _File
-    roles: Reading
 
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects."""
@@ -271,7 +265,7 @@ class _TrialsOfFile:
 
     def __call__(self, read: list[TrialData] | None = None) -> Iterator[Trial]:
         """Yield the trials; what comes with those of each batch of rows is kept in a list, if there is one."""
-        path, done = self.file.path, set[tuple[str, str]]()
+        path, done = self.path, set[tuple[str, str]]()
         batches = self._batches(read)
         trials = ((trial.measured(), data.schema.states) for data in batches for trial in data.trials)
         for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
@@ -288,7 +282,7 @@ class _TrialsOfFile:
             yield trial
 
     def _batches(self, read: list[TrialData] | None) -> Iterator[TrialData]:
-        for each in self.file.tables(_ROWS):
+        for each in self.tables(_ROWS):
             data = read_rows(each, self.roles).data
             if read is not None:
                 read.append(data._replace(trials=()))
