@@ -22,8 +22,8 @@ from commonlaw.trials.roles import GUESSED
 from commonlaw.trials.tables import rows_of
 from commonlaw.trials.trial import property_names
 
-_CASES, _AROUND = 12, 3
-"""Cases of the same kind that are shown, and rows before and after the one that is meant."""
+_CASES, _AROUND, _SAMPLES = 12, 3, 400
+"""Cases of the same kind that are shown, rows before and after the one that is meant, and samples of a trial."""
 
 _Labels = tuple[str | None, str | None]
 """Of an object and its trial."""
@@ -134,14 +134,8 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
 def _of_trials(trials: Trials) -> dict[str, Any]:
     schema = trials.schema
     return {
-        "roles": {
-            "object": schema.object,
-            "trial": schema.trial,
-            "time": schema.time,
-            "states": schema.states,
-            "inputs": schema.inputs,
-            "properties": sorted(property_names(trials.properties)),
-        },
+        "roles": {role: getattr(schema, role) for role in ("object", "trial", "time", "states", "inputs")}
+        | {"properties": sorted(property_names(trials.properties))},
         "objects": trials.objects,
         "groups": _groups(trials),
         "labels": list(dict.fromkeys(trial.name for trial in trials)),
@@ -154,10 +148,11 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
             {
                 "object": trial.object,
                 "name": trial.name,
-                "t": trial.times[:: _every(len(trial))].tolist(),
-                "states": [numbers(column[:: _every(len(trial))]) for column in trial.states.T],
+                "t": trial.times[::every].tolist(),
+                "states": [numbers(column[::every]) for column in trial.states.T],
             }
             for trial in trials.trials[:60]
+            for every in [-(-len(trial) // _SAMPLES)]
         ],
     }
 
@@ -171,10 +166,6 @@ def _groups(trials: Trials) -> dict[str, str]:
         groups |= {ALL: "shared by all objects"}
         constant = [*property_names(trials.properties), *constant]
     return groups | {name: f"shared by {name}" for name in constant}
-
-
-def _every(samples: int) -> int:
-    return -(-samples // 400)
 
 
 def simulated(found: Found, asked: Sample) -> dict[str, Any]:

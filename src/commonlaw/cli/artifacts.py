@@ -22,6 +22,15 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
+def in_words(error: Exception) -> str:
+    """Return why a step or a piece of work gave nothing."""
+    if isinstance(error, CommonlawError):
+        return error.sentence(marked)
+    if isinstance(error, MemoryError):
+        return "there is not enough memory for this: take fewer trials or a smaller library"
+    return f"{type(error).__name__}: {error}"
+
+
 class Artifacts:
     """The steps that follow a result, and what became of them.
 
@@ -38,12 +47,8 @@ class Artifacts:
         """Return what a step gives; if it fails, something else, and the words for that are remembered."""
         try:
             return step()
-        except CommonlawError as error:
-            self.failures.append(f"{failure}: {error.sentence(marked)}")
-        except MemoryError:
-            self.failures.append(f"{failure}: there is not enough memory")
         except Exception as error:  # A fault of ours or of others is no reason to lose what was found
-            self.failures.append(f"{failure}: {type(error).__name__}: {error}")
+            self.failures.append(f"{failure}: {in_words(error)}")
         return otherwise
 
     def write(self, path: str, content: Callable[[], bytes | None]) -> None:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from commonlaw.cli.artifacts import Artifacts
+from commonlaw.cli.artifacts import Artifacts, in_words
 from commonlaw.cli.command import command, working
 from commonlaw.cli.method_options import Question, with_question, with_settings
 from commonlaw.cli.options import (
@@ -23,7 +23,6 @@ from commonlaw.cli.options import (
     as_one,
     by_name,
     in_options,
-    is_law_file,
     is_of_kind,
     numbers,
     option,
@@ -41,7 +40,6 @@ from commonlaw.cli.source import (
     with_cluster,
     with_table,
 )
-from commonlaw.diagnostics import marked
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.models import named_models
@@ -110,15 +108,6 @@ def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
                 connection.send(answer)
             except (EOFError, OSError):
                 return
-
-
-def in_words(error: Exception) -> str:
-    """Return why a piece of work gave nothing."""
-    if isinstance(error, CommonlawError):
-        return error.sentence(marked)
-    if isinstance(error, MemoryError):
-        return "there is not enough memory for this: take fewer trials or a smaller library"
-    return f"{type(error).__name__}: {error}"
 
 
 Piece = tuple[Source, Question]
@@ -451,7 +440,7 @@ def compare(
         raise click.UsageError("give TABLE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
     later = Artifacts()
     with working("Comparing ...") as show:
-        saved = {each: cl.Law.load(each) for each in laws if is_law_file(each)}
+        saved = {each: cl.Law.load(each) for each in laws if is_of_kind(each, "law")}
         texts = {each: over_table(source, each)[0] for each in laws if each not in saved}
         training = source.select(load(source, [*texts.values()], saved.values()))
         for text in texts.values():  # What cannot be read is refused before the others are fitted
@@ -474,7 +463,7 @@ def compare(
         say(f"{first[0]} is the most probable of these laws.")
         for grade, names in against.items():
             say(f"{grade}: {', '.join(names)}.")
-        print_compared(frame if any(map(is_law_file, laws)) else frame.drop(columns="equations"))
+        print_compared(frame if any(is_of_kind(each, "law") for each in laws) else frame.drop(columns="equations"))
     later.end(training.notes, silent=as_json)
 
 

@@ -11,7 +11,7 @@ import click
 
 from commonlaw import __version__
 from commonlaw.cli.command import Commands, Refusal, command, say_every_step
-from commonlaw.cli.options import ReadFile, in_options, is_law_file, option
+from commonlaw.cli.options import ReadFile, in_options, is_of_kind, option
 from commonlaw.cli.output import say, standard_streams
 from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
@@ -45,7 +45,7 @@ class _Commands(Commands):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is named, and its words; a report without a law is one of `discover`."""
         name, *rest = args
-        if name == "report" and not any(each.startswith(("-h", "--help")) or is_law_file(each) for each in rest):
+        if name == "report" and not any(each.startswith(("-h", "--help")) or is_of_kind(each, "law") for each in rest):
             say("commonlaw: report without a law is deprecated: write discover ... --save report.html", err=True)
             page = [] if any(each.endswith(".html") for each in rest) else ["--save", "report.html"]
             args = ["discover", *rest, *page]

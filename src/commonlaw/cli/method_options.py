@@ -13,7 +13,7 @@ from commonlaw.cli.options import (
     ReadLaw,
     as_one,
     by_name,
-    is_law_file,
+    is_of_kind,
     numbers,
     option,
     pairs,
@@ -250,7 +250,7 @@ def _known_physics(texts: Sequence[str]) -> "Base":
     """Return what is known: coefficients by term, equations, or the law in a file."""
     from commonlaw.law import Law
 
-    if len(texts) == 1 and is_law_file(texts[0]):
+    if len(texts) == 1 and is_of_kind(texts[0], "law"):
         return Law.load(texts[0])
     if any(set("'[") & set(text.partition("=")[0]) for text in texts):
         return "; ".join(texts)

@@ -205,7 +205,7 @@ class ReadLaw(ReadFile):
 
     def files(self, value: str) -> list[str]:
         """Return the file if a value names one."""
-        return [value] if is_law_file(value) else []
+        return [value] if is_of_kind(value, "law") else []
 
 
 DATASET = "dataset:"
@@ -277,11 +277,6 @@ def saving(required: bool = False, default: tuple[str, ...] | None = None, **con
     return option("--save FILE...", f"Write {', or '.join(texts)}", group="Output", everyday=True, **settings)
 
 
-def is_law_file(value: str) -> bool:
-    """Whether a text that may be a law or the file of one is a file."""
-    return value.endswith((".json", ".parquet"))
-
-
 def _is_file(name: str) -> bool:
     """Return whether a file has this name; of one that is too long none has."""
     try:
@@ -299,12 +294,14 @@ def in_order(values: dict[str, Any]) -> bool:
     if second is None or "path" not in values:
         return False
     path, law = (str(values[name] or "") for name in ("path", second))
-    first_is_law = is_law_file(path) if second == "law_path" else bool(_EQUATION.search(path)) and not _is_file(path)
+    first_is_law = (
+        is_of_kind(path, "law") if second == "law_path" else bool(_EQUATION.search(path)) and not _is_file(path)
+    )
     if path and not law and first_is_law:
         values["path"], values[second] = None, path
         return False
     is_many = any(each in law for each in "*?[") or Path(law).is_dir()
-    is_swapped = first_is_law and bool(law) and (second == "equations" or not is_law_file(law) or is_many)
+    is_swapped = first_is_law and bool(law) and (second == "equations" or not is_of_kind(law, "law") or is_many)
     if is_swapped:
         values["path"], values[second] = law, path
     return is_swapped
@@ -317,7 +314,7 @@ def check_order(values: Mapping[str, Any]) -> None:
     """
     law, equations, path = (str(values.get(name) or "") for name in ("law_path", "equations", "path"))
     is_text = bool(_EQUATION.search(path)) and not _is_file(path)
-    if law and _is_file(law) and not is_law_file(law):
+    if law and _is_file(law) and not is_of_kind(law, "law"):
         problem = f"{law} is a table, not a saved law"
     elif equations and not _EQUATION.search(equations) and _is_file(equations):
         problem = f"{equations} is a table, not an equation"

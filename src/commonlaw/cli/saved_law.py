@@ -49,7 +49,7 @@ from commonlaw.law.alignment import has_bands, measured_schema
 from commonlaw.law.parameters import named_parameters, units_with_rates
 from commonlaw.law.text import Written
 from commonlaw.runtime.progress import check_memory, part
-from commonlaw.text import counted, in_line, r_squared
+from commonlaw.text import counted, in_line, number_or_text, r_squared
 from commonlaw.trials import Trials
 from commonlaw.trials.properties import given_properties
 
@@ -504,7 +504,12 @@ def discrepancy(
     with working("Seeking a discrepancy ..."):
         trials = source.chosen(measured_schema(law))
         levels = numbers("--noise", noise) if noise else None
-        found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=_zero(zero_at), noise=levels)
+        zero: float | Literal["auto"] | None = None if zero_at == "none" else "auto"
+        if zero_at not in ("none", "auto"):
+            if isinstance(number := number_or_text(zero_at), str):
+                raise CommonlawError("zero-at", text=zero_at)
+            zero = number
+        found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=zero, noise=levels)
         later = Artifacts()
         later.save(save, law=found.law, figure=lambda plots: plots.plot_discrepancy(found))
     if as_json:
@@ -537,17 +542,6 @@ def discrepancy(
         if found.claimed:
             say(f"\nThe law, estimated jointly with it:\n\n{found.law}")
     later.end((*trials.notes, *found.law.diagnostics), silent=as_json)
-
-
-def _zero(text: str) -> float | Literal["auto"] | None:
-    if text == "auto":
-        return "auto"
-    if text == "none":
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        raise CommonlawError("zero-at", text=text) from None
 
 
 @command

@@ -4,7 +4,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import partial, reduce, wraps
 from itertools import islice
@@ -33,7 +33,7 @@ from commonlaw.runtime.reading import checked_file, read_file
 from commonlaw.text import number_or_text
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
-from commonlaw.trials.files import read_table, table_files
+from commonlaw.trials.files import files_of, read_table, table_files
 from commonlaw.trials.headers import join_header
 from commonlaw.trials.reading import DateOrder, Restarts, WrittenReading, checked
 from commonlaw.trials.roles import GUESSED
@@ -240,12 +240,9 @@ class Source:
     @property
     def is_stream(self) -> bool:
         """Whether the file is a folder of Parquet files, or a pattern of them."""
-        path = Path(self.path or "")
-        with suppress(OSError):
-            pattern = any(each in str(path) for each in "*?[")
-            several = bool(self.path) and not self.more and not path.is_file() and (path.is_dir() or pattern)
-            return several and not table_files(path)
-        return False
+        if not self.path or self.more or files_of(Path(self.path), ()) is None:
+            return False
+        return not table_files(self.path)
 
     def check_streams(self, others: Mapping[str, object] = MappingProxyType({})) -> None:
         """Refuse what does not go with files that are streamed, `others` of the options among it."""

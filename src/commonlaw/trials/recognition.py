@@ -233,15 +233,13 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
 
 
 def _finest(codes: dict[str, Codes]) -> list[str]:
-    """Return the columns that are not properties of others."""
-    return [name for i, name in enumerate(codes) if not any(_is_property(name, other, codes, i) for other in codes)]
-
-
-def _is_property(name: str, finer: str, codes: dict[str, Codes], place: int) -> bool:
-    """Say whether a column is the same wherever another is, and not just another spelling of a later one."""
-    if name == finer or not _determines(codes[finer], codes[name]):
-        return False
-    return not _determines(codes[name], codes[finer]) or list(codes).index(finer) < place
+    """Return the columns that are not properties of others: of several spellings of one column it is the first."""
+    result = list[str]()
+    for i, (name, code) in enumerate(codes.items()):
+        finer = [j for j, other in enumerate(codes.values()) if j != i and _determines(other, code)]
+        if not any(j < i or not _determines(code, [*codes.values()][j]) for j in finer):
+            result.append(name)
+    return result
 
 
 def _determines(codes: Codes, others: Codes) -> bool:
