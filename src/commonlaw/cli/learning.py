@@ -11,7 +11,6 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from commonlaw.cli.artifacts import Artifacts, in_words
 from commonlaw.cli.command import command, working
 from commonlaw.cli.method_options import Question, with_question, with_settings
 from commonlaw.cli.options import (
@@ -28,7 +27,7 @@ from commonlaw.cli.options import (
     option,
     saving,
 )
-from commonlaw.cli.output import print_history, print_json, print_table, say
+from commonlaw.cli.output import Artifacts, in_words, print_history, print_json, print_table, say
 from commonlaw.cli.results import FitResult, Outputs, compared, find_law, load, over_table, print_compared, with_outputs
 from commonlaw.cli.source import (
     WITH_LAW,

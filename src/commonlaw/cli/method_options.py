@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.options import (
     Decorator,
     ReadLaw,
@@ -19,6 +18,7 @@ from commonlaw.cli.options import (
     pairs,
     with_options,
 )
+from commonlaw.cli.output import Artifacts
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.arguments import RENAMED_ARGUMENTS
 from commonlaw.runtime.fit_options import FitOptions, read_settings, setting_rows, settings_of, shown_value

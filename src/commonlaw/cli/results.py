@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.options import AS_JSON, HISTORY, as_one, in_options, is_of_kind, saving
 from commonlaw.cli.output import (
+    Artifacts,
     parameter_columns,
     print_columns,
     print_frame,

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import numpy as np
 
-from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.command import command, working
 from commonlaw.cli.options import (
     AS_JSON,
@@ -25,6 +24,7 @@ from commonlaw.cli.options import (
     saving,
 )
 from commonlaw.cli.output import (
+    Artifacts,
     parameter_columns,
     print_frame,
     print_history,
