@@ -20,7 +20,7 @@ from commonlaw.runtime.shutdown import end_at_once
 _COMMANDS = {
     "learning": ("discover", "fit", "models", "compare", "refine"),
     "saved_law": ("predict", "explain", "check", "discrepancy", "bounds", "design", "report", "show"),
-    "data": ("data",),
+    "source": ("data",),
     "main": ("app", "help"),
 }
 """The commands of each module, in the order of the help."""

@@ -153,7 +153,8 @@ class Outputs:
         from commonlaw.law.tables import coefficient_rows
 
         table = partial(coefficient_rows, learned.law)
-        later.save(self.save, law=learned.law, figure=learned.figure, table=table, report=learned.report)
+        report = partial(page, learned.findings, learned.program, lambda _: None, learned.everything)
+        later.save(self.save, law=learned.law, figure=learned.figure, table=table, report=report)
         if self.as_json:
             print_json(learned.document())
         else:
@@ -214,10 +215,6 @@ class FitResult:
         """Return a figure of the law and its fit, or else its forecasts, if there are any."""
         shown = self.findings.shown
         return plots.plot_law(self.law, shown, truth=self.truth) if shown else None
-
-    def report(self) -> bytes:
-        """Return a page that says all about the law."""
-        return page(self.findings, self.program, lambda _: None, self.everything)
 
     def show(self) -> None:
         """Print the law, how well it forecasts, and the most probable candidates."""

@@ -1,4 +1,4 @@
-"""Where trials come from: options of a table, and files that a cluster goes through."""
+"""Where trials come from: options of a table, files that a cluster goes through, and commands that look at tables."""
 
 import json
 import re
@@ -15,22 +15,28 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 import click
 import msgspec
 
+from commonlaw.cli.command import Commands
 from commonlaw.cli.options import (
+    AS_JSON,
     DATASET,
     Decorator,
     ReadFile,
     ReadTable,
     by_name,
+    in_options,
     numbers,
     option,
     pairs,
+    saving,
     with_options,
 )
+from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
+from commonlaw.runtime.files import write_whole
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.runtime.reading import checked_file, read_file
-from commonlaw.text import number_or_text
+from commonlaw.text import counted, in_line, number_or_text
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.files import files_of, read_table, table_files
@@ -466,3 +472,85 @@ def _by_a_worker(function: Callable[[T], R], item: T) -> R:
 
 def _first_trials(stream: TrialStream) -> tuple[Trial, ...]:
     return tuple(trial.cut(2000) for trial in islice(stream, 10))
+
+
+@click.group(cls=Commands)
+def data() -> None:
+    """Look at measurements before learning from them."""
+
+
+@data.command()
+@with_table(*EVERY_OPTION)
+@option(
+    "--order",
+    "Order of the laws that are tested for confounded variables; 0 for no test.  [default: 2 for a "
+    "single state, 1 for several]",
+    type=click.IntRange(0, 2),
+)
+@option("--library SPEC", "Their candidate terms, as in discover.  [default: poly:3]")
+@saving(schema="the roles of the columns and how the table is read, for --schema of all commands")
+@AS_JSON
+def check(source: Source, order: int | None, library: str | None, save: tuple[str, ...], as_json: bool) -> None:
+    """Summarize TABLE, run the data checks, and list what --clip would cut.
+
+    The check also lists confounded variables: in these trials one determines the other, so that laws in either fit
+    equally well; and initial values that would separate them.
+
+    \b
+    Example:
+      commonlaw data check drops.csv --object ball --trial drop --time t --state height --save schema.toml
+      commonlaw discover drops.csv --schema schema.toml --order 2
+    """
+    trials = source.chosen()
+    report = trials.check(order=order, library=library)
+    for path in save:
+        write_whole(path, written_schema(source, trials))
+    if as_json:
+        print_json(report.to_dict())
+        return
+    say(
+        f"{in_line(source.name)}: {counted(len(trials), 'trial')} of {counted(len(trials.objects), 'object')}, "
+        f"measured: {in_line(', '.join(trials.schema.states))}"
+    )
+    for line in report.lines():
+        say(in_line(f"Data check: {in_options(line)}"))
+    if not report.findings:
+        say("Data checks: no problem found.")
+    say("")
+    frame = report.to_frame()
+    print_frame(frame, {name: name.replace("_", " ") for name in map(str, frame)})
+    for path in save:
+        say(f"Wrote {path}")
+    print_notes(trials.notes)
+
+
+@data.command(name="list")
+def list_() -> None:
+    """List the data sets that can be used as a table, dataset:NAME, with their options and sources."""
+    from inspect import signature
+
+    from commonlaw.datasets import DATASETS
+
+    for name, dataset in DATASETS.items():
+        options = ", ".join(
+            f"{parameter.name}={parameter.default}" for parameter in signature(dataset.load).parameters.values()
+        )
+        say(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
+
+
+@data.command()
+@with_table(*WITH_LAW)
+@saving(table="the table", required=True)
+def export(source: Source, save: tuple[str, ...]) -> None:
+    """Write trials as a table, without loss.
+
+    \b
+    Example:
+      commonlaw data export dataset:linear-drag:noise=0.05 --save drops.csv
+    """
+    trials = source.chosen()
+    for path in save:
+        write = trials.to_csv if path.lower().endswith(".csv") else trials.to_parquet
+        write(path)
+        say(f"Wrote {path}")
+    print_notes(trials.notes)

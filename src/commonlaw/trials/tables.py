@@ -21,7 +21,7 @@ from commonlaw.trials.reading import Reading, checked, notation_of
 from commonlaw.trials.recognition import unit_in_name
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
-from commonlaw.trials.wide import deviations_of, long_table, times_across
+from commonlaw.trials.wide import NOISE, long_table, times_across
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def _long_rows(table: Table, said: Reading, columns: ColumnRoles) -> Rows:
     if columns.object is not None:
         raise CommonlawError("wide-with-object", where=table.source, column=columns.object)
     long, state, origin = long_table(table, columns.time, columns.states, columns.noise_columns, columns.wide)
-    noise = {state: name} if (name := deviations_of(state)) in long.columns else {}
+    noise = {state: state + NOISE} if state + NOISE in long.columns else {}
     roles: Reading = {
         **said, "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs,
         "noise_columns": noise,

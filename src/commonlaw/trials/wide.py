@@ -15,6 +15,8 @@ from commonlaw.trials.dates import first_time, holds_dates, years_of
 from commonlaw.trials.headers import known_unit, split_header
 from commonlaw.trials.recognition import QUANTITIES, SEPARATE, is_called, readable, words
 
+NOISE = " noise"
+"""What the name of a column of standard deviations has behind that of its state."""
 _DEFAULT = "value"
 """Name of what stands in the columns, if nobody names it."""
 _WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
@@ -105,7 +107,7 @@ def long_table(
     """Return a table with a row for each sample of each object, the name of its state, and the row that each was in.
 
     Given are the column of times; those of the objects, and of standard deviations by them, which go to the column
-    named by `deviations_of`; and the name of the state. Rows ahead of the first time are conditions of the objects.
+    of the state's name and `NOISE`; and the name of the state. Rows ahead of the first time are conditions.
     """
     if not isinstance(wide, bool | str) or not wide:
         raise CommonlawError("wide-not-a-name", value=wide)
@@ -128,9 +130,7 @@ def long_table(
     if noise:
         if without := [column for column in columns if column not in noise]:
             raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
-        made[deviations_of(name)] = np.concatenate(
-            [measured.numbers(noise[column], missing=True) for column in columns]
-        )
+        made[name + NOISE] = np.concatenate([measured.numbers(noise[column], missing=True) for column in columns])
     conditions = {
         label.strip(): column_of([table.columns[column][row] for column in columns])[0]
         for row, label in enumerate(table.columns[time][:first])
@@ -150,11 +150,6 @@ def long_table(
         parsed={},
     )
     return long, name, np.tile(rows, count)
-
-
-def deviations_of(state: str) -> str:
-    """Return the name of the column of standard deviations of a long table."""
-    return f"{state} noise"
 
 
 def quantity(columns: Sequence[str], wide: bool | str) -> str:
