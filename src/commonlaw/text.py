@@ -96,6 +96,14 @@ def r_squared(score: float) -> str:
     return "R^2 > 0.99999" if text == "1" else f"R^2 = {text}"
 
 
+def number_or_text(text: str) -> float | str:
+    """Return the number that a text is, or the text itself."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
 def json_text(document: Mapping[str, Any]) -> str:
     """Return nested results, which may have arrays, as JSON; numbers that are not finite become null.
 

@@ -53,7 +53,7 @@ def test_a_law_in_mind_is_fitted_by_workers(run, tmp_path):
     refined, expected = cl.Law.load(tmp_path / "refined.json"), cl.refine(law, drops, noise={"x": 0.01}, errors="white")
     np.testing.assert_allclose(refined.coefficients, expected.coefficients, rtol=1e-7)
     code, _, err = run("fit", words[0], "x'' = -g - c v", *words[1:], "--initial-value", "x=1")
-    assert (code, "--initial-value with --cluster: leave it out" in err) == (2, True)
+    assert (code, "--initial-value with a stream of files: leave it out" in err) == (2, True)
 
 
 def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(run, tmp_path):

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.cli.artifacts import Artifacts
+from commonlaw.cli.output import Artifacts
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.law import Alternative, Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_json, to_latex

@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 import commonlaw as cl
 from commonlaw.app.question import Question, in_page, settings_form
 from commonlaw.cli.method_options import setting_options
-from commonlaw.cli.options import SettingsOption, with_options
+from commonlaw.cli.options import GroupedOption, with_options
 from commonlaw.discovery.cache import digest
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.law.script import written
@@ -261,8 +261,8 @@ def test_a_new_setting_is_an_option_of_commands(function):
     (option,) = [param for param in made.params if param.name == "gain"]
     assert (option.opts, option.metavar) == (["--gain"], "RATIO")
     assert "Gain of the amplifier." in option.help
-    (take,) = [param for param in made.params if isinstance(param, SettingsOption)]
-    assert any(("gain", "Gain of the amplifier.  [default: 2.0]") in rows for rows in take.groups().values())
+    (take,) = [param for param in made.params if isinstance(param, GroupedOption) and param.name == "settings"]
+    assert any(("gain", "Gain of the amplifier.  [default: 2.0]") in rows for rows in take.settings().values())
     assert read_settings(Extended, {"gain": ["3"]}) == {"gain": 3.0}
 
 

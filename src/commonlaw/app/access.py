@@ -168,21 +168,13 @@ class Guard:
     Other sites in the same browser have no cookie of it, nor may they send what changes something: their origin is not
     this one. A name that another site has pointed to this machine is not in `hosts`.
 
-    Parameters
-    ----------
-    application
-        What answers.
-    keys
-        What opens it.
-    hosts
-        Names and ports that requests may be sent to, in small letters.
-    connections
-        Where connections wait until one of their requests was let through.
+    Connections wait in `connections` until one of their requests was let through.
     """
 
     application: Application
     keys: Keys
     hosts: frozenset[str]
+    """Names and ports that requests may be sent to, in small letters."""
     connections: ConnectionLimit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -13,7 +13,7 @@ from commonlaw.array_types import Floats, Indices
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.fitting import Beginning, InitialGiven, begin
+from commonlaw.estimation.fitting import Beginning, begin
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.law.models import named_models
@@ -88,9 +88,10 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
     computed at once, each with the index of its trial.
     """
     try:
-        begun, trials, formulas = _read(
-            table, columns, equations.text, tuple(equations.initial.items()), equations.initial_time, equations.doses
+        sought = Equations(
+            equations.text, starts=equations.starts, initial_time=equations.initial_time, doses=equations.doses
         )
+        begun, trials, formulas = _read(table, msgspec.json.encode((columns, sought)))
     except CommonlawError as error:
         return {"problem": message(error)}
     first = begun.first.copy()
@@ -117,24 +118,18 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
 
 
 @lru_cache(maxsize=8)
-def _read(
-    table: Table,
-    columns: Columns,
-    text: str,
-    starts: tuple[tuple[str, InitialGiven], ...],
-    initial_time: float | None,
-    doses: tuple[str, ...],
-) -> tuple[Beginning, Trials, list[list[str]]]:
-    """Return how a fit of equations begins, the trials, and the equations as MathML."""
-    trials = with_doses(table.trials(columns), doses)
-    model_text, given = ModelText.of(text), dict(starts)
-    asked = split_equations(model_text.equations)
-    second = [each.state for each in asked if each.order == 2]
-    trials, _ = without_measured_rates(trials, second, [each.state for each in asked])
+def _read(table: Table, asked: bytes) -> tuple[Beginning, Trials, list[list[str]]]:
+    """Return how a fit begins of the columns and equations in JSON, the trials, and the equations as MathML."""
+    columns, equations = msgspec.json.decode(asked, type=tuple[Columns, Equations])
+    trials = with_doses(table.trials(columns), equations.doses)
+    model_text, given = ModelText.of(equations.text), equations.initial
+    split = split_equations(model_text.equations)
+    second = [each.state for each in split if each.order == 2]
+    trials, _ = without_measured_rates(trials, second, [each.state for each in split])
     if not needs_model(model_text, trials, given, (), None) and not given:
         properties = property_names(trials.properties)
         read_equations("; ".join(model_text.equations), trials.schema, properties=properties)  # Says what `fit` refuses
-    begun = begin(model_text, trials, given, initial_time)
+    begun = begin(model_text, trials, given, equations.initial_time)
     begun = replace(begun, problem=replace(begun.problem, tolerance=_TOLERANCE), first=_with_rates(begun))
     return begun, trials, _formulas(begun)
 

@@ -49,10 +49,7 @@ def figure_file(
 ) -> bytes:
     """Return a picture of a law, by its kind and ending; or the program that draws it, which loads a candidate.
 
-    Raises
-    ------
-    CommonlawError
-        If there is no such picture, or the law has it not.
+    Raises `CommonlawError` if there is no such picture, or the law has it not.
     """
     kind, _, ending = name.partition(".")
     check_choice("figure", kind, _OF_CURVES)

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from commonlaw.app.equations import named, words
-from commonlaw.app.question import Columns, Table, message, shown_roles, text_in_page
+from commonlaw.app.question import Columns, Table, as_asked, edited, message, recognized, shown_roles, text_in_page
 from commonlaw.app.result import Found, numbers
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.experiments import suggestions
@@ -19,30 +19,23 @@ from commonlaw.trials import Trial, Trials
 from commonlaw.trials.check import Finding, Report
 from commonlaw.trials.columns import Codes, Table as Cells
 from commonlaw.trials.roles import GUESSED
+from commonlaw.trials.tables import rows_of
 from commonlaw.trials.trial import property_names
 
-_CASES, _AROUND = 12, 3
-"""Cases of the same kind that are shown, and rows before and after the one that is meant."""
+_CASES, _AROUND, _SAMPLES = 12, 3, 400
+"""Cases of the same kind that are shown, rows before and after the one that is meant, and samples of a trial."""
 
 _Labels = tuple[str | None, str | None]
 """Of an object and its trial."""
 
 
 def finding_kinds(check: Report, table: Cells, row_indices: Sequence[Codes]) -> list[dict[str, Any]]:
-    """Return the findings: for each kind its text, how many cases there are, and the first of them with their rows.
+    """Return the findings in trials, whose samples are these rows of a table.
 
-    Parameters
-    ----------
-    check
-        What data checks found in the trials of a table.
-    table
-        Its cells.
-    row_indices
-        Of each trial the indices of the rows of its samples.
+    For each kind there are its text, the number of cases, and the first of them with their rows.
     """
-    rows: dict[_Labels, Codes] = {
-        (trial.object, trial.trial): row_index for trial, row_index in zip(check.trials, row_indices, strict=True)
-    }
+    labels = [(trial.object, trial.trial) for trial in check.trials]
+    rows: dict[_Labels, Codes] = dict(zip(labels, row_indices, strict=True))
     return [
         {"text": text_in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:_CASES]]}
         for text, same in check.kinds().items()
@@ -119,13 +112,13 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
         "problem": "",
     }
     try:
-        rows = columns.rows(held)
+        rows = rows_of(held, as_asked(columns))
     except CommonlawError as error:
-        return found | {"recognised": columns.recognised(held), "problem": message(error)}
+        return found | {"recognised": recognized(held, columns), "problem": message(error)}
     whole = Trials(*rows.data)
     check = whole.check()
     try:
-        trials = columns.edited(whole)
+        trials = edited(whole, columns)
     except CommonlawError as error:
         return found | {"recognised": shown_roles(rows.columns), "problem": message(error)}
     found |= {"recognised": shown_roles(rows.columns), "guessed": rows.columns.guessed and rows.columns.sentence}
@@ -140,14 +133,8 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
 def _of_trials(trials: Trials) -> dict[str, Any]:
     schema = trials.schema
     return {
-        "roles": {
-            "object": schema.object,
-            "trial": schema.trial,
-            "time": schema.time,
-            "states": schema.states,
-            "inputs": schema.inputs,
-            "properties": sorted(property_names(trials.properties)),
-        },
+        "roles": {role: getattr(schema, role) for role in ("object", "trial", "time", "states", "inputs")}
+        | {"properties": sorted(property_names(trials.properties))},
         "objects": trials.objects,
         "groups": _groups(trials),
         "labels": list(dict.fromkeys(trial.name for trial in trials)),
@@ -160,10 +147,11 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
             {
                 "object": trial.object,
                 "name": trial.name,
-                "t": trial.times[:: _every(len(trial))].tolist(),
-                "states": [numbers(column[:: _every(len(trial))]) for column in trial.states.T],
+                "t": trial.times[::every].tolist(),
+                "states": [numbers(column[::every]) for column in trial.states.T],
             }
             for trial in trials.trials[:60]
+            for every in [-(-len(trial) // _SAMPLES)]
         ],
     }
 
@@ -177,10 +165,6 @@ def _groups(trials: Trials) -> dict[str, str]:
         groups |= {ALL: "shared by all objects"}
         constant = [*property_names(trials.properties), *constant]
     return groups | {name: f"shared by {name}" for name in constant}
-
-
-def _every(samples: int) -> int:
-    return -(-samples // 400)
 
 
 def simulated(found: Found, asked: Sample) -> dict[str, Any]:
@@ -220,10 +204,7 @@ class Budget(msgspec.Struct, forbid_unknown_fields=True):
 def suggested(found: Found, asked: Budget) -> dict[str, Any]:
     """Return experiments for each purpose, with what they settle.
 
-    Raises
-    ------
-    CommonlawError
-        If the budget is none that the page offers, or nothing can be suggested.
+    Raises `CommonlawError` if the budget is none that the page offers, or nothing can be suggested.
     """
     if not 1 <= asked.trials <= _MAX_EXPERIMENT_TRIALS:
         raise CommonlawError("design-budget", trials=asked.trials, limit=_MAX_EXPERIMENT_TRIALS)

@@ -18,28 +18,17 @@ from commonlaw.law.observation import ALL
 from commonlaw.law.script import Source
 from commonlaw.library.bounds import limits_of, parts_of
 from commonlaw.runtime.fit_options import FitOptions, read_settings, settings_of, shown_value
+from commonlaw.text import number_or_text
 from commonlaw.trials import Trials
-from commonlaw.trials.cells import DecimalMark
 from commonlaw.trials.columns import Table as Cells
-from commonlaw.trials.dates import DateOrder
-from commonlaw.trials.files import name_of_table, table_in
-from commonlaw.trials.grouping import Restarts
-from commonlaw.trials.roles import ColumnRoles, Reading, named_roles
-from commonlaw.trials.tables import Rows, column_roles_of, rows_of
+from commonlaw.trials.files import table_in
+from commonlaw.trials.reading import Reading, WrittenReading
+from commonlaw.trials.roles import ROLES, ColumnRoles, named_roles
+from commonlaw.trials.tables import column_roles_of, rows_of
 from commonlaw.trials.wide import quantity
 
 if TYPE_CHECKING:
     from commonlaw.discovery import TrajectoryLikelihood
-
-_COLUMNS = {
-    "object": "object",
-    "trial": "trial",
-    "time": "time",
-    "states": "state",
-    "inputs": "input",
-    "properties": "property",
-}
-"""What the page calls the settings that choose columns."""
 
 _READING = {
     "dates": "the date format",
@@ -70,8 +59,8 @@ def in_page(code: str) -> str:
     name, _, value = code.partition("=")
     if code in _OTHERS:
         return _OTHERS[code]
-    if name in _COLUMNS:
-        return f"{_COLUMNS[name]!r} under Columns" if value in ("...", "[...]") else f"{_COLUMNS[name]} {value}"
+    if name in ROLES and name != "noise_columns":
+        return f"{ROLES[name]!r} under Columns" if value in ("...", "[...]") else f"{ROLES[name]} {value}"
     if name in _READING:
         return f"{_READING[name]} under Columns" if value == "..." else f"{value} as {_READING[name]} under Columns"
     if name == "doses":
@@ -146,58 +135,38 @@ class Edit(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         return f".exclude({', '.join(f'{name}={value!r}' for name, value in said.items() if value is not None)})"
 
 
-class Columns(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Which column is what; empty where the table says it itself. An empty text says that there are no labels."""
+class Columns(WrittenReading, total=False):
+    """How a table is read, and changed; what is empty the table says itself, but an empty text is no column."""
 
-    object: str | None = None
-    trial: str | None = None
-    time: str | None = None
-    states: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = ()
-    properties: tuple[str, ...] = ()
-    wide: str | None = None
-    restarts: Restarts | None = None
-    missing: tuple[str, ...] = ()
-    decimal: DecimalMark | None = None
-    dates: DateOrder | None = None
-    below: tuple[tuple[str, float], ...] = ()
-    """Marks of values below a limit of quantification, with their limits."""
-    edits: tuple[Edit, ...] = ()
+    edits: tuple[Edit, ...]
     """Changes of the measurements, one after another."""
 
-    def edited(self, trials: Trials) -> Trials:
-        """Return trials with all changes."""
-        return reduce(lambda changed, edit: edit.of(changed), self.edits, trials)
 
-    def rows(self, cells: Cells) -> Rows:
-        """Return what the rows of a table make."""
-        return rows_of(cells, name_of_table(cells.source), **self._said)
+def as_asked(columns: Columns) -> Reading:
+    """Return what is said of how a table is read."""
+    said: Any = {name: each for name, each in columns.items() if name != "edits" and (each or each == "")}
+    if said.get("states") and not said.get("wide"):
+        said.setdefault("properties", [])
+    return cast(Reading, said)
 
-    def recognised(self, cells: Cells) -> dict[str, Any]:
-        """Return the columns by role as far as they are clear, also where the rows make no trials."""
-        try:
-            return shown_roles(column_roles_of(cells, self._said))
-        except CommonlawError:
-            return named_roles(cells, self._said)
 
-    @property
-    def _said(self) -> Reading:
-        said: Any = {name: each for name, each in msgspec.structs.asdict(self).items() if each or each == ""}
-        said.pop("edits", None)
-        said |= {"below": dict(self.below)} if self.below else {}
-        if self.states and not self.wide:
-            said["properties"] = list(self.properties)
-        return cast(Reading, said)
+def edited(trials: Trials, columns: Columns) -> Trials:
+    """Return trials with all changes."""
+    return reduce(lambda changed, edit: edit.of(changed), columns.get("edits", ()), trials)
+
+
+def recognized(cells: Cells, columns: Columns) -> dict[str, Any]:
+    """Return the columns by role as far as they are clear, also where the rows make no trials."""
+    try:
+        return shown_roles(column_roles_of(cells, as_asked(columns)))
+    except CommonlawError:
+        return named_roles(cells, as_asked(columns))
 
 
 def shown_roles(columns: ColumnRoles) -> dict[str, Any]:
     """Return the columns by role."""
     return {
-        "object": columns.object,
-        "trial": columns.trial,
-        "time": columns.time,
-        "states": columns.states,
-        "inputs": columns.inputs,
+        **{role: getattr(columns, role) for role in ("object", "trial", "time", "states", "inputs")},
         "properties": columns.properties or (),
         "deviations": tuple(columns.noise_columns.values()),
         "wide": columns.wide and quantity(columns.states, columns.wide),
@@ -264,13 +233,7 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     @property
     def initial(self) -> dict[str, InitialGiven]:
         """The initial values as `commonlaw.fit` takes them."""
-        result = dict[str, InitialGiven]()
-        for name, text in self.starts.items():
-            try:
-                result[name] = float(text)
-            except ValueError:
-                result[name] = text
-        return result
+        return {name: number_or_text(text) for name, text in self.starts.items()}
 
     @property
     def written(self) -> str:
@@ -318,7 +281,7 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """All that a search is asked."""
 
     table: str
-    columns: Columns = Columns()
+    columns: Columns = {}
     order: Literal[1, 2, "auto"] = "auto"
     library: str = "auto"
     hold_out: HoldOut = HoldOut()
@@ -335,10 +298,7 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     def method(self) -> "TrajectoryLikelihood | None":
         """The method with these settings, None without any.
 
-        Raises
-        ------
-        CommonlawError
-            If a text is no value of its setting.
+        Raises `CommonlawError` if a text is no value of its setting.
         """
         from commonlaw.discovery import TrajectoryLikelihood
 
@@ -353,19 +313,17 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     def source(self, table: "Table") -> Source:
         """Return where a program finds the trials of its law in a table."""
         learned = self.hold_out if self.law is None else HoldOut()
-        columns = self.columns
-        reading: dict[str, Any] = {"wide": columns.wide, "restarts": columns.restarts}
-        notation = {"missing": list(columns.missing), "decimal": columns.decimal, "dates": columns.dates}
-        reading |= {name: said for name, said in notation.items() if said}
-        reading |= {"below": dict(columns.below)} if columns.below else {}
-        reading |= {role: "" for role in ("object", "trial") if getattr(columns, role) == ""}
+        said = as_asked(self.columns)
+        reading = {name: said.get(name) for name in ("wide", "restarts")}
+        reading |= {name: said[name] for name in ("missing", "decimal", "dates", "below") if name in said}
+        reading |= {role: "" for role in ("object", "trial") if said.get(role) == ""}
         return Source(
             table.name,
             table.dataset,
-            columns.properties,
+            tuple(self.columns.get("properties") or ()),
             learned.written,
             reading,
-            kept="".join(edit.written for edit in columns.edits),
+            kept="".join(edit.written for edit in self.columns.get("edits", ())),
         )
 
 
@@ -383,7 +341,7 @@ class Table(msgspec.Struct, frozen=True):
 
     def trials(self, columns: Columns) -> Trials:
         """Return the trials in it."""
-        return columns.edited(Trials(*columns.rows(self.cells()).data))
+        return edited(Trials(*rows_of(self.cells(), as_asked(columns)).data), columns)
 
 
 def named(name: str, content: bytes) -> Table:

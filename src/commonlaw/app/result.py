@@ -74,10 +74,7 @@ class Found:
     def candidate(self, index: int) -> Law:
         """Return the law of a candidate.
 
-        Raises
-        ------
-        CommonlawError
-            If there is none.
+        Raises `CommonlawError` if there is none.
         """
         if not 0 <= index < len(self.candidates):
             raise CommonlawError("candidate-index", index=index, candidates=len(self.candidates))
@@ -139,7 +136,10 @@ def compared(one: Found, other: Found) -> dict[str, Any]:
     There is a problem in place of evidence that cannot be compared.
     """
     problem, evidence = "", list[float | None]([None, None])
-    if _measurements(one) != _measurements(other):
+    measured = [
+        [(each.object, each.name, each.states.tobytes()) for each in found.findings.training] for found in (one, other)
+    ]
+    if measured[0] != measured[1]:
         problem = "The laws were fitted to other measurements: their evidence does not compare."
     else:
         try:
@@ -153,10 +153,6 @@ def compared(one: Found, other: Found) -> dict[str, Any]:
         "views": other.candidates[0].shown["views"] if other.candidates else [],
         "trials": other.about["views"],
     }
-
-
-def _measurements(found: Found) -> tuple[tuple[str, str, bytes], ...]:
-    return tuple((each.object, each.name, each.states.tobytes()) for each in found.findings.training)
 
 
 def _summary(found: Found, evidence: float | None) -> dict[str, Any]:
@@ -187,10 +183,8 @@ class Groups(msgspec.Struct, forbid_unknown_fields=True):
 def compared_groups(found: Found, asked: Groups) -> dict[str, Any]:
     """Return how parameters of objects differ between groups, as a table.
 
-    Raises
-    ------
-    CommonlawError
-        If the property does not divide the objects into groups, there is no such value, or standard errors are missing.
+    Raises `CommonlawError` if the property does not divide the objects into groups, there is no such value, or standard
+    errors are missing.
     """
     law = found.candidate(asked.candidate)
     values = comparable_groups(law).get(asked.by, [])
@@ -246,7 +240,6 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
 
 
 def _views(findings: Findings) -> list[Forecast]:
-    """Return what is drawn of a law, the fit first."""
     return [each for each in (findings.fit, findings.forecast) if each is not None]
 
 
@@ -277,12 +270,10 @@ def _mathml(law: Law) -> list[list[str]]:
 
 
 def _terms(law: Law, support: Bools) -> list[list[str]]:
-    """Return the names of terms of each equation."""
     return [[name for name, there in zip(law.terms.names, row, strict=True) if there] for row in support]
 
 
 def _table(frame: pd.DataFrame) -> dict[str, Any]:
-    """Return a table as the page fills it."""
     return {"head": list(frame), "rows": frame.to_numpy().tolist()}
 
 

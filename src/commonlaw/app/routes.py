@@ -50,7 +50,7 @@ _AT_ONCE = 4
 
 class _Recognised(msgspec.Struct, forbid_unknown_fields=True):
     table: str
-    columns: Columns = Columns()
+    columns: Columns = {}
 
 
 class _DataSet(msgspec.Struct, forbid_unknown_fields=True):
@@ -119,7 +119,6 @@ def _asset(name: str) -> Callable[[Request], Response]:
 
 
 def _message(call: _Call) -> Response:
-    """Explain a message by its code."""
     code = call.path["code"]
     if code not in {*sentences(), *notes()}:
         raise CommonlawError("message-unknown", name=code[:80], hint="")

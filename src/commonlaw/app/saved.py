@@ -77,10 +77,7 @@ class SavedSessions:
     def save(self, asked: Named, sessions: Sessions) -> dict[str, Any]:
         """Save a session, or another state of it, and return its summary.
 
-        Raises
-        ------
-        CommonlawError
-            If its name is empty, its table is gone, or the file cannot be written.
+        Raises `CommonlawError` if its name is empty, its table is gone, or the file cannot be written.
         """
         name = " ".join(asked.name.split())[:80]
         if not name:
@@ -111,10 +108,7 @@ class SavedSessions:
     def undo(self, key: str, sessions: Sessions) -> dict[str, Any]:
         """Return to the state before the present one.
 
-        Raises
-        ------
-        CommonlawError
-            If there is none.
+        Raises `CommonlawError` if there is none.
         """
         session = self._read(key)
         if len(session.states) < 2:

@@ -27,6 +27,8 @@ def serve(
 ) -> None:
     """Serve the app until it is interrupted; then nothing of it goes on, whatever it was in.
 
+    Raises `CommonlawError` if a package that it needs is not installed, the table cannot be read, or the port is taken.
+
     Parameters
     ----------
     path
@@ -37,11 +39,6 @@ def serve(
         Takes the address. Whoever has it can open the app as long as it runs.
     open_browser
         Whether a browser opens it. The browser is told by a file that nobody else can read, not by its arguments.
-
-    Raises
-    ------
-    CommonlawError
-        If a package that it needs is not installed, the table cannot be read, or the port is taken.
     """
     for package in ("starlette", "uvicorn", "latex2mathml"):
         optional_import(package, "the app", "app")

@@ -19,21 +19,12 @@ from commonlaw.runtime.progress import part
 
 @dataclass(eq=False)
 class Search:
-    """A search that runs or has ended.
-
-    Parameters
-    ----------
-    question
-        What is asked.
-    table
-        The table that it is asked of.
-    fits
-        Of laws of other terms, in the order in which they were asked for; only the last may go on.
-    """
+    """A search that runs or has ended: what is asked of a table."""
 
     question: Question
     table: Table
     fits: list[Work[ShownLaw]] = field(default_factory=list)
+    """Of laws of other terms, in the order in which they were asked for; only the last may go on."""
     law: str | None = None
     """The law that it found before, if it was saved since."""
 
@@ -59,10 +50,7 @@ class Search:
     def found(self) -> Found:
         """What it found so far, with the laws that were fitted since.
 
-        Raises
-        ------
-        CommonlawError
-            If there is no law yet.
+        Raises `CommonlawError` if there is no law yet.
         """
         if self._work.made is None:
             raise CommonlawError("no-law-yet")
@@ -157,10 +145,7 @@ class Kept(Generic[T]):
     def get(self, name: str) -> T:
         """Return the value of a name.
 
-        Raises
-        ------
-        CommonlawError
-            If it is not kept, or no longer.
+        Raises `CommonlawError` if it is not kept, or no longer.
         """
         if name not in self.values:
             raise CommonlawError("session-gone", part=self.what)
@@ -188,10 +173,7 @@ class Sessions:
     def search(self, question: Question, law: str | None = None) -> str:
         """Begin a search, or show the law that it found before, and return its name.
 
-        Raises
-        ------
-        CommonlawError
-            If its table is not there, a setting does not fit, or too many searches run.
+        Raises `CommonlawError` if its table is not there, a setting does not fit, or too many searches run.
         """
         FitOptions(**read_settings(FitOptions, question.settings))  # Refuses those that do not fit
         with self._beginning:
@@ -216,10 +198,8 @@ class Sessions:
     def fit_terms(self, name: str, terms: Sequence[Sequence[str]]) -> None:
         """Begin to fit a law of other terms to what a search was asked of.
 
-        Raises
-        ------
-        CommonlawError
-            If the search is not there or has no law, there are no such terms, or too many searches run.
+        Raises `CommonlawError` if the search is not there or has no law, there are no such terms, or too many searches
+        run.
         """
         with self._beginning:
             search = self.searches.get(name)
@@ -238,7 +218,6 @@ class Sessions:
         with self._beginning:
             self._is_open = False
             searches = [*self.searches.values.values()]
-        for search in searches:
-            search.cancel()
-        for each in searches:
-            each.close()
+        for end in (Search.cancel, Search.close):
+            for search in searches:
+                end(search)

@@ -62,13 +62,7 @@ prepare = _READY.prepare
 
 @dataclass(eq=False)
 class Work(Generic[T]):
-    """Work that goes on or has ended; a thread takes in what its process says, and sees the process off.
-
-    Parameters
-    ----------
-    task
-        What is done.
-    """
+    """A task that goes on or has ended; a thread takes in what its process says, and sees the process off."""
 
     task: Task[T]
     stages: list[tuple[str, float]] = field(default_factory=list)
@@ -117,19 +111,16 @@ class Work(Generic[T]):
             with suppress(OSError):  # what has ended already takes no task
                 self._connection.send(self.task)
             while self.is_running:
-                self._take(*self._said())
+                try:
+                    kind, value = self._connection.recv()
+                except (EOFError, OSError, pickle.UnpicklingError):
+                    self._process.join(_TO_LEAVE)
+                    code = self._process.exitcode
+                    kind, value = "end", f"the work ended by itself, with code {code}: there may be too little memory"
+                self._take(kind, value)
         self._process.join(_TO_LEAVE)
         self._process.kill()
         self._process.join()
-
-    def _said(self) -> tuple[str, Any]:
-        try:
-            kind, value = self._connection.recv()
-        except (EOFError, OSError, pickle.UnpicklingError):
-            self._process.join(_TO_LEAVE)
-            code = self._process.exitcode
-            return "end", f"the work ended by itself, with code {code}: there may be too little memory"
-        return kind, value
 
     def _take(self, kind: str, value: Any) -> None:
         with self._lock:

@@ -9,16 +9,15 @@ from typing import IO, Any
 
 import click
 
-from commonlaw.cli.options import SettingsOption, check_files, check_order, check_text, dialect, in_order
+from commonlaw.cli.options import OTHERS, GroupedOption, check_files, check_order, check_text, dialect, in_order
 from commonlaw.cli.output import changing_line, say
 from commonlaw.diagnostics import reference
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import Elapsed, ProgressCallback
 
-_OPTIONS = {
+_SPELLINGS = {
     "--plot": "--save",
     "--out": "--save",
-    "--workers": "--set n_jobs=",
     "--universal": "--shared",
     "predict --input-between": "--input-interpolation",
     "fit --start": "--initial-value",
@@ -27,64 +26,51 @@ _OPTIONS = {
     "design --against": "--rival",
     "show --object": "--select",
     "report --law": "",
-}
-"""Options that are called otherwise now, of one command or of all that have the new one."""
-
-_SETTINGS = {
-    name: name.removeprefix("--").replace("-", "_")
+    "--dataset": "dataset:",
+    "--partial-pooling": "--set partial_pooling=true",
+    "--no-partial-pooling": "--set partial_pooling=false",
+    "--workers": "--set n_jobs=",
+    "--jobs": "--set n_jobs=",
+    "--resamples": "--set n_resamples=",
+    "--radius": "--set radii=",
+    "--positive": "--set log_states=",
+    "--input-between": "--set input_interpolation=",
+    "--unmeasured": "--set latent_states=",
+} | {
+    f"--{name.replace('_', '-')}": f"--set {name}="
     for name in (
-        "--errors", "--huber-threshold", "--covariance", "--seed", "--solver", "--rule", "--scoring",
-        "--differentiation", "--library-states", "--trim",
+        "errors", "huber_threshold", "covariance", "seed", "solver", "rule", "scoring", "differentiation",
+        "library_states", "trim",
     )
-} | {"--jobs": "n_jobs", "--resamples": "n_resamples", "--radius": "radii", "--positive": "log_states"} | {
-    "--input-between": "input_interpolation", "--unmeasured": "latent_states",
 }  # fmt: skip
-"""Options that are settings now, by which name."""
+"""Options of the last release, of one command or of all, and what is written now; nothing for what is an argument."""
 
 
 def current(command: str, args: Sequence[str], options: Sequence[str]) -> list[str]:
-    """Return the words that a command is given, with those of now for those of the last release, and say which.
-
-    Parameters
-    ----------
-    command
-        Its name.
-    args
-        As given.
-    options
-        Those that it has.
-    """
+    """Return the words that a command of this name is given, in the spelling of now if it has these options."""
     result, rest = list[str](), iter(args)
     for word in rest:
         if word == "--":
             return [*result, word, *rest]
         name, given, value = word.partition("=")
-        new = _OPTIONS.get(f"{command} {name}", _OPTIONS.get(name, f"--set {_SETTINGS.get(name, '')}="))
-        if name == "--dataset" and name not in options:
-            value = value if given else next(rest, "")
-            result.insert(0, f"dataset:{value}")
-            _say(name, f"dataset:{value} in place of TABLE")
-        elif name in ("--partial-pooling", "--no-partial-pooling") and "--set" in options:
-            result += _set(name, f"partial_pooling={str(name == '--partial-pooling').lower()}")
-        elif name in options or not name.startswith("--") or new == "--set =":
+        spelling = _SPELLINGS.get(f"{command} {name}", _SPELLINGS.get(name))
+        new, _, setting = (spelling or "").partition(" ")
+        if spelling is None or name in options or new not in ("", "dataset:", *options):
             result.append(word)
-        elif new.startswith("--set ") and "--set" in options:
-            result += _set(name, new.removeprefix("--set ") + (value if given else next(rest, "")))
-        elif new in options or not new:
-            result += ([new] if new else []) + ([value] if given else [])
-            _say(name, new or "the law after TABLE")
+            continue
+        if spelling[-1:] in ("=", ":") and not given:
+            value = next(rest, "")
+        if new == "dataset:":
+            result.insert(0, new + value)
+            shown = f"{new}{value} in place of TABLE"
+        elif setting:
+            result += [new, setting + value]
+            shown = f"{new} {setting}{value}"
         else:
-            result.append(word)
+            result += [new] * bool(new) + [value] * bool(given)
+            shown = new or "the law after TABLE"
+        say(f"commonlaw: {name} is deprecated: write {shown}", err=True)
     return result
-
-
-def _set(name: str, setting: str) -> Iterator[str]:
-    _say(name, f"--set {setting}")
-    yield from ("--set", setting)
-
-
-def _say(name: str, new: str) -> None:
-    say(f"commonlaw: {name} is deprecated: write {new}", err=True)
 
 
 INTERVAL = 10.0
@@ -129,9 +115,6 @@ def _lines(words: Callable[[], str]) -> Iterator[None]:
     finally:
         ended.set()
 
-
-_OTHERS = "Options"
-"""The heading of options that have none."""
 
 ALL_OPTIONS = f"{__name__}.all_options"
 """Set in the `meta` of a context whose help lists all options."""
@@ -217,16 +200,16 @@ class Command(click.Command):
         count, is_whole = len(options), bool(ctx.meta.get(ALL_OPTIONS))
         if not is_whole:
             options = [option for option in options if getattr(option, "everyday", True)]
-        headings = dict.fromkeys(getattr(option, "group", _OTHERS) for option in options)
-        for heading in sorted(headings, key=_OTHERS.__eq__):
-            own = (option for option in options if getattr(option, "group", _OTHERS) == heading)
+        headings = dict.fromkeys(getattr(option, "group", OTHERS) for option in options)
+        for heading in sorted(headings, key=OTHERS.__eq__):
+            own = (option for option in options if getattr(option, "group", OTHERS) == heading)
             records = [record for each in own if (record := each.get_help_record(ctx)) is not None]
             with formatter.section(heading):
                 formatter.write_dl(records)
         if len(options) < count:
             formatter.write(f"\n{count - len(options)} more options: {ctx.command_path} --help-all\n")
         for each in options if is_whole else ():
-            for title, rows in each.groups().items() if isinstance(each, SettingsOption) else ():
+            for title, rows in each.settings().items() if isinstance(each, GroupedOption) else ():
                 with formatter.section(title):
                     formatter.write_dl(rows)
 

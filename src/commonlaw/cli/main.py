@@ -11,31 +11,20 @@ import click
 
 from commonlaw import __version__
 from commonlaw.cli.command import Commands, Refusal, command, say_every_step
-from commonlaw.cli.options import ReadFile, in_options, is_law_file
+from commonlaw.cli.options import ReadFile, in_options, is_of_kind, option
 from commonlaw.cli.output import say, standard_streams
 from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.shutdown import end_at_once
 
-_MODULES = {
-    "discover": "discover",
-    "fit": "fit",
-    "models": "fit",
-    "compare": "fit",
-    "refine": "fit",
-    "predict": "predict",
-    "explain": "show",
-    "check": "criticism",
-    "discrepancy": "criticism",
-    "bounds": "criticism",
-    "design": "design",
-    "report": "show",
-    "app": "main",
-    "show": "show",
-    "data": "data",
-    "help": "main",
+_COMMANDS = {
+    "learning": ("discover", "fit", "models", "compare", "refine"),
+    "saved_law": ("predict", "explain", "check", "discrepancy", "bounds", "design", "report", "show"),
+    "source": ("data",),
+    "main": ("app", "help"),
 }
-"""Modules of the commands, in the order of the help."""
+"""The commands of each module, in the order of the help."""
+_MODULES = {name: module for module, names in _COMMANDS.items() for name in names}
 
 
 class _Commands(Commands):
@@ -56,7 +45,7 @@ class _Commands(Commands):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is named, and its words; a report without a law is one of `discover`."""
         name, *rest = args
-        if name == "report" and not any(each.startswith(("-h", "--help")) or is_law_file(each) for each in rest):
+        if name == "report" and not any(each.startswith(("-h", "--help")) or is_of_kind(each, "law") for each in rest):
             say("commonlaw: report without a law is deprecated: write discover ... --save report.html", err=True)
             page = [] if any(each.endswith(".html") for each in rest) else ["--save", "report.html"]
             args = ["discover", *rest, *page]
@@ -125,8 +114,8 @@ def main() -> None:
 
 @command
 @click.argument("path", required=False, metavar="[TABLE]", type=ReadFile())
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port to listen at; 0 for any that is free.")
-@click.option("--browser/--no-browser", "open_browser", default=True, help="Whether to open a browser.")
+@option("--port", "Port to listen at; 0 for any that is free.", type=click.IntRange(0, 65535), default=0)
+@option("--browser/--no-browser", "Whether to open a browser.", "open_browser", default=True)
 def app(path: str | None, port: int, open_browser: bool) -> None:
     """Open the app in a browser: discover and fit laws without code.
 

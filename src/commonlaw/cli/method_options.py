@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.options import (
     Decorator,
     ReadLaw,
-    SettingsOption,
     as_one,
     by_name,
-    is_law_file,
+    is_of_kind,
     numbers,
     option,
     pairs,
     with_options,
 )
+from commonlaw.cli.output import Artifacts
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.arguments import RENAMED_ARGUMENTS
 from commonlaw.runtime.fit_options import FitOptions, read_settings, setting_rows, settings_of, shown_value
@@ -42,16 +41,15 @@ METHODS = {
 _SEARCH = "Settings of a fit, --set NAME=VALUE"
 
 
-def _settings_help(function: str, options: type = FitOptions) -> dict[str, list[tuple[str, str]]]:
+def _settings_help(function: str, options: type) -> dict[str, list[tuple[str, str]]]:
     """Return the settings of a function by headings, each with its documentation and default."""
     if function != "discover":
         return {_SEARCH: _rows(options, function)}
     found = {f"{_SEARCH}, --method trajectory-likelihood": _rows(options, function)}
     for name, each in _methods().items():
-        own = dict(_rows(each, function))
-        taken = [row for row in own if any(row in names for names in map(dict, found.values()))]
+        taken = {row for rows in found.values() for row, _ in rows}
         if name != "trajectory-likelihood":
-            found[f"Settings of --method {name}"] = [pair for pair in own.items() if pair[0] not in taken]
+            found[f"Settings of --method {name}"] = [row for row in _rows(each, function) if row[0] not in taken]
     return {title: rows for title, rows in found.items() if rows}
 
 
@@ -68,40 +66,22 @@ def _methods() -> dict[str, Any]:
 
 def setting_options(function: str, options: type = FitOptions) -> list[Decorator]:
     """Return the options of a command for the settings that a function takes: everyday ones, and one for any."""
+    made = partial(option, group="Method", everyday=True)
     result = list[Decorator]()
     for name, (each, about) in settings_of(options, function).items():
         if about.everyday:
             default = shown_value(about.default_of(function, each.default))
-            result.append(
-                option(
-                    "Method",
-                    f"--{name.replace('_', '-')}",
-                    name,
-                    metavar=about.metavar,
-                    everyday=True,
-                    multiple=True,
-                    help=f"{about.text}{f'  [default: {default}]' if default else ''}",
-                )
-            )
-    text = "A setting of the fit by its name, such as errors=white; repeat for more. --help-all lists them."
-    take = option(
-        "Method",
-        "--set",
-        "settings",
-        metavar="NAME=VALUE",
-        multiple=True,
-        everyday=True,
-        kind=SettingsOption,
-        groups=partial(_settings_help, function, options),
-        help=text,
-    )
-    return [*result, take]
+            help = f"{about.text}{f'  [default: {default}]' if default else ''}"
+            result.append(made(f"--{name.replace('_', '-')} {about.metavar}", help, name, multiple=True))
+    text = "A setting of the fit by its name, such as errors=white, of those that --help-all lists"
+    rows = partial(_settings_help, function, options)
+    return [*result, made("--set NAME=VALUE...", text, "settings", settings=rows)]
 
 
-def given_settings(values: dict[str, Any], function: str, options: type = FitOptions) -> dict[str, list[str]]:
+def given_settings(values: dict[str, Any], function: str) -> dict[str, list[str]]:
     """Take the texts of settings out of a command's values, by name."""
     result = dict[str, list[str]]()
-    for name, (_, about) in settings_of(options, function).items():
+    for name, (_, about) in settings_of(FitOptions, function).items():
         if about.everyday and (texts := values.pop(name)):
             result[name] = list(texts)
     for name, text in pairs("--set", values.pop("settings")):
@@ -133,13 +113,13 @@ def _read(options: type, texts: dict[str, list[str]], function: str = "discover"
 
 
 _METHOD = option(
-    "Method",
     "--method",
+    "How the law is found: by the likelihood of whole trajectories, with standard errors; by regression "
+    "on estimated derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for "
+    "hundreds of objects with long trials derivative-regression, for --order 0 discrete-time-regression; "
+    "or the one whose settings are given]",
+    group="Method",
     type=click.Choice(list(METHODS)),
-    help="How the law is found: by the likelihood of whole trajectories, with standard errors; by regression on "
-    "estimated derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for hundreds "
-    "of objects with long trials derivative-regression, for --order 0 discrete-time-regression; or the one whose "
-    "settings are given]",
 )
 
 
@@ -173,7 +153,7 @@ def with_method(command: Callable[..., None]) -> Callable[..., None]:
     return with_options(wrapped, (_METHOD, *setting_options("discover")))
 
 
-_law = partial(option, "Law")
+_law = partial(option, group="Law")
 
 
 class _Order(click.IntRange):
@@ -188,57 +168,38 @@ class _Order(click.IntRange):
 
 _LAW_OPTIONS = (
     _law(
-        "--order",
+        "--order ORDER",
+        "Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...; where equations differ by "
+        "state, theta=2,i=1; auto for 1 where such a law fits within the noise, otherwise 1 or 2 for each "
+        "state, by evidence; 1 for streams and regressions.",
         everyday=True,
         type=_Order(0, 2),
-        metavar="ORDER",
         default="auto",
-        help="Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...; where equations differ by state, "
-        "theta=2,i=1; auto for 1 where such a law fits within the noise, otherwise 1 or 2 for each state, by evidence; "
-        "1 for streams and regressions.",
     ),
     _law(
-        "--library",
+        "--library SPEC",
+        "Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), which may hold properties of the objects, "
+        "families with parameters inside such as saturating, sums such as 'poly:2 + saturating', ratios of "
+        "sums as in 'ratio(poly:2, poly:2)', or auto for poly:3, and for all of these where it shows lack of "
+        "fit; poly:3 only for streams and regressions.",
         everyday=True,
-        metavar="SPEC",
         default="auto",
-        help="Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), which may hold properties of the objects, "
-        "families with parameters inside such as saturating, sums such as 'poly:2 + saturating', ratios of sums as in "
-        "'ratio(poly:2, poly:2)', or auto for poly:3, and for all of these where it shows lack of fit; poly:3 only for "
-        "streams and regressions.",
     ),
     _law(
-        "--known",
-        metavar="TERM=VALUE",
+        "--known TERM=VALUE...",
+        "A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more. Or a "
+        "base, and the law is what is left: an equation with numbers, \"x'' = -9.8\", or a law, LAW.json",
         type=ReadLaw(),
-        multiple=True,
-        help="A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more. Or a base, "
-        "and the law is what is left: an equation with numbers, \"x'' = -9.8\", or a law, LAW.json.",
     ),
-    _law(
-        "--shared",
-        metavar="TERM",
-        multiple=True,
-        help="A term with one coefficient for all objects: 1 for gravity; with several states x:1; repeat for more.",
-    ),
-    _law(
-        "--observe",
-        metavar="EQUATION",
-        multiple=True,
-        help='What a column measures in place of a state, "y = s (x + z) + b"; repeat for more.',
-    ),
-    _law(
-        "--latent",
-        metavar="NAME",
-        multiple=True,
-        help="A state without a column, one for each --observe: z; repeat for more.",
-    ),
+    _law("--shared TERM...", "A term with one coefficient for all objects: 1 for gravity; with several states x:1"),
+    _law("--observe EQUATION...", 'What a column measures in place of a state, "y = s (x + z) + b"'),
+    _law("--latent NAME...", "A state without a column, one for each --observe: z"),
     _law(
         "--explain",
+        "Say what in the law is shared, what follows the objects' properties, and what is each object's own.",
         is_flag=True,
-        help="Say what in the law is shared, what follows the objects' properties, and what is each object's own.",
     ),
-    _law("--no-cache", is_flag=True, replaced_by="set the environment variable COMMONLAW_CACHE=off"),
+    _law("--no-cache", "", is_flag=True, replaced_by="set the environment variable COMMONLAW_CACHE=off"),
 )
 
 
@@ -289,7 +250,7 @@ def _known_physics(texts: Sequence[str]) -> "Base":
     """Return what is known: coefficients by term, equations, or the law in a file."""
     from commonlaw.law import Law
 
-    if len(texts) == 1 and is_law_file(texts[0]):
+    if len(texts) == 1 and is_of_kind(texts[0], "law"):
         return Law.load(texts[0])
     if any(set("'[") & set(text.partition("=")[0]) for text in texts):
         return "; ".join(texts)

@@ -23,24 +23,54 @@ Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 class GroupedOption(click.Option):
     """An option that stands under a heading; the short help lists only everyday ones.
 
-    One of the last release is hidden, and `replaced_by` says what to do now.
+    One of the last release is hidden, and `replaced_by` says what to do now. One that takes settings by name has
+    `settings`: by heading, rows of name and text.
     """
 
-    def __init__(self, *args: Any, group: str, everyday: bool = False, replaced_by: str = "", **settings: Any) -> None:
-        super().__init__(*args, **settings)
+    def __init__(
+        self,
+        *args: Any,
+        group: str,
+        everyday: bool,
+        replaced_by: str = "",
+        settings: Callable[[], Mapping[str, Sequence[tuple[str, str]]]] = dict,
+        **others: Any,
+    ) -> None:
+        super().__init__(*args, **others)
         self.hidden = bool(replaced_by)
-        self.group, self.everyday, self.replaced_by = group, everyday, replaced_by
+        self.group, self.everyday, self.replaced_by, self.settings = group, everyday, replaced_by, settings
 
 
-def option(group: str, *names: str, kind: type[GroupedOption] = GroupedOption, **settings: Any) -> Decorator:
-    """Return the decorator that adds an option under a heading."""
-    return click.option(*names, cls=kind, group=group, **settings)
+OTHERS = "Options"
+"""The heading of options that have no other."""
 
 
-HISTORY = option("Output", "--history", is_flag=True, replaced_by="write commonlaw show LAW.json --history afterwards")
+def option(
+    spec: str,
+    help: str,
+    *names: str,
+    group: str = OTHERS,
+    everyday: bool | None = None,
+    **settings: Any,
+) -> Decorator:
+    """Return the decorator that adds an option under a heading, by default an everyday one under that of others.
+
+    The `spec` is the option with what stands for its value, ``--state COLUMN``; with dots behind it is repeated.
+    """
+    flag, _, metavar = spec.partition(" ")
+    if metavar.endswith("..."):
+        text, mark, default = help.partition("  [default: ")
+        help, metavar, settings["multiple"] = f"{text}; repeat for more.{mark}{default}", metavar[:-3], True
+    settings |= {"group": group, "everyday": group == OTHERS if everyday is None else everyday}
+    return click.option(flag, *names, cls=GroupedOption, metavar=metavar or None, help=help, **settings)
+
+
+HISTORY = option(
+    "--history", "", group="Output", is_flag=True, replaced_by="write commonlaw show LAW.json --history afterwards"
+)
 """Adds the option to a command, which receives it as `history`."""
 
-AS_JSON = option("Output", "--json", "as_json", is_flag=True, everyday=True, help="Print the result as JSON.")
+AS_JSON = option("--json", "Print the result as JSON.", "as_json", group="Output", is_flag=True, everyday=True)
 """Adds the option to a command, which receives it as `as_json`."""
 
 
@@ -68,16 +98,6 @@ def as_one(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     return decorate
 
 
-class SettingsOption(GroupedOption):
-    """The option that takes settings by name; `groups` gives their headings, and rows of name and text."""
-
-    def __init__(
-        self, *args: Any, groups: Callable[[], Mapping[str, Sequence[tuple[str, str]]]], **settings: Any
-    ) -> None:
-        super().__init__(*args, **settings)
-        self.groups = groups
-
-
 def dialect(command: click.Command) -> Dialect:
     """Return what writes settings as the options of a command: ``time='t'`` is ``--time t``.
 
@@ -86,7 +106,7 @@ def dialect(command: click.Command) -> Dialect:
     """
     by_name = {str(param.name): param for param in command.params}
     options = {name: max(each.opts, key=len) for name, each in by_name.items() if not getattr(each, "replaced_by", "")}
-    lists = [param.groups().values() for param in command.params if isinstance(param, SettingsOption)]
+    lists = [param.settings().values() for param in command.params if isinstance(param, GroupedOption)]
     settings = {row[0] for rows in lists for group in rows for row in group}
 
     def write(code: str) -> str:
@@ -158,14 +178,6 @@ def numbers(name: str, texts: Sequence[str]) -> dict[str, float]:
     return result
 
 
-def number_or_text(text: str) -> float | str:
-    """Return the number that a text is, or the text itself."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
 _EQUATION = re.compile(r"('|\]|/\s*d\s*\w+(\s*\^?\s*2)?)\s*=")
 """The left-hand side of an equation: of ``x''``, ``x[k+1]``, ``dx/dt``."""
 
@@ -193,7 +205,7 @@ class ReadLaw(ReadFile):
 
     def files(self, value: str) -> list[str]:
         """Return the file if a value names one."""
-        return [value] if is_law_file(value) else []
+        return [value] if is_of_kind(value, "law") else []
 
 
 DATASET = "dataset:"
@@ -261,22 +273,8 @@ def saving(required: bool = False, default: tuple[str, ...] | None = None, **con
     for kind, what in content.items():
         texts.append(f"{what} ({' '.join(each for each in ENDINGS[kind] if each not in taken)})")
         taken |= {*ENDINGS[kind]}
-    return option(
-        "Output",
-        "--save",
-        metavar="FILE",
-        everyday=True,
-        multiple=True,
-        required=required,
-        default=default,
-        type=WrittenFile(*content),
-        help=f"Write {', or '.join(texts)}; repeat for more.",
-    )
-
-
-def is_law_file(value: str) -> bool:
-    """Whether a text that may be a law or the file of one is a file."""
-    return value.endswith((".json", ".parquet"))
+    settings: dict[str, Any] = {"required": required, "default": default, "type": WrittenFile(*content)}
+    return option("--save FILE...", f"Write {', or '.join(texts)}", group="Output", everyday=True, **settings)
 
 
 def _is_file(name: str) -> bool:
@@ -296,12 +294,14 @@ def in_order(values: dict[str, Any]) -> bool:
     if second is None or "path" not in values:
         return False
     path, law = (str(values[name] or "") for name in ("path", second))
-    first_is_law = is_law_file(path) if second == "law_path" else bool(_EQUATION.search(path)) and not _is_file(path)
+    first_is_law = (
+        is_of_kind(path, "law") if second == "law_path" else bool(_EQUATION.search(path)) and not _is_file(path)
+    )
     if path and not law and first_is_law:
         values["path"], values[second] = None, path
         return False
     is_many = any(each in law for each in "*?[") or Path(law).is_dir()
-    is_swapped = first_is_law and bool(law) and (second == "equations" or not is_law_file(law) or is_many)
+    is_swapped = first_is_law and bool(law) and (second == "equations" or not is_of_kind(law, "law") or is_many)
     if is_swapped:
         values["path"], values[second] = law, path
     return is_swapped
@@ -310,14 +310,11 @@ def in_order(values: dict[str, Any]) -> bool:
 def check_order(values: Mapping[str, Any]) -> None:
     """Refuse a table in the place of a law, and a law in that of a table.
 
-    Raises
-    ------
-    click.UsageError
-        If the value of an argument is plainly what another one takes, or one is missing.
+    Raises `click.UsageError` if the value of an argument is plainly what another one takes, or one is missing.
     """
     law, equations, path = (str(values.get(name) or "") for name in ("law_path", "equations", "path"))
     is_text = bool(_EQUATION.search(path)) and not _is_file(path)
-    if law and _is_file(law) and not is_law_file(law):
+    if law and _is_file(law) and not is_of_kind(law, "law"):
         problem = f"{law} is a table, not a saved law"
     elif equations and not _EQUATION.search(equations) and _is_file(equations):
         problem = f"{equations} is a table, not an equation"
@@ -345,24 +342,14 @@ def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> Non
 def check_files(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:
     """Refuse files that are to be written and cannot, or must not, as they are read.
 
-    Raises
-    ------
-    CommonlawError
-        See `check_targets`; or if the name of a figure or table says no format.
+    Raises `CommonlawError` as `check_targets` does, or if the name of a figure or table says no format.
     """
-    inputs: list[str] = []
-    outputs: list[str] = []
-    for param in params:
-        texts = _values(values.get(str(param.name)))
-        if isinstance(param.type, ReadFile):
-            inputs += (file for text in texts for file in param.type.files(text))
-        elif isinstance(param.type, WrittenFile):
-            outputs += texts
-    check_targets(outputs, inputs)
-    for each in params:
-        if isinstance(each.type, WrittenFile):
-            for path in _values(values.get(str(each.name))):
-                each.type.check(path)
+    given = [(param.type, text) for param in params for text in _values(values.get(str(param.name)))]
+    written = [(kind, path) for kind, path in given if isinstance(kind, WrittenFile)]
+    read = [file for kind, text in given if isinstance(kind, ReadFile) for file in kind.files(text)]
+    check_targets([path for _, path in written], read)
+    for kind, path in written:
+        kind.check(path)
 
 
 def _values(given: Any) -> list[Any]:

@@ -1,4 +1,4 @@
-"""What commands print, and the streams that take it."""
+"""What commands print and write, and the streams that take it."""
 
 import errno
 import os
@@ -7,13 +7,17 @@ from bisect import bisect_right
 from codecs import register_error
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from io import TextIOWrapper
+from functools import partial
+from io import BytesIO, TextIOWrapper
 from itertools import accumulate
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TextIO
+from types import MappingProxyType, ModuleType
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
-from commonlaw.cli.options import in_options
+from commonlaw.cli.options import in_options, is_of_kind
+from commonlaw.diagnostics import marked, reference
 from commonlaw.errors import CommonlawError
+from commonlaw.law.text import Written, with_error
+from commonlaw.runtime.files import write_whole
 from commonlaw.text import escaped, in_line, json_text, visible
 
 if TYPE_CHECKING:
@@ -21,11 +25,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from commonlaw.law import Law
+    from commonlaw.plots import Figure
 
 
 _GAP = 3
 """Characters between the columns of a table."""
-
 
 _MOST_ROWS = 1000
 """Rows of a table that are printed; more would take minutes to set."""
@@ -51,8 +55,6 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
-
-    from commonlaw.law.text import Written
 
     rows = [list(row) for row in rows]
     rows, left_out = rows[:_MOST_ROWS], rows[_MOST_ROWS:]
@@ -126,8 +128,6 @@ def _console() -> "Console":
 def shown(value: object) -> str:
     """Return a cell's text: numbers to four digits or as far as their error lets them be, nothing for a missing one."""
     if isinstance(value, tuple):
-        from commonlaw.law.text import with_error
-
         return with_error(*value)
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -176,6 +176,109 @@ def changing_line(words: Callable[[], str]) -> Iterator[None]:
         yield
 
 
+T = TypeVar("T")
+
+
+def in_words(error: Exception) -> str:
+    """Return why a step or a piece of work gave nothing."""
+    if isinstance(error, CommonlawError):
+        return error.sentence(marked)
+    if isinstance(error, MemoryError):
+        return "there is not enough memory for this: take fewer trials or a smaller library"
+    return f"{type(error).__name__}: {error}"
+
+
+class Artifacts:
+    """The steps that follow a result, and what became of them.
+
+    A file is written as soon as its content is there. A step that fails, whatever the reason, is remembered, and the
+    others are taken all the same, so that what was found in minutes is printed and saved.
+    """
+
+    def __init__(self) -> None:
+        self.failures: list[str] = []
+        self.written: list[str] = []
+        self._unwritten: list[str] = []
+
+    def take(self, failure: str, step: Callable[[], T], otherwise: T) -> T:
+        """Return what a step gives; if it fails, something else, and the words for that are remembered."""
+        try:
+            return step()
+        except Exception as error:  # A fault of ours or of others is no reason to lose what was found
+            self.failures.append(f"{failure}: {in_words(error)}")
+        return otherwise
+
+    def write(self, path: str, content: Callable[[], bytes | None]) -> None:
+        """Write a file; a content of None is none, for which there are words already."""
+        made = self.take(f"{path} was not made", content, None)
+        if made is None:
+            return
+        try:
+            write_whole(path, made)
+        except CommonlawError as error:
+            self._unwritten.append(f"{error.sentence(marked)} [{reference(error.code)}]")
+        else:
+            self.written += [path] if path not in self.written else []
+
+    def write_law(self, path: str, law: "Law") -> None:
+        """Write a law; one of so many objects that its JSON is too large as Parquet beside it."""
+        from commonlaw.law.io import law_file
+
+        name, content = self.take(f"{path} was not made", lambda: law_file(law, path), ("", b""))
+        if name:
+            self.write(name, lambda: content)
+        said = f"{path} is too large for JSON: the law is saved in {name}; use that file"
+        if name not in ("", path) and said not in self.failures:
+            self.failures.append(said)
+
+    def save(
+        self,
+        paths: Iterable[str],
+        *,
+        law: "Law | None" = None,
+        figure: "Callable[[ModuleType], Figure | None] | None" = None,
+        table: "Callable[[], pd.DataFrame] | None" = None,
+        report: Callable[[], bytes] | None = None,
+    ) -> None:
+        """Write files, each with what its ending says if that is given; figures by a function of the room of plots."""
+
+        def content(path: str) -> bytes | None:
+            if law is not None and is_of_kind(path, "program"):
+                from commonlaw.law.export import exported
+
+                return exported(law, path)
+            if figure is not None and is_of_kind(path, "figure"):
+                from commonlaw import plots
+
+                made = figure(plots)
+                return None if made is None else plots.render(made, path)
+            if report is not None and is_of_kind(path, "report"):
+                return report()
+            if table is None or not is_of_kind(path, "table"):
+                return None
+            frame, file = table(), BytesIO()
+            write = frame.to_csv if path.lower().endswith(".csv") else frame.to_parquet
+            write(file, index=False)
+            return file.getvalue()
+
+        for path in paths:
+            if law is not None and is_of_kind(path, "law"):
+                self.write_law(path, law)
+            else:
+                self.write(path, partial(content, path))
+
+    def end(self, notes: Iterable[object] = (), *, silent: bool = False, reasons: Sequence[str] = ()) -> None:
+        """Say which files were written, unless silent, then the notes and what failed.
+
+        Refuse to end well where a file could not be written, or for other reasons.
+        """
+        for path in () if silent else self.written:
+            say(f"Wrote {path}")
+        print_notes([*notes, *(failure for failure in self.failures if failure not in reasons)])
+        if refused := [*self._unwritten, *reasons]:
+            raise CommonlawError("several", messages=refused)
+
+
 _TAKES_NOTHING = {errno.EBADF, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC}
 """Errors of a stream that is closed, or that goes to where there is no space."""
 
@@ -186,10 +289,7 @@ def standard_streams() -> Iterator[None]:
 
     Characters that a stream has no code for are shown like those that hide.
 
-    Raises
-    ------
-    CommonlawError
-        If standard output is closed, or what it goes to is full.
+    Raises `CommonlawError` if standard output is closed, or what it goes to is full.
     """
     # Closed streams are opened, so that no file gets their numbers; nothing can be written to them
     for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():

@@ -6,14 +6,15 @@ import shlex
 import sys
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.cli.artifacts import Artifacts
 from commonlaw.cli.options import AS_JSON, HISTORY, as_one, in_options, is_of_kind, saving
 from commonlaw.cli.output import (
+    Artifacts,
     parameter_columns,
     print_columns,
     print_frame,
@@ -22,9 +23,16 @@ from commonlaw.cli.output import (
     print_table,
     say,
 )
-from commonlaw.cli.source import Source, columns_of, few_trials, stream_of
+from commonlaw.cli.source import Source, few_trials, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
+from commonlaw.law.alignment import measured_schema
+from commonlaw.law.law import object_index, shares_terms
+from commonlaw.law.models import model_named
+from commonlaw.law.parameters import named_parameters
+from commonlaw.law.simplify import within_errors
+from commonlaw.law.text import MANY
+from commonlaw.library.equation import split_equations
 from commonlaw.runtime.fit_options import FitOptions, settings_of
 from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import as_text, counted, in_line, r_squared
@@ -65,8 +73,6 @@ def print_compared(frame: "pd.DataFrame") -> None:
 
 def over_table(source: Source, text: str) -> tuple[str, tuple[str, ...]]:
     """Return equations, or those of a named model over the columns of the table, and its inputs that are doses."""
-    from commonlaw.law.models import model_named
-
     named = model_named(text)
     if named is None:
         return text, ()
@@ -88,9 +94,8 @@ def load(
     Columns of `groups` are inputs.
     """
     from commonlaw.estimation.model import ModelText
-    from commonlaw.library.equation import split_equations
 
-    schemas = [*map(columns_of, laws)]
+    schemas = [*map(measured_schema, laws)]
     if not equations:
         return source.load(schemas[0])
     trials, text = source.load(), ModelText.of(equations[0])
@@ -144,7 +149,11 @@ class Outputs:
 
     def give(self, learned: "FitResult", later: Artifacts) -> None:
         """Write the files and print the rest."""
-        later.save(self.save, law=learned.law, figure=learned.figure, table=learned.coefficients, report=learned.report)
+        from commonlaw.law.tables import coefficient_rows
+
+        table = partial(coefficient_rows, learned.law)
+        report = partial(page, learned.findings, learned.program, lambda _: None, learned.everything)
+        later.save(self.save, law=learned.law, figure=learned.figure, table=table, report=report)
         if self.as_json:
             print_json(learned.document())
         else:
@@ -175,25 +184,6 @@ class FitResult:
     """Where a program finds the trials."""
 
     @classmethod
-    def check_by_stream(
-        cls,
-        law: "Law",
-        source: Source,
-        held_out: "TrialStream",
-        training: "TrialStream",
-        few: "Trials",
-        show: ProgressCallback,
-        later: Artifacts,
-    ) -> "FitResult":
-        """Return a law with what forecasts of all that was held out of a stream say; `few` were learned from."""
-        from commonlaw.stream import find_by_stream
-        from commonlaw.verdict import Findings
-
-        found = later.take("the law was not checked", lambda: find_by_stream(law, held_out, show, training), None)
-        findings = Findings(law, few, few) if found is None else replace(found.few, law=found.law)
-        return cls(findings, None, stream=training, everything=found, program=source.stream_program())
-
-    @classmethod
     def check(
         cls,
         law: "Law",
@@ -212,7 +202,7 @@ class FitResult:
         truth = later.take("the true law was not found", lambda: truth_of(name) if name else None, None)
         unchecked = Findings(law, trials, training)
         findings = later.take("the law was not checked", lambda: find(law, trials, training, bands), unchecked)
-        program = source.stream_program() if stream else source.program(trials) if source.path else ""
+        program = source.program(stream or trials) if source.path else ""
         return cls(findings, truth, stream=stream, program=program)
 
     @property
@@ -225,23 +215,9 @@ class FitResult:
         shown = self.findings.shown
         return plots.plot_law(self.law, shown, truth=self.truth) if shown else None
 
-    def coefficients(self) -> "pd.DataFrame":
-        """Return a table with a row for each coefficient of each object."""
-        from commonlaw.law.tables import coefficient_rows
-
-        return coefficient_rows(self.law)
-
-    def report(self) -> bytes:
-        """Return a page that says all about the law."""
-        return page(self.findings, self.program, lambda _: None, self.everything)
-
     def show(self) -> None:
         """Print the law, how well it forecasts, and the most probable candidates."""
-        from commonlaw.law.law import shares_terms
-        from commonlaw.law.parameters import named_parameters
-        from commonlaw.law.simplify import within_errors
         from commonlaw.law.tables import MEANINGS, readable_candidates
-        from commonlaw.law.text import MANY
 
         law, training = self.law, self.findings.training
         if self.stream is None:
@@ -355,7 +331,6 @@ class FitResult:
         """Print what the letters of the law stand for, of many objects how they are spread."""
         from commonlaw.law.parameters import named_parameters
         from commonlaw.law.tables import spread_tables, with_unit
-        from commonlaw.law.text import MANY
 
         law, parameters = self.law, named_parameters(self.law)
         if len(law.objects) > MANY:
@@ -379,7 +354,6 @@ class FitResult:
 
     def _true_values(self) -> Floats | None:
         """Return what the letters stand for in the true law, shape (objects, letters), if it is known."""
-        from commonlaw.law.law import object_index
         from commonlaw.law.parameters import by_terms_of, named_parameters
 
         if self.truth is None:
@@ -399,7 +373,7 @@ class FitResult:
         errors_of = curves.errors().pivot_table(
             index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
         )
-        schema = columns_of(law)
+        schema = measured_schema(law)
         for state in schema.measured:
             what = "RMS residual" if curves.is_fit else "RMS forecast error"
             columns[with_unit(f"{what} of {state}", schema.units.get(state))] = (
@@ -442,6 +416,13 @@ def find_law(
         return FitResult.check(law, source, trials, training, outputs.draws, later), later
     few = few_trials(training)
     if source.holds_out:
-        return FitResult.check_by_stream(law, source, source.held_out(trials), training, few, show, later), later
+        from commonlaw.stream import find_by_stream
+        from commonlaw.verdict import Findings
+
+        find_all = partial(find_by_stream, law, source.held_out(trials), show, training)
+        found = later.take("the law was not checked", find_all, None)
+        findings = Findings(law, few, few) if found is None else replace(found.few, law=found.law)
+        program = source.program(training)
+        return FitResult(findings, None, stream=training, everything=found, program=program), later
     show("checking the law by forecasts of a few trials")
     return FitResult.check(law, source, few, few, outputs.draws, later, trials), later

@@ -1,153 +1,128 @@
-"""Where trials come from: options of a table, and files that a cluster goes through."""
+"""Where trials come from: options of a table, files that a cluster goes through, and commands that look at tables."""
 
 import json
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import partial, reduce, wraps
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import click
 import msgspec
 
+from commonlaw.cli.command import Commands
 from commonlaw.cli.options import (
+    AS_JSON,
     DATASET,
     Decorator,
     ReadFile,
     ReadTable,
     by_name,
-    number_or_text,
+    in_options,
     numbers,
     option,
     pairs,
+    saving,
     with_options,
 )
+from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
+from commonlaw.runtime.files import write_whole
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.runtime.reading import checked_file, read_file
+from commonlaw.text import counted, in_line, number_or_text
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark
-from commonlaw.trials.dates import DateOrder
-from commonlaw.trials.files import read_table, table_files
-from commonlaw.trials.grouping import Restarts
+from commonlaw.trials.files import files_of, read_table, table_files
 from commonlaw.trials.headers import join_header
+from commonlaw.trials.reading import DateOrder, Restarts, WrittenReading, checked
 from commonlaw.trials.roles import GUESSED
 from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
-    from commonlaw.law import Law
     from commonlaw.law.script import Source as Program
 
 
 S = TypeVar("S", Trials, TrialStream)
 
 
-_table = partial(partial, option, "Table")
-_column = partial(_table, metavar="COLUMN")
+_table: Callable[..., Callable[..., Decorator]] = partial(partial, option, group="Table")
 
 _OPTIONS = {
     "schema": _table(
-        "--schema",
-        metavar="SCHEMA.toml",
+        "--schema SCHEMA.toml",
+        "Roles of columns and how the table is read, as written by commonlaw data check --save; other "
+        "options take precedence.",
         type=ReadFile(),
-        help="Roles of columns and how the table is read, as written by commonlaw data check --save; other options "
-        "take precedence.",
     ),
-    "object": _column("--object", help="Column that names the object; '' if there is none."),
-    "trial": _column("--trial", help="Column that labels the trial of an object; '' if there is none."),
-    "time": _column("--time", help="Column of times."),
-    "states": _column("--state", "states", multiple=True, help="Column of a measured state; repeat for more."),
-    "inputs": _column("--input", "inputs", multiple=True, help="Column of a measured input; repeat for more."),
-    "properties": _column(
-        "--property", "properties", multiple=True, help="Column of an object's property; repeat for more."
-    ),
+    "object": _table("--object COLUMN", "Column that names the object; '' if there is none."),
+    "trial": _table("--trial COLUMN", "Column that labels the trial of an object; '' if there is none."),
+    "time": _table("--time COLUMN", "Column of times."),
+    "states": _table("--state COLUMN...", "Column of a measured state", "states"),
+    "inputs": _table("--input COLUMN...", "Column of a measured input", "inputs"),
+    "properties": _table("--property COLUMN...", "Column of an object's property", "properties"),
     "noise_columns": _table(
-        "--noise-column",
+        "--noise-column STATE=COLUMN...",
+        "Column of the standard deviations of a state's measurements, '' if there is none",
         "noise_columns",
-        metavar="STATE=COLUMN",
-        multiple=True,
-        help="Column of the standard deviations of a state's measurements; repeat for more; '' if there is none.",
     ),
     "units": _table(
-        "--unit",
-        "units",
-        metavar="COLUMN=UNIT",
-        multiple=True,
-        help="Unit of a column, height=m; a header such as 'height [m]' says it too; repeat for more.",
+        "--unit COLUMN=UNIT...", "Unit of a column, height=m; a header such as 'height [m]' says it too", "units"
     ),
-    "object_name": _table(
-        "--object-name", metavar="NAME", help="Name of the object, if no column names it.  [default: the file's]"
-    ),
+    "object_name": _table("--object-name NAME", "Name of the object, if no column names it.  [default: the file's]"),
     "wide": _table(
-        "--wide",
-        metavar="NAME",
-        help="Read a column for each object, as for the wells of a plate; NAME is what was measured: 'OD [OD]'.",
+        "--wide NAME",
+        "Read a column for each object, as for the wells of a plate; NAME is what was measured: 'OD [OD]'.",
     ),
     "restarts": _table(
         "--restarts",
-        type=click.Choice(["trials", "sort"]),
-        help="Where times go back, a trial begins, or rows are out of order.  [default: refused if not shuffled]",
+        "Where times go back, a trial begins, or rows are out of order.  [default: refused if not shuffled]",
+        type=click.Choice(get_args(Restarts)),
     ),
     "missing": _table(
-        "--missing",
-        multiple=True,
-        metavar="MARK",
-        help="Cells that are missing values, such as -999 or '<0.5', besides empty ones, NA, -, n.d.; repeat for more.",
+        "--missing MARK...", "Cells that are missing values, such as -999 or '<0.5', besides empty ones, NA, -, n.d."
     ),
-    "below": _table(
-        "--below",
-        multiple=True,
-        metavar="MARK=LIMIT",
-        help="Cells below a limit of quantification, BLQ=0.5, besides <0.5; repeat for more.",
+    "below": _table("--below MARK=LIMIT...", "Cells below a limit of quantification, BLQ=0.5, besides <0.5"),
+    "decimal": _table(
+        "--decimal", "Decimal mark.  [default: as the cells show]", type=click.Choice(get_args(DecimalMark))
     ),
-    "decimal": _table("--decimal", type=click.Choice([".", ","]), help="Decimal mark.  [default: as the cells show]"),
     "dates": _table(
         "--dates",
-        type=click.Choice(["dmy", "mdy", "ymd", "h:mm", "m:ss"]),
-        help="Order of day, month and year, or what 1:30 is.  [default: as the cells show]",
+        "Order of day, month and year, or what 1:30 is.  [default: as the cells show]",
+        type=click.Choice(get_args(DateOrder)),
     ),
-    "sheet": _table("--sheet", metavar="NAME", help="Sheet of a workbook."),
+    "sheet": _table("--sheet NAME", "Sheet of a workbook."),
     "clip": _table(
-        "--clip", is_flag=True, help="Cut each trial at its last irregular time step (7.5 % off the median step)."
+        "--clip", "Cut each trial at its last irregular time step (7.5 % off the median step).", is_flag=True
     ),
     "exclude": _table(
-        "--exclude",
-        metavar="NAME=VALUE",
-        multiple=True,
-        help="Leave trials out that fit, written as for --where; of several, those that fit all.",
+        "--exclude NAME=VALUE...", "Leave trials out that fit, written as for --where; of several, those that fit all"
     ),
     "where": _table(
-        "--where",
-        metavar="NAME=VALUE",
-        multiple=True,
-        help="Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several, and a name with a "
-        "comma in double quotes; repeat for more.",
+        "--where NAME=VALUE...",
+        "Only trials that fit: trial=1, ball=Golf Ball, or a property; commas between several, and a name "
+        "with a comma in double quotes",
     ),
 }
 """All that can be said of a table, by field of `Source`."""
 
 _HELD_OUT = {
     "hold_out": option(
-        "Table",
-        "--hold-out",
-        metavar="NAME=VALUE",
-        multiple=True,
+        "--hold-out NAME=VALUE...",
+        "Learn nothing from trials that fit, written as for --where, and check the law on them; ball=Golf "
+        "Ball holds an object out",
+        group="Table",
         everyday=True,
-        help="Learn nothing from trials that fit, written as for --where, and check the law on them; ball=Golf Ball "
-        "holds an object out.",
     ),
     "learn_until": option(
-        "Table",
-        "--learn-until",
-        type=float,
-        metavar="TIME",
-        help="Learn from samples up to this time, check on the others.",
+        "--learn-until TIME", "Learn from samples up to this time, check on the others.", group="Table", type=float
     ),
 }
 
@@ -249,7 +224,7 @@ class Source:
     def load(self, schema: Schema | None = None) -> Trials:
         """Return all trials but those excluded; names that no option gives are taken from `schema`."""
         if self.is_stream:
-            return self.named_like(schema).stream().read()
+            return self.stream(schema).read()
         if self.dataset:
             from commonlaw.datasets import DATASETS
             from commonlaw.runtime.arguments import parse_spec
@@ -265,37 +240,32 @@ class Source:
     def chosen(self, schema: Schema | None = None) -> Trials:
         """Return what `select` does of the trials that `load` does; of a folder or a pattern no others are held."""
         if self.is_stream:
-            return self.select(self.named_like(schema).stream()).read()
+            return self.select(self.stream(schema)).read()
         return self.select(self.load(schema))
 
     @property
     def is_stream(self) -> bool:
         """Whether the file is a folder of Parquet files, or a pattern of them."""
-        path = Path(self.path or "")
-        with suppress(OSError):
-            pattern = any(each in str(path) for each in "*?[")
-            several = bool(self.path) and not self.more and not path.is_file() and (path.is_dir() or pattern)
-            return several and not table_files(path)
-        return False
+        if not self.path or self.more or files_of(Path(self.path), ()) is None:
+            return False
+        return not table_files(self.path)
 
-    def check_streams(self) -> None:
-        """Refuse what does not go with files that are streamed."""
-        refused = [name for name in _READING if name in self.roles]
-        refused += [name for name in ("sheet", "clip") if getattr(self, name)]
-        if refused:
-            raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out")
+    def check_streams(self, others: Mapping[str, object] = MappingProxyType({})) -> None:
+        """Refuse what does not go with files that are streamed, `others` of the options among it."""
+        given: dict[str, object] = {name: name in self.roles for name in _READING}
+        given |= {"sheet": self.sheet, "clip": self.clip, **others}
+        if refused := [name for name, value in given.items() if value]:
+            instead = "leave it out, or give single files"
+            raise click.UsageError(f"{', '.join(refused)} with a stream of files: {instead}")
         if not self.path:
             raise click.UsageError("give Parquet files, such as 'runs/*.parquet'")
 
-    def stream(self) -> TrialStream:
-        """Return the trials of Parquet files as a stream."""
+    def stream(self, schema: Schema | None = None) -> TrialStream:
+        """Return the trials of Parquet files as a stream; names that no option gives are taken from `schema`."""
         self.check_streams()
-        given = {name: value for name, value in self.roles.items() if value}
+        roles = (_names_of(schema) if schema else {}) | {**self.roles}
+        given = {name: value for name, value in roles.items() if value}
         return self._without_excluded(TrialStream.from_parquet(str(self.path), **given))
-
-    def named_like(self, schema: Schema | None) -> "Source":
-        """Return the same with the names of a schema for those that no option gives."""
-        return self if schema is None else self.reading(**_names_of(schema) | {**self.roles})
 
     @property
     def holds_out(self) -> bool:
@@ -320,9 +290,13 @@ class Source:
             trials = trials.split(**_conditions("--hold-out", self.hold_out, trials))[1]
         return trials if self.learn_until is None else trials.until(self.learn_until)
 
-    def program(self, trials: Trials) -> "Program":
-        """Return where a program finds these trials in the table, and which of them it learns from."""
+    def program(self, trials: Trials | TrialStream) -> "Program":
+        """Return where a program finds these trials, and which of a table it learns from."""
         from commonlaw.law.script import Source as Program
+
+        properties = tuple(self.roles.get("properties", ()))
+        if isinstance(trials, TrialStream):
+            return Program(self.path or "", properties=properties, stream=True)
 
         def conditions(name: str, texts: Sequence[str]) -> str:
             return "**" + repr(_conditions(name, texts, trials)) if texts else ""
@@ -335,14 +309,8 @@ class Source:
         reading = {name: self.roles[name] for name in _READING if name in self.roles}
         reading |= {"sheet": self.sheet} if self.sheet else {}
         reading |= {"noise_columns": {}} if self.roles.get("noise_columns") == {} else {}
-        training, properties = f"measured{learned}" if learned else "", tuple(self.roles.get("properties", ()))
+        training = f"measured{learned}" if learned else ""
         return Program(self.files, properties=properties, training=training, reading=reading, kept=kept)
-
-    def stream_program(self) -> "Program":
-        """Return where a program finds the trials of files."""
-        from commonlaw.law.script import Source as Program
-
-        return Program(self.path or "", properties=tuple(self.roles.get("properties", ())), stream=True)
 
     def _without_excluded(self, trials: S) -> S:
         return trials.split(**_conditions("--exclude", self.exclude, trials))[1] if self.exclude else trials
@@ -367,48 +335,27 @@ class Source:
 
 
 def _names_of(schema: Schema) -> dict[str, Any]:
-    """Return the columns of a schema by role."""
     names: dict[str, Any] = {"object": schema.object, "trial": schema.trial, "time": schema.time}
     return names | {"states": schema.measured, "inputs": schema.inputs}
 
 
-class _TableSchema(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """Roles of the columns of a table and how it is read, as a TOML file holds them."""
+class _SchemaFile(WrittenReading, total=False):
+    """What a TOML file says of a table."""
 
-    object: str | None = None
-    object_name: str | None = None
-    trial: str | None = None
-    time: str | None = None
-    states: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = ()
-    noise_columns: dict[str, str] = {}
-    properties: tuple[str, ...] = ()
-    units: dict[str, str] = {}
-    wide: str | None = None
-    restarts: Restarts | None = None
-    missing: tuple[str, ...] = ()
-    below: dict[str, float] = {}
-    decimal: DecimalMark | None = None
-    dates: DateOrder | None = None
-    sheet: str | None = None
-    exclude: tuple[str, ...] = ()
-    clip: bool = False
+    sheet: str
+    exclude: tuple[str, ...]
+    clip: bool
 
 
 def read_schema(path: str) -> dict[str, Any]:
-    """Return the options that a schema file gives, by field of `Source`.
-
-    Raises
-    ------
-    CommonlawError
-        If it is not TOML, or has other keys or values.
-    """
+    """Return the options that a schema file gives, by field of `Source`; refuse other keys and values."""
+    content = read_file(checked_file(path, 2**20))
     try:
-        document = tomllib.loads(read_file(checked_file(path, 2**20)).decode())
-        schema = msgspec.convert(document, _TableSchema)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, msgspec.ValidationError) as error:
+        said = checked(tomllib.loads(content.decode()), _SchemaFile)
+        lists = {name: said[name] for name in ("states", "inputs") if name in said}
+        return {**msgspec.convert(said, _SchemaFile), **msgspec.convert(lists, dict[str, tuple[str, ...]])}
+    except (ValueError, RecursionError, CommonlawError) as error:
         raise CommonlawError("table-schema", path=path, problem=error) from None
-    return {name: value for name, value in msgspec.structs.asdict(schema).items() if name in document}
 
 
 def written_schema(source: Source, trials: Trials) -> bytes:
@@ -486,12 +433,12 @@ R = TypeVar("R")
 
 
 with_cluster = option(
-    "Cluster",
-    "--cluster",
-    metavar="ADDRESS",
-    help="Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address that its "
-    "scheduler shows, or local:4 for four processes of this machine. They read the files themselves, so name them as "
-    "the workers see them. Without it a folder or a pattern of Parquet files is gone through here, file by file.",
+    "--cluster ADDRESS",
+    "Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address "
+    "that its scheduler shows, or local:4 for four processes of this machine. They read the files "
+    "themselves, so name them as the workers see them. Without it a folder or a pattern of Parquet files "
+    "is gone through here, file by file.",
+    group="Cluster",
 )
 """Adds the option to a command, which receives it as `cluster`."""
 
@@ -507,20 +454,10 @@ def on_cluster_at(address: str | None, show: ProgressCallback) -> Iterator[None]
         yield
 
 
-def columns_of(law: "Law") -> "Schema":
-    """Return names and units of what was measured of a law."""
-    from commonlaw.law.alignment import measured_schema
-
-    return measured_schema(law)
-
-
 def stream_of(source: Source, schema: Schema | None = None) -> TrialStream:
-    """Return the trials of files as a stream; a worker lists them if there is one, as they need not be here.
-
-    Names that no option gives are taken from `schema`.
-    """
-    source = source.named_like(schema)
-    return _by_a_worker(Source.stream, replace(source, path=str(Path(str(source.path)).absolute())))
+    """Return the stream of a source; a worker lists its files if there is one, as they need not be here."""
+    absolute = replace(source, path=str(Path(str(source.path)).absolute()))
+    return _by_a_worker(partial(Source.stream, schema=schema), absolute)
 
 
 def few_trials(stream: TrialStream) -> Trials:
@@ -535,3 +472,85 @@ def _by_a_worker(function: Callable[[T], R], item: T) -> R:
 
 def _first_trials(stream: TrialStream) -> tuple[Trial, ...]:
     return tuple(trial.cut(2000) for trial in islice(stream, 10))
+
+
+@click.group(cls=Commands)
+def data() -> None:
+    """Look at measurements before learning from them."""
+
+
+@data.command()
+@with_table(*EVERY_OPTION)
+@option(
+    "--order",
+    "Order of the laws that are tested for confounded variables; 0 for no test.  [default: 2 for a "
+    "single state, 1 for several]",
+    type=click.IntRange(0, 2),
+)
+@option("--library SPEC", "Their candidate terms, as in discover.  [default: poly:3]")
+@saving(schema="the roles of the columns and how the table is read, for --schema of all commands")
+@AS_JSON
+def check(source: Source, order: int | None, library: str | None, save: tuple[str, ...], as_json: bool) -> None:
+    """Summarize TABLE, run the data checks, and list what --clip would cut.
+
+    The check also lists confounded variables: in these trials one determines the other, so that laws in either fit
+    equally well; and initial values that would separate them.
+
+    \b
+    Example:
+      commonlaw data check drops.csv --object ball --trial drop --time t --state height --save schema.toml
+      commonlaw discover drops.csv --schema schema.toml --order 2
+    """
+    trials = source.chosen()
+    report = trials.check(order=order, library=library)
+    for path in save:
+        write_whole(path, written_schema(source, trials))
+    if as_json:
+        print_json(report.to_dict())
+        return
+    say(
+        f"{in_line(source.name)}: {counted(len(trials), 'trial')} of {counted(len(trials.objects), 'object')}, "
+        f"measured: {in_line(', '.join(trials.schema.states))}"
+    )
+    for line in report.lines():
+        say(in_line(f"Data check: {in_options(line)}"))
+    if not report.findings:
+        say("Data checks: no problem found.")
+    say("")
+    frame = report.to_frame()
+    print_frame(frame, {name: name.replace("_", " ") for name in map(str, frame)})
+    for path in save:
+        say(f"Wrote {path}")
+    print_notes(trials.notes)
+
+
+@data.command(name="list")
+def list_() -> None:
+    """List the data sets that can be used as a table, dataset:NAME, with their options and sources."""
+    from inspect import signature
+
+    from commonlaw.datasets import DATASETS
+
+    for name, dataset in DATASETS.items():
+        options = ", ".join(
+            f"{parameter.name}={parameter.default}" for parameter in signature(dataset.load).parameters.values()
+        )
+        say(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
+
+
+@data.command()
+@with_table(*WITH_LAW)
+@saving(table="the table", required=True)
+def export(source: Source, save: tuple[str, ...]) -> None:
+    """Write trials as a table, without loss.
+
+    \b
+    Example:
+      commonlaw data export dataset:linear-drag:noise=0.05 --save drops.csv
+    """
+    trials = source.chosen()
+    for path in save:
+        write = trials.to_csv if path.lower().endswith(".csv") else trials.to_parquet
+        write(path)
+        say(f"Wrote {path}")
+    print_notes(trials.notes)

@@ -8,9 +8,14 @@ from typing import TYPE_CHECKING, Any
 from commonlaw.datasets import sphere_drag
 from commonlaw.datasets.ball_drops import ball_drops
 from commonlaw.datasets.dataset import Dataset
-from commonlaw.datasets.linear_drag import linear_drag
-from commonlaw.datasets.reynolds_drag import PRINTED_VISCOSITY, reynolds_drag
-from commonlaw.datasets.systems import lorenz, lotka_volterra, nonlinear_oscillator
+from commonlaw.datasets.simulated import (
+    PRINTED_VISCOSITY,
+    linear_drag,
+    lorenz,
+    lotka_volterra,
+    nonlinear_oscillator,
+    reynolds_drag,
+)
 from commonlaw.errors import check_choice
 from commonlaw.runtime.arguments import parse_spec
 from commonlaw.trials import Trials
@@ -41,17 +46,14 @@ DATASETS: Mapping[str, Dataset[...]] = {
 def load(name: str, **options: Any) -> Trials:
     """Return the trials of the data set of that name.
 
+    Raises `CommonlawError` if there is no such data set, or it has no such option.
+
     Parameters
     ----------
     name
         One of `DATASETS`.
     **options
         Options of the data set.
-
-    Raises
-    ------
-    CommonlawError
-        If there is no such data set, or it has no such option.
 
     Examples
     --------
@@ -69,10 +71,7 @@ def load(name: str, **options: Any) -> Trials:
 def truth_of(text: str) -> "Law | None":
     """Return the law behind the data set that a text names with its options; None where it is not known.
 
-    Raises
-    ------
-    CommonlawError
-        If there is no such data set, or the options do not fit.
+    Raises `CommonlawError` if there is no such data set, or the options do not fit.
 
     Examples
     --------

@@ -56,6 +56,8 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     density. The golf ball weighs 1.62 oz as measured (0.0459 kg); the paper's table has 1.6 oz (0.0454 kg) and the
     density that goes with it.
 
+    Raises `CommonlawError` if a file cannot be had, or is not the published one.
+
     Parameters
     ----------
     folder
@@ -63,11 +65,6 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
         COMMONLAW_DATA names; without it both files are downloaded once, and kept in the user's cache.
     clip
         Whether drops end before their last irregular frame, see `Trials.clip_irregular`.
-
-    Raises
-    ------
-    CommonlawError
-        If a file cannot be had, or is not the published one.
     """
     heights, balls = (_file(name, folder) for name in (_HEIGHTS, _BALLS))
     table = Trials.read(heights, trial="Drop #", time="Time", states="Height")
@@ -91,53 +88,44 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
 
 def _file(name: str, folder: str | os.PathLike[str] | None) -> Path:
     """Return the path of a file that is the published one: in the folder, in the one of the environment, or fetched."""
-    if folder is not None:
-        return _checked(Path(folder) / name, "the folder given")
-    if os.environ.get(_VARIABLE):
-        return _checked(Path(os.environ[_VARIABLE]) / name, f"the folder in {_VARIABLE}")
-    return _downloaded(name)
-
-
-def _checked(path: Path, whose: str) -> Path:
+    named = os.environ.get(_VARIABLE)
+    if folder is None and not named:
+        return _downloaded(name)
+    path = Path(folder if folder is not None else named or "") / name
     try:
         content = read_file(path)
     except CommonlawError as error:
-        raise CommonlawError("dataset-file", name=path.name, folder=whose, error=error, source=_SOURCE) from None
+        whose = "the folder given" if folder is not None else f"the folder in {_VARIABLE}"
+        raise CommonlawError("dataset-file", name=name, folder=whose, error=error, source=_SOURCE) from None
     found = hashlib.sha256(content).hexdigest()
-    if found != _SHA256[path.name]:
-        raise CommonlawError("dataset-checksum", path=path, found=found, sha256=_SHA256[path.name], source=_SOURCE)
+    if found != _SHA256[name]:
+        raise CommonlawError("dataset-checksum", path=path, found=found, sha256=_SHA256[name], source=_SOURCE)
     return path
 
 
 def _downloaded(name: str) -> Path:
     """Return the path of a file in the user's cache, downloaded if it is not there yet."""
     import pooch
+    from requests import exceptions
 
     cache, patient = pooch.os_cache("commonlaw"), pooch.HTTPDownloader(timeout=10.0)
     try:
         with put_away_first() as ending, ending.waiting():
             return Path(pooch.retrieve(_SOURCE + name, f"sha256:{_SHA256[name]}", name, cache, downloader=patient))
     except (OSError, ValueError) as error:  # no connection, no space, or another file than the published one
+        is_away = isinstance(error, (exceptions.ConnectionError, exceptions.Timeout))
+        is_away = is_away and not isinstance(error, exceptions.SSLError)  # Of these errors the text is long
+        cause = f"no connection to {_SOURCE.split('/')[2]}" if is_away else str(error)
         raise CommonlawError(
             "dataset-download",
             source=_SOURCE,
             name=name,
             cache=str(cache),
-            cause=_cause(error),
+            cause=cause,
             heights=_HEIGHTS,
             balls=_BALLS,
             variable=_VARIABLE,
         ) from None
-
-
-def _cause(error: Exception) -> str:
-    """Return why a download failed: of errors of connections, which are long, what matters."""
-    from requests import exceptions
-
-    unreachable = isinstance(error, (exceptions.ConnectionError, exceptions.Timeout))
-    if unreachable and not isinstance(error, exceptions.SSLError):
-        return f"no connection to {_SOURCE.split('/')[2]}"
-    return str(error)
 
 
 ball_drops = Dataset(

@@ -29,6 +29,8 @@ TRANSITION = 8710.0
 def reynolds_number(speed: ArrayLike, diameter: ArrayLike, viscosity: ArrayLike = AIR_VISCOSITY) -> Floats:
     """Return the Reynolds number ``speed * diameter / viscosity`` of a sphere.
 
+    Raises `CommonlawError` if a value is not finite, or has the wrong sign.
+
     Parameters
     ----------
     speed
@@ -42,11 +44,6 @@ def reynolds_number(speed: ArrayLike, diameter: ArrayLike, viscosity: ArrayLike 
     -------
     NDArray
         Dimensionless, of the shape that the arguments have together.
-
-    Raises
-    ------
-    CommonlawError
-        If a value is not finite, or has the wrong sign.
 
     Examples
     --------
@@ -62,15 +59,12 @@ def drag_coefficient(reynolds: ArrayLike) -> Floats:
     The correlation was fitted to experiments at Re < 2e5 (`MAX_REYNOLDS`). Beyond, it is evaluated all the same, as
     simulations of large balls do, and is then too large: it does not know the drag crisis; `in_valid_range` tells.
 
+    Raises `CommonlawError` if a value is not finite, or negative.
+
     Parameters
     ----------
     reynolds
         Reynolds number, not negative. At 0 the coefficient is infinite, while `drag_force` goes to 0.
-
-    Raises
-    ------
-    CommonlawError
-        If a value is not finite, or negative.
 
     References
     ----------
@@ -98,6 +92,8 @@ def drag_force(
 
     It is finite for every speed, and Stokes' ``3 pi density viscosity diameter speed`` for small ones.
 
+    Raises `CommonlawError` if a value is not finite, or has the wrong sign.
+
     Parameters
     ----------
     speed
@@ -106,11 +102,6 @@ def drag_force(
         m, positive.
     density, viscosity
         Of the fluid, kg/m^3 and m^2/s (the kinematic viscosity), positive.
-
-    Raises
-    ------
-    CommonlawError
-        If a value is not finite, or has the wrong sign.
 
     Examples
     --------

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.errors import CommonlawError
 from commonlaw.trials.trial import Schema, Trial, TrialData
 
 if TYPE_CHECKING:
@@ -124,7 +123,7 @@ class Report:
 
 def check(data: TrialData, tolerance: float | None) -> Report:
     """Return figures of every trial and what data checks find, see `Trials.check`."""
-    trials, schema, notes = data.trials, data.schema, data.notes
+    trials, schema = data.trials, data.schema
     rows = tuple(_figures(trial, schema.states, tolerance) for trial in trials)
     found = (
         finding
@@ -145,7 +144,7 @@ def check(data: TrialData, tolerance: float | None) -> Report:
     ]
     bare = ", ".join(name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units)
     text = f"no unit is known for {bare}: write it in the header, as in 'x [m]', or give it with `units=...`"
-    return Report(rows, (*found, *uneven, *copies, *([Finding(text)] if bare else [])), notes)
+    return Report(rows, (*found, *uneven, *copies, *([Finding(text)] if bare else [])), data.notes)
 
 
 def _unit(schema: Schema, name: str) -> str:
@@ -255,21 +254,6 @@ def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
     return tuple(pairs)
 
 
-def clipped(trials: Sequence[Trial], tolerance: float | None) -> tuple[list[Trial], str]:
-    """Return the trials, each clipped at its last irregular frame, and what was done, see `Trials.clip_irregular`."""
-    if tolerance is not None and not tolerance > 0:
-        raise CommonlawError("step-tolerance", tolerance=tolerance)
-    kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in trials]
-    shorter = [
-        f"{before.label} from {len(before)} to {len(after)} samples"
-        for before, after in zip(trials, kept, strict=True)
-        if len(after) < len(before)
-    ]
-    off = "7.5 %" if tolerance is None else f"{tolerance:g}"
-    reason = f"irregular frame, a step more than {off} off the trial's median step"
-    return kept, f"clipped {'; '.join(shorter)}: {reason}" if shorter else ""
-
-
 def regular_length(times: Floats, tolerance: float | None) -> int:
     """Return the number of samples, from the first, that clipping at the last irregular frame keeps.
 
@@ -281,7 +265,6 @@ def regular_length(times: Floats, tolerance: float | None) -> int:
 
 
 def _irregular(times: Floats, tolerance: float | None) -> Bools:
-    """Return which steps are irregular, shape (n - 1,)."""
     steps = np.diff(times)
     median = np.median(steps) if len(steps) else 0.0
     return np.asarray(np.abs(steps - median) > (_REGULAR * median if tolerance is None else tolerance))

@@ -17,6 +17,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.text import counted
 from commonlaw.trials.cells import Notation, Numerals, Unreadable, is_meant_as_number, is_missing, numerals
 from commonlaw.trials.headers import find_name, known_unit, plain, split_headers
+from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.trial import nearest
 
 if TYPE_CHECKING:
@@ -53,12 +54,14 @@ class Table:
     """Columns of text whose cells may be meant as numbers: all those of a text file, mixed ones of a worksheet."""
     notation: Notation = field(default_factory=Notation)
     """How numbers are written in the columns of text."""
-    roles: Mapping[str, str | list[str] | dict[str, str]] = field(default_factory=dict)
+    roles: WrittenReading = field(default_factory=WrittenReading)
     """Names of columns by role, where the file says so itself."""
+    label: str = "object"
+    """Name of the object, if no column names it."""
     notes: tuple[str, ...] = ()
     facts: tuple[str, ...] = ()
     """What was guessed of how the table is written."""
-    parsed: dict[str, Floats | Unreadable] = field(default_factory=dict)
+    parsed: dict[str, Numerals | Unreadable] = field(default_factory=dict)
     """Columns of text as far as they have been read as numbers."""
 
     def __post_init__(self) -> None:
@@ -82,7 +85,7 @@ class Table:
             return column.dtype.kind in "iuf"
         parsed = self._parsed(name)
         if not isinstance(parsed, Unreadable):
-            return not np.isnan(parsed).all()
+            return not np.isnan(parsed.values).all()
         cells = [cell for cell in self._cells(name) if cell and not is_missing(cell)]
         counts = Counter(cells)
         return sum(count for cell, count in counts.items() if is_meant_as_number(cell)) > 0.5 * len(cells)
@@ -99,7 +102,7 @@ class Table:
             where = self._where(name, self._cells(name).index(parsed.cell))
             raise CommonlawError("cell-unreadable", where=where, cell=parsed.cell, reason=parsed.reason)
         else:
-            values = parsed
+            values = parsed.values
         bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
         if len(bad):
             row = int(bad[0])
@@ -110,9 +113,8 @@ class Table:
 
     def limits(self, name: str) -> Floats:
         """Return the limits that values of a column are below of, shape (n,), NaN for others."""
-        found = numerals(self.columns[name], self.notation) if name in self.loose else None
-        below = found.below if isinstance(found, Numerals) else None
-        return np.full(len(self), np.nan) if below is None else below
+        found = self._parsed(name) if name in self.loose else None
+        return found.below if isinstance(found, Numerals) and found.below is not None else np.full(len(self), np.nan)
 
     def deviations(self, name: str, needed: Bools) -> Floats:
         """Return a column of standard deviations, shape (n,), NaN where a cell is empty; some are `needed`."""
@@ -152,22 +154,20 @@ class Table:
 
     def is_index(self, name: str) -> bool:
         """Say whether a column is an index that pandas stored and nobody named, and not measured."""
-        column = self.columns[name]
         if not _INDEX.fullmatch(name):
             return False
-        values = self._parsed(name) if name in self.loose else column
-        counts = not isinstance(values, Unreadable) and values.dtype.kind in "iuf" and _counts(values)
-        return name.startswith("__index_level_") or counts
+        parsed = self._parsed(name) if name in self.loose else None
+        values = parsed.values if isinstance(parsed, Numerals) else self.columns[name]
+        return name.startswith("__index_level_") or (values.dtype.kind in "iuf" and _counts(values))
 
     def _cells(self, name: str) -> list[str]:
         """Return the cells of a column of text without blanks around them; empty ones are empty texts."""
         return [cell.strip() if isinstance(cell, str) else "" for cell in self.columns[name].tolist()]
 
-    def _parsed(self, name: str) -> Floats | Unreadable:
+    def _parsed(self, name: str) -> Numerals | Unreadable:
         """Return a column of text as numbers, NaN where one is missing, or why it is none."""
         if name not in self.parsed:
-            found = numerals(self.columns[name], self.notation)
-            self.parsed[name] = found if isinstance(found, Unreadable) else found.values
+            self.parsed[name] = numerals(self.columns[name], self.notation)
         return self.parsed[name]
 
     def _where(self, name: str, row: int) -> str:
@@ -215,7 +215,7 @@ def with_numbers(table: Table, notation: Notation) -> Table:
         columns=columns,
         units={name: each.unit for name, each in read.items() if each.unit} | dict(table.units),
         notation=notation,
-        parsed={name: own.values if isinstance(own := found[name], Numerals) else own for name in loose},
+        parsed={name: found[name] for name in loose},
         facts=(*table.facts, *facts),
     )
 

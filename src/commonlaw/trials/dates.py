@@ -1,7 +1,7 @@
 """Dates and times of day in the column of times, as time since the first of them."""
 
 import re
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from datetime import date, datetime, time, timedelta
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -12,12 +12,10 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Column, Table
+from commonlaw.trials.reading import DateOrder
 
 if TYPE_CHECKING:
     import pandas as pd
-
-DateOrder = Literal["dmy", "mdy", "ymd", "h:mm", "m:ss"]
-"""How dates are written, and times of day."""
 
 _OFFSET = r" ?(Z|[+-]\d\d(:?\d\d)?)"
 _ISO = re.compile(rf"\d{{4}}-\d\d(-\d\d([T ]\d\d(:?\d\d){{1,2}}([.,]\d+)?({_OFFSET})?)?)?|\d{{8}}T\d{{4}}(\d\d)?Z?")
@@ -134,12 +132,6 @@ def first_time(table: Table, name: str) -> int:
     return next((i for i, cell in enumerate(table.columns[name]) if is_time(cell)), 0)
 
 
-def refuse_dates(table: Table, name: str) -> None:
-    """Refuse a table whose rows are not all there, so that the earliest date is unknown."""
-    if holds_dates(table.columns[name]):
-        raise CommonlawError("dates-in-stream", where=table.source, column=name)
-
-
 def _with_times(table: Table, name: str, values: Floats, unit: str, note: str) -> Table:
     columns, units = {**table.columns, name: values}, {**table.units, name: unit}
     return replace(table, columns=columns, units=units, loose=table.loose - {name}, notes=(*table.notes, note))
@@ -147,15 +139,9 @@ def _with_times(table: Table, name: str, values: Floats, unit: str, note: str) -
 
 def _partner(table: Table, name: str, others: Collection[str]) -> str | None:
     """Return the only other column that has the times of day to the dates of this one, or the dates to its times."""
-    column = table.columns[name]
-    fits: Callable[[Column], bool]
-    if is_clock(column):
-        fits = _is_of_days
-    elif _is_of_days(column):
-        fits = is_clock
-    else:
-        return None
-    found = [each for each in others if each != name and fits(table.columns[each])]
+    is_time, is_day = is_clock(table.columns[name]), _is_of_days(table.columns[name])
+    fits = _is_of_days if is_time else is_clock
+    found = [each for each in others if (is_time or is_day) and each != name and fits(table.columns[each])]
     return found[0] if len(found) == 1 else None
 
 
@@ -233,7 +219,12 @@ def _stamps(table: Table, name: str, order: DateOrder | None) -> "pd.Series[Any]
     cells, present = _cells(table.columns[name])
     # Where some dates have an offset from UTC and others none, it is not known what is meant
     rows = np.flatnonzero(present)
-    offset = np.array([_has_offset(cell) for cell in cells[rows]])
+    offset = np.array([
+        _WITH_OFFSET.fullmatch(cell) is not None
+        if isinstance(cell, str)
+        else isinstance(cell, datetime) and cell.tzinfo is not None
+        for cell in cells[rows]
+    ])  # fmt: skip
     if offset.any() and not offset.all():
         aware, naive = int(rows[offset][0]), int(rows[~offset][0])
         raise CommonlawError(
@@ -276,12 +267,10 @@ def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order:
     if not local:
         return cells
     possible = [
-        each
-        for each in ("dmy", "mdy", "ymd")
-        if all(each in own.orders and _is_valid(own, each) for own in local.values())
+        each for each in ("dmy", "mdy", "ymd") if all(each in own.orders and _date(own, each) for own in local.values())
     ]
     if order in ("dmy", "mdy", "ymd"):
-        possible = [order] if all(_is_valid(own, order) for own in local.values()) else []
+        possible = [order] if all(_date(own, order) for own in local.values()) else []
     if len(possible) == 2 and all(_iso(own, possible[0]) == _iso(own, possible[1]) for own in local.values()):
         possible = possible[:1]
     first = next(iter(local))
@@ -295,7 +284,7 @@ def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order:
         orders = [order] if order in ("dmy", "mdy", "ymd") else ["dmy", "mdy", "ymd"]
         for row in np.flatnonzero(present):
             own = local.get(cells[row])
-            if own is not None and not any(_is_valid(own, each) for each in orders):
+            if own is not None and not any(_date(own, each) for each in orders):
                 raise _no_date(table, name, int(row), f"a date{f' in the order {order}' if order else ''}")
         raise CommonlawError("dates-without-order", where=table.source, column=name, first=first)
     return np.array([_iso(local[cell], possible[0]) if cell in local else cell for cell in cells], dtype=object)
@@ -331,29 +320,17 @@ def _clock_text(clock: Sequence[str | None], offset: str | None) -> str:
     return f"T{hours:02}:{minute}:{second or '00'}.{fraction or '0'}{(offset or '').strip()}"
 
 
-def _date(parts: _Parts, order: str) -> tuple[int, int, int]:
-    """Return year, month and day."""
+def _date(parts: _Parts, order: str) -> date | None:
+    """Return the date that is meant in an order; None if there is no such."""
     year, month, day = (parts.numbers[order.index(letter)] for letter in "ymd")
-    return year + (0 if year > 99 else 1900 if year >= _FIRST_OF_CENTURY else 2000), month, day
-
-
-def _is_valid(parts: _Parts, order: str) -> bool:
     try:
-        date(*_date(parts, order))
+        return date(year + (0 if year > 99 else 1900 if year >= _FIRST_OF_CENTURY else 2000), month, day)
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _iso(parts: _Parts, order: str) -> str:
-    year, month, day = _date(parts, order)
-    return f"{year:04}-{month:02}-{day:02}{parts.rest}"
-
-
-def _has_offset(cell: object) -> bool:
-    if isinstance(cell, str):
-        return _WITH_OFFSET.fullmatch(cell) is not None
-    return isinstance(cell, datetime) and cell.tzinfo is not None
+    return f"{_date(parts, order)}{parts.rest}"
 
 
 def _cells(column: Column) -> tuple[Column, Bools]:

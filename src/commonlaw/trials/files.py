@@ -10,7 +10,7 @@ import pickle
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -37,12 +37,12 @@ from commonlaw.text import as_text, counted
 from commonlaw.trials import workbook_process
 from commonlaw.trials.columns import Column, Table, column_of, filled_table, frame_table
 from commonlaw.trials.headers import check_unit, join_header
+from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.recognition import TRIAL, is_called
 from commonlaw.trials.text import are_units, headers_with_units, text_table
 from commonlaw.trials.trial import Property, TrialData, property_names
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -122,23 +122,24 @@ def table_files(path: TablePath) -> list[Path]:
     """
     if not isinstance(path, str | os.PathLike):
         return [Path(each) for each in path]
-    given = Path(path)
-    try:
-        is_folder, is_there = given.is_dir(), given.exists()
-    except OSError:  # As of a name that is too long, which is refused where it is read
-        return []
-    if is_folder:
-        found = [each for each in given.rglob("*") if each.suffix.casefold() in _ENDINGS]
-    elif any(mark in str(path) for mark in "*?[") and not is_there:
-        root = Path(given.anchor or ".")
-        found = [each for each in root.glob(str(given.relative_to(root))) if each.suffix.casefold() != ".parquet"]
-    else:
-        return []
-    digits = re.compile(r"(\d+)")
+    digits, found = re.compile(r"(\d+)"), files_of(Path(path), _ENDINGS) or []
     return sorted(
-        (each for each in found if each.is_file() and not each.name.startswith(".")),
+        (each for each in found if each.is_file() and each.name[0] != "." and each.suffix.casefold() != ".parquet"),
         key=lambda each: [int(part) if part.isdigit() else part.casefold() for part in digits.split(str(each))],
     )
+
+
+def files_of(path: Path, endings: Container[str]) -> list[Path] | None:
+    """Return what is in a folder with these endings, or what a pattern names; None if the path is neither."""
+    try:
+        if path.is_dir():
+            return [each for each in path.rglob("*") if each.suffix.casefold() in endings]
+        if path.exists() or not any(mark in str(path) for mark in "*?["):
+            return None
+    except OSError:  # As of a name that is too long, which is refused where it is read
+        return None
+    root = Path(path.anchor or ".")
+    return [*root.glob(str(path.relative_to(root)))]
 
 
 def read_table(path: TablePath, sheet: str | None = None) -> Table:
@@ -182,6 +183,7 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
         frozenset().union(*(each.loose for each in tables)),
         notes=tuple(dict.fromkeys(note for each in tables for note in each.notes)),
         facts=tuple(dict.fromkeys(fact for each in tables for fact in each.facts)),
+        label=as_text(name_of_table(path)) if isinstance(path, str | os.PathLike) else "object",
     )
 
 
@@ -209,16 +211,18 @@ def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:
     if not content.removeprefix(BYTE_ORDER_MARK).strip():
         raise CommonlawError("table-empty", name=name)
     if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        return workbook_table(name, content, sheet)
-    if sheet is not None:
+        found = workbook_table(name, content, sheet)
+    elif sheet is not None:
         raise CommonlawError("sheet-of-text", name=name, sheet=sheet)
-    if content.startswith(b"PAR1"):
+    elif content.startswith(b"PAR1"):
         with _whole(name):
             file, data = _unpacked(name, content)
             kept = _kept(name, file.schema_arrow.metadata)
-            roles: dict[str, Any] = dict(kept.get("roles", {}))
-            return replace(frame_table(data, name), roles=roles, notes=kept.get("notes", ()))
-    return text_table(name, content)
+            found = frame_table(data, name)
+            found = replace(found, roles=kept.get("roles", found.roles), notes=kept.get("notes", ()))
+    else:
+        found = text_table(name, content)
+    return replace(found, label=as_text(name_of_table(name)))
 
 
 def name_of_table(path: str | os.PathLike[str]) -> str:
@@ -234,39 +238,27 @@ def name_of_table(path: str | os.PathLike[str]) -> str:
 _METADATA = b"commonlaw"  # the key under which a file keeps the roles of its columns
 
 
-class _Roles(TypedDict, total=False):
-    """Names of columns by role."""
-
-    object: str
-    trial: str
-    time: str
-    states: list[str]
-    inputs: list[str]
-    noise_columns: dict[str, str]
-    properties: list[str]
-
-
 class _Kept(TypedDict, total=False):
     """What a file says of its columns itself."""
 
-    roles: _Roles
+    roles: WrittenReading
     notes: tuple[str, ...]
 
 
-def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", dict[str, Any]]:
+def opened(path: str | os.PathLike[str]) -> tuple["pq.ParquetFile", WrittenReading]:
     """Return a Parquet file to read batches of rows from, and the names of its columns by role."""
-    arrow, _ = _arrow("streaming Parquet files")
+    arrow = _arrow("streaming Parquet files")
     try:
         file = _file(checked_file(path, np.inf))
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise CommonlawError("not-parquet", path=path, error=error) from None
     check_size(str(path), 1, file.metadata.num_columns)
-    return file, dict(_kept(str(path), file.schema_arrow.metadata).get("roles", {}))
+    return file, _kept(str(path), file.schema_arrow.metadata).get("roles", {})
 
 
 def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
     """Yield the tables in so many rows of a Parquet file after the other, or in fewer, as memory allows."""
-    arrow, _ = _arrow("streaming Parquet files")
+    arrow = _arrow("streaming Parquet files")
     with _whole(str(path)):
         file, _ = opened(path)
         for batch in _batches(file, min(rows, MOST_CELLS // max(1, file.metadata.num_columns))):
@@ -275,10 +267,10 @@ def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
 
 def parquet_bytes(columns: Mapping[str, Column | Sequence[object]], metadata: Mapping[bytes, bytes]) -> bytes:
     """Return a Parquet file of columns, empty where they are NaN or None, with metadata such as roles and notes."""
-    arrow, parquet = _arrow("writing Parquet files")
+    arrow = _arrow("writing Parquet files")
     table = arrow.table({name: arrow.array(column, from_pandas=True) for name, column in columns.items()})
     content = io.BytesIO()
-    parquet.write_table(table.replace_schema_metadata(dict(metadata)), content)
+    arrow.parquet.write_table(table.replace_schema_metadata(dict(metadata)), content)
     return content.getvalue()
 
 
@@ -290,14 +282,15 @@ def parquet_columns(source: str, content: bytes) -> tuple[dict[str, list[Any]], 
         return columns, dict(file.schema_arrow.metadata or {})
 
 
-def _arrow(feature: str) -> tuple[Any, Any]:
-    return optional_import("pyarrow", feature, "parquet"), optional_import("pyarrow.parquet", feature, "parquet")
+def _arrow(feature: str = "reading Parquet files") -> Any:
+    optional_import("pyarrow.parquet", feature, "parquet")
+    return optional_import("pyarrow", feature, "parquet")
 
 
 @contextmanager
 def _whole(source: str) -> Iterator[None]:
     """Refuse a file that turns out to be damaged while it is read."""
-    arrow, _ = _arrow("reading Parquet files")
+    arrow = _arrow()
     try:
         yield
     except (arrow.ArrowException, OSError, UnicodeDecodeError) as error:
@@ -306,7 +299,7 @@ def _whole(source: str) -> Iterator[None]:
 
 def _file(where: Any) -> "pq.ParquetFile":
     """Return a Parquet file whose texts are read as dictionaries: a few bytes can stand for a text in every row."""
-    _, parquet = _arrow("reading Parquet files")
+    parquet = _arrow().parquet
     file = parquet.ParquetFile(where)
     columns = map(file.schema.column, range(len(file.schema)))
     texts = [column.path for column in columns if column.physical_type == "BYTE_ARRAY"]
@@ -315,14 +308,13 @@ def _file(where: Any) -> "pq.ParquetFile":
 
 def _flat(file: "pq.ParquetFile") -> list["pa.Field[Any]"]:
     """Return the columns of a file that hold neither lists nor bytes, which a few bytes can stand for without end."""
-    types = _arrow("reading Parquet files")[0].types
+    types = _arrow().types
     return [
         each for each in file.schema_arrow if not (types.is_nested(each.type) or types.is_fixed_size_binary(each.type))
     ]
 
 
 def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
-    """Yield so many rows after the other."""
     found = 0
     for batch in file.iter_batches(batch_size=rows, columns=[field.name for field in _flat(file)]):
         batch.validate(full=True)  # Texts may be numbers of entries that a damaged dictionary does not have
@@ -334,7 +326,7 @@ def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
 
 def _unpacked(source: str, content: bytes) -> tuple["pq.ParquetFile", "pa.Table"]:
     """Return a file and its rows, as far as memory holds them."""
-    arrow, _ = _arrow("reading Parquet files")
+    arrow = _arrow()
     file, batches, size = _file(arrow.BufferReader(content)), [], 0
     check_size(source, file.metadata.num_rows, file.metadata.num_columns)
     for batch in _batches(file, 65_536):
@@ -352,16 +344,9 @@ def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:
         raise CommonlawError("parquet-metadata", where=source, metadata=_METADATA.decode(), error=error) from None
 
 
-def to_frame(data: TrialData) -> "pd.DataFrame":
-    """Return a frame with a row for each sample, see `Trials.to_frame`."""
-    import pandas as pd
-
-    return pd.DataFrame({name: pd.Series(column).infer_objects() for name, column in _columns(data).items()})
-
-
-def to_csv(data: TrialData, path: str | os.PathLike[str]) -> None:
+def to_csv(trials: TrialData, path: str | os.PathLike[str]) -> None:
     """Write a CSV file, see `Trials.to_csv`."""
-    columns = _with_units(data)
+    columns = _with_units(trials)
     cells = []
     for column in columns.values():  # Text in quotes, numbers with all their digits, nothing if empty
         if column.dtype == object:
@@ -372,23 +357,16 @@ def to_csv(data: TrialData, path: str | os.PathLike[str]) -> None:
     write_whole(path, "\n".join(lines).encode())
 
 
-def to_parquet(data: TrialData, path: str | os.PathLike[str]) -> None:
+def to_parquet(trials: TrialData, path: str | os.PathLike[str]) -> None:
     """Write a Parquet file, see `Trials.to_parquet`."""
-    schema = data.schema
-    roles = {
-        "object": schema.object,
-        "trial": schema.trial,
-        "time": schema.time,
-        "states": schema.states,
-        "inputs": schema.inputs,
-        "noise_columns": schema.noise_columns,
-        "properties": property_names(data.properties),
-    }
-    kept = json.dumps({"roles": roles, "notes": data.notes}).encode()
-    write_whole(path, parquet_bytes(_with_units(data), {_METADATA: kept}))
+    names = ("object", "trial", "time", "states", "inputs", "noise_columns")
+    roles = {name: getattr(trials.schema, name) for name in names}
+    roles["properties"] = property_names(trials.properties)
+    kept = json.dumps({"roles": roles, "notes": trials.notes}).encode()
+    write_whole(path, parquet_bytes(_with_units(trials), {_METADATA: kept}))
 
 
-def _columns(data: TrialData) -> dict[str, Column]:
+def columns_of(data: TrialData) -> dict[str, Column]:
     """Return the columns of all samples; a missing state or property is NaN among numbers and None among texts."""
     trials, schema, properties = data.trials, data.schema, data.properties
     rows = list[tuple[Floats, ...]]()
@@ -413,15 +391,14 @@ def _columns(data: TrialData) -> dict[str, Column]:
     values = np.hstack([states, inputs])
     columns |= dict(zip((*schema.states, *schema.inputs), values.T, strict=True))
     columns |= {name: noise[:, schema.states.index(state)] for state, name in schema.noise_columns.items()}
-    for name in property_names(data.properties):
+    for name in property_names(properties):
         columns[name] = per_trial([properties.get(trial.object, {}).get(name) for trial in trials])
     return columns
 
 
-def _with_units(data: TrialData) -> dict[str, Column]:
-    """Return the columns with units in their names."""
-    units = {name: check_unit(unit, f"column {name!r}") for name, unit in data.schema.units.items() if unit.strip()}
-    return {join_header(name, units.get(name, "")): column for name, column in _columns(data).items()}
+def _with_units(trials: TrialData) -> dict[str, Column]:
+    units = {name: check_unit(unit, f"column {name!r}") for name, unit in trials.schema.units.items() if unit.strip()}
+    return {join_header(name, units.get(name, "")): column for name, column in columns_of(trials).items()}
 
 
 def _quoted(text: str) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -11,10 +10,8 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted, shown
 from commonlaw.trials.columns import Codes, Table
+from commonlaw.trials.reading import Restarts
 from commonlaw.trials.trial import Schema, Trial
-
-Restarts = Literal["trials", "sort"]
-"""What times that go back mean: new trials, or rows of one trial that are out of order."""
 
 Cells = tuple[Floats, Floats, Floats, Floats, Floats]
 """Of all rows: times, shape (n,), states, inputs, standard deviations of the states and limits that they are below of,
@@ -43,16 +40,6 @@ class Group:
         return f"{self.object}, trial {self.trial}"
 
 
-@dataclass(frozen=True)
-class Grouped:
-    """Trials with the rows of their samples, labels of trials without any row left, and what was done."""
-
-    trials: tuple[Trial, ...]
-    row_indices: tuple[Codes, ...]
-    empty: tuple[str, ...]
-    notes: tuple[str, ...]
-
-
 def read_cells(table: Table, schema: Schema) -> Cells:
     """Return the numbers in the rows of a table."""
     times, noise = table.numbers(schema.time), np.full((len(table), len(schema.states)), np.nan)
@@ -76,8 +63,10 @@ def groups_of(owners: Codes, objects: Sequence[str], runs: Codes, labels: Sequen
 
 def trials_of(
     table: Table, cells: Cells, groups: Sequence[Group], restarts: Restarts | None, *, named: bool
-) -> Grouped:
+) -> tuple[list[Trial], list[Codes], list[str], list[str]]:
     """Return the trials of groups of rows, without rows that say nothing, see `are_used`.
+
+    With them are the rows of their samples, labels of trials without any row left, and notes on what was done.
 
     Where times go back and it is not said what this means, rows are sorted if they are in reverse or in random order or
     a few single ones out of place, and refused otherwise. New trials are counted from 1, after the label of a group if
@@ -117,7 +106,7 @@ def trials_of(
             empty.append(group.label)
     notes += [f"rows without a measured state left out: {'; '.join(gaps)}"] if gaps else []
     notes += repeats_in_words(made)
-    return Grouped(tuple(made), tuple(row_indices), tuple(empty), tuple(notes))
+    return made, row_indices, empty, notes
 
 
 def are_used(states: Floats, *, driven: bool) -> Bools:
@@ -201,27 +190,22 @@ def _is_out_of_order(times: Floats, back: Codes) -> bool:
 
 def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> Diagnostic:
     """Return how to tell trials apart where times start again."""
-    numbered = _numbered(times, groups)
-    telling = [name for name in table.columns if _tells_apart(table, name, *numbered)]
-    telling = telling or [name for name in table.columns if _tells_apart(table, name, *numbered, repeated=True)]
+    telling = [name for name in table.columns if _tells_apart(table, name, times, groups)]
+    telling = telling or [name for name in table.columns if _tells_apart(table, name, times, groups, repeated=True)]
     return Diagnostic("name-trials-by", {"columns": telling}) if telling else Diagnostic("name-trials")
 
 
-def _numbered(times: Floats, groups: Sequence[Group]) -> tuple[Floats, Codes, Codes]:
-    """Return the time of each row, the number of its group, and its index in the table."""
-    rows = np.concatenate([group.rows for group in groups])
-    return times[rows], np.repeat(np.arange(len(groups)), [len(group.rows) for group in groups]), rows
-
-
-def _tells_apart(table: Table, name: str, times: Floats, owners: Codes, rows: Codes, *, repeated: bool = False) -> bool:
+def _tells_apart(table: Table, name: str, times: Floats, groups: Sequence[Group], *, repeated: bool = False) -> bool:
     """Say whether times increase among rows of a group that have the same cell in a column, at least two each."""
+    rows = np.concatenate([group.rows for group in groups])
+    owners = np.repeat(np.arange(len(groups)), [len(group.rows) for group in groups])
     try:
         codes = table.encoded(name)[0][rows]
     except CommonlawError:
         return False
     order = np.lexsort((codes, owners))  # stable: of the same cell, rows keep their order
     same = (np.diff(codes[order]) == 0) & (np.diff(owners[order]) == 0)
-    steps = np.diff(times[order])[same]
+    steps = np.diff(times[rows][order])[same]
     increase = (steps >= 0).all() and (steps > 0).any() if repeated else (steps > 0).all()
     return bool(np.mean(same) > 0.5 and (codes >= 0).all() and increase)
 
@@ -241,7 +225,7 @@ def _refuse_twice(
     together = may_be_apart or bool(np.all(places[twice + 1] - places[twice] == 1))
     if together and all(np.array_equal(cell[rows[twice]], cell[rows[twice + 1]], equal_nan=True) for cell in cells[1:]):
         raise CommonlawError("copies", repeats=what)
-    if not together or any(_tells_apart(table, name, *_numbered(cells[0], groups)) for name in table.columns):
+    if not together or any(_tells_apart(table, name, cells[0], groups) for name in table.columns):
         raise CommonlawError("time-repeated", repeats=what, remedy=_remedy(table, cells[0], groups))
 
 

@@ -108,7 +108,12 @@ def time_column(table: Table) -> str | None:
             return name
     if "time" in folded:
         return folded["time"]
-    able = [name for name in names if _dimensions(table, name) in ({}, _OF_TIME) and _may_be_time(table, name)]
+    able = [
+        name
+        for name in names
+        if _dimensions(table, name) in ({}, _OF_TIME)
+        and (table.is_numeric(name) or any(is_time(cell) for cell in table.columns[name] if cell == cell and cell))
+    ]
     by_word = [name for name in able if is_called(name, _TIME) or _dimensions(table, name) == _OF_TIME]
     short = [name for name in able if name.casefold() in _SHORT_TIME or words(name)[:1] == ["t"]]
     rising = {name for name in able if _rises(table, name)}
@@ -126,11 +131,6 @@ def time_column(table: Table) -> str | None:
         if likely:
             return likely[0]
     return None
-
-
-def _may_be_time(table: Table, name: str) -> bool:
-    """Say whether a column has a number or a date."""
-    return table.is_numeric(name) or any(is_time(cell) for cell in table.columns[name] if cell == cell and cell)
 
 
 def _dimensions(table: Table, name: str) -> dict[str, Any]:
@@ -233,15 +233,13 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
 
 
 def _finest(codes: dict[str, Codes]) -> list[str]:
-    """Return the columns that are not properties of others."""
-    return [name for i, name in enumerate(codes) if not any(_is_property(name, other, codes, i) for other in codes)]
-
-
-def _is_property(name: str, finer: str, codes: dict[str, Codes], place: int) -> bool:
-    """Say whether a column is the same wherever another is, and not just another spelling of a later one."""
-    if name == finer or not _determines(codes[finer], codes[name]):
-        return False
-    return not _determines(codes[name], codes[finer]) or list(codes).index(finer) < place
+    """Return the columns that are not properties of others: of several spellings of one column it is the first."""
+    result = list[str]()
+    for i, (name, code) in enumerate(codes.items()):
+        finer = [j for j, other in enumerate(codes.values()) if j != i and _determines(other, code)]
+        if not any(j < i or not _determines(code, [*codes.values()][j]) for j in finer):
+            result.append(name)
+    return result
 
 
 def _determines(codes: Codes, others: Codes) -> bool:
@@ -357,12 +355,16 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     Times are of all rows, shape (n,), and trials the indices of their rows in order of time.
     """
     cells = {name: readable(table, name) for name in names}
-    spans = {name: _span(values) for name, values in cells.items()}
+    known = {name: values[np.isfinite(values)] for name, values in cells.items()}
+    spans = {name: float(np.ptp(values)) or 1.0 if len(values) else 1.0 for name, values in known.items()}
     digits = {name: last_digit(values) / spans[name] for name, values in cells.items()}
     noise = {name: _noise(values, trials) / spans[name] for name, values in cells.items()}
+    # Estimates of white noise are alike by all orders of differences
+    white = [name for name in names if noise[name][_WHITE].max() < _EVEN * noise[name][_WHITE].min()]
     found = dict[str, str]()
     for name, values in cells.items():
-        runs = [values[rows] for rows in trials]
+        runs, others = [values[rows] for rows in trials], [each for each in names if each != name]
+        courses = [(times[rows].tobytes(), values[rows].tobytes()) for rows in trials if np.ptp(values[rows]) > 0]
         if is_called(name, _INPUT) or (name == "u" and not _VELOCITIES.intersection(names)):
             found[name] = "by its name"
         elif not np.isfinite(values).all() or np.ptp(values) == 0:
@@ -371,14 +373,12 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
             found[name] = "constant in each trial"
         elif 2 * sum(map(_is_held, runs)) >= sum(np.ptp(run) > 0 for run in runs):
             found[name] = "held at levels"
-        elif any(np.isfinite(cells[each]).all() for each in names if each != name) and _recurs(
-            runs, [times[rows] for rows in trials]
-        ):
+        elif any(np.isfinite(cells[each]).all() for each in others) and len({*courses}) < len(courses):
             found[name] = "the same in several trials"
         elif (
             0 < digits[name] < 1 / _DIGITS
             and noise[name].min() < max(digits[name], _EXACT)
-            and any(_scatters(noise[each], digits[each], noise[name]) for each in names if each != name)
+            and any(noise[each].min() > 3 * max(digits[each], noise[name].min()) for each in white if each != name)
         ):
             found[name] = "smooth to its last digit"
     return found if len(found) < len(names) else {}
@@ -403,12 +403,6 @@ def note_on_pulses(name: str) -> str:
     )
 
 
-def _span(values: Floats) -> float:
-    """Return the range of the values that are there, 1 if they are all the same."""
-    finite = values[np.isfinite(values)]
-    return float(np.ptp(finite)) or 1.0 if len(finite) else 1.0
-
-
 def _is_held(values: Floats) -> bool:
     """Say whether a trial of values stays at levels and jumps between them, or has single pulses."""
     levels, ranks = np.unique(values, return_inverse=True)
@@ -417,12 +411,6 @@ def _is_held(values: Floats) -> bool:
     if len(levels) < 2 or 2 * np.sum(jumps == 0) < len(jumps) or 2 * np.sum(kept > 1) < len(kept):
         return False
     return len(levels) <= 3 or bool(2 * np.sum(np.abs(jumps) > 1) > np.sum(jumps != 0))
-
-
-def _recurs(runs: Sequence[Floats], times: Sequence[Floats]) -> bool:
-    """Say whether a course is that of another trial, value by value."""
-    courses = [(at.tobytes(), run.tobytes()) for at, run in zip(times, runs, strict=True) if np.ptp(run) > 0]
-    return len({*courses}) < len(courses)
 
 
 def last_digit(values: Floats) -> float:
@@ -441,12 +429,6 @@ def last_digit(values: Floats) -> float:
         if (np.abs(scaled - np.round(scaled)) < _ROUNDING).all():
             return float(10.0**place)
     return 0.0
-
-
-def _scatters(noise: Floats, digit: float, least: Floats) -> bool:
-    """Say whether a column has white noise, alike by all orders of differences, above a digit and `least` noise."""
-    level = noise.min()
-    return bool(level > 3 * max(digit, least.min()) and noise[_WHITE].max() < _EVEN * noise[_WHITE].min())
 
 
 def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:

@@ -88,7 +88,5 @@ def joined(parts: Sequence[tuple[Repeats | None, tuple[int, ...]]]) -> Repeats |
 def pure_error(repeats: Sequence[Repeats | None], states: int) -> tuple[Floats, Floats]:
     """Return the sum of squares of repeated measurements of each state and its degrees of freedom, shape (states,)."""
     found = [repeat for repeat in repeats if repeat is not None]
-    squares, freedom = (np.zeros(states) for _ in range(2))
-    for each in found:
-        squares, freedom = squares + each.squares.sum(axis=0), freedom + each.freedom
-    return squares, freedom
+    squares = sum((each.squares.sum(axis=0) for each in found), np.zeros(states))
+    return squares, sum((each.freedom for each in found), np.zeros(states))

@@ -1,22 +1,19 @@
 """Which column is what: as the user says, or by the names of columns, their units and what stands in them."""
 
-import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypedDict, get_args
+from typing import Any, Literal
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, check_choice, unknown
-from commonlaw.trials.cells import DecimalMark, Notation
+from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Codes, Table
-from commonlaw.trials.dates import DateOrder
-from commonlaw.trials.grouping import Restarts
 from commonlaw.trials.headers import find_name, split_header
 from commonlaw.trials.properties import constant_columns, object_codes
+from commonlaw.trials.reading import Reading, Roles
 from commonlaw.trials.recognition import (
     deviation_columns,
     input_columns,
@@ -28,101 +25,21 @@ from commonlaw.trials.recognition import (
     time_column,
     trial_column,
 )
-from commonlaw.trials.trial import PropertyTable
 from commonlaw.trials.wide import columns_of_one_quantity, shown_columns, wide_hint
 
 _LABELS: tuple[Literal["object", "trial", "time"], ...] = ("object", "trial", "time")
 GUESSED = "columns recognized as "
 """What the line on guessed roles begins with."""
-_OPTIONS = {
+ROLES = {
     "time": "time",
     "object": "object",
     "trial": "trial",
-    "state": "states",
-    "input": "inputs",
-    "property": "properties",
-    "standard deviations": "noise_columns",
+    "states": "state",
+    "inputs": "input",
+    "properties": "property",
+    "noise_columns": "standard deviations",
 }
-"""The option that names the columns of each role."""
-
-
-class Roles(TypedDict, total=False):
-    """Roles of columns, named by their headers with or without the unit.
-
-    Other roles are inferred; `Trials.notes` lists them.
-
-    Parameters
-    ----------
-    object
-        Column of the names of objects. Default: ``object``, or a column of repeated text, or of whole numbers with a
-        name such as ``subject``; otherwise, or with ``""``, there is one object.
-    object_name
-        Name of the object in a table without such a column.
-    trial
-        Column of the trials' labels. Default: ``trial``, or a column with a name such as ``run``, or that of text or of
-        counts without which the times of an object would go back; else every object has one trial, as with ``""``.
-    time
-        Column of the times. Default: ``t`` or ``time``, or a column with a word or a unit of time in its header that
-        increases. Dates and counts since 1970 become days since the earliest, or seconds if they have hours; the date
-        may stand in a column of its own. Durations such as 1:30:00 become seconds.
-    states
-        Columns of the measured states. Default: the columns of numbers without another role.
-    inputs
-        Columns of the measured inputs, ``[]`` for none. Default, where no states are named: columns of numbers that are
-        held at levels, recur in several trials, or are smooth to the last digit where others scatter.
-    noise_columns
-        Columns of standard deviations of the measurements, by state: ``{"x": "sx"}``; ``{}`` for none. Default:
-        positive columns with a name such as ``x_std`` or ``std1`` that goes with a state.
-    properties
-        Columns of the objects' properties; or a second table (a file, a frame) with a row for each object; or a mapping
-        from object to values by name. Default: the columns without another role that are constant for each object.
-    units
-        Units by column, in place of those in the headers.
-    """
-
-    object: str | None
-    object_name: str | None
-    trial: str | None
-    time: str | None
-    states: str | Sequence[str] | None
-    inputs: str | Sequence[str] | None
-    noise_columns: Mapping[str, str] | None
-    properties: str | os.PathLike[str] | Sequence[str] | PropertyTable | Any
-    units: Mapping[str, str] | None
-
-
-class Reading(Roles, total=False):
-    """Roles of columns, and rules for reading the rows of a table.
-
-    Parameters
-    ----------
-    wide
-        What was measured, such as ``"OD"`` with its unit or without, in a table with a column for each object; True is
-        for ``"value"``. The columns are those of `states`, by default all of numbers without another role. Rows ahead
-        of the first time, with a name in place of the time, are properties. Default: True for columns that are named
-        like wells or replicates, unless objects or states are named.
-    restarts
-        Meaning of times that go back within a trial: ``"trials"``, a new trial begins; ``"sort"``, rows are out of
-        order. Default: rows in reverse or random order, and a few single ones, are sorted; other tables are refused.
-    missing
-        Marks of missing values, such as ``-999`` or ``["<0.5", "BLQ"]``, besides empty cells, NA, NaN, ``-``, n.d. and
-        the like.
-    below
-        Marks of values below a limit of quantification, with the limit, ``{"BLQ": 0.5}``, besides ``<0.5``. `fit`
-        treats them as left-censored; elsewhere they are missing.
-    decimal
-        The decimal mark, ``"."`` or ``","``. Default: inferred; ambiguous columns, as of 1,000, are refused.
-    dates
-        Format of ambiguous dates, ``"dmy"``, ``"mdy"`` or ``"ymd"``, and times of day, ``"h:mm"`` or ``"m:ss"``.
-        Default: the one that is possible in all rows.
-    """
-
-    wide: bool | str | None
-    restarts: Restarts | None
-    missing: str | float | Sequence[str | float] | None
-    below: Mapping[str, float] | None
-    decimal: DecimalMark | None
-    dates: DateOrder | None
+"""What columns are, by the keyword that names them."""
 
 
 def free_columns(table: Table, roles: Reading) -> list[str]:
@@ -132,30 +49,6 @@ def free_columns(table: Table, roles: Reading) -> list[str]:
     texts = [each for own in listed for each in own if isinstance(each, str) and each]
     taken = {table.find(text) for text in texts if split_header(text)[0] in table.columns or text in table.columns}
     return [name for name in table.columns if name not in taken]
-
-
-def notation_of(roles: Reading) -> Notation:
-    """Return how numbers are written, as far as it is said."""
-    missing = roles.get("missing", ())
-    marks = [missing] if isinstance(missing, str | int | float) else list(missing or ())
-    below = {str(mark).strip(): float(limit) for mark, limit in (roles.get("below") or {}).items()}
-    return Notation(roles.get("decimal"), missing=tuple(str(mark).strip() for mark in marks), below=below)
-
-
-def checked(roles: Roles, kind: type = Roles) -> Any:
-    """Return the keywords that say something, having refused those that there are not."""
-    for name in roles:
-        if name not in kind.__annotations__:
-            raise unknown("keyword", name, [*kind.__annotations__, "sheet"])
-    said = {name: value for name, value in roles.items() if value is not None}
-    if not isinstance(said.get("noise_columns", {}), Mapping):
-        raise CommonlawError("noise-columns-not-by-state", value=said["noise_columns"])
-    if "states" in said and not said["states"]:
-        del said["states"]
-    for name, choices in (("restarts", Restarts), ("decimal", DecimalMark), ("dates", DateOrder)):
-        if name in said:
-            check_choice(name, said[name], get_args(choices))
-    return said
 
 
 @dataclass(frozen=True)
@@ -190,34 +83,27 @@ class ColumnRoles:
 
     @property
     def _by_role(self) -> dict[str, str]:
-        """The columns of each role, and why they have it."""
-        states = [f"{shown_columns(self.states)}, each of an object"] if self.wide else self.states
-        roles: dict[str, Sequence[str | None]] = {
-            "time": [self.time],
-            "object": [self.object],
-            "trial": [self.trial],
-            "state": states,
-            "input": self.inputs,
-            "property": self.properties or (),
-            "standard deviations": [*self.noise_columns.values()],
-        }
-        why = {name: f" ({reason})" for name, reason in self.reasons.items() if reason}
-        shown = {
-            role: ", ".join(f"{name}{why.get(name, '')}" for name in names if name) for role, names in roles.items()
-        }
-        return {role: names for role, names in shown.items() if names}
+        """The columns by keyword, and why they have this role."""
+        result = dict[str, str]()
+        for role in ROLES:
+            given = getattr(self, role) or ()
+            names = [given] if isinstance(given, str) else [*(given.values() if isinstance(given, Mapping) else given)]
+            why = {name: f" ({reason})" for name in names if (reason := self.reasons.get(name))}
+            if names:
+                result[role] = ", ".join(f"{name}{why.get(name, '')}" for name in names)
+        return result | ({"states": f"{shown_columns(self.states)}, each of an object"} if self.wide else {})
 
     @property
     def sentence(self) -> str:
         """Which column was taken for what, and why."""
-        return "; ".join(f"{role}: {names}" for role, names in self._by_role.items())
+        return "; ".join(f"{ROLES[role]}: {names}" for role, names in self._by_role.items())
 
     @property
     def lines(self) -> tuple[str, ...]:
         """The notes, and if something was guessed, what it was and how to change it."""
         if not self.guessed:
             return self.notes
-        options = [f"`{_OPTIONS[role]}=...`" for role in _OPTIONS if role in self._by_role or role == "input"]
+        options = [f"`{role}=...`" for role in ROLES if role in self._by_role or role == "inputs"]
         remedy = f"Correct them by {', '.join(options)}{', `wide=...`' if self.wide else ''}"
         return (f"{GUESSED}{self.sentence}. {remedy}", *self.notes)
 
@@ -347,7 +233,6 @@ def _found(table: Table, names: Any) -> tuple[str, ...]:
 
 
 def _noise_columns(table: Table, roles: Roles, states: Sequence[str], free: Sequence[str]) -> dict[str, str]:
-    """Return the columns of standard deviations by state."""
     numbers = [name for name in free if table.is_numeric(name)]
     given = roles.get("noise_columns")
     if given is None:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, compress, groupby
 from pathlib import Path
@@ -17,10 +17,10 @@ from commonlaw.runtime.progress import ProgressCallback, check_memory, on_termin
 from commonlaw.runtime.reading import MOST_CELLS
 from commonlaw.text import counted
 from commonlaw.trials.columns import Table
-from commonlaw.trials.dates import refuse_dates
-from commonlaw.trials.files import batch_tables, opened
+from commonlaw.trials.dates import holds_dates
+from commonlaw.trials.files import batch_tables, files_of, opened
+from commonlaw.trials.reading import Reading, Roles, checked
 from commonlaw.trials.repeats import joined
-from commonlaw.trials.roles import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_gaps, check_measured
 from commonlaw.trials.trials import Named, Trials, Until, labels, name_of
@@ -143,7 +143,7 @@ class TrialStream:
         return self._of(kept), self._of(rest)
 
     def _of(self, parts: Sequence["TrialStream"]) -> "TrialStream":
-        return TrialStream(self.schema, _OneAfterTheOther(parts), parts)
+        return TrialStream(self.schema, partial(chain.from_iterable, parts), parts)
 
     @classmethod
     def from_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
@@ -168,9 +168,9 @@ class TrialStream:
         files = []
         for each in _files(path):
             pairs = (part.split("=", 1) for part in each.parent.parts if "=" in part)
-            files.append(_File(each, {name: unquote(value) for name, value in pairs if name}))
+            files.append(_TrialsOfFile(each, {name: unquote(value) for name, value in pairs if name}))
         _, kept = opened(files[0].path)
-        known = cast(Reading, {"properties": [], "noise_columns": {}, **kept, **checked(roles)})
+        known = cast(Reading, {"properties": [], "noise_columns": {}, **kept, **checked(roles, Roles)})
         if not isinstance(known["properties"], list | tuple):
             raise CommonlawError("stream-properties", where=str(path))
         missing = [name for name in ("object", "trial", "time", "states") if not known.get(name)]
@@ -179,10 +179,12 @@ class TrialStream:
         begin = next(files[0].tables(1), None)
         if begin is None:
             raise CommonlawError("stream-without-rows", path=files[0].path)
-        refuse_dates(begin, begin.find(str(known["time"])))
-        schema = read_rows(begin, "object", known).data.schema
-        parts = [cls(schema, _TrialsOfFile(file, known)) for file in files]
-        return cls(schema, _OneAfterTheOther(parts), parts)
+        time = begin.find(str(known["time"]))
+        if holds_dates(begin.columns[time]):  # The earliest is not known
+            raise CommonlawError("dates-in-stream", where=begin.source, column=time)
+        schema = read_rows(begin, known).data.schema
+        parts = [cls(schema, replace(file, roles=known)) for file in files]
+        return cls(schema, partial(chain.from_iterable, parts), parts)
 
 
 class _Looked(NamedTuple):
@@ -240,21 +242,13 @@ def as_one(parts: Sequence[Trials]) -> Trials:
 
 
 @dataclass(frozen=True)
-class _OneAfterTheOther:
-    """Yields the trials of several streams; it can be sent to another process."""
-
-    parts: Sequence[TrialStream]
-
-    def __call__(self) -> Iterator[Trial]:
-        return chain.from_iterable(self.parts)
-
-
-@dataclass(frozen=True)
-class _File:
-    """A Parquet file, and what the names of its folders say of all its rows."""
+class _TrialsOfFile:
+    """Yields the trials of a Parquet file; the last one of a batch of rows may go on in the next."""
 
     path: Path
     partition: dict[str, str]
+    """What the names of its folders say of all its rows."""
+    roles: Reading = field(default_factory=Reading)
 
     def tables(self, rows: int) -> Iterator[Table]:
         """Yield the tables in so many rows after the other."""
@@ -262,29 +256,16 @@ class _File:
             said = {name: np.full(len(table), value, dtype=object) for name, value in self.partition.items()}
             yield replace(table, columns={**said, **table.columns}) if said else table
 
-
-@dataclass(frozen=True)
-class _TrialsOfFile:
-    """Yields the trials of a file; the last one of a batch may go on in the next."""
-
-    file: _File
-    roles: Reading
-
-    def __call__(self) -> Iterator[Trial]:
-        return self._trials()
-
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects."""
         batches = list[TrialData]()
-        trials = tuple(self._trials(batches))
-        return Trials(
-            trials,
-            batches[0].schema,
-            {name: attribute for batch in batches for name, attribute in batch.properties.items()},
-        )
+        trials = tuple(self(batches))
+        properties = {name: attribute for batch in batches for name, attribute in batch.properties.items()}
+        return Trials(trials, batches[0].schema, properties)
 
-    def _trials(self, read: list[TrialData] | None = None) -> Iterator[Trial]:
-        path, done = self.file.path, set[tuple[str, str]]()
+    def __call__(self, read: list[TrialData] | None = None) -> Iterator[Trial]:
+        """Yield the trials; what comes with those of each batch of rows is kept in a list, if there is one."""
+        path, done = self.path, set[tuple[str, str]]()
         batches = self._batches(read)
         trials = ((trial.measured(), data.schema.states) for data in batches for trial in data.trials)
         for key, group in groupby(trials, lambda part: (part[0].object, part[0].name)):
@@ -301,9 +282,8 @@ class _TrialsOfFile:
             yield trial
 
     def _batches(self, read: list[TrialData] | None) -> Iterator[TrialData]:
-        """Yield what batches of rows make; what comes with the trials is kept in a list, if there is one."""
-        for each in self.file.tables(_ROWS):
-            data = read_rows(each, "object", self.roles).data
+        for each in self.tables(_ROWS):
+            data = read_rows(each, self.roles).data
             if read is not None:
                 read.append(data._replace(trials=()))
             yield data
@@ -311,14 +291,9 @@ class _TrialsOfFile:
 
 def _files(path: str | os.PathLike[str]) -> list[Path]:
     """Return the files that a path names, in order of their names."""
-    given = Path(path)
-    if given.is_dir():
-        found = [*given.rglob("*.parquet")]
-    elif any(each in str(path) for each in "*?[") and not given.exists():
-        root = Path(given.anchor or ".")
-        found = [*root.glob(str(given.relative_to(root)))]
-    else:
-        return [given.absolute()]
+    found = files_of(Path(path), {".parquet"})
+    if found is None:
+        return [Path(path).absolute()]
     files = sorted(each.absolute() for each in found if each.is_file())
     if not files:
         raise CommonlawError("no-parquet-file", path=str(path))

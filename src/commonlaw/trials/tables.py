@@ -3,8 +3,9 @@
 import itertools
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Unpack, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,10 +17,11 @@ from commonlaw.trials.dates import Elapsed, elapsed, first_time, with_dates_as_t
 from commonlaw.trials.grouping import are_used, groups_of, inputs_before, read_cells, repeats_in_words, trials_of
 from commonlaw.trials.headers import joined_units, known_unit, label
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
+from commonlaw.trials.reading import Reading, checked, notation_of
 from commonlaw.trials.recognition import unit_in_name
-from commonlaw.trials.roles import ColumnRoles, Reading, checked, column_roles, free_columns, notation_of, time_of
+from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
-from commonlaw.trials.wide import deviations_of, long_table, times_across
+from commonlaw.trials.wide import NOISE, long_table, times_across
 
 
 @dataclass(frozen=True)
@@ -33,22 +35,22 @@ class Rows:
     columns: ColumnRoles
     """What columns were taken for."""
 
+    def at(self, rows: Codes) -> "Rows":
+        """Return the same, where each row was one of these of another table."""
+        return replace(self, row_indices=tuple(rows[row_index] for row_index in self.row_indices))
 
-def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows:
+
+def rows_of(table: Table, roles: Reading) -> Rows:
     """Return what the rows of a whole table make, see `Trials.read`."""
-    said = cast(Reading, {**table.roles, **checked(roles, Reading)})
-    table, said, origin = _prepared(table, said)
-    time = time_of(table, said)
-    samples = _with_times(table, said, time, first_time(table, time))  # Ahead of it may be conditions
-    columns = column_roles(samples, said, time)
+    table, said, samples, columns, origin = _recognized(table, roles)
     if columns.wide:
-        rows = _long_rows(table, default_object, said, columns)
+        rows = _long_rows(table, said, columns)
     elif len(samples) < len(table):
-        rows = read_rows(table, default_object, said)
+        rows = read_rows(table, said)
     else:
-        rows = _rows(samples, default_object, said, columns, columns)
+        rows = _rows(samples, said, columns, columns)
     if origin is not None:
-        rows = replace(rows, row_indices=tuple(origin[row_index] for row_index in rows.row_indices))
+        rows = rows.at(origin)
     if rows.empty:
         raise CommonlawError("nothing-measured", trial=rows.empty[0])
     check_measured(rows.data.trials, rows.data.schema.states)
@@ -57,63 +59,59 @@ def rows_of(table: Table, default_object: str, **roles: Unpack[Reading]) -> Rows
 
 def column_roles_of(table: Table, roles: Reading) -> ColumnRoles:
     """Return which column is what, also where the rows make no trials."""
-    said = cast(Reading, {**table.roles, **checked(roles, Reading)})
-    table, said, _ = _prepared(table, said)
-    time = time_of(table, said)
-    return column_roles(_with_times(table, said, time, first_time(table, time)), said, time)
+    return _recognized(table, roles)[3]
 
 
-def _prepared(table: Table, roles: Reading) -> tuple[Table, Reading, Codes | None]:
-    """Return the table with its numbers read, and a row for each cell if its columns are times; and the roles then."""
-    table = with_numbers(table, notation_of(roles))
+def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, ColumnRoles, Codes | None]:
+    """Return a table with its numbers read, what is said of it, its rows from the first time on, and its columns.
+
+    If its columns were times, it has a row for each cell: last come the rows of these in the table as it came in.
+    """
+    said = cast(Reading, {**table.roles, **checked(roles)})
+    table, origin = with_numbers(table, notation_of(said)), None
     if table.facts:
         table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))
-    if roles.get("time") in table.columns or (across := times_across(table, roles.get("wide"))) is None:
-        return table, roles, None
-    table, origin = across
-    return table, cast(Reading, {**table.roles, **roles, "wide": None}), origin
+    if said.get("time") not in table.columns and (across := times_across(table, said.get("wide"))) is not None:
+        table, origin = across
+        said = cast(Reading, {**table.roles, **said, "wide": None})
+    time = time_of(table, said)
+    first = first_time(table, time)
+    samples = _with_times(table.taken(np.arange(first, len(table))) if first else table, said, time)
+    return table, said, samples, column_roles(samples, said, time), origin
 
 
-def _with_times(table: Table, roles: Reading, time: str, first: int = 0) -> Table:
-    """Return the rows from the first one on with times as numbers."""
-    rows = table.taken(np.arange(first, len(table))) if first else table
-    return with_dates_as_times(rows, time, roles.get("dates"), free_columns(rows, roles))
+def _with_times(table: Table, roles: Reading, time: str) -> Table:
+    return with_dates_as_times(table, time, roles.get("dates"), free_columns(table, roles))
 
 
-def _long_rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles) -> Rows:
+def _long_rows(table: Table, said: Reading, columns: ColumnRoles) -> Rows:
     """Return the trials in a table that has a column for each object."""
     if columns.object is not None:
         raise CommonlawError("wide-with-object", where=table.source, column=columns.object)
     long, state, origin = long_table(table, columns.time, columns.states, columns.noise_columns, columns.wide)
-    noise = {state: name} if (name := deviations_of(state)) in long.columns else {}
-    named: Reading = {
-        "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs, "noise_columns": noise,
+    noise = {state: state + NOISE} if state + NOISE in long.columns else {}
+    roles: Reading = {
+        **said, "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs,
+        "noise_columns": noise,
     }  # fmt: skip
     long = _with_times(long, roles, columns.time)
-    rows = _rows(
-        long, default_object, {**roles, **named}, column_roles(long, {**roles, **named}, columns.time), columns
-    )
-    schema = replace(rows.data.schema, wide=columns.states)
-    return replace(
-        rows,
-        data=rows.data._replace(schema=schema),
-        row_indices=tuple(origin[row_index] for row_index in rows.row_indices),
-    )
+    rows = _rows(long, roles, column_roles(long, roles, columns.time), columns).at(origin)
+    return replace(rows, data=rows.data._replace(schema=replace(rows.data.schema, wide=columns.states)))
 
 
-def read_rows(table: Table, default_object: str, roles: Reading) -> Rows:
+def read_rows(table: Table, roles: Reading) -> Rows:
     """Return the trials in a table, which may end within a trial."""
     time = time_of(table, roles)
     table = _with_times(table, roles, time)
     columns = column_roles(table, roles, time)
-    return _rows(table, default_object, roles, columns, columns)
+    return _rows(table, roles, columns, columns)
 
 
-def _rows(table: Table, default_object: str, roles: Reading, columns: ColumnRoles, shown: ColumnRoles) -> Rows:
+def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles) -> Rows:
     """Return the trials in a table whose columns have these roles, of a long one those `shown` of a wide one."""
     if columns.object is not None and "object_name" in roles:
         raise CommonlawError("object-column-and-name", where=table.source, column=columns.object)
-    owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or default_object)
+    owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or table.label)
     runs, labels, spelled_runs = _labels(table, columns.trial, "trial", "1")
     if columns.properties is None:
         known = given_properties(roles["properties"], columns.object or "object", objects)
@@ -135,12 +133,14 @@ def _rows(table: Table, default_object: str, roles: Reading, columns: ColumnRole
     )
     groups = groups_of(owners, objects, runs, labels)
     cells = read_cells(located, schema)
-    found = trials_of(table, cells, groups, roles.get("restarts"), named=columns.trial is not None)
+    trials, row_indices, empty, notes = trials_of(
+        table, cells, groups, roles.get("restarts"), named=columns.trial is not None
+    )
     shown = replace(shown, properties=columns.properties, notes=tuple(dict.fromkeys((*shown.notes, *columns.notes))))
-    remarks = (*table.notes, *spelled, *spelled_runs, *shown.lines, *known.notes, *found.notes)
+    remarks = (*table.notes, *spelled, *spelled_runs, *shown.lines, *known.notes, *notes)
     nameless = columns.object is None and "object_name" not in roles
-    data = TrialData(found.trials, schema, known.values, remarks, nameless)
-    return Rows(data, found.empty, found.row_indices, shown)
+    data = TrialData(tuple(trials), schema, known.values, remarks, nameless)
+    return Rows(data, tuple(empty), tuple(row_indices), shown)
 
 
 def _labels(table: Table, column: str | None, what: str, default: str) -> tuple[Codes, list[str], tuple[str, ...]]:
@@ -178,8 +178,7 @@ def trials_from_arrays(
     parts = list(zip(objects, labels, runs, all_states, all_inputs, all_noise, strict=True))
     if not parts:
         raise CommonlawError("no-times")
-    empty = [_empty(at, values, own) for _, _, at, values, own, _ in parts]
-    made = tuple(_trial(gaps, *part) for gaps, part in zip(empty, parts, strict=True))
+    made, empty = zip(*(_trial(*part) for part in parts), strict=True)
     columns = _columns(made[0], names)
     check_measured(made, columns[0])
     known = given_properties(properties, "object", list(dict.fromkeys(objects)))
@@ -243,30 +242,21 @@ def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
     return np.split(result.values, np.cumsum([len(run) for run in runs])[:-1]), result
 
 
-def _empty(times: Any, states: Any, inputs: Any) -> NDArray[np.int64]:
-    """Return the indices of samples that say nothing, see `are_used`; none where `Trial` refuses the arrays."""
-    try:
-        values = states if type(states) is np.ndarray and states.dtype == np.float64 else as_numbers(states)
-    except CommonlawError:
-        return np.empty(0, dtype=np.int64)
-    is_fit = values.size and values.ndim in (1, 2) and np.shape(times) == (len(values),)
-    if not is_fit or np.isfinite(values).all():
-        return np.empty(0, dtype=np.int64)
-    used = are_used(values.reshape(len(values), -1), driven=inputs is not None and np.size(inputs) > 0)
-    return np.flatnonzero(~used) if used.any() else np.empty(0, dtype=np.int64)
-
-
-def _trial(empty: NDArray[np.int64], name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> Trial:
-    """Return a trial without its samples that are empty."""
+def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> tuple[Trial, Codes]:
+    """Return a trial without the samples that say nothing, see `are_used`, and their indices."""
     inputs, noise = (np.empty((0, 0)) if each is None else each for each in (inputs, noise))
-    earlier = np.empty((0, 0))
-    if len(empty):
+    earlier, unused = np.empty((0, 0)), np.empty(0, dtype=np.int64)
+    with suppress(CommonlawError):  # What is no array `Trial` refuses
+        values = states if type(states) is np.ndarray and states.dtype == np.float64 else as_numbers(states)
+        if values.size and values.ndim in (1, 2) and np.shape(times) == (len(values),):
+            used = are_used(values.reshape(len(values), -1), driven=np.size(inputs) > 0)
+            unused = np.flatnonzero(~used & used.any())
+    if len(unused):
         if np.size(inputs):
-            used = np.isin(np.arange(len(times)), empty, invert=True)
             earlier = inputs_before(as_numbers(times), as_numbers(inputs).reshape(len(times), -1), used)
-        times, states = np.delete(times, empty), np.delete(as_numbers(states), empty, axis=0)
-        inputs, noise = (np.delete(each, empty, axis=0) if np.size(each) else each for each in (inputs, noise))
-    return Trial(name, run, times, states, inputs, noise, earlier=earlier)
+        times, states = np.delete(times, unused), np.delete(as_numbers(states), unused, axis=0)
+        inputs, noise = (np.delete(each, unused, axis=0) if np.size(each) else each for each in (inputs, noise))
+    return Trial(name, run, times, states, inputs, noise, earlier=earlier), unused
 
 
 def _per_trial(what: str, values: Any, count: int) -> list[Any]:

@@ -445,9 +445,7 @@ def without_objects(trials: Trials, names: tuple[str, ...]) -> Trials:
 
 def outcome_of_rest(names: tuple[str, ...]) -> tuple[Outcome, ...]:
     """Return that objects at rest were left out, by name; nothing if there are none."""
-    if not names:
-        return ()
-    return (note("objects-at-rest", objects=shown(names, "object")),)
+    return (note("objects-at-rest", objects=shown(names, "object")),) if names else ()
 
 
 def outcome_of_constants(names: tuple[str, ...]) -> tuple[Outcome, ...]:

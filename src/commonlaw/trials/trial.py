@@ -21,6 +21,8 @@ PropertyTable = Mapping[Any, Mapping[str, Property]]
 Start = float | str | Mapping[str, float] | None
 """A number, the name of a property, a number for each object, or None for what is to be found in each trial."""
 
+_ARRAYS = ("times", "states", "inputs", "noise", "below")
+"""Fields of a trial with a row for each sample."""
 _MIN_MEASURED = 5
 """Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""
 _EXTREME = float(np.finfo(np.float64).max ** (1 / 6))
@@ -147,19 +149,15 @@ class Trial:
         for name in ("object", "name"):
             object.__setattr__(self, name, label(getattr(self, name)))
         try:
-            times, states = _frozen(self.times, 1), _frozen(self.states, 2)
-            inputs, noise, below = _frozen(self.inputs, 2), _frozen(self.noise, 2), _frozen(self.below, 2)
+            parts = {name: _frozen(getattr(self, name), 1 if name == "times" else 2) for name in _ARRAYS}
         except CommonlawError as error:
             raise error.at(self.label) from None
-        if inputs.size == 0:
-            inputs = _frozen(np.empty((len(times), 0)), 2)
-        unknown = np.isnan(noise).all()
-        if unknown:
-            noise = np.broadcast_to(np.nan, states.shape)  # Takes no memory
-        if np.isnan(below).all():
-            below = np.broadcast_to(np.nan, states.shape)
-        parts = ("times", times), ("states", states), ("inputs", inputs), ("noise", noise), ("below", below)
-        for name, values in parts:
+        if parts["inputs"].size == 0:
+            parts["inputs"] = _frozen(np.empty((len(parts["times"]), 0)), 2)
+        unknown = np.isnan(parts["noise"]).all()
+        for name, values in parts.items():
+            if name in ("noise", "below") and np.isnan(values).all():
+                values = np.broadcast_to(np.nan, parts["states"].shape)  # Takes no memory
             object.__setattr__(self, name, values)
         self._check()
         if not unknown:
@@ -218,7 +216,7 @@ class Trial:
 
     def rows(self, chosen: slice | Bools) -> "Trial":
         """Return the chosen samples of the trial."""
-        parts = {name: getattr(self, name)[chosen] for name in ("times", "states", "inputs", "noise", "below")}
+        parts = {name: getattr(self, name)[chosen] for name in _ARRAYS}
         repeats = None if self.repeats is None else self.repeats.taken(chosen)
         is_whole = len(parts["times"]) > 0 and parts["times"][0] == self.times[0]
         return replace(self, **parts, repeats=repeats, earlier=self.earlier if is_whole else np.empty((0, 0)))
@@ -270,9 +268,8 @@ class Trial:
             here = int(first[rows[i]])
             raise CommonlawError("inputs-differ", where=self.label, time=self.times[i], first=here + 1, second=i + 1)
         states, noise, repeats = merged(first, self.states, self.noise, self.repeats)
-        found = (self.times[first], 1), (states, 2), (inputs, 2), (noise, 2), (below, 2)
-        for name, values in zip(("times", "states", "inputs", "noise", "below"), found, strict=True):
-            object.__setattr__(self, name, _frozen(*values))
+        for name, values in zip(_ARRAYS, (self.times[first], states, inputs, noise, below), strict=True):
+            object.__setattr__(self, name, _frozen(values, values.ndim))
         object.__setattr__(self, "repeats", repeats)
 
     def _check(self) -> None:

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from commonlaw.array_types import Floats, same_content
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.notebooks import ShownInNotebooks
-from commonlaw.text import as_text, counted
-from commonlaw.trials.check import Report, check, clipped
+from commonlaw.text import counted
+from commonlaw.trials.check import Report, check, regular_length
 from commonlaw.trials.columns import frame_table
-from commonlaw.trials.files import TablePath, name_of_table, read_table, to_csv, to_frame, to_parquet
+from commonlaw.trials.files import TablePath, columns_of, read_table, to_csv, to_parquet
 from commonlaw.trials.headers import label
-from commonlaw.trials.roles import Reading
+from commonlaw.trials.reading import Reading
 from commonlaw.trials.tables import rows_of, trials_from_arrays
 from commonlaw.trials.trial import (
     NoSuchTrialError,
@@ -174,8 +174,7 @@ class Trials(ShownInNotebooks):
         >>> trials, trials.schema.units["T"]
         (<Trials: 2 trials of 2 objects, 4 samples of T>, 'degC')
         """
-        name = as_text(name_of_table(path)) if isinstance(path, str | os.PathLike) else "object"
-        return cls(*rows_of(read_table(path, sheet), name, **roles).data)
+        return cls(*rows_of(read_table(path, sheet), roles).data)
 
     @classmethod
     def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
@@ -188,7 +187,7 @@ class Trials(ShownInNotebooks):
         Without a column of objects there is one object, named ``object``. Raises `CommonlawError` if a column does not
         exist, or a value is invalid; the message names the column and the row, counted from 1.
         """
-        return cls(*rows_of(frame_table(frame), "object", **roles).data)
+        return cls(*rows_of(frame_table(frame), roles).data)
 
     @classmethod
     def from_arrays(
@@ -294,15 +293,12 @@ class Trials(ShownInNotebooks):
     def with_properties(self, values: ObjectProperties) -> "Trials":
         """Return the trials with further properties of their objects.
 
+        Raises `CommonlawError` if an object has no trial, or a value is invalid.
+
         Parameters
         ----------
         values
             By object and property name: ``{"Ball 1": {"mass": 0.3}}``.
-
-        Raises
-        ------
-        CommonlawError
-            If an object has no trial, or a value is invalid.
         """
         given = {name: {**self.properties.get(name, {}), **value} for name, value in values.items()}
         return replace(self, properties={**self.properties, **given})
@@ -398,8 +394,17 @@ class Trials(ShownInNotebooks):
 
         Raises `CommonlawError` if the tolerance is not positive.
         """
-        kept, note = clipped(self.trials, tolerance)
-        return self.with_trials(kept, note) if note else self
+        if tolerance is not None and not tolerance > 0:
+            raise CommonlawError("step-tolerance", tolerance=tolerance)
+        kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in self.trials]
+        shorter = [
+            f"{before.label} from {len(before)} to {len(after)} samples"
+            for before, after in zip(self.trials, kept, strict=True)
+            if len(after) < len(before)
+        ]
+        off = "7.5 %" if tolerance is None else f"{tolerance:g}"
+        reason = f"irregular frame, a step more than {off} off the trial's median step"
+        return self.with_trials(kept, f"clipped {'; '.join(shorter)}: {reason}") if shorter else self
 
     def without_noise(self) -> "Trials":
         """Return the trials without the standard deviations of their measurements."""
@@ -423,7 +428,11 @@ class Trials(ShownInNotebooks):
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a pandas data frame with a row for each sample and the column names of the schema."""
-        return to_frame(self._data)
+        import pandas as pd
+
+        return pd.DataFrame(
+            {name: pd.Series(column).infer_objects() for name, column in columns_of(self._data).items()}
+        )
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file with the columns of `to_frame` and units in the headers: ``height [m]``.

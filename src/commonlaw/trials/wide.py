@@ -15,6 +15,8 @@ from commonlaw.trials.dates import first_time, holds_dates, years_of
 from commonlaw.trials.headers import known_unit, split_header
 from commonlaw.trials.recognition import QUANTITIES, SEPARATE, is_called, readable, words
 
+NOISE = " noise"
+"""What the name of a column of standard deviations has behind that of its state."""
 _DEFAULT = "value"
 """Name of what stands in the columns, if nobody names it."""
 _WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
@@ -43,9 +45,12 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     groups = [[name for name in stems if stems[name] == stem] for stem in dict.fromkeys(stems.values())]
     if len(wells) >= _MIN_LIKE_COLUMNS and len({well[1] for well in wells.values()}) == 1:
         letters = {well[2] for well in wells.values()}
-        alike = [*wells] if len(letters) > 1 or len(wells) >= _MIN_COLUMNS or _start_alike(table, [*wells]) else []
-    elif len(names) > 1 and len(conditions) == 1 and (condition := conditions.pop()) and not _is_length(condition):
-        alike = list(names)
+        values = _complete(table, [*wells])
+        start_alike = len(values) and np.ptp(values[0]) < _MAX_REPLICATE_DIFFERENCE * np.ptp(values)
+        alike = [*wells] if len(letters) > 1 or len(wells) >= _MIN_COLUMNS or start_alike else []
+    elif len(names) > 1 and len(conditions) == 1 and (condition := conditions.pop()):
+        unit = known_unit(condition)  # Lengths are the places of sensors on one object
+        alike = [] if unit is not None and unit.dimensionality == {"[length]": 1} else list(names)
     elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
         individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
         values = _complete(table, names)
@@ -55,12 +60,6 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     else:
         return []
     return alike if len({table.units.get(name) for name in alike}) == 1 else []
-
-
-def _is_length(unit: str) -> bool:
-    """Say whether a text is a unit of length, as of the places of sensors on one object."""
-    known = known_unit(unit)
-    return known is not None and known.dimensionality == {"[length]": 1}
 
 
 def _is_variable(stem: str) -> bool:
@@ -76,12 +75,6 @@ def _complete(table: Table, names: Sequence[str]) -> Floats:
     """Return the rows of columns without missing values, shape (n, columns)."""
     values = np.column_stack([readable(table, name) for name in names])
     return np.asarray(values[np.isfinite(values).all(axis=1)])
-
-
-def _start_alike(table: Table, names: Sequence[str]) -> bool:
-    """Return whether the first values of columns differ by little of the range of all."""
-    values = _complete(table, names)
-    return bool(len(values)) and bool(np.ptp(values[0]) < _MAX_REPLICATE_DIFFERENCE * np.ptp(values))
 
 
 def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
@@ -114,7 +107,7 @@ def long_table(
     """Return a table with a row for each sample of each object, the name of its state, and the row that each was in.
 
     Given are the column of times; those of the objects, and of standard deviations by them, which go to the column
-    named by `deviations_of`; and the name of the state. Rows ahead of the first time are conditions of the objects.
+    of the state's name and `NOISE`; and the name of the state. Rows ahead of the first time are conditions.
     """
     if not isinstance(wide, bool | str) or not wide:
         raise CommonlawError("wide-not-a-name", value=wide)
@@ -137,9 +130,7 @@ def long_table(
     if noise:
         if without := [column for column in columns if column not in noise]:
             raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
-        made[deviations_of(name)] = np.concatenate(
-            [measured.numbers(noise[column], missing=True) for column in columns]
-        )
+        made[name + NOISE] = np.concatenate([measured.numbers(noise[column], missing=True) for column in columns])
     conditions = {
         label.strip(): column_of([table.columns[column][row] for column in columns])[0]
         for row, label in enumerate(table.columns[time][:first])
@@ -159,11 +150,6 @@ def long_table(
         parsed={},
     )
     return long, name, np.tile(rows, count)
-
-
-def deviations_of(state: str) -> str:
-    """Return the name of the column of standard deviations of a long table."""
-    return f"{state} noise"
 
 
 def quantity(columns: Sequence[str], wide: bool | str) -> str:

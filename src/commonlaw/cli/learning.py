@@ -1,0 +1,550 @@
+"""Commands that learn laws from tables: by a search, also from each of several tables, or with given terms."""
+
+import warnings
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import click
+
+from commonlaw.cli.command import command, working
+from commonlaw.cli.method_options import Question, with_question, with_settings
+from commonlaw.cli.options import (
+    AS_JSON,
+    HISTORY,
+    LAW_ARGUMENT,
+    ReadFile,
+    ReadLaw,
+    as_one,
+    by_name,
+    in_options,
+    is_of_kind,
+    numbers,
+    option,
+    saving,
+)
+from commonlaw.cli.output import Artifacts, in_words, print_history, print_json, print_table, say
+from commonlaw.cli.results import FitResult, Outputs, compared, find_law, load, over_table, print_compared, with_outputs
+from commonlaw.cli.source import (
+    WITH_LAW,
+    WITHOUT_LAW,
+    Source,
+    guesses,
+    on_cluster_at,
+    stream_of,
+    with_cluster,
+    with_table,
+)
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.law.alignment import measured_schema
+from commonlaw.law.models import named_models
+from commonlaw.law.observation import ALL
+from commonlaw.runtime.cluster import counting, current_cluster
+from commonlaw.runtime.parallel import threads
+from commonlaw.runtime.progress import ProgressCallback, Stage, part
+from commonlaw.runtime.shutdown import begun, end_with_parent
+from commonlaw.text import as_text, counted, number_or_text, shown
+from commonlaw.trials import Trials
+from commonlaw.trials.transformations import without_notes_on
+from commonlaw.trials.trial import property_names
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def in_processes(
+    work: Callable[[T], R], pieces: Sequence[T], at_once: int
+) -> Generator[tuple[int, R | None, str], None, None]:
+    """Yield the number of each piece of work as soon as it is done, with what it gave or why there is nothing.
+
+    So many processes at once do one piece after the other: what the first of them loads, the others have. Work and
+    pieces must be possible to pickle. All processes end with this one, and when the generator is closed.
+    """
+    waiting, idle = list(enumerate(pieces))[::-1], list[tuple[BaseProcess, Connection]]()
+    busy = dict[Connection, tuple[BaseProcess, int]]()
+    try:
+        while waiting or busy:
+            while waiting and len(busy) < at_once:
+                process, connection = idle.pop() if idle else begun(_serve, work)
+                number, piece = waiting.pop()
+                busy[connection] = process, number
+                with suppress(OSError):  # Its process has ended; receiving the answer fails, too
+                    connection.send(piece)
+            for connection in cast(list[Connection], wait([*busy])):
+                process, number = busy.pop(connection)
+                try:
+                    answer = connection.recv()
+                    idle.append((process, connection))
+                except (EOFError, OSError):
+                    process.join()
+                    connection.close()
+                    code = process.exitcode
+                    answer = None, f"its process ended by itself, with code {code}: is there enough memory?"
+                yield number, *answer
+    finally:
+        for process, connection in (*idle, *((process, connection) for connection, (process, _) in busy.items())):
+            process.kill()
+            process.join()
+            connection.close()
+
+
+def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
+    """Do pieces of work as they come; the main function of a process."""
+    end_with_parent()
+    warnings.simplefilter("ignore")
+    with threads(1):  # The other processes have the other cores
+        while True:
+            try:
+                piece = connection.recv()
+                try:
+                    answer: tuple[object, str] = work(piece), ""
+                except Exception as error:  # A fault of ours or of others is no reason to lose what the others find
+                    answer = None, in_words(error)
+                connection.send(answer)
+            except (EOFError, OSError):
+                return
+
+
+Piece = tuple[Source, Question]
+
+COLUMNS = (
+    "file", "object", "equation", "term", "value", "standard error", "low", "high", "unit", "verdict", "error",
+)  # fmt: skip
+"""Of the table of all files, which has a row for each coefficient, or for a file without a law."""
+
+_BATCH_OPTIONS = (
+    click.argument("more", nargs=-1, metavar="[MORE TABLES]...", type=ReadFile()),
+    option(
+        "--each",
+        "Find a law in each TABLE by itself, instead of one in a single TABLE, several at a time (--set "
+        "n_jobs=4); --save then writes one table (.csv, .parquet) with a row for each coefficient of each "
+        "file: its value, standard error, 95 % interval and unit, the verdict on the law, or what was wrong "
+        "with the file.",
+        group="Several files",
+        is_flag=True,
+    ),
+)
+
+
+@dataclass(frozen=True)
+class FileResult:
+    """What was found in a file: the form of the law, whether it can be used, rows of the table, and guesses; or not."""
+
+    path: str
+    failure: str = ""
+    law: str = ""
+    usable: bool | None = None
+    rows: Sequence[Mapping[str, object]] = ()
+    guesses: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What is said of several files."""
+
+    more: tuple[str, ...]
+    each: bool
+    processes: int | None
+
+    def check(self, source: Source, outputs: Outputs, cluster: str | None) -> None:
+        """Refuse what does not go together."""
+        others = [each for each in outputs.save if not is_of_kind(each, "table")]
+        given = [*(f"--save {each}" for each in others), *(["--json"] if outputs.as_json else [])]
+        if not self.each:
+            return
+        if cluster and self.processes:
+            raise click.UsageError("--set n_jobs is for this machine: leave it out, --cluster has its own workers")
+        if not source.path:
+            raise click.UsageError("--each takes files: commonlaw discover a.csv b.csv --each --save results.csv")
+        if given:
+            raise click.UsageError(
+                f"{' and '.join(given)} for a single file: with --each, results go to a table, --save results.csv"
+            )
+
+    def run(self, source: Source, question: Question, show: ProgressCallback) -> list[FileResult]:
+        """Find the laws of all files, by the workers of a cluster if there is one."""
+        paths = [path for path in (source.path, *self.more) if path]
+        pieces = [(replace(source, path=str(Path(path).absolute())), question) for path in paths]
+        results = [*map(FileResult, paths)]
+        with closing(self._ended(pieces, show)) as ended:
+            for number, found, failure in ended:
+                path = paths[number]
+                results[number] = replace(found, path=path) if found else FileResult(path, in_options(failure))
+        return results
+
+    def _ended(self, pieces: Sequence[Piece], show: ProgressCallback) -> Generator[tuple[int, FileResult | None, str]]:
+        """Yield the number of each file as soon as it is done, with what was found or why nothing was."""
+        cluster = current_cluster()
+        if cluster is not None:
+            tell = counting(show, "files", len(pieces), cluster)
+            for done, (number, found, error) in enumerate(cluster.each(_found_in_file, pieces), start=1):
+                yield number, found, in_words(error) if error else ""
+                tell(done)
+            return
+        from joblib import cpu_count
+
+        at_once = min(self.processes or cpu_count(), len(pieces))
+        show(Stage(f"{at_once} processes for {len(pieces)} files", 0.0))
+        with closing(in_processes(_found_in_file, pieces, at_once)) as ended:
+            for done, each in enumerate(ended, start=1):
+                yield each
+                show(Stage(f"{done} of {len(pieces)} files", done / len(pieces)))
+
+
+def give(results: Sequence[FileResult], paths: Sequence[str]) -> None:
+    """Write the table, print a line for each file, and say in how many there is a law."""
+    import pandas as pd
+
+    later = Artifacts()
+    rows = [{"file": as_text(each.path), **row} for each in results for row in each.rows or [{"error": each.failure}]]
+    later.save(paths, table=lambda: pd.DataFrame(rows, columns=COLUMNS))
+    words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
+    print_table(
+        ["file", "law", "forecasts by it, or what is wrong"],
+        [[each.path, each.law, words[each.usable] if each.law else each.failure] for each in results],
+    )
+    laws = sum(bool(each.law) for each in results)
+    say(f"\n{counted(laws, 'law')} in {counted(len(results), 'file')}")
+    files = dict[str, list[str]]()
+    for each in results:
+        for guess in each.guesses:
+            files.setdefault(guess, []).append(each.path)
+    notes = [f"in {shown(names)}: {guess}" for guess, names in files.items()]
+    later.end(notes, reasons=() if laws else ("no file has a law",))
+
+
+with_batch = as_one("batch", Batch, _BATCH_OPTIONS)
+"""Adds further files and the options for them to a command, which receives them as `batch`."""
+
+
+def _found_in_file(piece: Piece) -> FileResult:
+    from commonlaw.law.tables import coefficient_rows
+
+    source, question = piece
+    trials, later = source.load(), Artifacts()
+    training = source.select(trials)
+    law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
+    verdict = later.take("the forecast assessment failed", lambda: law.assess(trials, training), None)
+    said: dict[str, object] = {
+        "verdict": verdict.sentences[0] if verdict else None,
+        "error": "; ".join(later.failures) or None,
+    }
+    rows = coefficient_rows(law).to_dict(orient="records") or [{}]
+    return FileResult(
+        source.name,
+        law="; ".join(law.structure),
+        usable=verdict.usable if verdict else None,
+        rows=[{str(name): value for name, value in row.items()} | said for row in rows],
+        guesses=guesses(trials),
+    )
+
+
+@command
+@with_table(*WITHOUT_LAW, "states", "inputs", "properties", "exclude", training=True)
+@with_question
+@with_outputs
+@with_batch
+@with_cluster
+def discover(source: Source, question: Question, outputs: Outputs, batch: Batch, cluster: str | None) -> None:
+    """Discover the law that the objects in TABLE share.
+
+    TABLE has one row for each sample (CSV, TSV, Parquet, Excel). Several tables, or a folder of them, are read as
+    one, and named after objects and trials: golf_1.csv, golf_2.csv, tennis_1.csv. The law is checked by forecasts of
+    the trials that --hold-out names or --where leaves out, or if there are none, of its training data. Parquet files
+    in a folder or a quoted pattern are streamed one by one, with --cluster by its workers.
+
+    \b
+    Examples:
+      commonlaw discover drops.csv --object ball --trial drop --time t --state height --order 2 \\
+          --save law.json --save law.png --save report.html
+      commonlaw discover drops.csv --schema drops.toml --order 2 --exclude trial=3 --learn-until 1.5
+      commonlaw discover drops/*.csv --save report.html
+      commonlaw discover monday.csv tuesday.csv --each --order 2 --save results.csv
+      commonlaw discover 'runs/*.parquet' --object car --trial run --time t --state x --cluster tcp://host:8786
+      commonlaw discover dataset:ball-drops --where trial=1 --order 2 --set solver=group-stlsq:1.5
+    """
+    if not batch.each:
+        source = replace(source, more=batch.more)
+    streams = bool(cluster) or source.is_stream
+    batch.check(source, outputs, cluster)
+    if streams and not batch.each:
+        source.check_streams()
+    with working("Discovering ...") as show, on_cluster_at(cluster, show):
+        if batch.each:
+            results = batch.run(source, question, show)
+        else:
+            learned, later = find_law(source, outputs, show, streams, question.answer, question.explained)
+    if batch.each:
+        give(results, outputs.save)
+    else:
+        outputs.give(learned, later)
+
+
+@command
+@with_table(*WITHOUT_LAW, "states", "inputs", "exclude", training=True)
+@click.argument("equations", required=False)
+@option(
+    "--initial-value STATE=VALUE...",
+    "Initial value of a state, at the first sample of each trial: a number, a property of the objects, "
+    "depot=dose, a parameter, x=x0, or depot=free to estimate it",
+    "initial_values",
+    group="Law",
+    everyday=True,
+)
+@option(
+    "--initial-time TIME",
+    "Time of these initial values, if before the first sample of a trial, such as that of an injection.",
+    "initial_time",
+    group="Law",
+    type=float,
+)
+@option(
+    "--dose COLUMN...",
+    'An input that holds amounts which are added at once, at the times of their rows, "c\' = -k c + dose/V"',
+    "doses",
+    group="Law",
+)
+@option(
+    "--shared LETTER[=COLUMN]...",
+    "A coefficient of the equations that all objects have in common, k, or objects and trials with one "
+    "value of a column, k=strain; k=trial is one for each trial",
+    group="Law",
+    everyday=True,
+)
+@option(
+    "--guess LETTER=VALUE...",
+    "Initial guess of a nonlinear parameter, a frequency w=0.3  [default: a grid of values]",
+    "guesses",
+    group="Law",
+)
+@with_settings("fit")
+@option(
+    "--against LAW.json",
+    "",
+    group="Output",
+    type=ReadFile(),
+    replaced_by="write commonlaw compare TABLE LAW LAW afterwards",
+)
+@with_outputs
+@with_cluster
+def fit(
+    source: Source,
+    equations: str,
+    initial_values: tuple[str, ...],
+    initial_time: float | None,
+    doses: tuple[str, ...],
+    shared: tuple[str, ...],
+    guesses: tuple[str, ...],
+    settings: dict[str, Any],
+    against: str | None,
+    outputs: Outputs,
+    cluster: str | None,
+) -> None:
+    """Fit given equations to the trials in TABLE.
+
+    EQUATIONS has one for each state, between semicolons: "T' = a + b T", "x'' = -9.81 - c v", "dH/dt = a H - b H P;
+    dP/dt = c H P - d P", "s' = -V s/(K + s)". Letters are parameters to be estimated, numbers are fixed; v is
+    the rate of x. By default, columns with an equation are states, and others that occur are inputs. Observation
+    equations, initial values, events and bounds may follow. In place of equations, the name of a model that `commonlaw
+    models` lists: logistic. Forecasts are checked as by `commonlaw discover`. With --cluster Parquet files are fitted
+    one by one.
+
+    \b
+    Examples:
+      commonlaw fit cups.csv "T' = -k (T - 20)" --save law.json
+      commonlaw fit enzymes.csv "s' = -V s/(K + s)"
+      commonlaw fit mice.csv logistic:x=weight
+      commonlaw fit doses.csv "d' = -a d; c' = b d - k c" --initial-value d=dose
+      commonlaw fit cells.csv "x' = -k x; signal = c x (1 + x); x(0) = 1"
+      commonlaw fit ball.csv "x'' = -g; x < 0: x = 0, v = -c v"
+      commonlaw fit dataset:linear-drag:noise=0.05 "x'' = -g - c v"
+    """
+    import commonlaw as cl
+
+    if cluster:
+        alone = {"--initial-value": initial_values, "--initial-time": initial_time, "--dose": doses}
+        source.check_streams(alone | {"--against": against, "--shared": shared, "--guess": guesses})
+        with working("Fitting ...") as show, on_cluster_at(cluster, show):
+            found = find_law(
+                source, outputs, show, True, lambda trials, tell: cl.fit(equations, trials, **settings, progress=tell)
+            )
+        outputs.give(*found)
+        return
+    with working("Fitting ...") as show:
+        equations, of_model = over_table(source, equations)
+        doses = doses or of_model
+        other = cl.Law.load(against) if against else None
+        if doses:
+            source = source.reading(inputs=tuple(dict.fromkeys((*source.roles.get("inputs", ()), *doses))))
+        later = Artifacts()
+        known = {name: number_or_text(value) for name, value in by_name("--initial-value", initial_values).items()}
+        groups = {letter: by or ALL for letter, _, by in (each.partition("=") for each in shared)}
+        others = [other] if other else []
+        trials = without_notes_on(doses, load(source, [equations], others, known, groups.values()))
+        training = source.select(trials)
+        settings |= {
+            "initial_time": initial_time,
+            "doses": doses,
+            "shared": groups if any("=" in each for each in shared) else shared,
+        }
+        settings |= {"guesses": numbers("--guess", guesses) or None}
+        law = cl.fit(equations, training, initial_values=known, **settings, progress=show)
+        later.save(outputs.save, law=law)
+        learned = FitResult.check(law, source, trials, training, outputs.draws, later)
+        if against and other:
+            laws = {"fitted": law, against: other}
+            comparison = later.take("the laws were not compared", lambda: compared(laws, training, settings), None)
+            learned = replace(learned, compared=comparison)
+    outputs.give(learned, later)
+
+
+_GRADES = (
+    (2.0, "Not distinguishable from it with these data"),
+    (6.0, "Positive evidence against"),
+    (10.0, "Strong evidence against"),
+    (float("inf"), "Very strong evidence against"),
+)
+"""Of 2 log B, up to which (Kass and Raftery 1995)."""
+
+
+@command
+@with_table(*WITHOUT_LAW)
+@click.argument("laws", nargs=-1, metavar="LAW LAW...", type=ReadLaw())
+@with_settings("fit")
+@saving(table="the table")
+@AS_JSON
+def compare(
+    source: Source, laws: tuple[str, ...], settings: dict[str, Any], save: tuple[str, ...], as_json: bool
+) -> None:
+    """Compare laws by their evidence in TABLE.
+
+    A LAW is equations as for `commonlaw fit`, or a saved law, LAW.json. All coefficients are fitted to the same
+    trials under the same noise, so that only the equations differ. The most probable law comes first.
+    Saved laws keep their observation equations, shared parameters and bounds.
+
+    \b
+    Examples:
+      commonlaw compare drops.csv "x'' = -g" "x'' = -g - c v" "x'' = -g - c v*abs(v)"
+      commonlaw compare drops.csv discovered.json "x'' = -9.81 - c v"
+      commonlaw compare dataset:linear-drag:noise=0.05 "x'' = -g" "x'' = -g - c v"
+      commonlaw compare cells.csv "x' = -k x; signal = c x; x(0) = 1" "x' = -k x^2; signal = c x; x(0) = 1"
+    """
+    import commonlaw as cl
+
+    if len({*laws}) < max(2, len(laws)):
+        raise click.UsageError("give TABLE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
+    later = Artifacts()
+    with working("Comparing ...") as show:
+        saved = {each: cl.Law.load(each) for each in laws if is_of_kind(each, "law")}
+        texts = {each: over_table(source, each)[0] for each in laws if each not in saved}
+        training = source.select(load(source, [*texts.values()], saved.values()))
+        for text in texts.values():  # What cannot be read is refused before the others are fitted
+            _naming(text, _check_readable, training)
+        found = {}
+        for number, law in enumerate(laws):
+            share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))
+            share(f"fitting {law}")
+            found[law] = saved.get(law) or _naming(texts[law], cl.fit, training, **settings, progress=share)
+        show(Stage("comparing evidence", len(laws) / (len(laws) + 1)))
+        frame = compared(found, training, settings)
+        later.save(save, table=lambda: frame)
+    if as_json:
+        print_json({"laws": frame.to_dict(orient="records")})
+    else:
+        first, *others = zip(frame["law"], frame["2 log B"], strict=True)
+        against = dict[str, list[str]]()
+        for name, below in others:
+            against.setdefault(next(grade for most, grade in _GRADES if below <= most), []).append(name)
+        say(f"{first[0]} is the most probable of these laws.")
+        for grade, names in against.items():
+            say(f"{grade}: {', '.join(names)}.")
+        print_compared(frame if any(is_of_kind(each, "law") for each in laws) else frame.drop(columns="equations"))
+    later.end(training.notes, silent=as_json)
+
+
+def _check_readable(equations: str, trials: Trials) -> None:
+    """Refuse equations, with observation equations or not, that cannot be read."""
+    from commonlaw.estimation.model import ModelText, read_model
+    from commonlaw.law.parse import read_equations
+
+    if (text := ModelText.of(equations)).is_plain:
+        read_equations(equations, trials.schema)
+    else:
+        read_model(text, trials.schema, property_names(trials.properties))
+
+
+def _naming(law: str, work: Callable[..., T], *given: Any, **settings: Any) -> T:
+    """Return what work makes of a law; an error says of which law it is."""
+    try:
+        return work(law, *given, **settings)
+    except CommonlawError as error:
+        raise error.at(law) from error
+
+
+@command
+@with_table(*WITH_LAW)
+@LAW_ARGUMENT
+@with_settings("refine")
+@saving(law="the law", program="the law as a program or workbook")
+@HISTORY
+@with_cluster
+def refine(
+    source: Source, law_path: str, settings: dict[str, Any], save: tuple[str, ...], history: bool, cluster: str | None
+) -> None:
+    """Refit the coefficients of LAW.json to TABLE.
+
+    They are estimated by maximum likelihood of the trajectories. The terms are fixed; the law gets standard errors.
+    With --cluster Parquet files are fitted one by one; their objects need not be in the law.
+
+    \b
+    Example:
+      commonlaw discover drops.csv --order 2 --set solver=group-stlsq:1.5 --save law.json
+      commonlaw refine drops.csv law.json --save refined.json
+      commonlaw refine 'runs/*.parquet' law.json --save refined.parquet --cluster local:4
+    """
+    import commonlaw as cl
+
+    law = cl.Law.load(law_path)
+    if cluster:
+        source.check_streams()
+    with working("Refining ...") as show, on_cluster_at(cluster, show):
+        trials = source.select(stream_of(source, law.schema)) if cluster else source.chosen(measured_schema(law))
+        law = cl.refine(law, trials, **settings, progress=show)
+        later = Artifacts()
+        later.save(save, law=law)
+    say(str(law))
+    if history:
+        print_history(law)
+    later.end((*(trials.notes if isinstance(trials, cl.Trials) else ()), *law.diagnostics))
+
+
+@command
+@click.argument("names", nargs=-1, metavar="[NAME...]")
+def models(names: tuple[str, ...]) -> None:
+    """List the textbook models that `commonlaw fit` takes by name, or describe some of them.
+
+    \b
+    Example:
+      commonlaw models logistic
+      commonlaw fit mice.csv logistic:x=weight
+    """
+
+    for name in names:
+        check_choice("named model", name, named_models)
+    for name in names:
+        model = named_models[name]
+        say(f"{name}: {model.title}\n  {model.equations}")
+        for symbol, meaning in {**model.variables, **model.parameters}.items():
+            say(f"  {symbol}: {meaning}")
+        say(f"  source: {model.source}\n")
+    if not names:
+        width, heading = max(map(len, named_models)), ""
+        for model in named_models.values():
+            if model.field != heading:
+                heading = model.field
+                say(f"\n{heading}:")
+            say(f"  {model.name:{width}}  {'; '.join(model.without_bounds)}")
