@@ -685,6 +685,7 @@ def _law(fitted: Fitted, calls: tuple[str, ...]) -> Law:
         noise_of,
         begun.restrictions,
         model.text.events,
+        model.text.functions,
     )
     steps = (
         Step("equations", "; ".join(given.texts), "as given"),

@@ -36,7 +36,7 @@ _CHANGED = re.compile(rf"(?P<name>{_NAME})(?P<rate>'?)\s*=(?P<right>.+)")
 class ModelText:
     """What is written of a model: differential equations, observation equations, initial values, events and bounds.
 
-    Initial values and events are as in `Observation`.
+    Initial values, events and functions are as in `Observation`.
     """
 
     equations: tuple[str, ...]
@@ -44,6 +44,7 @@ class ModelText:
     initial: Mapping[str, Initial]
     bounds: tuple[Bound, ...] = ()
     events: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    functions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, texts: str | Sequence[str], observe: Mapping[str, str] | None = None) -> "ModelText":
@@ -168,10 +169,18 @@ class Model:
         known = self.initial_of(owner)
         return [j for j, each in enumerate(self.initial) if each is None and np.isnan(known[j])]
 
-    def with_terms(
-        self, equation: int, terms: Sequence[str], properties: Sequence[str], weights: Sequence[str]
-    ) -> "Model":
-        """Return the model with terms in one equation, times weights; these and properties are further parameters."""
+    def with_terms(self, equation: int, functions: Mapping[str, str], properties: Sequence[str]) -> "Model":
+        """Return the model with functions in one equation, by the names of their weights.
+
+        These and the properties in functions are further parameters.
+        """
+        terms, weights = [*functions.values()], [*functions]
+        names = (*self.variables.names, *properties)
+        properties = [
+            name
+            for name in properties
+            if any(names.index(name) in columns_in(write(read(text, names))) for text in terms)
+        ]
         names, total = (*self.variables.names, *properties), len(self.variables.names) + len(properties) + len(terms)
         rows, row = [*self.expressions[: self.width]], highest_columns(self.order, len(self.schema.states))[equation]
         added = (f"v{len(names) + i}*({write(read(text, names))})" for i, text in enumerate(terms))
@@ -348,7 +357,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
             raise CommonlawError("observation-without-state", name=name, states=variables.states)
     for bound in text.bounds:
         check_choice("parameter", bound.name, [name for name in parameters if name not in properties])
-    return Model(
+    model = Model(
         text,
         schema,
         order,
@@ -367,3 +376,8 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         column,
         delay,
     )
+    for state, functions in text.functions.items():
+        check_choice("state of the equations", state, states)
+        more = [name for name in properties if name not in model.variables.names]
+        model = model.with_terms(states.index(state), functions, more)
+    return model

@@ -13,7 +13,7 @@ from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
 from commonlaw.estimation.search import Bounds, maximize, rough_noise
 from commonlaw.forecast.forecast import Forecast
-from commonlaw.forecast.prediction import initial_value_problems
+from commonlaw.forecast.prediction import initial_value_problems, with_discrepancy
 from commonlaw.integration import Trajectory
 from commonlaw.integration.problem import diverged
 from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, shoot
@@ -30,7 +30,6 @@ from commonlaw.trials.trial import property_names
 
 def predict_observed(
     law: Law,
-    observation: Observation,
     trials: Trials,
     *,
     times: ArrayLike | None = None,
@@ -38,6 +37,7 @@ def predict_observed(
     from_time: float | None = None,
     return_std: bool = False,
     input_interpolation: str | None = None,
+    discrepancy: bool = False,
 ) -> Forecast:
     """Return what should have been measured in trials, see `Law.predict`.
 
@@ -47,13 +47,17 @@ def predict_observed(
     Raises
     ------
     CommonlawError
-        If something else was measured than for the law, an object is not one of the law, or a trial has no sample that
-        initial values could be estimated from.
+        If something else was measured than for the law, an object is not one of the law, a trial has no sample that
+        initial values could be estimated from, or the law has no discrepancy that is asked for.
     """
     times = matched_times(law, trials, times)
     if from_time is not None:
         from_time = float(np.asarray(matched_times(law, trials, from_time)))
     trials = matched(law, trials, observed=True)
+    if discrepancy:
+        law, trials = with_discrepancy(law, trials)
+    observation = law.observation
+    assert observation is not None
     for name in trials.objects:
         object_index(law, name)
     measured = replace(
@@ -69,7 +73,13 @@ def predict_observed(
 
 
 def _text(law: Law, observation: Observation) -> ModelText:
-    return ModelText(law.provenance.equations, observation.equations, observation.initial, events=observation.events)
+    return ModelText(
+        law.provenance.equations,
+        observation.equations,
+        observation.initial,
+        events=observation.events,
+        functions=observation.functions,
+    )
 
 
 def _with_times(trial: Trial, more: Floats) -> Trial:

@@ -492,9 +492,8 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         options |= {"input_interpolation": input_interpolation}
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
         if self.observation is not None:
-            if discrepancy:
-                raise CommonlawError("discrepancy-forecast-observed")
-            return cast("Forecast", _call("estimation:predict_observed", self, self.observation, trials, **options))
+            options["discrepancy"] = discrepancy
+            return cast("Forecast", _call("estimation:predict_observed", self, trials, **options))
         return cast("Forecast", _call("forecast:predict", self, trials, **options, **how))
 
     # Comparison with measurements
