@@ -12,10 +12,10 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
 from commonlaw.law.observation import STEADY, Initial
-from commonlaw.law.parse import meanings_of, observation_equation
+from commonlaw.law.parse import event_equations, event_expressions, meanings_of, observation_equation
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
 from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of
-from commonlaw.library.equation import DERIVATIVE, Equation, split_equations
+from commonlaw.library.equation import DERIVATIVE, split_equations
 from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
 from commonlaw.library.notation import quoted
 from commonlaw.library.program import Program
@@ -232,11 +232,6 @@ def _with_switches(expressions: Sequence[str], events: Sequence[tuple[str, Seque
     return _program([*rates, *switches.deciding, *conditions, *changes], count)
 
 
-def _condition(text: str) -> Equation:
-    """Return the equation of an event that is one where its condition is true."""
-    return observation_equation("event", with_steps(f"event = {text}").partition("=")[2].strip())
-
-
 def _steady_inputs(written: set[str], measured: Schema) -> dict[str, str]:
     """Return the inputs of the steady state as they are written in all of the initial values that are said to be it."""
     if len({"".join(each.split()) for each in written}) > 1:
@@ -318,13 +313,13 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     before = _steady_inputs({starts.pop(name) for name in steady}, measured)
     others = {**{f"{name}(0)": start for name, start in starts.items()}, **before}
     written = [*left, *observed, *(observation_equation(name, right) for name, right in others.items())]
-    changes = [{rate_of.get(name, name): new for name, new in own.items()} for own in text.events.values()]
-    for condition, own in zip(text.events, changes, strict=True):
-        if any(_DELAYED.search(each) for each in (condition, *own.values())):
-            raise CommonlawError("equation-event-delay", text=condition)
-        for name in own:
-            check_choice("state of the equations", name, variables.states)
-        written += [_condition(condition), *(observation_equation(name, new) for name, new in own.items())]
+    occurring = event_equations(text.events, rate_of)
+    for (name, own), (condition, changes) in zip(text.events.items(), occurring, strict=True):
+        if any(_DELAYED.search(each) for each in (name, *own.values())):
+            raise CommonlawError("equation-event-delay", text=name)
+        for changed in changes:
+            check_choice("state of the equations", changed, variables.states)
+        written += [condition, *changes.values()]
     found = dict.fromkeys(name for each in written for name in each.expression(variables, state_rates, meanings)[1])
     found |= dict.fromkeys(delay for *_, delay in delays)
     variables = replace(variables, parameters=tuple(found))
@@ -336,15 +331,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     for j, expression in zip(highest_columns(order, len(states)), expressions, strict=False):
         rows[j] = expression
     texts = dict(zip((*starts, *before), expressions[len(left) + len(observed) :], strict=False))
-    events, following = list[tuple[str, tuple[str, ...]]](), iter(expressions[len(left) + len(observed) + len(texts) :])
-    for condition, own in zip(text.events, changes, strict=True):
-        match ast.parse(next(following), mode="eval").body:
-            case ast.UnaryOp(ast.UAdd(), ast.Call(ast.Name("step"), [decided])):
-                new = dict(zip(own, following, strict=False))
-                after = tuple(new.get(name, f"v{j}") for j, name in enumerate(variables.states))
-                events.append((write(decided), after))
-            case _:
-                raise CommonlawError("equation-event-syntax", text=condition)
+    events = event_expressions(occurring, variables, state_rates, meanings)
     parameters, first = variables.parameters, len(variables.measured)
     if any(min(columns_in(each), default=first) < first for each in texts.values()):
         raise CommonlawError("initial-value-of-variables")
@@ -372,7 +359,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         tuple(variables.states.index(name) for name in steady),
         {i: texts[measured.inputs[j]] for i, j in enumerate(column) if measured.inputs[j] in before},
         (*rows, *outputs),
-        tuple(events),
+        events,
         column,
         delay,
     )

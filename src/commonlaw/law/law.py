@@ -782,7 +782,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         out.
 
         Raises `CommonlawError` if the extension is another, the file cannot be written, SBML has more than one object,
-        or the law is in discrete time, or has doses, dead times or events.
+        or the law is in discrete time, or has doses or dead times, or has events and is written to a workbook.
 
         Parameters
         ----------
