@@ -232,6 +232,24 @@ def _with_switches(expressions: Sequence[str], events: Sequence[tuple[str, Seque
     return _program([*rates, *switches.deciding, *conditions, *changes], count)
 
 
+def _check_endless(text: str, event: tuple[str, tuple[str, ...]], variables: Variables) -> None:
+    """Refuse an event that does no more than set a state to the threshold that it has just crossed."""
+    decided, after = event
+    changed = [j for j, new in enumerate(after) if new != f"v{j}"]
+    if len(changed) != 1 or {j for j in columns_in(decided) if j < len(after)} != {*changed}:
+        return
+    (j,), points = changed, np.random.default_rng(0).uniform(0.5, 2.0, (3, len(variables.names)))
+    program = _program([after[j], decided], len(variables.names))
+    at, beyond = points.copy(), points.copy()
+    at[:, j] = program.evaluate(points)[:, 0]
+    beyond[:, j] = at[:, j] + 1.0
+    if np.any(np.abs(program.evaluate(at)[:, 1]) > 1e-12 * (1 + np.abs(at[:, j]))):
+        return
+    side = "<" if (program.evaluate(beyond)[:, 1] > 0).all() else ">"
+    parts = [f"`{each}`" for each in ("s' = 0 s", "s(0) = 0", f"{text}: s = 1", f"rate {side} 0: s = 0")]
+    raise CommonlawError("equation-event-endless", text=text, name=variables.states[j], s=parts)
+
+
 def _steady_inputs(written: set[str], measured: Schema) -> dict[str, str]:
     """Return the inputs of the steady state as they are written in all of the initial values that are said to be it."""
     if len({"".join(each.split()) for each in written}) > 1:
@@ -332,6 +350,8 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         rows[j] = expression
     texts = dict(zip((*starts, *before), expressions[len(left) + len(observed) :], strict=False))
     events = event_expressions(occurring, variables, state_rates, meanings)
+    for name, event in zip(text.events, events, strict=True):
+        _check_endless(name, event, variables)
     parameters, first = variables.parameters, len(variables.measured)
     if any(min(columns_in(each), default=first) < first for each in texts.values()):
         raise CommonlawError("initial-value-of-variables")
