@@ -60,14 +60,18 @@ FUNCTIONS = {
 } | {"abs": abs, "sign": lambda x: int(x > 0) - int(x < 0)}
 
 
+def compiled(law, folder):
+    """Return the library of a law in C."""
+    law.export(folder / "law.c")
+    flags = ["-O1", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC", "-lm"]
+    compiler = shlex.split(os.environ.get("CC", "cc"))
+    subprocess.run([*compiler, folder / "law.c", "-o", folder / "law.so", *flags], check=True)
+    return ctypes.CDLL(str(folder / "law.so"))
+
+
 def test_c_is_compiled_and_run(case, tmp_path):
     law, initial, expected = case
-    law.export(tmp_path / "law.c")
-    flags = ["-O1", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC", "-lm"]
-    subprocess.run(
-        [*shlex.split(os.environ.get("CC", "cc")), tmp_path / "law.c", "-o", tmp_path / "law.so", *flags], check=True
-    )
-    library = ctypes.CDLL(str(tmp_path / "law.so"))
+    library = compiled(law, tmp_path)
     count, rows = ctypes.c_double * len(initial), np.array(law.coefficients).shape[0]
     table = (ctypes.c_double * (rows * 64)).in_dll(library, "parameters")
     width = int(re.search(r"OBJECTS\]\[(\d+)\]", (tmp_path / "law.c").read_text())[1])
@@ -221,6 +225,117 @@ def test_workbooks_integrate(case, tmp_path):
         rows = [[value("Simulation", f"{'ABCDEFG'[j]}{row}") for j in range(len(initial) + 1)] for row in range(2, 14)]
         np.testing.assert_allclose([row[0] for row in rows], times)
         np.testing.assert_allclose([row[1:] for row in rows], expected[name].states, rtol=1e-4, atol=1e-5)
+
+
+EVENTS = {
+    "ball": ("x'' = -9.8 - c v; x < 0: x = 0, v = -r v", {"c": 0.2, "r": 0.8}, [1.5, 0.3], 1.9),
+    "dose": ("y' = -k y; t > tau: y = y/2 + d", {"k": 0.45, "tau": 4.3, "d": 3.0}, [2.0], 9.0),
+    "relay": (
+        "T' = -k (T - 5) + 9 u; u' = 0 u; u(0) = 1; T < low: u = 1; T > high: u = 0",
+        {"k": 0.3, "low": 18.0, "high": 22.0},
+        [10.0, 1.0],
+        20.0,
+    ),
+}
+"""Equations with events, parameters, initial states and how long these are followed."""
+
+
+@pytest.fixture(scope="module", params=EVENTS)
+def occurring(request):
+    """Return a law with events whose parameters are all but known, initial states, times, and states."""
+    text, values, initial, last = EVENTS[request.param]
+    times, rising = np.linspace(0, last, 41), np.linspace(1, 2, 41)
+    priors = {name: (value, 1e-7 * value) for name, value in values.items()}
+    measured = cl.Trials.from_arrays(times, rising, names=[text[0]])
+    law = cl.fit(text, measured, priors=priors, noise={text[0]: 100.0})
+    (path,) = law.simulate(times, initial).values()
+    assert np.isfinite(path.states).all()
+    assert np.abs(np.diff(path.states[:, -1])).max() > 0.9
+    return law, initial, times, path.states
+
+
+def test_c_with_events_is_compiled_and_run(occurring, tmp_path):
+    law, initial, times, expected = occurring
+    library = compiled(law, tmp_path)
+    table = (ctypes.c_double * len(law.terms.variables.parameters) * 2).in_dll(library, "parameters")
+    state, on = (ctypes.c_double * len(initial))(*initial), (ctypes.c_int * 2)()
+    library.conditions(ctypes.c_double(times[0]), state, None, table, on)
+    found, h = [list(state)], times[1] / 100
+    for at in times[:-1]:
+        for n in range(100):
+            assert library.advance(ctypes.c_double(at + n * h), ctypes.c_double(h), state, None, table, on) == 1
+        found.append(list(state))
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+
+
+def test_python_with_events_is_run(occurring, tmp_path):
+    law, initial, times, expected = occurring
+    law.export(tmp_path / "law.py")
+    space = {}
+    exec((tmp_path / "law.py").read_text(), space)
+    np.testing.assert_allclose(space["simulate"](times, initial), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_sbml_with_events_is_interpreted(occurring, tmp_path):
+    """A trigger that becomes true makes all assignments at once, here at the end of a short step."""
+    law, initial, times, expected = occurring
+    law.export(tmp_path / "law.xml", initial=initial)
+    root = ET.parse(tmp_path / "law.xml").getroot()
+    assert [each.tag.removeprefix(SBML) for each in root[0]] == ["listOfParameters", "listOfRules", "listOfEvents"]
+    values = {each.get("id"): float(each.get("value")) for each in root.iter(f"{SBML}parameter")}
+    rules = {each.get("variable"): each[0][0] for each in root.iter(f"{SBML}rateRule")}
+    triggers = [each[0][0] for each in root.iter(f"{SBML}trigger")]
+    changes = [
+        {each.get("variable"): each[0][0] for each in event.iter(f"{SBML}eventAssignment")}
+        for event in root.iter(f"{SBML}event")
+    ]
+
+    def of(nodes, t, x):
+        known = {**values, **dict(zip(rules, x, strict=True)), "time": t}
+        return {key: mathml(node, known) for key, node in nodes.items()}
+
+    h, x, found = times[1] / 50, np.array(initial), [initial]
+    on = of(dict(enumerate(triggers)), 0.0, x)
+    for i in range(50 * (len(times) - 1)):
+        middle = x + h / 2 * np.array([*of(rules, i * h, x).values()])
+        x, t = x + h * np.array([*of(rules, (i + 0.5) * h, middle).values()]), (i + 1) * h
+        now = of(dict(enumerate(triggers)), t, x)
+        for k in [k for k in now if now[k] and not on[k]]:
+            new = of(changes[k], t, x)
+            x = np.array([new.get(name, value) for name, value in zip(rules, x, strict=True)])
+        on = of(dict(enumerate(triggers)), t, x)
+        found += [x] if i % 50 == 49 else []
+    assert np.median(np.abs(np.array(found) - expected).max(axis=1)) < 0.02 * np.ptp(expected)
+
+
+def test_modelica_and_matlab_have_the_events_and_workbooks_refuse_them(occurring, tmp_path):
+    law, *_, expected = occurring
+    law.export(tmp_path / "law.mo")
+    whole = (tmp_path / "law.mo").read_text()
+    clauses = re.findall(r"(when|elsewhen) (.*) > 0 then\n((?: *reinit.*\n)+)", whole)
+    assert [word for word, *_ in clauses] == ["when", "elsewhen"][: len(law.observation.events)]
+    assert whole.count("end when;") == 1
+    law.export(tmp_path / "law.m")
+    text = (tmp_path / "law.m").read_text()
+    (row,) = re.findall(r"parameters = \[(.*)\];", text)
+    p = [float(each.strip("()")) for each in row.split()]
+    names = dict(re.findall(r"(\w+) = (\S+?)[,)]", re.search(r"extends Equations_\((.*)\);", whole)[1] + ","))
+    decided = re.search(r"g = \[(.*)\];", text)[1].split("; ")
+    cases = re.split(r"case \d+\n", text)[1:]
+    states = [name for name, _ in re.findall(r"Real (\w+)\(start = ([^,]*), fixed", whole)]
+    for x in expected[::7]:
+        indexed = {**FUNCTIONS, "t": 3.0, "p": p, "x": x}
+        named = {**FUNCTIONS, "time": 3.0, "pre": float, **{name: float(each) for name, each in names.items()}}
+        named |= dict(zip(states, x, strict=True))
+        for (_, condition, reinit), other, case in zip(clauses, decided, cases, strict=True):
+            matlab = {int(i): value for i, value in re.findall(r"y\((\d+)\) = (.*);", case)}
+            modelica = {states.index(name) + 1: value for name, value in re.findall(r"reinit\((\w+), (.*)\);", reinit)}
+            assert matlab.keys() == modelica.keys()
+            for one, two in [(condition, other), *((modelica[i], matlab[i]) for i in matlab)]:
+                two = re.sub(r"\b([xp])\((\d+)\)", lambda m: f"{m[1]}[{int(m[2]) - 1}]", two)
+                assert eval(as_python(one), named) == pytest.approx(eval(as_python(two), indexed))
+    with refused("export-events-to-workbook"):
+        law.export(tmp_path / "law.xlsx")
 
 
 def test_inputs_are_arguments(tmp_path):

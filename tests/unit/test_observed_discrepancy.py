@@ -1,6 +1,7 @@
 """What laws with observation equations leave unexplained, against laws of measured states and simulated data."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -86,6 +87,21 @@ def test_a_missing_force_is_a_function_of_the_velocity():
     assert found(grid) == pytest.approx(-0.15 * grid * abs(grid), abs=0.04)
 
 
+def test_functions_may_be_of_properties_that_stand_in_no_equation():
+    """The growth of two cultures has a term in ``x size``."""
+    random, made, sizes = np.random.default_rng(2), [], {"A": 0.4, "B": 1.0, "C": 1.6}
+    for owner, size in sizes.items():
+        x = solve_ivp(lambda _, x: 0.5 - 0.4 * x - 0.1 * x**2 * size, (0, 6), [0.1], t_eval=TIMES, rtol=1e-9).y[0]  # noqa: B023
+        made.append(cl.Trial(owner, "1", TIMES, 2 * x + NOISE * random.standard_normal(len(TIMES))))
+    trials = cl.Trials(tuple(made), cl.Schema(("y",)), {owner: {"size": size} for owner, size in sizes.items()})
+    law = cl.fit("x' = a - k x; y = 2 x", trials, shared=["a", "k"])
+    by_size, alone = (law.discrepancy(trials, of).evidence for of in ("x^2*size", "x"))
+    assert by_size > 10
+    assert by_size > alone
+    better = law.discrepancy(trials, "x^2*size").law.predict(trials, discrepancy=True)
+    assert better.metric("rmse") < 1.25 * NOISE < 0.5 * law.predict(trials).metric("rmse")
+
+
 def test_residuals_are_those_of_the_measured_quantities_by_their_logarithms():
     trials = decays(4, observed=affine, noise=lambda y, white: y * np.exp(0.03 * white), starts=(2.0,))
     law = cl.fit(AFFINE, trials, shared=["s", "b"], log_states=["y"])
@@ -152,5 +168,37 @@ def test_the_command_line_finds_and_draws_a_discrepancy(tmp_path, run):
     assert render(plot_discrepancy(found), "svg").startswith(b"<?xml")
     with refused("not-with-observation", settings=["huber_threshold"]):
         law.discrepancy(trials, huber_threshold=2.0)
-    with refused("discrepancy-forecast-observed"):
-        found.law.predict(trials, discrepancy=True)
+    code, out, err = run("predict", files[0], files[2], "--discrepancy", "--json")
+    assert code == 0, err
+    assert json.loads(out)["score"] == pytest.approx(found.law.predict(trials, discrepancy=True).score())
+
+
+def test_forecasts_add_the_function_with_its_error():
+    """Against SciPy's solution with the function, and the delta method with its differences."""
+    trials = decays(0, 0.1, observed=affine, starts=(2.0,))
+    law = cl.fit(AFFINE, trials, shared=["s", "b"])
+    found = law.discrepancy(trials)
+    new = decays(7, 0.1, observed=affine, starts=(2.0,)).select(object="B")
+    forecast = found.law.predict(new, discrepancy=True, return_std=True)
+    params = found.law.params.set_index(["object", "parameter"])["estimate"]["B"]
+    first = np.array([*params[["k", "s", "b"]], *found.weights])
+
+    def solution(p):
+        def rate(_, x):
+            return -p[0] * x + found.basis.values(x) @ p[3:]
+
+        return p[1] * solve_ivp(rate, (0, 6), [2.0], t_eval=TIMES, rtol=1e-10, atol=1e-12).y[0] + p[2]
+
+    assert forecast.trajectories[0].states[:, 0] == pytest.approx(solution(first), abs=1e-6)
+    assert forecast.metric("rmse") < 1.2 * NOISE < law.predict(new).metric("rmse")
+    step = 1e-4
+    slopes = np.array(
+        [(solution(first + step * e) - solution(first - step * e)) / 2 / step for e in np.eye(len(first))]
+    )
+    covariance = found.law.provenance.with_discrepancy.cov_params("B").to_numpy()
+    expected = np.sqrt(np.einsum("pn,pq,qn->n", slopes, covariance, slopes))
+    assert forecast.std[0][:, 0] == pytest.approx(expected, rel=1e-3)
+    with refused("discrepancy-missing"):
+        law.predict(new, discrepancy=True)
+    with refused("discrepancy-outdated"):
+        replace(found.law, coefficients=1.1 * found.law.coefficients).predict(new, discrepancy=True)

@@ -52,6 +52,7 @@ from commonlaw.runtime.progress import check_memory, part
 from commonlaw.text import counted, in_line, number_or_text, r_squared
 from commonlaw.trials import Trials
 from commonlaw.trials.properties import given_properties
+from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -353,14 +354,15 @@ def predict(
 
 
 def _with_properties(source: Source, law: "Law") -> Trials:
-    """Return all trials, with the properties that the law's relations and discrepancy take, if the table has them.
+    """Return all trials, with the properties that equations, relations and discrepancy take, if the table has them.
 
     In a table of one object a column that does not change is a property only where one is looked for.
     """
     trials = source.load(measured_schema(law))
     taken = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
-    if law.provenance.with_discrepancy:
-        taken = (*taken, *law.provenance.with_discrepancy.schema.inputs[len(law.schema.inputs) :])
+    wider = law.provenance.with_discrepancy or law
+    inside = [name for name in wider.terms.variables.parameters if name in property_names(wider.properties)]
+    taken = (*taken, *inside, *wider.schema.inputs[len(law.schema.inputs) :])
     known = {name for values in trials.properties.values() for name in values}
     if source.path and "properties" not in source.roles and not {*taken} <= known:
         with suppress(CommonlawError):

@@ -52,8 +52,7 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
     Parameters
     ----------
     law
-        With coefficients fitted together with the function; ``law.predict(trials, discrepancy=True)`` uses both, if the
-        states were measured themselves.
+        With coefficients fitted together with the function; ``law.predict(trials, discrepancy=True)`` uses both.
     equation
         Left-hand side of the equation that the function is in.
     basis, weights, covariance

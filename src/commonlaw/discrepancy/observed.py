@@ -19,11 +19,12 @@ from commonlaw.discrepancy.trajectories import (
     posterior,
 )
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import Fitted, refit
+from commonlaw.estimation.fitting import Beginning, Fitted, begin, refit
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.inference.fit.fit import NO_ERROR
 from commonlaw.law import Law
 from commonlaw.law.alignment import measured_noise
+from commonlaw.law.observation import ALL
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.library import Variables, highest_columns
 from commonlaw.library.notation import quoted
@@ -105,23 +106,28 @@ class ObservedSetting(AbstractSetting):
         """The unknowns of the law that are not at a bound, by index."""
         return np.flatnonzero(~self.fitted.optimum.at_bound).tolist()
 
+    def _functions(self, model: FunctionModel) -> dict[str, str]:
+        """Return the functions as they are written, by the names of their weights."""
+        names = [quoted(name) for name in self.variables.names]
+        functions = model.terms.terms[len(self.law.terms) :]
+        return {f"weight {i}": each.text(names) for i, each in enumerate(functions, 1)}
+
     def _with_weights(self, model: FunctionModel) -> Problem:
         """Return the likelihood with weights of the functions as further unknowns, that all objects share."""
-        problem, known, law = self.fitted.begun.problem, self.variables, self.law
-        functions = model.terms.terms[len(law.terms) :]
+        problem, functions = self.fitted.begun.problem, self._functions(model)
         if not functions:
             return problem
-        names, weights = [quoted(name) for name in known.names], [f"weight {i}" for i in range(1, len(functions) + 1)]
-        properties = [name for name in known.names if name not in problem.model.variables.names]
+        properties = [name for name in self.variables.names if name not in problem.model.variables.names]
         equation = int(np.flatnonzero(model.shared.any(axis=1))[0])
-        wider = problem.model.with_terms(equation, [each.text(names) for each in functions], properties, weights)
-        indices, trials = np.arange(len(weights)) + problem.unknowns, list[TrialData]()
+        wider = problem.model.with_terms(equation, functions, properties)
+        properties = [name for name in wider.parameters if name in properties]
+        indices, trials = np.arange(len(functions)) + problem.unknowns, list[TrialData]()
         for data in problem.trials:
             given = [self.trials.properties[data.trial.object][name] for name in properties]
             parameter = np.concatenate([data.parameter, np.full(len(given), -1), indices])
-            values = np.concatenate([data.values, np.array(given, dtype=np.float64), np.zeros(len(weights))])
+            values = np.concatenate([data.values, np.array(given, dtype=np.float64), np.zeros(len(functions))])
             trials.append(replace(data, parameter=parameter, values=values))
-        return replace(problem, model=wider, trials=tuple(trials), unknowns=problem.unknowns + len(weights))
+        return replace(problem, model=wider, trials=tuple(trials), unknowns=problem.unknowns + len(functions))
 
     def _about(self, model: FunctionModel, problem: Problem, unknowns: Floats) -> FunctionFit:
         """Return the posterior of the likelihood linearized about unknowns, those of the law and then the weights.
@@ -175,16 +181,43 @@ class ObservedSetting(AbstractSetting):
         residuals = untested(self.law, self.trials, measured_noise(self.fitted.law(())))[0]
         return float(sum(np.nansum(own**2) for own in residuals.standardized))
 
-    def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law | None]:
-        """Return a law with coefficients as they are with the function."""
-        begun, known, free = self.fitted.begun, found.posterior, self._free
-        count = begun.problem.unknowns
-        unknowns, covariance = self._mean(found)[:count], np.zeros((count, count))
-        factor = known.follow[0] @ known.shared_factor
-        covariance[np.ix_(free, free)] = known.own_covariance[0] + factor @ factor.T
+    def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:
+        """Return a law with coefficients as they are with the function, and the law with the function as terms."""
+        begun, known, free, unknowns = self.fitted.begun, found.posterior, self._free, self._mean(found)
+        factor = np.zeros((len(unknowns), len(known.weights)))
+        factor[free], factor[begun.problem.unknowns :] = known.follow[0] @ known.shared_factor, known.shared_factor
+        covariance = factor @ factor.T
+        covariance[np.ix_(free, free)] += known.own_covariance[0]
         noise = self.fitted.optimum.noise * np.where(begun.problem.known_noise, 1.0, known.noise_factor)
-        likelihood = begun.problem.log_likelihood(unknowns, noise)
-        optimum = replace(
-            self.fitted.optimum, unknowns=unknowns, noise=noise, log_likelihood=likelihood, covariance=covariance
+        places = {label: i for i, label in enumerate([*begun.unknowns.labels, *self._functions(found.model)])}
+
+        def law_of(begun: Beginning, at_bound: Bools) -> Law:
+            order = [places[label] for label in begun.unknowns.labels]
+            optimum = replace(
+                self.fitted.optimum,
+                unknowns=unknowns[order],
+                noise=noise,
+                log_likelihood=begun.problem.log_likelihood(unknowns[order], noise),
+                covariance=covariance[np.ix_(order, order)],
+                at_bound=at_bound,
+            )
+            return Fitted(begun, optimum, ()).law(())
+
+        wide = law_of(self._written(found.model), np.zeros(len(unknowns), dtype=np.bool_))
+        return law_of(begun, self.fitted.optimum.at_bound), wide
+
+    def _written(self, model: FunctionModel) -> Beginning:
+        """Return the fit of the equations with the functions, as it begins."""
+        begun, functions = self.fitted.begun, self._functions(model)
+        equation = int(np.flatnonzero(model.shared.any(axis=1))[0])
+        restrictions = begun.restrictions
+        return begin(
+            replace(begun.model.text, functions={self.law.schema.states[equation]: functions}),
+            begun.trials,
+            dict.fromkeys(name for name in begun.model.variables.states if name not in begun.model.text.initial),
+            begun.start,
+            {**restrictions.shared, **dict.fromkeys(functions, ALL)},
+            priors=restrictions.priors,
+            log_states=begun.logarithmic,
+            noise=restrictions.noise,
         )
-        return Fitted(begun, optimum, ()).law(()), None

@@ -15,7 +15,6 @@ from commonlaw.law.law import object_index
 from commonlaw.law.parameters import rate_names
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
-from commonlaw.trials.transformations import with_logarithms, with_noise
 
 
 def residuals(law: Law, trials: Trials) -> Residuals:
@@ -63,9 +62,8 @@ def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals,
     """
     assert law.observation is not None
     forecast, measured = law.predict(trials), law.observation.measured
-    shown = with_noise(with_logarithms(forecast.trials, measured.logarithmic), law.observation.noise_of)
-    logs = np.array([name in measured.logarithmic for name in measured.states])
-    curves = [np.where(logs, np.log(np.where(logs, own.states, 1.0)), own.states) for own in forecast.trajectories]
+    forecast = forecast.followed or forecast
+    shown, curves = forecast.trials, [own.states for own in forecast.trajectories]
     standardized = tuple((trial.states - own) / trial.std(noise) for trial, own in zip(shown, curves, strict=True))
     names = law.terms.variables.states
     latent = [j for j, name in enumerate(names) if name not in measured.states]

@@ -100,8 +100,8 @@ class AbstractSetting(ABC):
         """Return the sum of squared residuals over noise of the law as it was given, with free initial states."""
 
     @abstractmethod
-    def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law | None]:
-        """Return a law with coefficients as they are with the function, and that with the function as terms, if any."""
+    def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:
+        """Return a law with coefficients as they are with the function, and the law with the function as terms."""
 
     @property
     def alone(self) -> FunctionModel:

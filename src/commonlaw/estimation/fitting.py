@@ -42,6 +42,8 @@ _EXPLAINED = 1e-9
 _TINY = 1e-300
 """The size of a state that is always zero."""
 
+NoiseGiven = float | str | Mapping[str, float]
+"""The noise of a quantity: a standard deviation, of all objects or by object, or a property with one for each value."""
 InitialGiven = Start | tuple[float, float] | Mapping[str, float | None]
 """An initial value as users give it: a `Start`, an expression of parameters, or a mean and a standard deviation."""
 
@@ -156,7 +158,7 @@ def refit(
         not recorded, or the equations cannot be fitted to the trials.
     """
     levels = matched_noise(law, trials, noise)
-    trials = matched(law, trials, inputs=inputs, observed=True, noise=False)
+    trials = matched(law, trials, inputs=inputs, observed=True)
     given = law.observation and law.observation.restrictions
     groups = {name: by for name, by in given.noise.items() if isinstance(by, str)} if given else {}
     begun = beginning_of(law, trials, {**groups, **(levels or {})}, equations, log_states, input_interpolation)
@@ -166,7 +168,7 @@ def refit(
 def beginning_of(
     law: Law,
     trials: Trials,
-    noise: Mapping[str, float | str],
+    noise: Mapping[str, NoiseGiven],
     equations: Sequence[str] | None = None,
     log_states: Sequence[str] | None = None,
     input_interpolation: str | None = None,
@@ -218,7 +220,10 @@ def updated(law: Law, trials: Trials) -> Law:
     assert observation is not None
     law.uncertainty.known_covariance()
     known = np.any([trial.known_noise for trial in trials], axis=0)
-    levels = {name: observation.noise[name] for name in np.array(trials.schema.states)[~known]}
+    levels = {
+        name: observation.noise_of.get(name, observation.noise[name])
+        for name in np.array(trials.schema.states)[~known].tolist()
+    }
     for owner in trials.objects:
         begun, o = beginning_of(law, trials.select(object=owner), levels), object_index(law, owner)
         names, problem = begun.unknowns.names, begun.problem
@@ -320,7 +325,7 @@ def begin(
     guesses: Mapping[str, float] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     log_states: Sequence[str] = (),
-    noise: Mapping[str, float | str] | None = None,
+    noise: Mapping[str, NoiseGiven] | None = None,
 ) -> Beginning:
     """Return a model and trials as a fit begins with them; the arguments are those of `fit_model`."""
     properties, shared, priors = property_names(trials.properties), shared or {}, priors or {}
@@ -333,7 +338,12 @@ def begin(
     first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
     problem = _with_groups(replace(problem, sizes=state_sizes), groups)
     written = tuple(bound.text for bound in text.bounds)
-    restrictions = Restrictions(dict(shared), dict(priors), written, dict(noise or {}))
+    restrictions = Restrictions(
+        dict(shared),
+        dict(priors),
+        written,
+        {name: given for name, given in (noise or {}).items() if not isinstance(given, Mapping)},
+    )
     bounds = _bounds(model, trials, unknowns)
     logarithmic = shown.schema.logarithmic
     return Beginning(
@@ -430,15 +440,17 @@ def _group(by: str, trial: Trial, trials: Trials) -> object:
 
 
 def _checked_noise(
-    trials: Trials, noise: Mapping[str, float | str]
-) -> tuple[dict[str, float], dict[str, dict[str, str]]]:
+    trials: Trials, noise: Mapping[str, NoiseGiven]
+) -> tuple[dict[str, float | Mapping[str, float]], dict[str, dict[str, str]]]:
     """Return which measured quantities have known noise, and of which each object has that of its group, by name."""
-    known, groups = dict[str, float](), dict[str, dict[str, str]]()
+    known, groups = dict[str, float | Mapping[str, float]](), dict[str, dict[str, str]]()
     for name, given in noise.items():
         check_choice("measured quantity", name, trials.schema.states)
         if isinstance(given, str):
             check_choice("property", given, property_names(trials.properties))
             groups[name] = {trial.object: str(_group(given, trial, trials)) for trial in trials}
+        elif isinstance(given, Mapping):
+            known[name] = given
         elif not 0 < given < np.inf:
             raise CommonlawError("noise-not-positive", name=name, level=given)
         else:
@@ -673,6 +685,7 @@ def _law(fitted: Fitted, calls: tuple[str, ...]) -> Law:
         noise_of,
         begun.restrictions,
         model.text.events,
+        model.text.functions,
     )
     steps = (
         Step("equations", "; ".join(given.texts), "as given"),

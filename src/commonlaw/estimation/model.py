@@ -12,10 +12,10 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import law_variables
 from commonlaw.law.observation import STEADY, Initial
-from commonlaw.law.parse import meanings_of, observation_equation
+from commonlaw.law.parse import event_equations, event_expressions, meanings_of, observation_equation
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
 from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of
-from commonlaw.library.equation import DERIVATIVE, Equation, split_equations
+from commonlaw.library.equation import DERIVATIVE, split_equations
 from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
 from commonlaw.library.notation import quoted
 from commonlaw.library.program import Program
@@ -36,7 +36,7 @@ _CHANGED = re.compile(rf"(?P<name>{_NAME})(?P<rate>'?)\s*=(?P<right>.+)")
 class ModelText:
     """What is written of a model: differential equations, observation equations, initial values, events and bounds.
 
-    Initial values and events are as in `Observation`.
+    Initial values, events and functions are as in `Observation`.
     """
 
     equations: tuple[str, ...]
@@ -44,6 +44,7 @@ class ModelText:
     initial: Mapping[str, Initial]
     bounds: tuple[Bound, ...] = ()
     events: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    functions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, texts: str | Sequence[str], observe: Mapping[str, str] | None = None) -> "ModelText":
@@ -168,10 +169,18 @@ class Model:
         known = self.initial_of(owner)
         return [j for j, each in enumerate(self.initial) if each is None and np.isnan(known[j])]
 
-    def with_terms(
-        self, equation: int, terms: Sequence[str], properties: Sequence[str], weights: Sequence[str]
-    ) -> "Model":
-        """Return the model with terms in one equation, times weights; these and properties are further parameters."""
+    def with_terms(self, equation: int, functions: Mapping[str, str], properties: Sequence[str]) -> "Model":
+        """Return the model with functions in one equation, by the names of their weights.
+
+        These and the properties in functions are further parameters.
+        """
+        terms, weights = [*functions.values()], [*functions]
+        names = (*self.variables.names, *properties)
+        properties = [
+            name
+            for name in properties
+            if any(names.index(name) in columns_in(write(read(text, names))) for text in terms)
+        ]
         names, total = (*self.variables.names, *properties), len(self.variables.names) + len(properties) + len(terms)
         rows, row = [*self.expressions[: self.width]], highest_columns(self.order, len(self.schema.states))[equation]
         added = (f"v{len(names) + i}*({write(read(text, names))})" for i, text in enumerate(terms))
@@ -223,9 +232,22 @@ def _with_switches(expressions: Sequence[str], events: Sequence[tuple[str, Seque
     return _program([*rates, *switches.deciding, *conditions, *changes], count)
 
 
-def _condition(text: str) -> Equation:
-    """Return the equation of an event that is one where its condition is true."""
-    return observation_equation("event", with_steps(f"event = {text}").partition("=")[2].strip())
+def _check_endless(text: str, event: tuple[str, tuple[str, ...]], variables: Variables) -> None:
+    """Refuse an event that does no more than set a state to the threshold that it has just crossed."""
+    decided, after = event
+    changed = [j for j, new in enumerate(after) if new != f"v{j}"]
+    if len(changed) != 1 or {j for j in columns_in(decided) if j < len(after)} != {*changed}:
+        return
+    (j,), points = changed, np.random.default_rng(0).uniform(0.5, 2.0, (3, len(variables.names)))
+    program = _program([after[j], decided], len(variables.names))
+    at, beyond = points.copy(), points.copy()
+    at[:, j] = program.evaluate(points)[:, 0]
+    beyond[:, j] = at[:, j] + 1.0
+    if np.any(np.abs(program.evaluate(at)[:, 1]) > 1e-12 * (1 + np.abs(at[:, j]))):
+        return
+    side = "<" if (program.evaluate(beyond)[:, 1] > 0).all() else ">"
+    parts = [f"`{each}`" for each in ("s' = 0 s", "s(0) = 0", f"{text}: s = 1", f"rate {side} 0: s = 0")]
+    raise CommonlawError("equation-event-endless", text=text, name=variables.states[j], s=parts)
 
 
 def _steady_inputs(written: set[str], measured: Schema) -> dict[str, str]:
@@ -309,13 +331,13 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     before = _steady_inputs({starts.pop(name) for name in steady}, measured)
     others = {**{f"{name}(0)": start for name, start in starts.items()}, **before}
     written = [*left, *observed, *(observation_equation(name, right) for name, right in others.items())]
-    changes = [{rate_of.get(name, name): new for name, new in own.items()} for own in text.events.values()]
-    for condition, own in zip(text.events, changes, strict=True):
-        if any(_DELAYED.search(each) for each in (condition, *own.values())):
-            raise CommonlawError("equation-event-delay", text=condition)
-        for name in own:
-            check_choice("state of the equations", name, variables.states)
-        written += [_condition(condition), *(observation_equation(name, new) for name, new in own.items())]
+    occurring = event_equations(text.events, rate_of)
+    for (name, own), (condition, changes) in zip(text.events.items(), occurring, strict=True):
+        if any(_DELAYED.search(each) for each in (name, *own.values())):
+            raise CommonlawError("equation-event-delay", text=name)
+        for changed in changes:
+            check_choice("state of the equations", changed, variables.states)
+        written += [condition, *changes.values()]
     found = dict.fromkeys(name for each in written for name in each.expression(variables, state_rates, meanings)[1])
     found |= dict.fromkeys(delay for *_, delay in delays)
     variables = replace(variables, parameters=tuple(found))
@@ -327,15 +349,9 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     for j, expression in zip(highest_columns(order, len(states)), expressions, strict=False):
         rows[j] = expression
     texts = dict(zip((*starts, *before), expressions[len(left) + len(observed) :], strict=False))
-    events, following = list[tuple[str, tuple[str, ...]]](), iter(expressions[len(left) + len(observed) + len(texts) :])
-    for condition, own in zip(text.events, changes, strict=True):
-        match ast.parse(next(following), mode="eval").body:
-            case ast.UnaryOp(ast.UAdd(), ast.Call(ast.Name("step"), [decided])):
-                new = dict(zip(own, following, strict=False))
-                after = tuple(new.get(name, f"v{j}") for j, name in enumerate(variables.states))
-                events.append((write(decided), after))
-            case _:
-                raise CommonlawError("equation-event-syntax", text=condition)
+    events = event_expressions(occurring, variables, state_rates, meanings)
+    for name, event in zip(text.events, events, strict=True):
+        _check_endless(name, event, variables)
     parameters, first = variables.parameters, len(variables.measured)
     if any(min(columns_in(each), default=first) < first for each in texts.values()):
         raise CommonlawError("initial-value-of-variables")
@@ -348,7 +364,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
             raise CommonlawError("observation-without-state", name=name, states=variables.states)
     for bound in text.bounds:
         check_choice("parameter", bound.name, [name for name in parameters if name not in properties])
-    return Model(
+    model = Model(
         text,
         schema,
         order,
@@ -363,7 +379,12 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         tuple(variables.states.index(name) for name in steady),
         {i: texts[measured.inputs[j]] for i, j in enumerate(column) if measured.inputs[j] in before},
         (*rows, *outputs),
-        tuple(events),
+        events,
         column,
         delay,
     )
+    for state, functions in text.functions.items():
+        check_choice("state of the equations", state, states)
+        more = [name for name in properties if name not in model.variables.names]
+        model = model.with_terms(states.index(state), functions, more)
+    return model

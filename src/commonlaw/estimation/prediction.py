@@ -13,7 +13,7 @@ from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
 from commonlaw.estimation.search import Bounds, maximize, rough_noise
 from commonlaw.forecast.forecast import Forecast
-from commonlaw.forecast.prediction import initial_value_problems
+from commonlaw.forecast.prediction import initial_value_problems, with_discrepancy
 from commonlaw.integration import Trajectory
 from commonlaw.integration.problem import diverged
 from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, shoot
@@ -24,13 +24,12 @@ from commonlaw.law.observation import OBJECT, Observation, Restrictions, by_tria
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.transformations import natural, number_of, with_logarithms
+from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
 from commonlaw.trials.trial import property_names
 
 
 def predict_observed(
     law: Law,
-    observation: Observation,
     trials: Trials,
     *,
     times: ArrayLike | None = None,
@@ -38,6 +37,7 @@ def predict_observed(
     from_time: float | None = None,
     return_std: bool = False,
     input_interpolation: str | None = None,
+    discrepancy: bool = False,
 ) -> Forecast:
     """Return what should have been measured in trials, see `Law.predict`.
 
@@ -47,13 +47,17 @@ def predict_observed(
     Raises
     ------
     CommonlawError
-        If something else was measured than for the law, an object is not one of the law, or a trial has no sample that
-        initial values could be estimated from.
+        If something else was measured than for the law, an object is not one of the law, a trial has no sample that
+        initial values could be estimated from, or the law has no discrepancy that is asked for.
     """
     times = matched_times(law, trials, times)
     if from_time is not None:
         from_time = float(np.asarray(matched_times(law, trials, from_time)))
     trials = matched(law, trials, observed=True)
+    if discrepancy:
+        law, trials = with_discrepancy(law, trials)
+    observation = law.observation
+    assert observation is not None
     for name in trials.objects:
         object_index(law, name)
     measured = replace(
@@ -61,16 +65,21 @@ def predict_observed(
     )
     model = read_model(_text(law, observation), measured, property_names(trials.properties))
     more = np.zeros(0) if times is None else np.atleast_1d(np.asarray(times, dtype=np.float64))
-    curves = [
-        _Curve.of(law, observation, model, trials, trial, start, from_time)
-        for trial in with_logarithms(trials, measured.logarithmic)
-    ]
-    points = trials.with_trials([_with_times(trial, more) for trial in trials])
-    return _Curves(observation, points, curves, from_time, return_std).forecast()
+    shown = with_noise(with_logarithms(trials, measured.logarithmic), observation.noise_of)
+    curves = [_Curve.of(law, observation, model, trials, trial, start, from_time) for trial in shown]
+    points = shown.with_trials([_with_times(trial, more) for trial in shown])
+    forecast = _Curves(observation, points, curves, from_time, return_std).forecast()
+    return forecast.as_measured(trials) if measured.logarithmic else forecast
 
 
 def _text(law: Law, observation: Observation) -> ModelText:
-    return ModelText(law.provenance.equations, observation.equations, observation.initial, events=observation.events)
+    return ModelText(
+        law.provenance.equations,
+        observation.equations,
+        observation.initial,
+        events=observation.events,
+        functions=observation.functions,
+    )
 
 
 def _with_times(trial: Trial, more: Floats) -> Trial:
@@ -255,13 +264,13 @@ def simulate_observed(
             derivatives=False,
             tolerance=tolerance,
         )
-        found[name] = _trajectory(problem.times, states, states, is_endless, name)
+        found[name] = _trajectory(problem.times, states, is_endless, name)
     return found
 
 
-def _trajectory(times: Floats, values: Floats, shown: Floats, is_endless: bool, where: str) -> Trajectory:
-    """Return a trajectory that ends where its values, or the logarithms that are shown of them, are not finite."""
-    finite = np.isfinite(shown).all(axis=1)
+def _trajectory(times: Floats, values: Floats, is_endless: bool, where: str) -> Trajectory:
+    """Return a trajectory that ends where its values are not finite."""
+    finite = np.isfinite(values).all(axis=1)
     ended = None if finite.all() else float(times[int(np.argmin(finite))])
     reason = "events repeat infinitely often" if is_endless else "a state is not finite"
     outcome = None if ended is None else diverged(ended, reason, where, "ends" if is_endless else "ran away")
@@ -270,7 +279,7 @@ def _trajectory(times: Floats, values: Floats, shown: Floats, is_endless: bool, 
 
 @dataclass(frozen=True, eq=False)
 class _Curves:
-    """The curves of trials, and the times that they are wanted at."""
+    """The curves of trials, of log-scaled quantities by their logarithms, and the times that they are wanted at."""
 
     observation: Observation
     trials: Trials
@@ -282,15 +291,14 @@ class _Curves:
         """Return the curves at the times of the trials."""
         trajectories, deviations, latent = list[Trajectory](), list[Floats](), list[Floats]()
         for trial, curve in zip(self.trials, self.curves, strict=True):
-            shown, std, states, is_endless = curve.at(trial.times, self.return_std)
-            values = natural(shown, self.observation.measured)
-            trajectories.append(_trajectory(trial.times, values, shown, is_endless, trial.label))
-            deviations.append(np.where(curve.problem.logarithmic, std * values, std))
+            values, std, states, is_endless = curve.at(trial.times, self.return_std)
+            trajectories.append(_trajectory(trial.times, values, is_endless, trial.label))
+            deviations.append(std)
             latent.append(states)
         levels = self.observation.noise_levels
         pairs = list(zip(self.trials, self.curves, strict=True))
         return Forecast(
-            self.trials,
+            with_noise(self.trials, self.observation.noise_of),
             tuple(trajectories),
             tuple(deviations) if self.return_std else None,
             levels if self.return_std else None,

@@ -251,6 +251,30 @@ class Problem:
         return any(set(columns_in(condition)) - {time} for condition, _ in self.model.events)
 
     @cached_property
+    def event_ranges(self) -> dict[int, tuple[float, float]]:
+        """The unknown times of events and thresholds of measured states, by index, and what trials cover of them.
+
+        They are tau in ``t > tau`` and h in ``x > h``.
+        """
+        first, found = self.model.first_parameter, dict[int, tuple[float, float]]()
+        for columns in (sorted(columns_in(condition)) for condition, _ in self.model.events):
+            if len(columns) != 2 or columns[0] >= first or columns[1] < first:
+                continue
+            name = self.model.variables.names[columns[0]]
+            for data in self.trials:
+                seen = data.times[[0, -1]]
+                if name in self.model.observables and name not in self.model.text.observed:
+                    k = self.model.observables.index(name)
+                    seen = data.trial.states[:, k]
+                    seen = np.exp(seen) if self.logarithmic[k] else seen
+                elif columns[0] < first - 1:
+                    continue
+                index, (low, high) = int(data.parameter[columns[1] - first]), (np.nanmin(seen), np.nanmax(seen))
+                before = found.get(index, (low, high))
+                found[index] = float(min(low, before[0])), float(max(high, before[1]))
+        return {index: covered for index, covered in found.items() if index >= 0}
+
+    @cached_property
     def event_unknowns(self) -> list[int]:
         """The unknowns in conditions of events and in what these change, by index."""
         first, texts = (

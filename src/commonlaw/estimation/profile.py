@@ -90,7 +90,8 @@ def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | Non
         raise CommonlawError("profile-by-trial", parameter=parameter, by=shared[parameter])
     alone = all(by in (OBJECT, TRIAL) for by in shared.values())
     related = trials.select(object=owner) if alone else trials
-    begun = beginning_of(law, matched(law, related, observed=True), {})
+    noise = {} if law.observation is None else law.observation.noise_of
+    begun = beginning_of(law, matched(law, related, observed=True), noise)
     rows = zip(begun.trials, begun.unknowns.parameters, strict=True)
     own = next(indices for trial, indices in rows if trial.object == owner)
     index = own[begun.model.parameters.index(parameter)]

@@ -28,6 +28,8 @@ REACH = 16.0
 """How far from its likely size the logarithm of a parameter is looked for."""
 _RESAMPLINGS, _RESAMPLED_SPREAD = 4, 2.0
 """How often the surroundings of an estimate are sampled in models with events, and how far, in its standard errors."""
+_EVENT_VALUES = 16
+"""Starts with even times and thresholds of events that are improved on whole trials."""
 _SCANNED = 64
 """Sizes of a parameter in events that are tried, with both signs."""
 _ROUGH_STEPS, _BOUNDED_STEPS, _LM_STEPS = 60, 100, 200
@@ -260,14 +262,25 @@ def maximize(
     Starts are improved on first parts of the trials, of these shares of their duration, one after the other. Over many
     cycles the likelihood of an oscillation has as many local maxima; over the first one it has few.
 
+    Times and thresholds of events are even over what trials cover in half of the starts, of which the first are
+    improved on whole trials, too: the likelihood has a maximum in most intervals between samples, and over a first part
+    an early event may stand for the wrong value of another parameter.
+
     Raises
     ------
     CommonlawError
         If the solution is finite from none of the first values.
     """
+    from scipy.stats import qmc
+
     given = noise is not None
     noise = rough_noise(problem) if noise is None else noise
     starts = first_values(sizes, guessed, bounds, seed)[: draws if problem.unknowns else 1]
+    spread = [*problem.event_ranges] if draws > 1 else []
+    if spread:
+        low, high = np.transpose([*problem.event_ranges.values()])
+        even = low + (high - low) * qmc.Sobol(len(spread), seed=seed).random(DRAWS // 2)
+        starts[1::2, spread] = np.clip(even, bounds.low[spread], bounds.high[spread])
     unsolved = CommonlawError("no-finite-start", draws=len(starts))
     if problem.model.events:
         unsolved = CommonlawError("no-finite-start-with-events", draws=len(starts))
@@ -296,6 +309,9 @@ def maximize(
             near = _resampled(part, point, noise, bounds, random)
             cost, point = min((cost, point), _roughly(part, near, noise, bounds, sizes), key=lambda found: found[0])
         rough.append((cost, point))
+    for i, start in enumerate(starts[1 : 2 * _EVENT_VALUES : 2] if spread else ()):
+        progress(f"improving values of events, start {i + 1} of {_EVENT_VALUES}")
+        rough.append(_roughly(coarse, start, noise, bounds, sizes))
     rough = sorted((each for each in rough if np.isfinite(each[0])), key=lambda each: each[0])
     if not rough:
         raise unsolved

@@ -26,7 +26,7 @@ from commonlaw.integration.vector_field import InputFunction
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
-from commonlaw.law.parameters import rate_names, vector_field
+from commonlaw.law.parameters import named_parameters, rate_names, vector_field
 from commonlaw.library import Terms
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trial, Trials
@@ -336,7 +336,12 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
         raise CommonlawError("discrepancy-missing")
     if {*law.objects} <= {*wider.objects}:
         wider = wider.select(law.objects)
-    same = np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own])
+    if law.observation is None:
+        same = np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own])
+    else:
+        narrow, whole = named_parameters(law), named_parameters(wider)
+        both = [whole.names.index(name) for name in narrow.names if name in whole.names]
+        same = narrow.values.shape == whole.values[:, both].shape and np.allclose(narrow.values, whole.values[:, both])
     if not same or (wider.schema.states, wider.order) != (law.schema.states, law.order):
         raise CommonlawError("discrepancy-outdated")
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}

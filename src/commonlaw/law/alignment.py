@@ -19,7 +19,6 @@ from commonlaw.trials.transformations import (
     in_units,
     objects_at_rest,
     with_doses,
-    with_noise,
     with_property_inputs,
     with_starts,
     without_objects,
@@ -35,14 +34,13 @@ def matched(
     *,
     inputs: Literal["same", "any"] = "same",
     observed: bool = False,
-    noise: bool = True,
 ) -> Trials:
     """Return trials of the variables of a law in its units; everything that takes a law and trials begins with this.
 
     What has no unit there or in the law is taken as it is. Left out are rates of the law's states and objects at rest
     that the law left out. Latent states come with their initial values, and doses as they are added. Properties may be
     inputs of the law; only with `inputs` "any" may the trials have other inputs. Columns are states, unless what
-    `observed` them is known; then quantities have the `noise` that the law found for groups of objects.
+    `observed` them is known.
 
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
@@ -63,8 +61,6 @@ def matched(
         if wanted != given:
             raise CommonlawError("columns-differ", kind=kind, expected=wanted or ["none"], given=given or ["none"])
     converted = with_doses(in_units(trials, _units(law, trials.schema)), schema.doses)
-    if law.observation is not None and noise:
-        converted = with_noise(converted, law.observation.noise_of)
     return with_starts(converted, starts, schema.initial_time)
 
 

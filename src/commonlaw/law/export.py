@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law, only_object
-from commonlaw.law.parameters import followed_coefficients, named_parameters
+from commonlaw.law.parameters import followed_coefficients, named_parameters, state_rates
+from commonlaw.law.parse import event_equations, event_expressions, meanings_of
 from commonlaw.library import highest_columns, with_rates
 from commonlaw.library.grammar import Algebra, evaluate
 from commonlaw.runtime.packages import optional_import
@@ -33,7 +34,7 @@ _RESERVED = re.compile(
     "external|final|flow|function|initial|inner|input|model|operator|outer|output|package|parameter|"
     "partial|protected|public|pure|record|redeclare|replaceable|stream|then|type|when|within|"
     "otherwise|persistent|global|spmd|t|k|h|der|time|math|abs|states|inputs|parameters|objects|"
-    "equations"
+    "equations|event|pre|reinit|elsewhen"
 )
 """Words that have a meaning in one of the languages or in the programs that are written."""
 
@@ -55,6 +56,30 @@ class _System:
     parameters: tuple[str, ...]
     values: Floats
     initial: Floats
+
+    @property
+    def has_events(self) -> bool:
+        """Whether states take new values at events."""
+        return self.law.observation is not None and bool(self.law.observation.events)
+
+    def events(
+        self, algebra: Algebra, states: Sequence[str], inputs: Sequence[str], time: str, parameters: Sequence[str]
+    ) -> list[tuple[str, dict[int, str]]]:
+        """Return what is positive where the condition of each event is true, and the new values of states, by index."""
+        if self.law.observation is None:
+            return []
+        law, values = self.law, dict(zip(named_parameters(self.law).names, parameters, strict=True))
+        pairs, variables = state_rates(law), law.terms.variables
+        given = event_equations(self.law.observation.events, {f"{state}'": rate for state, rate in pairs})
+        meanings = meanings_of(law.schema, law.order)._replace(unclear={})
+        columns = [*states, *inputs, time, *(values[name] for name in variables.parameters)]
+        return [
+            (
+                evaluate(decided, columns, algebra),
+                {j: evaluate(new, columns, algebra) for j, new in enumerate(after) if new != f"v{j}"},
+            )
+            for decided, after in event_expressions(given, variables, pairs, meanings)
+        ]
 
     def rates(
         self, algebra: Algebra, states: Sequence[str], inputs: Sequence[str], time: str, parameters: Sequence[str]
@@ -91,7 +116,6 @@ def _system(law: Law, name: str | None, initial: ArrayLike | None) -> _System:
         ("discrete time", law.order == 0),
         ("doses", bool(law.schema.doses)),
         ("dead times", bool(delayed)),
-        ("events", law.observation is not None and bool(law.observation.events)),
     ):
         if found:
             raise CommonlawError("export-unsupported", problem=problem)
@@ -225,6 +249,7 @@ def _c(system: _System, _: str) -> bytes:
         for kind, own in (("x", system.states), ("u", system.inputs), ("p", system.parameters))
     )
     rows = [", ".join(_number(each) for each in row) or "0.0" for row in system.values]
+    events = system.events(_C, x, u, "t", p)
     lines = [
         *(f"// {each}" for each in _comment(system.law)),
         f"// {names('x', system.states)}; {names('u', system.inputs)}; {names('p', system.parameters)}",
@@ -242,7 +267,8 @@ def _c(system: _System, _: str) -> bytes:
         "}",
         "",
         "// A step of the classical Runge-Kutta method, with constant inputs",
-        "void advance(double t, double h, double x[], const double u[], const double p[])",
+        f"{'static void step' if events else 'void advance'}"
+        "(double t, double h, double x[], const double u[], const double p[])",
         "{",
         "    static const double part[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0/6, 1.0/3, 1.0/3, 1.0/6};",
         "    double k[STATES] = {0.0}, y[STATES], sum[STATES] = {0.0};",
@@ -253,11 +279,144 @@ def _c(system: _System, _: str) -> bytes:
         "    }",
         "    for (int i = 0; i < STATES; i++) x[i] += h*sum[i];",
         "}",
+        *(_c_events(events) if events else ()),
     ]
     return _joined(lines)
 
 
+def _c_events(events: Sequence[tuple[str, Mapping[int, str]]]) -> list[str]:
+    """Return what finds and makes events in C; where conditions change is found by bisection of steps."""
+    lines = [
+        "",
+        f"enum {{ EVENTS = {len(events)}, MOST = 1000 }};",
+        "",
+        "// Which conditions of events are true; call it for the initial state, and keep the result for advance",
+        "void conditions(double t, const double x[], const double u[], const double p[], int on[EVENTS])",
+        "{",
+        "    (void)t, (void)x, (void)u, (void)p;",
+        *(f"    on[{k}] = {decided} > 0;" for k, (decided, _) in enumerate(events)),
+        "}",
+        "",
+        "// The states after an event",
+        "static void change(int event, double t, double x[], const double u[], const double p[])",
+        "{",
+        "    double y[STATES];",
+        "    (void)t, (void)u, (void)p;",
+        "    for (int i = 0; i < STATES; i++) y[i] = x[i];",
+    ]
+    for k, (_, new) in enumerate(events):
+        lines += [f"    if (event == {k}) {{", *(f"        y[{i}] = {each};" for i, each in new.items()), "    }"]
+    return [
+        *lines,
+        "    for (int i = 0; i < STATES; i++) x[i] = y[i];",
+        "}",
+        "",
+        "// A step with the events in it, in the order of time; returns 0 where these are infinitely many, else 1",
+        "int advance(double t, double h, double x[], const double u[], const double p[], int on[EVENTS])",
+        "{",
+        "    double end = t + h;",
+        "    for (int changes = 0; changes < MOST;) {",
+        "        double y[STATES], low = 0.0, high = end - t;",
+        "        int now[EVENTS], changed = 0;",
+        "        for (int n = 0; n < 60; n++) {",
+        "            double part = n ? (low + high)/2 : high;",
+        "            for (int i = 0; i < STATES; i++) y[i] = x[i];",
+        "            step(t, part, y, u, p);",
+        "            conditions(t + part, y, u, p, now);",
+        "            int differs = 0;",
+        "            for (int e = 0; e < EVENTS; e++) differs |= now[e] != on[e];",
+        "            changed |= differs;",
+        "            if (!changed) break;",
+        "            if (differs) high = part; else low = part;",
+        "        }",
+        "        step(t, high, x, u, p);",
+        "        t += high;",
+        "        if (!changed) return 1;",
+        "        conditions(t, x, u, p, now);",
+        "        for (int e = 0; e < EVENTS && changes < MOST; e++) {",
+        "            int occurs = now[e] && !on[e];",
+        "            on[e] = now[e];",
+        "            if (!occurs) continue;",
+        "            change(e, t, x, u, p);",
+        "            conditions(t, x, u, p, now);",
+        "            on[e] = now[e];",
+        "            changes++;",
+        "            e = -1;",
+        "        }",
+        "    }",
+        "    return 0;",
+        "}",
+    ]
+
+
+_EVENTS_IN_PYTHON = """
+    def crossing(event, since, is_on):
+        def value(t, states):
+            if t <= since:
+                return 1e-300 if is_on else -1e-300
+            return conditions(t, states, inputs(t), parameters)[event]
+
+        value.terminal, value.direction = True, -1 if is_on else 1
+        return value
+
+    found, t, states, parameters = [list(initial)], times[0], list(initial), PARAMETERS[name]
+    on = [each > 0 for each in conditions(t, states, inputs(t), parameters)]
+    for _ in range(1000):
+        part = solve_ivp(lambda t, states: derivatives(t, states, inputs(t), parameters), (t, times[-1]), states,
+                         "LSODA", events=[crossing(event, t, on[event]) for event in range(len(on))],
+                         dense_output=True, rtol=1e-8, atol=1e-10)
+        found += [list(part.sol(time)) for time in times if t < time <= part.t[-1]]
+        if part.status != 1:
+            return np.array(found)
+        t, states = part.t[-1], list(part.y[:, -1])
+        due = [event for event in range(len(on)) if len(part.t_events[event])]
+        while due:
+            event = due.pop()
+            if on[event]:
+                on[event] = False
+                continue
+            before = conditions(t, states, inputs(t), parameters)[event]
+            states = change(event, t, states, inputs(t), parameters)
+            values = conditions(t, states, inputs(t), parameters)
+            on = [is_on and value > 0 for is_on, value in zip(on, values)]
+            on[event] = values[event] > 0 or values[event] == before
+            due += [other for other in range(len(on)) if values[other] > 0 and not on[other] and other not in due]
+    raise RuntimeError("events repeat infinitely often")"""
+
+
 def _python(system: _System, _: str) -> bytes:
+    unpacked = [
+        *(
+            f"    {', '.join(own)}, = {name}"
+            for own, name in ((system.states, "states"), (system.inputs, "inputs"))
+            if own
+        ),
+        *(f"    {name} = parameters[{name!r}]" for name in system.parameters),
+    ]
+    events = system.events(_PYTHON, system.states, system.inputs, "t", system.parameters)
+    described = "Return the states, shape (times, states), of an object; inputs are a function of time."
+    simulation = [
+        "    span, parameters = (times[0], times[-1]), PARAMETERS[name]",
+        "    found = solve_ivp(lambda t, states: derivatives(t, states, inputs(t), parameters), span,",
+        '                      initial, "LSODA", times, rtol=1e-8, atol=1e-10)',
+        "    return found.y.T",
+    ]
+    occurring = [
+        "def conditions(t, states, inputs, parameters):",
+        '    """Return what is positive where the condition of each event is true."""',
+        *unpacked,
+        f"    return [{', '.join(decided for decided, _ in events)}]",
+        "",
+        "",
+        "def change(event, t, states, inputs, parameters):",
+        '    """Return the states after an event, by its index."""',
+        *unpacked,
+        "    return [",
+        *(f"        [{', '.join(new.get(j, name) for j, name in enumerate(system.states))}]," for _, new in events),
+        "    ][event]",
+        "",
+        "",
+    ]
     lines = [
         '"""A law of motion.',
         "",
@@ -266,6 +425,7 @@ def _python(system: _System, _: str) -> bytes:
         "",
         "import math",
         "",
+        *(["import numpy as np"] if events else []),
         "from scipy.integrate import solve_ivp",
         "",
         f"STATES = {[*system.states]}",
@@ -280,23 +440,43 @@ def _python(system: _System, _: str) -> bytes:
         "",
         "def derivatives(t, states, inputs, parameters):",
         '    """Return the derivatives of the states at a time, given inputs and the parameters of an object."""',
-        *(
-            f"    {', '.join(own)}, = {name}"
-            for own, name in ((system.states, "states"), (system.inputs, "inputs"))
-            if own
-        ),
-        *(f"    {name} = parameters[{name!r}]" for name in system.parameters),
+        *unpacked,
         f"    return [{', '.join(system.rates(_PYTHON, system.states, system.inputs, 't', system.parameters))}]",
         "",
         "",
+        *(occurring if events else ()),
         f"def simulate(times, initial={system.initial.tolist()}, name={system.objects[0]!r}, inputs=lambda t: []):",
-        '    """Return the states, shape (times, states), of an object; inputs are a function of time."""',
-        "    span, parameters = (times[0], times[-1]), PARAMETERS[name]",
-        "    found = solve_ivp(lambda t, states: derivatives(t, states, inputs(t), parameters), span,",
-        '                      initial, "LSODA", times, rtol=1e-8, atol=1e-10)',
-        "    return found.y.T",
+        f'    """{described}"""',
+        *([_EVENTS_IN_PYTHON] if events else simulation),
     ]
     return _joined(lines)
+
+
+_EVENTS_IN_MATLAB = """    t = times(:);
+    x = zeros(numel(t), numel(initial));
+    since = t(1); state = initial(:);
+    x(1, :) = state;
+    on = double(conditions(since, state, inputs(since), p) > 0);
+    for part = 1:1000
+        options = odeset(options, 'Events', @(t, x) crossings(t, x, inputs(t), p, since, on));
+        found = ode45(@(t, x) derivatives(t, x, inputs(t), p), [since, t(end)], state, options);
+        rows = t > since & t <= found.x(end);
+        if any(rows), x(rows, :) = deval(found, t(rows))'; end
+        since = found.x(end); state = found.y(:, end);
+        if isempty(found.ie) || since >= t(end), return; end
+        due = found.ie(end);
+        while ~isempty(due)
+            event = due(1); due(1) = [];
+            if on(event), on(event) = 0; continue; end
+            before = conditions(since, state, inputs(since), p);
+            state = change(event, since, state, inputs(since), p);
+            now = conditions(since, state, inputs(since), p);
+            on = double(on & now > 0);
+            on(event) = now(event) > 0 || now(event) == before(event);
+            due = union(due, find(now > 0 & ~on));
+        end
+    end
+    error('events repeat infinitely often');"""
 
 
 def _matlab(system: _System, stem: str) -> bytes:
@@ -307,6 +487,7 @@ def _matlab(system: _System, stem: str) -> bytes:
     )
     rows = "; ".join(" ".join(_number(each) for each in row) for row in system.values)
     texts = ", ".join("'" + _quoted(name)[1:-1].replace("'", "''") + "'" for name in system.objects)
+    events = system.events(_MATLAB, x, u, "t", p)
     lines = [
         f"function [t, x] = {function}(times, initial, index, inputs)",
         f"% {function.upper()}  States of an object, by its index, at times from an initial state.",
@@ -321,7 +502,11 @@ def _matlab(system: _System, stem: str) -> bytes:
         f"    if nargin < 4, inputs = @(t) zeros({max(len(u), 1)}, 1); end",
         "    options = odeset('RelTol', 1e-8, 'AbsTol', 1e-10);",
         "    p = parameters(index, :);",
-        "    [t, x] = ode45(@(t, x) derivatives(t, x, inputs(t), p), times, initial, options);",
+        *(
+            [_EVENTS_IN_MATLAB]
+            if events
+            else ["    [t, x] = ode45(@(t, x) derivatives(t, x, inputs(t), p), times, initial, options);"]
+        ),
         "end",
         "",
         "function dx = derivatives(t, x, u, p) %#ok<INUSD>",
@@ -329,6 +514,27 @@ def _matlab(system: _System, stem: str) -> bytes:
         *(f"    dx({i + 1}) = {each};" for i, each in enumerate(system.rates(_MATLAB, x, u, "t", p))),
         "end",
     ]
+    if events:
+        lines += [
+            "",
+            "function g = conditions(t, x, u, p) %#ok<INUSD>",
+            f"    g = [{'; '.join(decided for decided, _ in events)}];",
+            "end",
+            "",
+            "function [g, ends, direction] = crossings(t, x, u, p, since, on)",
+            "    g = conditions(t, x, u, p);",
+            "    if t <= since, g = 1e-300*(2*on - 1); end",
+            "    ends = ones(size(g));",
+            "    direction = 1 - 2*on;",
+            "end",
+            "",
+            "function y = change(event, t, x, u, p) %#ok<INUSD>",
+            "    y = x;",
+            "    switch event",
+        ]
+        for k, (_, new) in enumerate(events):
+            lines += [f"        case {k + 1}", *(f"            y({i + 1}) = {each};" for i, each in new.items())]
+        lines += ["    end", "end"]
     return _joined(lines)
 
 
@@ -347,6 +553,7 @@ def _modelica(system: _System, stem: str) -> bytes:
         ),
         "  equation",
         *(f"    der({name}) = {rate};" for name, rate in zip(system.states, rates, strict=True)),
+        *_modelica_events(system),
         f"  end {models[0]};",
         "",
     ]
@@ -357,6 +564,21 @@ def _modelica(system: _System, stem: str) -> bytes:
         lines += [f"  model {name} {_quoted(title)}", f"    extends {models[0]}{f'({given})' if given else ''};"]
         lines += [f"  end {name};"]
     return _joined([*lines, f"end {package};"])
+
+
+def _modelica_events(system: _System) -> list[str]:
+    """Return the events as one clause, as in several of them a state could not take new values."""
+    decided, new, lines = (
+        *(
+            system.events(_MODELICA, states, system.inputs, "time", system.parameters)
+            for states in (system.states, [f"pre({name})" for name in system.states])
+        ),
+        list[str](),
+    )
+    for k, ((condition, _), (_, changes)) in enumerate(zip(decided, new, strict=True)):
+        lines.append(f"    {'elsewhen' if k else 'when'} {condition} > 0 then")
+        lines += [f"      reinit({system.states[j]}, {each});" for j, each in changes.items()]
+    return [*lines, "    end when;"] if lines else []
 
 
 def _sbml(system: _System, stem: str) -> bytes:
@@ -381,13 +603,35 @@ def _sbml(system: _System, stem: str) -> bytes:
         "    <listOfRules>",
     ]
     for name, rate in zip(system.states, rates, strict=True):
-        math = f'<math xmlns="http://www.w3.org/1998/Math/MathML">{rate}</math>'
-        lines += [f'      <rateRule variable="{name}">', f"        {math}", "      </rateRule>"]
-    return _joined([*lines, "    </listOfRules>", "  </model>", "</sbml>"])
+        lines += [f'      <rateRule variable="{name}">', f"        {_math(rate)}", "      </rateRule>"]
+    lines.append("    </listOfRules>")
+    events = system.events(_MATHML, states, inputs, time, parameters)
+    lines += ["    <listOfEvents>"] if events else []
+    for decided, new in events:
+        lines += [
+            '      <event useValuesFromTriggerTime="true">',
+            '        <trigger initialValue="true" persistent="true">',
+            f"          {_math(_applied('gt')(decided, _mathml_number(0.0)))}",
+            "        </trigger>",
+            "        <listOfEventAssignments>",
+            *(
+                f'          <eventAssignment variable="{system.states[j]}">{_math(each)}</eventAssignment>'
+                for j, each in new.items()
+            ),
+            "        </listOfEventAssignments>",
+            "      </event>",
+        ]
+    return _joined([*lines, *(["    </listOfEvents>"] if events else []), "  </model>", "</sbml>"])
+
+
+def _math(content: str) -> str:
+    return f'<math xmlns="http://www.w3.org/1998/Math/MathML">{content}</math>'
 
 
 def _workbook(system: _System, _: str) -> bytes:
     """Return a workbook: parameters of all objects and a choice among them, and the Runge-Kutta method in formulas."""
+    if system.has_events:
+        raise CommonlawError("export-events-to-workbook")
     openpyxl = optional_import("openpyxl", "writing workbooks", "excel")
     from openpyxl.utils import get_column_letter as letter
 

@@ -492,9 +492,8 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         options |= {"input_interpolation": input_interpolation}
         how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
         if self.observation is not None:
-            if discrepancy:
-                raise CommonlawError("discrepancy-forecast-observed")
-            return cast("Forecast", _call("estimation:predict_observed", self, self.observation, trials, **options))
+            options["discrepancy"] = discrepancy
+            return cast("Forecast", _call("estimation:predict_observed", self, trials, **options))
         return cast("Forecast", _call("forecast:predict", self, trials, **options, **how))
 
     # Comparison with measurements
@@ -800,7 +799,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         out.
 
         Raises `CommonlawError` if the extension is another, the file cannot be written, SBML has more than one object,
-        or the law is in discrete time, or has doses, dead times or events.
+        or the law is in discrete time, or has doses or dead times, or has events and is written to a workbook.
 
         Parameters
         ----------

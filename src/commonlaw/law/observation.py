@@ -106,6 +106,8 @@ class Observation:
         Of the parameters; None for laws that were saved before these were recorded.
     events
         By condition the values that states and rates take where it becomes true, by name, as expressions.
+    functions
+        By state what is added to its equation: expressions by the parameters that they are multiplied with.
 
     Raises
     ------
@@ -124,6 +126,7 @@ class Observation:
     noise_of: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     restrictions: Restrictions | None = None
     events: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    functions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in (*self.equations, *self.noise, *self.noise_of):

@@ -1,5 +1,6 @@
 """From equations in a text to terms, coefficients that are known, and names of those that are not."""
 
+import ast
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypedDict, Unpack
@@ -18,6 +19,8 @@ from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rat
 from commonlaw.library.bounds import Bound, bounds_in
 from commonlaw.library.equation import Equation, Meanings, only_product, split_equations, with_parameters
 from commonlaw.library.functions import Function
+from commonlaw.library.grammar import write
+from commonlaw.library.switches import with_steps
 from commonlaw.library.term import parse_term
 from commonlaw.trials import Schema
 
@@ -213,6 +216,44 @@ def latex_summands(
 def observation_equation(name: str, right: str) -> Equation:
     """Return the equation of a measured quantity, or of an initial value, which gives no derivative."""
     return Equation(f"{name} = {right}", name, -1, len(name) + 2)
+
+
+def event_equations(
+    events: Mapping[str, Mapping[str, str]], rate_of: Mapping[str, str]
+) -> tuple[tuple[Equation, Mapping[str, Equation]], ...]:
+    """Return of each event the equation that is one where its condition is true, and those of new values by state.
+
+    Events are as in `Observation`; `rate_of` has the names of rates by those that are written, such as ``x'``.
+    """
+    return tuple(
+        (
+            observation_equation("event", with_steps(f"event = {condition}").partition("=")[2].strip()),
+            {rate_of.get(name, name): observation_equation(name, new) for name, new in changes.items()},
+        )
+        for condition, changes in events.items()
+    )
+
+
+def event_expressions(
+    events: Sequence[tuple[Equation, Mapping[str, Equation]]],
+    variables: Variables,
+    state_rates: Sequence[tuple[str, str]],
+    meanings: Meanings,
+) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Return what is positive where the condition of each event is true, and the states and rates after it.
+
+    They are expressions over columns, see `Equation.expression`; raises `CommonlawError` if a condition is none.
+    """
+    found = list[tuple[str, tuple[str, ...]]]()
+    for condition, changes in events:
+        match ast.parse(condition.expression(variables, state_rates, meanings)[0], mode="eval").body:
+            case ast.UnaryOp(ast.UAdd(), ast.Call(ast.Name("step"), [decided])):
+                new = {name: each.expression(variables, state_rates, meanings)[0] for name, each in changes.items()}
+                after = tuple(new.get(name, f"v{j}") for j, name in enumerate(variables.states))
+                found.append((write(decided), after))
+            case _:
+                raise CommonlawError("equation-event-syntax", text=condition.right_hand_side)
+    return tuple(found)
 
 
 def meanings_of(schema: Schema, order: Order) -> Meanings:

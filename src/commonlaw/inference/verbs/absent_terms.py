@@ -226,7 +226,7 @@ def _observed(
     law: Law, observation: Observation, trials: Trials, equation: int, term: Term
 ) -> tuple[Law, Floats, Floats, str]:
     """Return the same for a law with an observation; noise that was given stays."""
-    trials = matched(law, trials, observed=True, noise=False)
+    trials = matched(law, trials, observed=True)
     given = (observation.restrictions or Restrictions()).noise
     levels = {key: level for key, level in given.items() if not isinstance(level, str)}
     names = law.terms.variables.names
