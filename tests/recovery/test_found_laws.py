@@ -72,3 +72,12 @@ def test_coefficients_do_not_depend_on_when_time_begins():
     method = cl.WeakRegression(solver="group-stlsq:0")
     early, later = (cl.discover(each, order=2, library="poly:1", method=method).coefficients for each in (drops, late))
     np.testing.assert_allclose(later, early, rtol=1e-6)
+
+
+def test_the_structure_of_states_with_names_of_several_words_is_an_equation():
+    times = np.linspace(0, 10, 40)
+    level = 1 + 2 * np.exp(-0.5 * times) + 0.01 * np.random.default_rng(0).standard_normal(40)
+    trials = cl.Trials.from_frame(pd.DataFrame({"time (s)": times, "water level (m)": level}))
+    law = cl.discover(trials, order=1, library="poly:2", cache=False)
+    assert law.structure == ("`water level`' = a + b `water level`",)
+    assert cl.fit(law.structure, trials).structure == law.structure

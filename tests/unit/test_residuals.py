@@ -404,3 +404,13 @@ def test_a_law_that_carries_no_discrepancy_or_was_changed_is_not_forecast_with_o
         replace(law, provenance=replace(law.provenance, with_discrepancy=None)).predict(drops, discrepancy=True)
     with refused("discrepancy-outdated"):
         replace(law, coefficients=2 * law.coefficients).predict(drops, discrepancy=True)
+
+
+def test_residuals_are_drawn_against_rates_with_their_units():
+    law = Law.from_text("x'' = -g - c v", {"g": 9.8, "c": 0.1}, units={"x": "m", "t": "s"})
+    law = replace(law, uncertainty=replace(law.uncertainty, noise=[0.01]))
+    times = np.linspace(0.0, 2.0, 30)
+    path = law.simulate(times, [10.0, 0.0])["object"].states[:, :1]
+    noisy = path + np.random.default_rng(0).normal(0.0, 0.01, path.shape)
+    figure = plot_residuals(law.residuals(Trials.from_arrays(times, noisy, names=["x"], units={"x": "m", "t": "s"})))
+    assert [axes.get_xlabel() for axes in figure.axes][:3] == ["t (s)", "x (m)", "v (m/s)"]

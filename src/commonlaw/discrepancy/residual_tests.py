@@ -88,7 +88,7 @@ class Residuals(AbstractPatterns):
     standardized
         Residuals over noise, shape (n, states); NaN where nothing was measured.
     rates
-        Names of the rates, or of the other states.
+        Units of the rates, or of the other states, by name.
     patterns
         The tests of the residuals.
     """
@@ -96,7 +96,7 @@ class Residuals(AbstractPatterns):
     trials: Trials
     fitted: tuple[Floats, ...]
     standardized: tuple[Floats, ...]
-    rates: tuple[str, ...]
+    rates: Mapping[str, str]
     patterns: tuple[Pattern, ...]
 
     @cached_property

@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, measured_noise, measured_schema
 from commonlaw.law.law import object_index
-from commonlaw.law.parameters import rate_names
+from commonlaw.law.parameters import rate_names, units_with_rates
 from commonlaw.likelihood import NO_ERRORS
 from commonlaw.trials import Trials
 
@@ -50,7 +50,9 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     for trial, own in zip(forecast.trials, fitted, strict=True):
         std = errors.measurement_std(own[:, :states], trial.std(noise))
         standardized.append((trial.states - own[:, :states]) / std)
-    result = Residuals(forecast.trials, fitted, tuple(standardized), rate_names(law), ())
+    units = units_with_rates(law)
+    rates = {name: units.get(name, "") for name in rate_names(law)}
+    result = Residuals(forecast.trials, fitted, tuple(standardized), rates, ())
     counts = np.array([[len(trials.of_object(name))] for name in trials.objects])
     return result, counts * np.array(law.order) + _spent(law, trials)
 
@@ -65,7 +67,7 @@ def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals,
     forecast = forecast.followed or forecast
     shown, curves = forecast.trials, [own.states for own in forecast.trajectories]
     standardized = tuple((trial.states - own) / trial.std(noise) for trial, own in zip(shown, curves, strict=True))
-    names = law.terms.variables.states
+    names, units = law.terms.variables.states, units_with_rates(law)
     latent = [j for j, name in enumerate(names) if name not in measured.states]
     fitted = tuple(np.column_stack([a, b[:, latent]]) for a, b in zip(curves, forecast.latent, strict=True))
     counts = np.array(
@@ -74,7 +76,7 @@ def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals,
     starts = [sum(each.object == name for each in law.observation.estimated) for name in trials.objects]
     parameters = int(law.support.sum()) + np.array(starts)
     spent = parameters[:, np.newaxis] * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    return Residuals(shown, fitted, standardized, tuple(names[j] for j in latent), ()), spent
+    return Residuals(shown, fitted, standardized, {names[j]: units.get(names[j], "") for j in latent}, ()), spent
 
 
 def _spent(law: Law, trials: Trials) -> Floats:

@@ -19,7 +19,7 @@ from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import Addend, coefficient_table, free_letters, latex_with_error, summed, with_error, with_units
 from commonlaw.law.uncertainty import Explanation
 from commonlaw.library.equation import split_equations
-from commonlaw.library.notation import latex_name, powered
+from commonlaw.library.notation import latex_name, powered, quoted
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import in_line
 
@@ -32,7 +32,9 @@ def structure(law: Law) -> tuple[str, ...]:
     """Return the equations with names for parameters, see `Law.structure`."""
     if law.provenance.equations:
         return law.provenance.equations
-    return text.written_equations(left_hand_sides(law), _with_names(law, law.terms.factors, PLAIN))
+    factors = law.terms.factors_over([quoted(name) for name in law.terms.variables.names])
+    lefts = text.left_hand_sides([quoted(name) for name in law.schema.states], law.order)
+    return text.written_equations(lefts, _with_names(law, factors, PLAIN))
 
 
 def _with_names(law: Law, terms: Sequence[str], notation: "Notation") -> tuple[tuple[Addend, ...], ...]:

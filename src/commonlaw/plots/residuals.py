@@ -79,10 +79,11 @@ class ResidualPanels:
 def _panels(residuals: Residuals, j: int) -> list[tuple[str, Callable[[Axes], None]]]:
     """Return what the panels of a state show, and what draws them."""
     schema, whole = residuals.trials.schema, np.concatenate(residuals.standardized)
+    units = {**residuals.rates, **schema.units}
     result: list[tuple[str, Callable[[Axes], None]]] = []
     for name, values in residuals.columns.items():
         since = " since the start of the trial" if name == schema.time else ""
-        label = axis_label(name, schema.units.get(name, ""))
+        label = axis_label(name, units.get(name, ""))
         result.append((f"Against {name}{since}.", partial(_against, values=values, own=whole[:, j], label=label)))
     if len(schema.states) > 1:
         following = (j + 1) % len(schema.states)
