@@ -183,3 +183,21 @@ def test_parameters_that_enter_as_a_product_alone_are_refused_with_latent_states
         cl.fit("x' = -f k x; y' = f k x - f k y; z' = f k y - f k z", trials, initial_values=starts)
     law = cl.fit("x' = -f k x; y' = f k x - f k y; z' = f k y - f z", trials, initial_values=starts)
     np.testing.assert_allclose(named_parameters(law).values, 1.0, atol=0.01)
+
+
+def test_objects_with_as_many_unknowns_as_samples_share_coefficients_in_one_fit():
+    random, times = np.random.default_rng(0), np.array([1.0, 4.0, 6.0])
+    first = random.uniform(8, 12, 12)
+    values = first[:, np.newaxis] * np.exp(-0.3 * (times - 1)) + 0.1 * random.standard_normal((12, 3))
+    owners = [f"subject {i}" for i in range(12)]
+    trials = cl.Trials.from_arrays([times] * 12, [own[:, np.newaxis] for own in values], object=owners, names=["c"])
+
+    def residuals(unknown):
+        k, m, starts = unknown[0], unknown[1], unknown[2:, np.newaxis]
+        return ((starts + m / k) * np.exp(-k * (times - 1)) - m / k - values).ravel()
+
+    found = least_squares(residuals, [0.3, 0.1, *first], xtol=1e-12, ftol=1e-12)
+    errors = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)) * 2 * found.cost / (36 - 14))
+    row = cl.fit("c' = -k c - m", trials, shared=["k", "m"], errors="white").params.query("object == 'subject 3'")
+    np.testing.assert_allclose(row["estimate"], found.x[:2], rtol=1e-4)
+    np.testing.assert_allclose(row["standard error"], errors[:2], rtol=0.02)

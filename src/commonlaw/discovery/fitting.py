@@ -214,23 +214,24 @@ def fit(
     shared = (shared,) if isinstance(shared, str) else shared
     groups = shared if isinstance(shared, Mapping) else dict.fromkeys(shared, ALL)
     model = ModelText.of(equations, observe)
+    own = {
+        "initial_values": initial_values,
+        "initial_time": initial_time,
+        "shared": shared,
+        "guesses": guesses,
+        "priors": priors,
+    }
+    changed = changed_settings("fit", settings)
+    whole = equations if isinstance(equations, str) else "; ".join(equations)
+    asked_of = {"observe": observe, "doses": doses, **own, **changed}
+    calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
+    jointly = partial(_of_model, model, with_doses(trials, doses), calls, own | {"shared": groups}, changed)
     if needs_model(model, trials, initial_values or {}, shared, priors) or any(
         isinstance(v, str) for v in (noise or {}).values()
     ):
         if called:
             raise CommonlawError("function-with-observation", function=called[0].text)
-        own = {
-            "initial_values": initial_values,
-            "initial_time": initial_time,
-            "shared": shared,
-            "guesses": guesses,
-            "priors": priors,
-        }
-        changed = changed_settings("fit", settings)
-        whole = equations if isinstance(equations, str) else "; ".join(equations)
-        asked_of = {"observe": observe, "doses": doses, **own, **changed}
-        calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
-        return _of_model(model, with_doses(trials, doses), calls, own | {"shared": groups}, changed)
+        return jointly()
     asked = split_equations(equations)
     second = [each.state for each in asked if each.order == 2]
     trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
@@ -296,7 +297,12 @@ def fit(
     begun = with_initial_parameters(unfitted, trials, given.bounds, guesses, **settings)
     equal = _coefficients_of(shared, begun)
     apart = settings | {"partial_pooling": False}
-    law = refine(begun, trials, **apart if shared else settings)
+    try:
+        law = refine(begun, trials, **apart if shared else settings)
+    except CommonlawError as error:
+        if shared and not called and error.code == "no-degrees-of-freedom":  # Of objects apart
+            return jointly()
+        raise
     if _outside(law, given.bounds):
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
         law = law if shared else pool_objects(law, None, partial_pooling)
