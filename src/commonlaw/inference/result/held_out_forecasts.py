@@ -257,13 +257,15 @@ def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
     """Return whether standardized errors are too large for a law with process noise, or with few measurements.
 
     Such a law may overfit. The test uses the mean over trials of the median squared error, which exceeds one by more
-    than `SIGNIFICANT` standard errors sqrt(2/n); a forecast that diverges is enough for a law with process noise.
+    than `SIGNIFICANT` standard errors sqrt(2/n); a forecast that diverges is enough.
     """
-    count, errs = len(fit.problem.trials.objects), fit.has_process_noise
-    if errs and any(np.isinf(error.sizes).any() for error in errors):
+    if not (fit.has_process_noise or fit.has_few_measurements):
+        return False
+    if any(np.isinf(error.sizes).any() for error in errors):
         return True
+    count = len(fit.problem.trials.objects)
     finite = [known for error in errors if len(known := error.standardized[np.isfinite(error.sizes)])]
-    if min(count, len(finite)) < 2 or not (errs or fit.has_few_measurements):
+    if min(count, len(finite)) < 2:
         return False
     squares = [np.median(each**2) for each in finite]  # Robust to outliers of the measurements
     return float(np.mean(squares)) > 1 + settings.SIGNIFICANT * float(np.sqrt(2 / count))
