@@ -1,5 +1,7 @@
 """Where a law imitates few measurements, the one is taken that forecasts best what was left out."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -71,3 +73,16 @@ def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():
     assert (
         held_out_forecasts._score([errors(each, 1.0) for each in missed] + [errors(np.full(8, np.inf), 1.0)]) == -np.inf
     )
+
+
+@pytest.mark.parametrize(
+    ("few", "process_noise", "off"), [(True, False, True), (False, True, True), (False, False, False)]
+)
+def test_forecasts_that_diverge_show_that_a_law_may_overfit(few, process_noise, off):
+    trials = SimpleNamespace(objects=tuple("abc"))
+    fit = SimpleNamespace(
+        problem=SimpleNamespace(trials=trials), has_few_measurements=few, has_process_noise=process_noise
+    )
+    small = [errors(np.full(8, 0.5), 1.0) for _ in range(3)]
+    assert held_out_forecasts._are_forecasts_off(fit, small) is False
+    assert held_out_forecasts._are_forecasts_off(fit, [*small, errors(np.full(8, np.inf), 1.0)]) is off
