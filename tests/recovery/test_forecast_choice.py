@@ -76,13 +76,14 @@ def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():
 
 
 @pytest.mark.parametrize(
-    ("few", "process_noise", "off"), [(True, False, True), (False, True, True), (False, False, False)]
+    ("few", "process_noise", "diverged", "off"),
+    [(True, False, 2, True), (True, False, 1, False), (False, True, 1, True), (False, False, 2, False)],
 )
-def test_forecasts_that_diverge_show_that_a_law_may_overfit(few, process_noise, off):
+def test_forecasts_that_diverge_show_that_a_law_may_overfit(few, process_noise, diverged, off):
     trials = SimpleNamespace(objects=tuple("abc"))
     fit = SimpleNamespace(
         problem=SimpleNamespace(trials=trials), has_few_measurements=few, has_process_noise=process_noise
     )
-    small = [errors(np.full(8, 0.5), 1.0) for _ in range(3)]
-    assert held_out_forecasts._are_forecasts_off(fit, small) is False
-    assert held_out_forecasts._are_forecasts_off(fit, [*small, errors(np.full(8, np.inf), 1.0)]) is off
+    small, infinite = errors(np.full(8, 0.5), 1.0), errors(np.full(8, np.inf), 1.0)
+    assert held_out_forecasts._are_forecasts_off(fit, [small] * 3) is False
+    assert held_out_forecasts._are_forecasts_off(fit, [small] * (3 - diverged) + [infinite] * diverged) is off

@@ -257,11 +257,13 @@ def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
     """Return whether standardized errors are too large for a law with process noise, or with few measurements.
 
     Such a law may overfit. The test uses the mean over trials of the median squared error, which exceeds one by more
-    than `SIGNIFICANT` standard errors sqrt(2/n); a forecast that diverges is enough.
+    than `SIGNIFICANT` standard errors sqrt(2/n). Forecasts that diverge are enough: one of a law with process noise, or
+    most of another one.
     """
     if not (fit.has_process_noise or fit.has_few_measurements):
         return False
-    if any(np.isinf(error.sizes).any() for error in errors):
+    diverged = [bool(np.isinf(error.sizes).any()) for error in errors]
+    if any(diverged) if fit.has_process_noise else 2 * sum(diverged) > len(diverged):
         return True
     count = len(fit.problem.trials.objects)
     finite = [known for error in errors if len(known := error.standardized[np.isfinite(error.sizes)])]
