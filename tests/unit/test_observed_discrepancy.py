@@ -16,12 +16,20 @@ NOISE = 0.02
 TIMES = np.linspace(0.0, 6.0, 40)
 
 
+def decay(_, x, k, missing):
+    return -k * x + missing * x**2
+
+
+def growth(_, x, size):
+    return 0.5 - 0.4 * x - 0.1 * x**2 * size
+
+
 def decays(seed, missing=0.0, name="y", observed=lambda x: x, noise=None, starts=(1.0, 2.0)):
     """Return trials of ``x' = -k x + missing x^2`` of two objects."""
     random, made = np.random.default_rng(seed), []
     for owner, k in {"A": 0.6, "B": 0.9}.items():
         for i, start in enumerate(starts):
-            x = solve_ivp(lambda _, x: -k * x + missing * x**2, (0, 6), [start], t_eval=TIMES, rtol=1e-9).y[0]  # noqa: B023
+            x = solve_ivp(decay, (0, 6), [start], t_eval=TIMES, args=(k, missing), rtol=1e-9).y[0]
             white = random.standard_normal(len(TIMES))
             y = observed(x) + NOISE * white if noise is None else noise(observed(x), white)
             made.append(cl.Trial(owner, str(i), TIMES, y))
@@ -91,7 +99,7 @@ def test_functions_may_be_of_properties_that_stand_in_no_equation():
     """The growth of two cultures has a term in ``x size``."""
     random, made, sizes = np.random.default_rng(2), [], {"A": 0.4, "B": 1.0, "C": 1.6}
     for owner, size in sizes.items():
-        x = solve_ivp(lambda _, x: 0.5 - 0.4 * x - 0.1 * x**2 * size, (0, 6), [0.1], t_eval=TIMES, rtol=1e-9).y[0]  # noqa: B023
+        x = solve_ivp(growth, (0, 6), [0.1], t_eval=TIMES, args=(size,), rtol=1e-9).y[0]
         made.append(cl.Trial(owner, "1", TIMES, 2 * x + NOISE * random.standard_normal(len(TIMES))))
     trials = cl.Trials(tuple(made), cl.Schema(("y",)), {owner: {"size": size} for owner, size in sizes.items()})
     law = cl.fit("x' = a - k x; y = 2 x", trials, shared=["a", "k"])

@@ -221,7 +221,7 @@ class Artifacts:
             self.written += [path] if path not in self.written else []
 
     def write_law(self, path: str, law: "Law") -> None:
-        """Write a law; one of so many objects that its JSON is too large as Parquet beside it."""
+        """Write a law; one whose JSON would be too large becomes a Parquet file in the same folder."""
         from commonlaw.law.io import law_file
 
         name, content = self.take(f"{path} was not made", lambda: law_file(law, path), ("", b""))

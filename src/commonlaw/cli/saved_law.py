@@ -595,7 +595,8 @@ def bounds(
 @option("--within NAME=RANGE...", "A trial ends where a state leaves this range: x=0..100")
 @option(
     "--start-std NAME=STD...",
-    "How far starts are off from what is set: v=0 where exactly  [default: only the experiment itself tells them]",
+    "Standard deviation of an initial value about the one that is set, v=0 for an exact one  "
+    "[default: estimated from the experiment alone]",
 )
 @option(
     "--cost NAME=PRICE...",

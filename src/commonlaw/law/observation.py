@@ -70,7 +70,7 @@ def by_trial(by: str, schema: Schema) -> bool:
 def written(
     equations: Mapping[str, str], initial: Mapping[str, Initial], events: Mapping[str, Mapping[str, str]]
 ) -> dict[str, str]:
-    """Return the right-hand sides of what stands beside differential equations, see `Observation.written`."""
+    """Return the right-hand sides of observation equations, initial values and events, see `Observation.written`."""
     starts = {f"{name}(0)": start for name, start in initial.items() if isinstance(start, str)}
     changes = {f"{condition}: {name}": new for condition, own in events.items() for name, new in own.items()}
     return {**equations, **starts, **changes}
