@@ -29,13 +29,13 @@ SCATTER = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """An equation with its letters, its solution x(t; letters, start), and what is typical of an experiment.
+    """An equation with its parameters, its solution x(t; parameters, start), and what is typical of an experiment.
 
-    `to_coefficients` turns letters into the coefficients of `terms`, and is its own inverse.
+    `to_coefficients` turns parameters into the coefficients of `terms`, and is its own inverse.
     """
 
     equation: str
-    letters: tuple[str, ...]
+    parameters: tuple[str, ...]
     terms: tuple[str, ...]
     to_coefficients: Callable[..., tuple[Any, ...]]
     solution: Callable[..., Floats]
@@ -67,7 +67,7 @@ FAMILIES = {
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """True letters of each object, (objects, letters), and states with noise, (objects, samples), at these times."""
+    """True parameters of each object, (objects, parameters), and noisy states, (objects, samples), at these times."""
 
     family: Family
     truth: Floats
@@ -77,7 +77,7 @@ class Experiment:
     @property
     def freedom(self) -> int:
         """The degrees of freedom of the residuals of all objects, whose starts are unknown."""
-        return self.states.size - (len(self.family.letters) + 1) * len(self.states)
+        return self.states.size - (len(self.family.parameters) + 1) * len(self.states)
 
     def trials(self, kind: str) -> cl.Trials:
         """Return what was measured, with a column of the noise if that is of the kind `columns`."""
@@ -108,15 +108,15 @@ def experiment(name: str, samples: int, objects: int, seed: int, scatter: float 
     family, random = FAMILIES[name], np.random.default_rng([seed, samples, objects])
     times = np.linspace(0, family.end, samples)
     truth = np.array(family.typical) * np.exp(scatter * random.standard_normal((objects, len(family.typical))))
-    states = np.stack([family.solution(times, *letters, family.start) for letters in truth])
+    states = np.stack([family.solution(times, *parameters, family.start) for parameters in truth])
     return Experiment(family, truth, times, states + NOISE * random.standard_normal(states.shape))
 
 
 def stated(law: cl.Law, family: Family) -> tuple[Floats, Floats]:
-    """Return the middles of a law's intervals and half their widths, both (objects, letters)."""
+    """Return the middles of a law's intervals and half their widths, both (objects, parameters)."""
     parameters = named_parameters(law)
     low, high = parameters.intervals(LEVEL)
-    order = [parameters.names.index(letter) for letter in family.letters]
+    order = [parameters.names.index(parameter) for parameter in family.parameters]
     return (low + high)[:, order] / 2, (high - low)[:, order] / 2
 
 
@@ -134,10 +134,10 @@ def least_squares(drawn: Experiment, kind: str, by_terms: bool = False) -> tuple
     family = drawn.family
     solution = family.by_terms if by_terms else family.solution
     found, covariances, squares = [], [], 0.0
-    for letters, states in zip(drawn.truth, drawn.states, strict=True):
+    for parameters, states in zip(drawn.truth, drawn.states, strict=True):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", OptimizeWarning)
-            start = [*(family.to_coefficients(*letters) if by_terms else letters), family.start]
+            start = [*(family.to_coefficients(*parameters) if by_terms else parameters), family.start]
             sigma = np.ones(len(states))
             best, covariance = curve_fit(solution, drawn.times, states, start, sigma, True, maxfev=10_000)
         squares += ((states - solution(drawn.times, *best)) ** 2).sum()

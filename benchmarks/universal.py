@@ -122,10 +122,10 @@ def scores_of(
 
 
 def equations(truth: Truth) -> list[str]:
-    """Return the equations that are true, with a letter for each coefficient."""
-    letters = (f"{letter}_" for letter in ascii_lowercase)
+    """Return the equations that are true, with a parameter for each coefficient."""
+    names = (f"{letter}_" for letter in ascii_lowercase)
     return [
-        f"{left} = " + " + ".join(next(letters) + ("" if term == "1" else f" {term}") for term in terms)
+        f"{left} = " + " + ".join(next(names) + ("" if term == "1" else f" {term}") for term in terms)
         for left, terms in truth.items()
     ]
 

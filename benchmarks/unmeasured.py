@@ -30,14 +30,14 @@ class System:
     rates
         Derivatives of all states by time, states and parameters.
     typical
-        Parameters, in the order of the letters.
+        Parameters, in the order of their names.
     start
         Of all states.
     seen
         Names of those that are measured, by their index.
     times
         Of samples.
-    equations, letters, options
+    equations, parameters, options
         What is fitted, and how.
     library, order, found
         What is sought, and the structures of laws that are right.
@@ -49,7 +49,7 @@ class System:
     seen: Mapping[int, str]
     times: Floats
     equations: str
-    letters: Sequence[str]
+    parameters: Sequence[str]
     library: str
     found: Sequence[str]
     order: int = 1
@@ -62,7 +62,7 @@ class System:
         return np.asarray(states[list(self.seen)])
 
     def draw(self, seed: int) -> tuple[Floats, Floats, cl.Trials]:
-        """Return parameters, shape (objects, letters), noise of each state, and trials."""
+        """Return parameters, shape (objects, parameters), noise of each state, and trials."""
         generator = np.random.default_rng(seed)
         values = self.typical * np.exp(SCATTER * generator.standard_normal((OBJECTS, len(self.typical))))
         exact = [self.solution(value, np.array(self.start)).T for value in values]
@@ -174,7 +174,7 @@ def _fitted(system: System, seeds: int) -> tuple[float, str, float]:
         begun = time.process_time()
         law = cl.fit(system.equations, trials, errors="white", partial_pooling=False, **system.options)
         took += time.process_time() - begun
-        columns = [named_parameters(law).names.index(letter) for letter in system.letters]
+        columns = [named_parameters(law).names.index(name) for name in system.parameters]
         low, high = (each[:, columns] for each in named_parameters(law).intervals())
         inside.append(np.asarray((low < values) & (values < high)))
         bounds = np.array([system.bound(value, noise, free) for value in values])

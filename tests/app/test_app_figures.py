@@ -75,7 +75,7 @@ def test_a_picture_is_chosen_drawn_and_taken_away(page, table):
         assert [each for each in page.get_log("browser") if is_fault(each)] == []
 
 
-def test_bars_of_absolute_values_stand_apart_from_letters():
+def test_bars_of_absolute_values_stand_apart_from_parameters():
     from commonlaw.plots.style import math
 
     assert math(r"c v \left|{v}\right|", "c v abs(v)") == r"$c\,v\,|{v}|$"

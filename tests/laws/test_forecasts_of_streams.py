@@ -7,7 +7,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.script import Source, to_script
-from commonlaw.law.tables import letter_values, spread_tables
+from commonlaw.law.tables import quantile_frame, spread_tables
 from commonlaw.report.document import Picture, Table
 from commonlaw.report.law_report import all_objects
 from commonlaw.stream import find_by_stream
@@ -159,8 +159,8 @@ def test_the_page_tells_of_all_objects(law, found):
     assert "120 trials of 60 objects were forecast" in first.text
     tables = {block.name: block.frame for block in blocks if isinstance(block, Table)}
     assert tables["worst"]["object"].tolist() == found.relative.index[:-11:-1].tolist()
-    letters = tables["spread"].set_index("of 60 objects")
-    assert letters.loc["median", "c (1/s)"] == pytest.approx(np.median(named_parameters(law).values[:, 1]))
+    quantiles = tables["spread"].set_index("of 60 objects")
+    assert quantiles.loc["median", "c (1/s)"] == pytest.approx(np.median(named_parameters(law).values[:, 1]))
     assert [block.name for block in blocks if isinstance(block, Picture)] == ["coefficients-of-all"]
 
 
@@ -175,7 +175,7 @@ def test_the_program_on_the_page_reads_the_stream(law, tmp_path, drops):
 def test_letter_values_are_quantiles_and_the_strangest_is_the_farthest():
     values = np.random.default_rng(0).normal(size=(200, 2))
     values[17, 1] = 9.0
-    table = letter_values({"a": values[:, 0], "b": values[:, 1]}, "object").set_index("of 200 objects")
+    table = quantile_frame({"a": values[:, 0], "b": values[:, 1]}, "object").set_index("of 200 objects")
     assert table.loc["lower eighth", "a"] == pytest.approx(np.quantile(values[:, 0], 0.125))
     assert table.loc["largest", "b"] == 9.0
     by_object = [{f"Ball {i}": value for i, value in enumerate(column)} for column in values.T.tolist()]

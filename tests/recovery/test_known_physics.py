@@ -37,7 +37,7 @@ def test_gravity_is_a_base_in_every_form_and_drag_is_what_is_left(drops, known):
     np.testing.assert_allclose(law.coefficients[:, 0, law.terms.index("v")], [-0.3, -0.5], rtol=0.01)
 
 
-def test_letters_in_known_equations_are_properties(drops):
+def test_names_in_known_equations_are_properties(drops):
     law = cl.discover(drops, known="drag v", **SETTINGS)
     np.testing.assert_array_equal(law.coefficients[:, 0, law.terms.index("v")], [-0.3, -0.5])
     np.testing.assert_allclose(law.coefficients[:, 0, law.terms.index("1")], -9.8, rtol=0.01)

@@ -25,14 +25,14 @@ e, pi = np.exp, np.pi
 class Certified:
     """A set of NIST StRD: its closed form, certified parameters with their deviations, and that of the residuals.
 
-    `letters` gives the coefficients of the equation by the certified parameters. With `through_zero` the
+    `coefficients` gives the coefficients of the equation by the certified parameters. With `through_zero` the
     certified model has y(0) = 0. Fits estimate y(0), which is a shift in time: the reference is
     least squares with that shift.
     """
 
     equation: str
     model: Callable[[Floats, Sequence[float]], Floats]
-    letters: Callable[[Sequence[float]], dict[str, float]]
+    coefficients: Callable[[Sequence[float]], dict[str, float]]
     parameters: tuple[float, ...]
     deviations: tuple[float, ...]
     residual_deviation: float
@@ -221,9 +221,9 @@ def expected(name: str) -> dict[str, tuple[float, float]]:
         start = np.append(np.ones(len(point)), 0.0)
         point, errors = curve_fit(shifted, times, states, start, xtol=1e-14, ftol=1e-14)
         point, errors = (point * scale)[:-1], (errors * np.outer(scale, scale))[:-1, :-1]
-    slopes = jacobian(lambda b: np.array(list(certified.letters(b).values())), point)
+    slopes = jacobian(lambda b: np.array(list(certified.coefficients(b).values())), point)
     deviations = np.sqrt(np.diag(slopes @ errors @ slopes.T))
-    coefficients = certified.letters(point)
+    coefficients = certified.coefficients(point)
     return dict(zip(coefficients, zip(coefficients.values(), deviations, strict=True), strict=True))
 
 
@@ -253,10 +253,10 @@ def test_a_fit_from_a_free_start_gives_the_certified_estimates_and_standard_erro
     fitted = dict(zip(parameters.names, zip(estimates, deviations, strict=True), strict=True))
     if certified.equation == LANCZOS:  # The three exponentials stand in any order
         fitted = dict(zip("kmn", sorted(fitted.values()), strict=True))
-    for letter, reference in expected(name).items():
-        estimate, deviation = fitted[letter]
+    for parameter, reference in expected(name).items():
+        estimate, deviation = fitted[parameter]
         # Only the square of the width of a peak stands in its equation
-        assert (abs(estimate) if letter == "s" else estimate) == pytest.approx(reference[0], rel=1e-4)
+        assert (abs(estimate) if parameter == "s" else estimate) == pytest.approx(reference[0], rel=1e-4)
         assert deviation == pytest.approx(reference[1], rel=0.02)
 
 

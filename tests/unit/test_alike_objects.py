@@ -9,7 +9,7 @@ import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
 
 SWITCH = "p' = b - d p + a p^2/(K^2 + p^2)"
-LETTERS = ("b", "d", "a", "K")
+PARAMETERS = ("b", "d", "a", "K")
 OWN = {
     "A": (0.10, 0.60, 1.2, 0.65),
     "B": (0.14, 0.65, 1.3, 0.70),
@@ -38,11 +38,11 @@ def switches():
 def test_an_object_that_does_not_tell_a_constant_leaves_others_as_they_are_and_takes_it_from_them(switches):
     law = cl.fit(SWITCH, switches, partial_pooling=True)
     parameters = named_parameters(law)
-    values = parameters.values[:, [parameters.names.index(name) for name in LETTERS]]
+    values = parameters.values[:, [parameters.names.index(name) for name in PARAMETERS]]
     truth = np.array(list(OWN.values()))
     alone = cl.fit(SWITCH, switches, partial_pooling=False)
     parameters = named_parameters(alone)  # In the order of its own names
-    errors = parameters.errors[:, [parameters.names.index(name) for name in LETTERS]]
+    errors = parameters.errors[:, [parameters.names.index(name) for name in PARAMETERS]]
     values[:, 3] = np.abs(values[:, 3])
     assert (np.abs(values - truth)[:4] < 4 * errors[:4]).all()
     assert values[4, 3] == pytest.approx(0.6, abs=0.2)

@@ -68,7 +68,7 @@ def fitted(enzymes):
     return cl.fit(SATURATING, enzymes, errors="white")
 
 
-def by_letter(law):
+def by_parameter(law):
     values, errors = named_parameters(law).values, named_parameters(law).errors
     return dict(zip(named_parameters(law).names, values.T, strict=True)), dict(
         zip(named_parameters(law).names, errors.T, strict=True)
@@ -158,7 +158,7 @@ def test_a_law_is_saved_and_read_with_its_constants(fitted):
 
 
 def test_constants_are_written_where_they_stand(fitted):
-    values, errors = by_letter(fitted)
+    values, errors = by_parameter(fitted)
     (equation,) = fitted.equations("b", errors=False)
     stated = cl.Law.from_text(equation)
     points = np.array([[0.5, 0.0], [2.0, 0.0]])
@@ -173,7 +173,7 @@ def test_constants_are_written_where_they_stand(fitted):
 
 
 def test_a_law_simulates_and_forecasts_by_its_constants(fitted, enzymes):
-    values, _ = by_letter(fitted)
+    values, _ = by_parameter(fitted)
     times = np.linspace(0, 4, 9)
     for method in ("scipy", "heyoka"):
         paths = fitted.simulate(times, [2.0], method=method)
@@ -211,7 +211,7 @@ def test_what_decides_a_constant_is_explained():
 def test_a_property_is_a_constant_that_is_known(enzymes):
     known = replace(enzymes, properties={name: {"K": half} for name, (_, half) in ENZYMES.items()})
     law = cl.fit(SATURATING, known)
-    values, errors = by_letter(law)
+    values, errors = by_parameter(law)
     np.testing.assert_array_equal(values["K"], [half for _, half in ENZYMES.values()])
     assert (errors["K"] == 0).all()
     assert (np.abs(values["V"] - [rate for rate, _ in ENZYMES.values()]) < 4 * errors["V"]).all()
@@ -250,10 +250,10 @@ def test_what_cannot_be_fitted_is_refused_in_words(enzymes, text, message):
 def test_a_constant_that_fits_best_outside_of_its_bound_is_at_the_bound(enzymes):
     law = cl.fit(f"{SATURATING}; 0 < K < 0.1", enzymes, errors="white")
     at_bound = cl.fit(SATURATING.replace("K", "0.1"), enzymes, errors="white", partial_pooling=False)
-    values, errors = by_letter(law)
+    values, errors = by_parameter(law)
     np.testing.assert_array_equal(values["K"], 0.1)
     assert (errors["K"] == 0).all()
-    np.testing.assert_allclose(values["V"], by_letter(at_bound)[0]["V"], rtol=0.02)
+    np.testing.assert_allclose(values["V"], by_parameter(at_bound)[0]["V"], rtol=0.02)
     named = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "bound"]
     assert [each.where for each in named] == list(enzymes.objects)
     assert "K is at its bound, 0.1" in named[0].text
@@ -274,7 +274,7 @@ def test_bounds_choose_among_values_that_fit_alike():
     text, function, objects, starts, times, states = LAWS["Hill"]
     trials = simulated(function, objects, starts, times, states)
     positive, negative = cl.fit(f"{text}; 0 < n < 10", trials), cl.fit(f"{text}; n < 0", trials)
-    (values, errors), (others, _) = by_letter(positive), by_letter(negative)
+    (values, errors), (others, _) = by_parameter(positive), by_parameter(negative)
     for name, sign in (("n", -1), ("V", -1), ("K", 1)):
         assert (np.abs(values[name] - sign * others[name]) < errors[name] / 2).all()
     assert "; 0 < n < 10" in to_script(positive)
@@ -305,7 +305,7 @@ def test_a_saved_law_without_the_terms_of_its_constants_is_refused(fitted):
 
 
 @pytest.mark.parametrize(
-    ("text", "parameters", "letters"),
+    ("text", "parameters", "names"),
     [
         ("x' = V x/(K + x)", ("K",), ("V", "K")),
         ("x' = exp(k x)", ("k",), ("k",)),
@@ -315,10 +315,10 @@ def test_a_saved_law_without_the_terms_of_its_constants_is_refused(fitted):
         ("x' = -k (x - a)/(x + K)", ("K",), ("k", "a", "K")),
     ],
 )
-def test_names_that_are_no_factors_are_constants_of_their_terms(text, parameters, letters):
+def test_names_that_are_no_factors_are_constants_of_their_terms(text, parameters, names):
     given = read_equations(text, cl.Schema(("x",)))
     assert {*given.terms.variables.parameters} == {*parameters}
-    assert {coefficient.name for coefficient in given.coefficients} == {*letters}
+    assert {coefficient.name for coefficient in given.coefficients} == {*names}
 
 
 @pytest.mark.parametrize(

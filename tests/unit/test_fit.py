@@ -33,7 +33,7 @@ def test_numbers_in_the_text_stay(fitted):
     assert (np.abs(fitted.coefficients[:, 0, drag] - true) < 4 * standard_errors(fitted)[:, 0, drag]).all()
 
 
-def test_letters_of_the_text_name_what_was_found(fitted):
+def test_parameters_of_the_text_name_what_was_found(fitted):
     assert fitted.structure == ("x'' = -9.8 - k v",)
     assert named_parameters(fitted).names == ("k",)
     values, errors = named_parameters(fitted).values, named_parameters(fitted).errors

@@ -59,11 +59,11 @@ def drawn(case, count=3):
 
 @pytest.mark.parametrize("case", CASES)
 def test_coefficients_starts_and_errors_are_those_of_independent_least_squares(case):
-    equations, _, name, hidden, letters, *_ = CASES[case]
+    equations, _, name, hidden, names, *_ = CASES[case]
     truth, starts, noise, measured, trials = drawn(case)
     law = cl.fit(equations, trials, initial_values={hidden: None}, noise={name: noise}, **WHITE)
     parameters = named_parameters(law)
-    columns = [parameters.names.index(letter) for letter in letters]
+    columns = [parameters.names.index(name) for name in names]
     values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
     forecast = law.predict(trials, start=len(CASES[case][-1]))
     for k, data in enumerate(measured):

@@ -251,11 +251,11 @@ def test_verdicts_and_residuals_know_doses_where_nothing_was_measured(cleared):
 
 @pytest.mark.parametrize("equations", CASES)
 def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_dose_to_dose(equations):
-    _, letters, first, options = CASES[equations]
+    _, names, first, options = CASES[equations]
     truth, noise, measured, trials = drawn(equations)
     law = cl.fit(equations, trials, doses="dose", noise={"conc": noise}, **options, **WHITE)
     parameters = named_parameters(law)
-    columns = [parameters.names.index(letter) for letter in letters]
+    columns = [parameters.names.index(name) for name in names]
     values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
     for value, error, data, begin in zip(values, errors, measured, truth, strict=True):
         begin = np.append(begin, first)

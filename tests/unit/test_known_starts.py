@@ -20,7 +20,7 @@ TIMES = np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0])
 ONE = "depot' = -ka depot; conc' = ka depot/V - k conc"
 TWO = "depot' = -ka depot; conc' = ka depot/V - b conc + q slow; slow' = conc - h slow"
 TYPICAL = {ONE: (1.5, 20.0, 0.3), TWO: (3.0, 20.0, 0.6, 0.1, 0.2)}
-LETTERS = {ONE: ("ka", "V", "k"), TWO: ("ka", "V", "b", "q", "h")}
+PARAMETERS = {ONE: ("ka", "V", "k"), TWO: ("ka", "V", "b", "q", "h")}
 WHITE = {"errors": "white", "huber_threshold": np.inf, "partial_pooling": False}
 
 
@@ -58,9 +58,9 @@ def starts_of(equations):
     return {"depot": "dose"} if equations == ONE else {"depot": "dose", "slow": 0.0}
 
 
-def by_letters(law, equations):
-    """Values and standard errors, with columns in the order of the letters."""
-    columns = [named_parameters(law).names.index(name) for name in LETTERS[equations]]
+def by_parameters(law, equations):
+    """Values and standard errors, with columns in the order of `PARAMETERS`."""
+    columns = [named_parameters(law).names.index(name) for name in PARAMETERS[equations]]
     return [each[:, columns] for each in (named_parameters(law).values, named_parameters(law).errors)]
 
 
@@ -83,7 +83,7 @@ def test_estimates_are_those_of_independent_least_squares(equations, accuracy):
     noise = 0.001  # Meshes are as fine as it asks for, which is coarser the less it tells
     truth, doses, measured, trials = people(equations, noise, count=3)
     law = cl.fit(equations, trials, initial_values=starts_of(equations), noise={"conc": noise}, **WHITE)
-    values, _ = by_letters(law, equations)
+    values, _ = by_parameters(law, equations)
     for own, *data in zip(values, doses, measured, truth, strict=True):
         np.testing.assert_allclose(own, least_squares_of(equations, *data)[0], rtol=accuracy)
 
@@ -93,7 +93,7 @@ def test_standard_errors_are_the_bound_of_the_information(equations):
     noise = 0.03
     truth, doses, measured, trials = people(equations, noise)
     law = cl.fit(equations, trials, initial_values=starts_of(equations), noise={"conc": noise}, **WHITE)
-    for value, error, *data in zip(*by_letters(law, equations), doses, measured, truth, strict=True):
+    for value, error, *data in zip(*by_parameters(law, equations), doses, measured, truth, strict=True):
         expected, bound = least_squares_of(equations, *data)
         np.testing.assert_allclose(error, noise * bound, rtol=0.03)
         assert (abs(value - expected) < 0.05 * error).all()
@@ -113,7 +113,7 @@ def test_it_says_what_was_given_and_what_fits_as_well(law):
     assert ("start", "depot = dose") in [(each.stage, each.choice) for each in law.history]
     assert law.schema.units["depot"] == "mg"
     (outcome,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "ambiguous"]
-    ka, _, k = by_letters(law, ONE)[0][0]
+    ka, _, k = by_parameters(law, ONE)[0][0]
     assert ka > k
     swapped = [float(word.split(" = ")[1]) for word in outcome.text.split(": ")[1].split(". ")[0].split(", ")]
     assert (swapped[0], swapped[2]) == pytest.approx((k, ka), rel=0.1)

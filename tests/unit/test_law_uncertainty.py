@@ -328,7 +328,7 @@ def test_draws_of_objects_go_together_as_far_as_objects_learned_from_each_other(
     np.testing.assert_allclose(np.diag(found)[[0, 2, 3]], [0.0125, 0.0005, 2.5e-5], rtol=0.05)
 
 
-def test_draws_of_a_given_law_are_of_its_own_letters():
+def test_draws_of_a_given_law_are_of_its_own_parameters():
     given = Law.from_text("x'' = -g - v/c", {"g": 9.81, "c": 4.0})
     law = replace(given, uncertainty=Uncertainty(np.zeros((1, 2, 2))))
     assert law.sample(3).to_numpy() == pytest.approx(np.array([[9.81, 4.0]] * 3))

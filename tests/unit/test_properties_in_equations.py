@@ -85,8 +85,8 @@ def test_an_epidemic_in_a_population_of_any_size_begins_with_an_unknown_number_o
 def test_a_known_number_is_not_replaced_when_a_law_is_simplified(measured):
     law = cl.fit("x' = r x (1 - (x/K)^p)", populations(measured, 1e6), errors="white")
     found = law.simplify()
-    assert [each.letter for each in found.replaced] == ["p"]
-    assert {*found.letters} == {"r", "K"}
+    assert [each.parameter for each in found.replaced] == ["p"]
+    assert {*found.parameters} == {"r", "K"}
 
 
 def test_bounds_are_of_the_parameter_of_that_name_in_whichever_equation_it_stands():

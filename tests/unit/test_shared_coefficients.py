@@ -76,11 +76,11 @@ def drawn(case, count=3, noise=0.01):
 
 @pytest.mark.parametrize("case", CASES)
 def test_estimates_and_errors_are_those_of_independent_least_squares(case):
-    equations, solution, _, letters, name = CASES[case]
+    equations, solution, _, parameter_names, name = CASES[case]
     truth, noise, measured, trials = drawn(case)
     law = cl.fit(equations, trials, **STARTS[case], noise={name: noise}, **WHITE)
     parameters = named_parameters(law)
-    columns = [parameters.names.index(letter) for letter in letters]
+    columns = [parameters.names.index(parameter) for parameter in parameter_names]
     values, errors = (each[:, columns] for each in (parameters.values, parameters.errors))
     for value, error, data, begin in zip(values, errors, measured, truth, strict=True):
         scale = np.abs(begin) + 0.01

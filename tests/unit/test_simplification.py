@@ -25,16 +25,16 @@ def law_of(equations, values, errors, correlation=0.0, **names):
 
 
 def replaced(law, **settings):
-    return {each.letter: each.form for each in law.simplify(**settings).replaced}
+    return {each.parameter: each.form for each in law.simplify(**settings).replaced}
 
 
 def test_numbers_that_are_known_well_become_ratios_that_are_shorter_to_write():
     law = law_of("x' = a + b x + c x^2", {"a": 0.6668, "b": -1.0004, "c": 1.3719}, [2e-4, 5e-4, 1e-3])
     found = law.simplify()
-    assert {each.letter: each.form for each in found.replaced} == {"a": "2/3", "b": "-1"}
+    assert {each.parameter: each.form for each in found.replaced} == {"a": "2/3", "b": "-1"}
     assert found.equations == ("x' = 2/3 - x + c*x^2",)
-    assert found.letters == ("c",)
-    offs = {each.letter: each.off for each in found.replaced}
+    assert found.parameters == ("c",)
+    offs = {each.parameter: each.off for each in found.replaced}
     assert offs == pytest.approx({"a": (0.6668 - 2 / 3) / 2e-4, "b": 0.8})
     assert found.chi_square == pytest.approx(offs["a"] ** 2 + offs["b"] ** 2)
     assert found.p_value == pytest.approx(chi2.sf(found.chi_square, 2))
@@ -61,7 +61,7 @@ def test_the_numbers_that_remain_follow_as_by_least_squares_under_the_constraint
     values, errors = {"a": 0.6670, "b": -0.9995, "c": 1.3719}, [3e-4, 5e-4, 1e-3]
     law = law_of("x' = a + b x + c x^2", values, errors, correlation=0.7)
     found = law.simplify()
-    assert found.letters == ("c",)
+    assert found.parameters == ("c",)
     weights = np.linalg.inv(law.uncertainty.covariance[0])
 
     def distance(c):
@@ -74,13 +74,13 @@ def test_the_numbers_that_remain_follow_as_by_least_squares_under_the_constraint
     assert found.chi_square == pytest.approx(best.fun, rel=1e-4)
 
 
-def test_equal_and_opposite_numbers_get_one_letter():
+def test_equal_and_opposite_numbers_get_one_parameter():
     law = law_of(
         "s' = a s i; i' = b s i + c i", {"a": -0.4372, "b": 0.4375, "c": -0.1393}, [4e-4, 4e-4, 3e-4], correlation=-0.2
     )
     found = law.simplify()
-    assert [(each.letter, each.form) for each in found.replaced] in ([("a", "-b")], [("b", "-a")])
-    assert len(found.letters) == 2
+    assert [(each.parameter, each.form) for each in found.replaced] in ([("a", "-b")], [("b", "-a")])
+    assert len(found.parameters) == 2
 
 
 def test_numbers_with_units_become_each_other_and_no_ratios():
@@ -123,7 +123,7 @@ def test_an_exponent_becomes_whole_and_the_form_shorter():
     law = law_of("x'' = -g + k*abs(v)^p", {"g": 9.7812, "k": 0.19371, "p": 2.003}, [1e-3, 1e-4, 2e-3])
     found = law.simplify()
     assert found.equations == ("x'' = k*v^2 - g",)
-    assert found.letters == ("g", "k")
+    assert found.parameters == ("g", "k")
 
 
 def test_a_number_in_two_terms_is_replaced_in_both():
@@ -174,7 +174,7 @@ def test_what_remains_of_a_fraction_follows_as_by_least_squares():
         return np.sum(((np.array([own[0], -own[0] * own[1], own[1]]) - given) / sizes) ** 2)
 
     best = minimize(distance, [-1.2, 0.5], tol=1e-14)
-    values = dict(zip(found.letters, found.values[0], strict=True))
+    values = dict(zip(found.parameters, found.values[0], strict=True))
     assert [values["a"], values["K"]] == pytest.approx(best.x, rel=1e-4)
 
 

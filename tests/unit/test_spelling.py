@@ -47,8 +47,8 @@ SPELLINGS = [
 @pytest.mark.parametrize(("states", "first", "others"), SPELLINGS, ids=[each[1] for each in SPELLINGS])
 def test_every_spelling_has_the_same_right_hand_sides_and_as_many_constants(states, first, others):
     schema, source = cl.Schema(*states), np.random.default_rng(0)
-    letters = [coefficient.name for coefficient in read_equations(first, schema).coefficients]
-    values = dict(zip(letters, source.uniform(0.5, 2, len(letters)), strict=True))
+    parameters = [coefficient.name for coefficient in read_equations(first, schema).coefficients]
+    values = dict(zip(parameters, source.uniform(0.5, 2, len(parameters)), strict=True))
     laws = [cl.Law.from_text(text, values, inputs=states[1]) for text in (first, *others)]
     names = laws[0].terms.variables.measured
     points = source.uniform(0.5, 2, (20, len(names)))

@@ -309,14 +309,14 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
     group="Law",
 )
 @option(
-    "--shared LETTER[=COLUMN]...",
+    "--shared PARAMETER[=COLUMN]...",
     "A coefficient of the equations that all objects have in common, k, or objects and trials with one "
     "value of a column, k=strain; k=trial is one for each trial",
     group="Law",
     everyday=True,
 )
 @option(
-    "--guess LETTER=VALUE...",
+    "--guess PARAMETER=VALUE...",
     "Initial guess of a nonlinear parameter, a frequency w=0.3  [default: a grid of values]",
     "guesses",
     group="Law",
@@ -382,7 +382,7 @@ def fit(
             source = source.reading(inputs=tuple(dict.fromkeys((*source.roles.get("inputs", ()), *doses))))
         later = Artifacts()
         known = {name: number_or_text(value) for name, value in by_name("--initial-value", initial_values).items()}
-        groups = {letter: by or ALL for letter, _, by in (each.partition("=") for each in shared)}
+        groups = {name: by or ALL for name, _, by in (each.partition("=") for each in shared)}
         others = [other] if other else []
         trials = without_notes_on(doses, load(source, [equations], others, known, groups.values()))
         training = source.select(trials)

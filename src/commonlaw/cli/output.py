@@ -70,7 +70,7 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
 
 
 def parameter_columns(law: "Law") -> dict[str, list[object]]:
-    """Return the columns of a table with a row for each letter of given equations and each object."""
+    """Return the columns of a table with a row for each parameter of given equations and each object."""
     from commonlaw.law.tables import readable
 
     names = {"object": law.schema.object, "low": "95 % low", "high": "95 % high"}

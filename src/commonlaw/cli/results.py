@@ -328,7 +328,7 @@ class FitResult:
         return [*found.training.notes, *self.law.diagnostics, *found.lacking, *outcomes]
 
     def _show_coefficients(self) -> None:
-        """Print what the letters of the law stand for, of many objects how they are spread."""
+        """Print the parameters of the law, of many objects how they are spread."""
         from commonlaw.law.parameters import named_parameters
         from commonlaw.law.tables import spread_tables, with_unit
 
@@ -344,8 +344,8 @@ class FitResult:
             # With standard errors, true coefficients and RMS residuals where these are known
             columns, true = {law.schema.object: list[object](law.objects)}, self._true_values()
             deviations = np.nan_to_num(parameters.errors.T)
-            letters = zip(parameters.names, parameters.units, parameters.values.T, deviations, strict=True)
-            for i, (name, unit, own, errors) in enumerate(letters):
+            estimates = zip(parameters.names, parameters.units, parameters.values.T, deviations, strict=True)
+            for i, (name, unit, own, errors) in enumerate(estimates):
                 pairs = zip(own.tolist(), errors.tolist(), strict=True)
                 columns[with_unit(name, unit)] = [(value, error) if error else value for value, error in pairs]
                 if true is not None:
@@ -353,7 +353,7 @@ class FitResult:
             print_columns(columns | self._error_columns())
 
     def _true_values(self) -> Floats | None:
-        """Return what the letters stand for in the true law, shape (objects, letters), if it is known."""
+        """Return the parameters of the true law, shape (objects, parameters), if it is known."""
         from commonlaw.law.parameters import by_terms_of, named_parameters
 
         if self.truth is None:

@@ -291,7 +291,7 @@ def predict(
       commonlaw predict pairs.csv law.json --initial-samples all --phase-plane --save plane.svg
       commonlaw predict 'runs/*.parquet' law.json --folder forecasts --save errors.parquet --cluster local:4
     """
-    from commonlaw.law.tables import letter_values
+    from commonlaw.law.tables import quantile_frame
     from commonlaw.stream import forecast_stream
 
     law = Law.load(law_path)
@@ -315,7 +315,7 @@ def predict(
                 if len(known):
                     say(f"Errors of forecasts of {state}, by trial:\n")
                     kinds = ("rms error", "largest error", "last error")
-                    print_frame(letter_values({name: known[name].to_numpy() for name in kinds}, "trial"))
+                    print_frame(quantile_frame({name: known[name].to_numpy() for name in kinds}, "trial"))
             worst = errors.sort_values("rms error", ascending=False, kind="stable")[:10]
             say("\nThe worst:\n")
             print_frame(worst.dropna(axis=1, how="all"))
@@ -409,7 +409,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
       commonlaw check drops.csv law.json --save residuals.png
       commonlaw check 'runs/*.parquet' law.parquet --save objects.csv --cluster local:4
     """
-    from commonlaw.law.tables import letter_values
+    from commonlaw.law.tables import quantile_frame
     from commonlaw.stream import check_stream
 
     law = Law.load(law_path)
@@ -428,7 +428,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
             columns = ("RMS over noise", "autocorrelation")
             for state, own in of_files.objects.groupby("state", sort=False):
                 say(f"\nResiduals of {state}, by object:\n")
-                print_frame(letter_values({name: own[name].to_numpy() for name in columns}, "object"))
+                print_frame(quantile_frame({name: own[name].to_numpy() for name in columns}, "object"))
             say("\nThe largest:\n")
             largest = of_files.objects.sort_values("RMS over noise", ascending=False, kind="stable")
             print_frame(largest[:10])

@@ -401,7 +401,7 @@ def discover(
     known
         Known coefficients: term to number (``{"1": -9.8}``), or to numbers by object; with several states the term is
         given with its equation's state (``{("x", "1"): -9.8}``). They are moved to the left-hand side. Or known physics
-        as a base, whose terms join the library: equations with numbers (``"x'' = -9.81"``, letters being properties of
+        as a base, whose terms join the library: equations with numbers (``"x'' = -9.81"``, names being properties of
         the objects), a law, or a function of variables and properties that gives the highest derivatives,
         ``lambda v, diameter, mass: -0.2 * v * abs(v) * diameter**2 / mass``. What is discovered is what is left.
     shared

@@ -26,7 +26,7 @@ from commonlaw.estimation.search import first_values
 from commonlaw.formulation.weak import CompactTestFunctions, corner_radius
 from commonlaw.law import Law, Step
 from commonlaw.law.observation import ALL
-from commonlaw.law.text import free_letters
+from commonlaw.law.text import free_parameter_names
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.progress import ProgressCallback
@@ -430,7 +430,7 @@ def _equations(
     variables, shared = search.terms.variables, [begun.unknowns.names[i] for i in search.free]
     names = [quoted(name) for name in variables.names]
     used = (*variables.names, *begun.model.parameters, *trials.schema.states, *property_names(trials.properties))
-    parameters = free_letters(int(support.sum()), used)
+    parameters = free_parameter_names(int(support.sum()), used)
     coefficients, rates = search.fitted(p, support)[1][:, support], dict[int, str]()
     signs, states = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0), search.model.schema.states
     numbers, sides = [f"{abs(each)!r}" for each in fixed.tolist()], np.where(fixed < 0, -1.0, 1.0)

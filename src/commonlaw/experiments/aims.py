@@ -69,13 +69,13 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
 def coefficients(hypotheses: Sequence[Hypothesis]) -> list[Quantity]:
     """Return the coefficients of the first law, each of every object."""
     first = hypotheses[0]
-    letters, objects = [definition.name for definition in named_parameters(first.law).definitions], first.objects
+    parameters, objects = [definition.name for definition in named_parameters(first.law).definitions], first.objects
     return [
         _of_hypotheses(
-            f"{letter} of {name}" if len(objects) > 1 else letter,
-            (_coefficient(letter, first, each, (name,)) for each in hypotheses),
+            f"{parameter} of {name}" if len(objects) > 1 else parameter,
+            (_coefficient(parameter, first, each, (name,)) for each in hypotheses),
         )
-        for letter in letters
+        for parameter in parameters
         for name in objects
     ]
 

@@ -285,8 +285,8 @@ def _purposes(law: Law) -> list[tuple[str, str]]:
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(errors > 0, errors / np.abs(values), 0.0)
     if len(relative) * relative.shape[1] > 1 and np.nanmax(relative) > 0:
-        owner, letter = np.unravel_index(int(np.nanargmax(relative)), relative.shape)
-        name = parameters.names[int(letter)]
+        owner, column = np.unravel_index(int(np.nanargmax(relative)), relative.shape)
+        name = parameters.names[int(column)]
         about = name if len(law.objects) == 1 else f"{name} of {law.objects[int(owner)]}"
         purposes.append((f"To know {about} better, the coefficient that is known worst", about))
     return purposes

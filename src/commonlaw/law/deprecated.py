@@ -1,4 +1,4 @@
-"""Names of members of `Law` of earlier versions: deprecated, for one release."""
+"""Names of members of earlier versions: deprecated, for one release."""
 
 import warnings
 from collections.abc import Callable
@@ -93,7 +93,7 @@ def deprecated_member(law: Any, name: str) -> Any:
     if name not in DEPRECATED:
         raise AttributeError(f"'Law' object has no attribute {name!r}", name=name, obj=law)
     instead, value = DEPRECATED[name]
-    _warn(f"Law.{name}", instead if instead.startswith("commonlaw.") else f"Law.{instead}", stacklevel=3)
+    warn_deprecated(f"Law.{name}", instead if instead.startswith("commonlaw.") else f"Law.{instead}", stacklevel=3)
     return value(law)
 
 
@@ -116,9 +116,20 @@ class Structure(tuple[str, ...]):
     if not TYPE_CHECKING:
 
         def __call__(self) -> "Structure":
-            _warn("Law.structure()", "Law.structure", stacklevel=2)
+            warn_deprecated("Law.structure()", "Law.structure", stacklevel=2)
             return self
 
 
-def _warn(name: str, instead: str, stacklevel: int) -> None:
+def renamed(of: str, until_now: str, now: str) -> property:
+    """Return a property that gives an attribute of a class by its earlier name."""
+
+    def value(instance: Any) -> Any:
+        warn_deprecated(f"{of}.{until_now}", f"{of}.{now}", stacklevel=2)
+        return getattr(instance, now)
+
+    return property(value, doc=f"Deprecated name of `{now}`.")
+
+
+def warn_deprecated(name: str, instead: str, stacklevel: int) -> None:
+    """Warn that a name is deprecated, at the line so many calls above."""
     warnings.warn(f"{name} is deprecated; use {instead}", DeprecationWarning, stacklevel=stacklevel + 1)

@@ -16,7 +16,7 @@ from commonlaw.law import text
 from commonlaw.law.law import Law, object_index, shares_terms
 from commonlaw.law.parse import Coefficient, Part, Product, read_equations
 from commonlaw.law.quantiles import mixture_interval, propagated
-from commonlaw.law.text import free_letters
+from commonlaw.law.text import free_parameter_names
 from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.library import with_rates
 
@@ -151,8 +151,8 @@ def named_parameters(law: Law) -> Parameters:
         return Parameters(law, given.coefficients, given.products)
     known = np.all((standard_errors(law) == 0) & (law.coefficients == law.coefficients[:1]), axis=0)
     places = np.argwhere(law.support & ~(known & law.terms.is_factor)).tolist()
-    letters = iter(free_letters(len(places), law.terms.variables.names))
-    named = [(law.terms.parameter_name(k) or next(letters), j, k) for j, k in places]
+    free = iter(free_parameter_names(len(places), law.terms.variables.names))
+    named = [(law.terms.parameter_name(k) or next(free), j, k) for j, k in places]
     definitions = tuple(Coefficient(name, (Part(j, k),)) for name, j, k in named)
     return Parameters(law, definitions, tuple(Product(j, k, 1.0, ((name, 1),)) for name, j, k in named))
 

@@ -298,17 +298,17 @@ def stated_law(
     """Return what the law of equations is made of, all of whose coefficients have values, see `Law.from_text`."""
     schema = Schema(tuple(each.state for each in split_equations(equations)), **names)
     given = read_equations(equations, schema)
-    letters = [coefficient.name for coefficient in given.coefficients]
+    parameters = [coefficient.name for coefficient in given.coefficients]
     for name in values:
-        check_choice("coefficient", name, letters)
-    missing = [name for name in letters if name not in values]
+        check_choice("coefficient", name, parameters)
+    missing = [name for name in parameters if name not in values]
     if missing:
         raise CommonlawError("parameter-values-missing", parameters=missing, first=missing[0])
     by_object = [value for value in values.values() if isinstance(value, Mapping)]
     objects = tuple(dict.fromkeys(name for each in by_object for name in each)) or ("object",)
     coefficients = np.tile(given.known, (len(objects), 1, 1))
     own = dict[str, Floats]()
-    for name in letters:
+    for name in parameters:
         given_values = values[name]
         numbers = given_values if isinstance(given_values, Mapping) else dict.fromkeys(objects, given_values)
         if lacking := [each for each in objects if each not in numbers]:

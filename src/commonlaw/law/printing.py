@@ -16,7 +16,15 @@ from commonlaw.law.law import Law, object_index, only_object, shares_terms
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, standard_errors, state_rates
 from commonlaw.law.parse import latex_summands
 from commonlaw.law.simplify import within_errors
-from commonlaw.law.text import Addend, coefficient_table, free_letters, latex_with_error, summed, with_error, with_units
+from commonlaw.law.text import (
+    Addend,
+    coefficient_table,
+    free_parameter_names,
+    latex_with_error,
+    summed,
+    with_error,
+    with_units,
+)
 from commonlaw.law.uncertainty import Explanation
 from commonlaw.library.equation import split_equations
 from commonlaw.library.notation import latex_name, powered, quoted
@@ -262,10 +270,10 @@ class Notation:
     times: str
     powers: Callable[[Relation], str]
 
-    def addend(self, relation: Relation, letter: str, name: str, digits: int, errors: bool, first: bool) -> Addend:
-        """Return a coefficient and its term in an equation; each object's own coefficient is a letter."""
+    def addend(self, relation: Relation, parameter: str, name: str, digits: int, errors: bool, first: bool) -> Addend:
+        """Return a coefficient and its term in an equation; an object-specific coefficient is a parameter."""
         if relation.kind is RelationKind.OWN:
-            return Addend(False, self.name(letter), name)
+            return Addend(False, self.name(parameter), name)
         known = relation.errors if errors else [0.0] * len(relation.errors)
         alone = relation.kind is RelationKind.UNIVERSAL and first and name == "1"
         pairs = zip(relation.factors, known, strict=True)
@@ -309,43 +317,45 @@ def related_rows(
     """Return equations with relations before their terms, then shared parameters; left-hand sides are those of both."""
     rows: list[list[Addend]] = [[] for _ in lefts]
     equations, parameters = len(law.support), law.terms.parameters
-    related = zip(np.argwhere(law.support).tolist(), _explanation(law).relations, _letters(law), strict=True)
-    for (j, k), relation, letter in related:
+    related = zip(
+        np.argwhere(law.support).tolist(), _explanation(law).relations, _specific_parameters(law), strict=True
+    )
+    for (j, k), relation, parameter in related:
         row, term = rows[j], names[k]
         if k in parameters:
-            if letter:  # Its values stand in the table of object-specific coefficients
+            if parameter:  # Its values stand in the table of object-specific coefficients
                 continue
             row, term = rows[equations + parameters.index(k)], "1"
         if relation is None:
             value = float(law.coefficients[0, j, k])
             row.append(Addend(value < 0, notation.number(abs(value), 0.0, digits), term))
         else:
-            row.append(notation.addend(relation, letter or "", term, digits, errors, not row))
+            row.append(notation.addend(relation, parameter or "", term, digits, errors, not row))
     return [(left, row) for i, (left, row) in enumerate(zip(lefts, rows, strict=True)) if row or i < equations]
 
 
 def relation_lines(law: Law) -> list[str]:
     """Return the lines on what relations leave open, and a table of object-specific coefficients."""
-    units, letters = _factor_units(law), _letters(law)
+    units, parameters = _factor_units(law), _specific_parameters(law)
     names = [law.terms.names[k] for _, k in np.argwhere(law.support)]
-    related = zip(_explanation(law).relations, letters, names, units, strict=True)
+    related = zip(_explanation(law).relations, parameters, names, units, strict=True)
     said = [words for relation, *how in related if relation for words in _remarks(relation, *how)]
-    lines, specific = [*([""] if said else []), *said], [letter is not None for letter in letters]
+    lines, specific = [*([""] if said else []), *said], [parameter is not None for parameter in parameters]
     if any(specific):
         values, errors = law.coefficients[:, law.support][:, specific], standard_errors(law)[:, law.support]
-        pairs = zip(letters, units, strict=True)
-        heads = with_units(*zip(*((letter, unit) for letter, unit in pairs if letter), strict=True))
+        pairs = zip(parameters, units, strict=True)
+        heads = with_units(*zip(*((name, unit) for name, unit in pairs if name), strict=True))
         lines += ["", *coefficient_table(law.objects, heads, values, errors[:, specific])]
     return lines
 
 
-def _remarks(relation: Relation, letter: str | None, name: str, unit: str | None) -> Iterator[str]:
+def _remarks(relation: Relation, parameter: str | None, name: str, unit: str | None) -> Iterator[str]:
     """Yield what an equation does not say of a relation, given the unit of its factor if it is known."""
     scatter = with_error(relation.scatter, relation.scatter_error)
     amount = f"standard deviation between objects{' in logarithms' if relation.relative else ''} {scatter}"
     if relation.kind is RelationKind.OWN:
         typical = with_error(relation.factors[0], relation.errors[0])
-        yield f"{letter} is object-specific: typical value {typical}, {amount}"
+        yield f"{parameter} is object-specific: typical value {typical}, {amount}"
     elif relation.scatter:
         yield f"coefficients of {name} deviate from this: {amount}"
     if relation.kind is not RelationKind.POWER_LAW or unit is None:
@@ -359,11 +369,11 @@ def _remarks(relation: Relation, letter: str | None, name: str, unit: str | None
         yield f"the factor of {name} has the unit {unit}, which no common constant has: a property may be missing"
 
 
-def _letters(law: Law) -> list[str | None]:
-    """Return a letter for each coefficient in the law that is object-specific; a constant has its name."""
+def _specific_parameters(law: Law) -> list[str | None]:
+    """Return a name for each coefficient in the law that is object-specific."""
     explanation, columns = _explanation(law), np.argwhere(law.support)[:, 1].tolist()
     variables = law.terms.variables.names
-    free = iter(free_letters(len(columns), (*variables, *explanation.properties)))
+    free = iter(free_parameter_names(len(columns), (*variables, *explanation.properties)))
     return [
         law.terms.parameter_name(k) or next(free) if relation and relation.kind is RelationKind.OWN else None
         for relation, k in zip(explanation.relations, columns, strict=True)

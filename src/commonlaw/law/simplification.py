@@ -5,6 +5,7 @@ from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from commonlaw.array_types import Floats
+from commonlaw.law.deprecated import renamed, warn_deprecated
 from commonlaw.law.text import coefficient_table, with_error
 from commonlaw.trials import Trials
 
@@ -17,15 +18,21 @@ class Replacement(NamedTuple):
     The estimate is its mean over objects, with its standard error; `off` are standard errors between both.
     """
 
-    letter: str
+    parameter: str
     estimate: float
     error: float
     form: str
     off: float
 
+    @property
+    def letter(self) -> str:
+        """Deprecated name of `parameter`."""
+        warn_deprecated("Replacement.letter", "Replacement.parameter", stacklevel=2)
+        return self.parameter
+
     def __str__(self) -> str:
         number = with_error(self.estimate, self.error)
-        return f"{self.letter} = {number} by {self.form}, {self.off:.1f} standard errors off"
+        return f"{self.parameter} = {number} by {self.form}, {self.off:.1f} standard errors off"
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,16 +42,16 @@ class Simplification(Generic[LawType]):
     Parameters
     ----------
     equations
-        Shortest form of each equation, with letters for the remaining numbers.
+        Shortest form of each equation, with parameters for the remaining numbers.
     replaced
         The replaced numbers.
     chi_square, degrees_of_freedom
         Of all replacements of all objects together: the squared distance of the estimates from the nearest that obey
         them, in units of their covariance.
-    objects, letters
+    objects, parameters
         Of the law, and for the numbers that remain.
     values, errors
-        What the letters stand for, given the replacements, and standard errors, shape (objects, letters).
+        Estimates of the parameters, given the replacements, and standard errors, shape (objects, parameters).
     """
 
     equations: tuple[str, ...]
@@ -52,9 +59,10 @@ class Simplification(Generic[LawType]):
     chi_square: float
     degrees_of_freedom: int
     objects: tuple[str, ...]
-    letters: tuple[str, ...]
+    parameters: tuple[str, ...]
     values: Floats
     errors: Floats
+    letters = renamed("Simplification", "letters", "parameters")
 
     @property
     def p_value(self) -> float:
@@ -71,7 +79,7 @@ class Simplification(Generic[LawType]):
         if self.replaced:
             freedom = f"{self.degrees_of_freedom} degree{'s' if self.degrees_of_freedom > 1 else ''} of freedom"
             said += [f"together: chi-square {self.chi_square:.3g} with {freedom}, p = {self.p_value:.2g}"]
-        table = coefficient_table(self.objects, self.letters, self.values, self.errors) if self.letters else []
+        table = coefficient_table(self.objects, self.parameters, self.values, self.errors) if self.parameters else []
         return "\n".join([*self.equations, "", *said, *([""] if table else []), *table])
 
 

@@ -31,12 +31,12 @@ def symbolic() -> Any:
 
 
 def symbol(name: str) -> "sympy.Symbol":
-    """Return the symbol of a variable, a parameter inside terms or a letter."""
+    """Return the symbol of a variable, or a parameter."""
     return symbolic().Symbol(quoted(name), real=True)
 
 
 def right_hand_sides(law: Law) -> "list[sympy.Expr]":
-    """Return what the equations give, with symbols for letters."""
+    """Return what the equations give, with symbols for parameters."""
     sympy, columns = symbolic(), [symbol(name) for name in law.terms.variables.names]
     products = {(each.equation, each.term): each for each in named_parameters(law).products}
     found = []
@@ -86,14 +86,14 @@ def _exact(number: float) -> "sympy.Expr":
 
 @dataclass(frozen=True, eq=False)
 class _VanishingPart:
-    """A sum before products of variables in a numerator, and the letter that takes a form where it is zero.
+    """A sum before products of variables in a numerator, and the parameter that takes a form where it is zero.
 
-    Values of the sum have the shape (objects,), its derivatives by all letters (objects, letters).
+    Values of the sum have the shape (objects,), its derivatives by all parameters (objects, parameters).
     """
 
     equation: "sympy.Expr"
     index: int
-    letter: str
+    parameter: str
     form: "sympy.Expr"
     values: Floats
     slopes: Floats
@@ -111,7 +111,7 @@ def _vanishing_part(law: Law, estimates: "_Estimates", tolerance: float) -> _Van
         return None
     measured = [symbol(name) for name in law.terms.variables.measured]
     names = estimates.parameters.names
-    letters, found = [symbol(name) for name in names], list[_VanishingPart]()
+    symbols, found = [symbol(name) for name in names], list[_VanishingPart]()
     for j, right in enumerate(right_hand_sides(law)):
         above, below = sympy.fraction(sympy.together(right))
         if not below.has(*map(symbol, parameters)):
@@ -121,13 +121,13 @@ def _vanishing_part(law: Law, estimates: "_Estimates", tolerance: float) -> _Van
         except sympy.PolynomialError:
             continue
         for part in (part for part in parts if part.is_Add):
-            gradient = sympy.lambdify(letters, [part, *(part.diff(letter) for letter in letters)])
+            gradient = sympy.lambdify(symbols, [part, *(part.diff(each) for each in symbols)])
             along = np.array([gradient(*value) for value in estimates.values[:-1]], dtype=np.float64)
-            for name, letter in zip(names, letters, strict=True):
-                slope = part.diff(letter)  # Linear in letters before terms only
-                if name not in parameters and part.has(letter) and not slope.has(letter):
-                    form = sympy.factor(-part.subs(letter, 0) / slope)
-                    equation = sympy.factor(right.subs(letter, form))
+            for name, unknown in zip(names, symbols, strict=True):
+                slope = part.diff(unknown)  # Linear in factors of terms only
+                if name not in parameters and part.has(unknown) and not slope.has(unknown):
+                    form = sympy.factor(-part.subs(unknown, 0) / slope)
+                    equation = sympy.factor(right.subs(unknown, form))
                     found.append(_VanishingPart(equation, j, name, form, along[:, 0], along[:, 1:]))
     least, covariances = p_value(tolerance**2, 1), estimates.covariances[:-1]
     near = [each for each in found if p_value(each.chi_square(covariances), len(law.objects)) >= least]
@@ -135,7 +135,7 @@ def _vanishing_part(law: Law, estimates: "_Estimates", tolerance: float) -> _Van
 
 
 def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
-    """Return the law without a part, the other letters at their largest likelihood given that, to first order."""
+    """Return the law without a part, the other parameters at their largest likelihood given that, to first order."""
     values, covariances = estimates.values[:-1], estimates.covariances[:-1]
     shared = np.einsum("oij,oj->oi", covariances, part.slopes)
     variances = np.einsum("oi,oi->o", part.slopes, shared)[:, np.newaxis]
@@ -144,7 +144,7 @@ def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
     rights, schema, names = right_hand_sides(law), law.schema, estimates.parameters.names
     rights[part.index] = part.equation
     by_name = dict(zip(names, values.T, strict=True))
-    known = {name: dict(zip(law.objects, own, strict=True)) for name, own in by_name.items() if name != part.letter}
+    known = {name: dict(zip(law.objects, own, strict=True)) for name, own in by_name.items() if name != part.parameter}
     result = Law.from_text(shortest(law, rights), known, inputs=schema.inputs, time=schema.time, units=schema.units)
     indices = {index: i for i, index in enumerate(zip(*np.nonzero(result.support), strict=True))}
     slopes = np.zeros((len(law.objects), len(indices), len(names)))
@@ -173,41 +173,41 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
         raise CommonlawError("simplify-own-terms")
     start = _Estimates.of(law)
     if part := _vanishing_part(law, start, tolerance):
-        rest, i = simplified(_without(law, part, start), tolerance), start.parameters.names.index(part.letter)
+        rest, i = simplified(_without(law, part, start), tolerance), start.parameters.names.index(part.parameter)
         count, chi_square = len(law.objects), part.chi_square(start.covariances[:-1])
         mean, error = float(start.values[:-1, i].mean()), float(np.sqrt(start.covariances[:-1, i, i].sum())) / count
         off = float(np.sqrt(chi_square / count))
         return replace(
             rest,
-            replaced=(Replacement(part.letter, mean, error, written(part.form), off), *rest.replaced),
+            replaced=(Replacement(part.parameter, mean, error, written(part.form), off), *rest.replaced),
             chi_square=rest.chi_square + chi_square,
             degrees_of_freedom=rest.degrees_of_freedom + count,
         )
     constraints, found = _constrained(start, tolerance)
     chi_square, degrees = start.chi_square(constraints)
-    names, gone = start.parameters.names, {constraint.letter for constraint in constraints}
+    names, gone = start.parameters.names, {constraint.parameter for constraint in constraints}
     rights = right_hand_sides(law)
     left = [i for i, name in enumerate(names) if name not in gone]
     for constraint in constraints:
         number = symbolic().Rational(constraint.number.numerator, constraint.number.denominator)
         form = number if constraint.other is None else number * symbol(names[constraint.other])
-        rights = [right.subs(symbol(constraint.letter), form) for right in rights]
+        rights = [right.subs(symbol(constraint.parameter), form) for right in rights]
     return Simplification(
         equations=shortest(law, rights),
         replaced=tuple(constraint.replacement(names, start) for constraint in constraints),
         chi_square=chi_square,
         degrees_of_freedom=degrees,
         objects=law.objects,
-        letters=tuple(names[i] for i in left),
+        parameters=tuple(names[i] for i in left),
         values=found.values[:-1, left],
         errors=np.sqrt(np.maximum(np.diagonal(found.covariances, axis1=1, axis2=2), 0.0))[:-1, left],
     )
 
 
 def within_errors(law: Law) -> list[str]:
-    """Return a line of equations with letters replaced that are within errors of 1, -1, another letter or its opposite.
+    """Return a line of equations, parameters replaced that are within errors of 1, -1, another or its opposite.
 
-    No line if no letter is, or estimates of each object by its own trials are unknown. Of one object, the other letters
+    No line if none is, or estimates of each object by its own trials are unknown. Of one object, the other parameters
     are numbers: those of largest likelihood then.
     """
     known = law.uncertainty
@@ -226,7 +226,7 @@ def within_errors(law: Law) -> list[str]:
         written = {name: (value < 0, rounded(abs(value), error)) for name, value, error in values}
     for constraint in constraints:
         negative, text = (False, "1") if constraint.other is None else written[parameters.names[constraint.other]]
-        written[constraint.letter] = (negative != (constraint.number < 0), text)
+        written[constraint.parameter] = (negative != (constraint.number < 0), text)
     write = {name: (lambda _, own=own: own) for name, own in written.items()}
     equations = (_without_ones(each.with_numbers(write)) for each in split_equations(law.structure))
     return [f"within errors: {'; '.join(equations)}"]
@@ -266,17 +266,17 @@ def _constrained(
 
 @dataclass(frozen=True)
 class _Constraint:
-    """What a letter is replaced by: a number, or a number times another letter; and the bits that it takes to write."""
+    """What a parameter is replaced by, a number, or a number times another parameter, and the bits to write it."""
 
-    letter: str
+    parameter: str
     index: int
     number: Fraction
     other: int | None
     bits: float
 
-    def row(self, letters: int) -> tuple[Floats, float]:
-        """Return what is constrained, a sum of letters with these factors, and to which number."""
-        row = np.zeros(letters)
+    def row(self, parameters: int) -> tuple[Floats, float]:
+        """Return what is constrained, a sum of parameters with these factors, and to which number."""
+        row = np.zeros(parameters)
         row[self.index] = 1.0
         if self.other is None:
             return row, float(self.number)
@@ -299,16 +299,16 @@ class _Constraint:
         value = abs(estimates.values[-1, self.index])
         return float(np.log2(value / error) - self.bits - off**2 / _BIT) if value > 0 else -np.inf
 
-    def replacement(self, letters: Sequence[str], estimates: "_Estimates") -> Replacement:
+    def replacement(self, names: Sequence[str], estimates: "_Estimates") -> Replacement:
         """Return what to say of it."""
-        mean, error = float(estimates.values[-1, self.index]), estimates.error(np.eye(len(letters))[self.index])
-        form = str(self.number) if self.other is None else f"{'-' if self.number < 0 else ''}{letters[self.other]}"
-        return Replacement(self.letter, mean, error, form, float(self.off(estimates)))
+        mean, error = float(estimates.values[-1, self.index]), estimates.error(np.eye(len(names))[self.index])
+        form = str(self.number) if self.other is None else f"{'-' if self.number < 0 else ''}{names[self.other]}"
+        return Replacement(self.parameter, mean, error, form, float(self.off(estimates)))
 
 
 @dataclass(frozen=True, eq=False)
 class _Estimates:
-    """What letters stand for by object and last on average, shape (objects + 1, letters), with their covariances."""
+    """Parameters by object and last on average, shape (objects + 1, parameters), with their covariances."""
 
     parameters: Parameters
     values: Floats
@@ -327,7 +327,7 @@ class _Estimates:
         return cls(parameters, parameters.of(coefficients), slopes @ covariances @ slopes.transpose(0, 2, 1))
 
     def error(self, row: Floats) -> float:
-        """Return the standard error of a sum of letters with these factors, of the mean over objects."""
+        """Return the standard error of a sum of parameters with these factors, of the mean over objects."""
         return float(np.sqrt(max(row @ self.covariances[-1] @ row, 0.0)))
 
     def _distances(self, constraints: Sequence[_Constraint]) -> tuple[Floats, Floats, Floats]:
@@ -364,24 +364,24 @@ class _Estimates:
 
 
 def _candidates(found: _Estimates, constraints: Sequence[_Constraint]) -> Iterator[_Constraint]:
-    """Yield what each letter that is left could be replaced by.
+    """Yield what each remaining parameter could be replaced by.
 
     Ratios of whole numbers have the bits of both (Elias 1975, the gamma code).
     """
     parameters, inside = found.parameters, found.parameters.law.terms.variables.parameters
     gone, units = {constraint.index for constraint in constraints}, parameters.units
     powers = [pair for product in parameters.products for pair in product.coefficients]
-    for i, letter in enumerate(parameters.names):
+    for i, name in enumerate(parameters.names):
         if i in gone:
             continue
-        if letter not in inside and all(power > 0 for name, power in powers if name == letter):
-            yield _Constraint(letter, i, Fraction(0), None, 0.0)
+        if name not in inside and all(power > 0 for factor, power in powers if factor == name):
+            yield _Constraint(name, i, Fraction(0), None, 0.0)
         if units[i] in (None, ""):
             value = float(found.values[-1, i])
             near = {Fraction(round(value * below), below) for below in range(1, _LARGEST_DENOMINATOR + 1)}
             for ratio in near - {Fraction(0)}:
                 bits = 2 + 2 * (math.log2(abs(ratio.numerator)) + math.log2(ratio.denominator))
-                yield _Constraint(letter, i, ratio, None, bits)
+                yield _Constraint(name, i, ratio, None, bits)
         for k in range(len(parameters.names)):
             if k != i and k not in gone and units[k] == units[i]:
-                yield from (_Constraint(letter, i, Fraction(sign), k, 1 + np.log2(len(units))) for sign in (1, -1))
+                yield from (_Constraint(name, i, Fraction(sign), k, 1 + np.log2(len(units))) for sign in (1, -1))

@@ -1,4 +1,4 @@
-"""Tables of a law, and letter values of the coefficients of very many objects."""
+"""Tables of a law, and quantiles of the coefficients of very many objects."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import compress, starmap
@@ -229,7 +229,7 @@ def summary(law: Law) -> str:
 
 
 def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
-    """Yield what each coefficient is called, with its unit: its letter, or where relations took letters its term."""
+    """Yield the name of each coefficient with its unit; where relations have names of their own, its term."""
     parameters = named_parameters(law)
     names = parameters.names
     lefts = left_hand_sides(law)
@@ -306,10 +306,10 @@ _NORMAL = 1.349
 """Standard deviations between the fourths of a normal distribution."""
 
 
-def letter_values(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
-    """Return the letter values of columns of numbers, a row for each value and a column for each.
+def quantile_frame(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
+    """Return the letter values (quantiles) of columns of numbers, a row for each and a column for each.
 
-    >>> table = letter_values({"mass": np.arange(101.0)}, "object")
+    >>> table = quantile_frame({"mass": np.arange(101.0)}, "object")
     >>> table.set_index("of 101 objects")["mass"].to_dict()["upper fourth"]
     75.0
     """
@@ -324,7 +324,7 @@ def letter_values(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
 
 
 def spread_tables(law: Law, count: int, universal: bool = True) -> tuple[pd.DataFrame, pd.DataFrame] | None:
-    """Return letter values of the parameters, and so many objects farthest from the medians, with their parameters.
+    """Return quantiles of the parameters, and so many objects farthest from the medians, with their parameters.
 
     Distances are in standard deviations of a normal distribution with the same fourths. `universal` parameters, equal
     for all objects, may be left out; None if no parameter is left.
@@ -351,4 +351,4 @@ def spread_tables(law: Law, count: int, universal: bool = True) -> tuple[pd.Data
         for i in chosen.tolist()
     ]
     farthest = pd.DataFrame(rows, columns=[law.schema.object, *heads, "farthest in", "by"])
-    return letter_values(dict(zip(heads, values.T, strict=True)), "object"), farthest
+    return quantile_frame(dict(zip(heads, values.T, strict=True)), "object"), farthest

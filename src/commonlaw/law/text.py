@@ -183,13 +183,13 @@ def written_equations(lefts: Iterable[str], rows: Iterable[Iterable[Addend]]) ->
     return tuple(f"{left} = {summed(row, ' ')}" for left, row in zip(lefts, rows, strict=True))
 
 
-def free_letters(count: int, variables: Sequence[str]) -> tuple[str, ...]:
-    """Return so many letters that are no names of variables: a, b, ..., a1, b1, ...
+def free_parameter_names(count: int, variables: Sequence[str]) -> tuple[str, ...]:
+    """Return so many names of parameters that are not those of variables: a, b, ..., a1, b1, ...
 
-    >>> free_letters(3, ["b", "v"])
+    >>> free_parameter_names(3, ["b", "v"])
     ('a', 'c', 'd')
     """
-    free = [letter for letter in ascii_lowercase if letter not in (*variables, *_TAKEN)]
+    free = [name for name in ascii_lowercase if name not in (*variables, *_TAKEN)]
     return tuple(free[i % len(free)] + (str(i // len(free)) if i >= len(free) else "") for i in range(count))
 
 
@@ -203,7 +203,7 @@ def with_units(names: Iterable[str], units: Iterable[str | None]) -> list[str]:
 
 
 def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients: Floats, errors: Floats) -> list[str]:
-    """Return lines of objects' coefficients, shape (objects, letters), under their letters; of very many the first."""
+    """Return lines of objects' coefficients, shape (objects, parameters), under their names; of very many the first."""
     few, left_out = objects[:MANY], len(objects) - MANY
     pairs = zip(coefficients[:MANY], np.nan_to_num(errors[:MANY]), strict=True)
     cells = [[with_error(*pair) for pair in zip(*each, strict=True)] for each in pairs]

@@ -131,12 +131,12 @@ class Ratios:
 
         The coefficient one goes to the largest by these sizes, or else the first, of those below that hold a variable.
         """
-        terms, letters = tuple(self.below[i] for i in below), list[str]()
+        terms, names = tuple(self.below[i] for i in below), list[str]()
         sizes = np.ones(len(terms)) if sizes is None else sizes
         reference = max((i for i, term in enumerate(terms) if term.columns()), key=lambda i: float(sizes[i]))
-        for letter in _LETTERS[: len(below) - 1]:
-            letters.append(free_name(letter, (*variables.measured, *letters)))
-        return Ratio(tuple(self.above[i] for i in above), terms, reference, tuple(letters))
+        for name in _PARAMETER_NAMES[: len(below) - 1]:
+            names.append(free_name(name, (*variables.measured, *names)))
+        return Ratio(tuple(self.above[i] for i in above), terms, reference, tuple(names))
 
     def is_reduced(self, above: Sequence[int], below: Sequence[int]) -> bool:
         """Whether no variable cancels in a ratio: ``s/(K + s)``, but not ``s^2/(K s + s^2)``."""
@@ -267,7 +267,7 @@ def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | Non
     return (*result, *(replace(whole, tied=tuple(parts)) for whole, *parts in tied), *of_pairs, *of_vectors)
 
 
-_LETTERS = "KLMNPQRSTUVW"
+_PARAMETER_NAMES = "KLMNPQRSTUVW"
 _ANY = Variables(("u_", "w_"))
 
 

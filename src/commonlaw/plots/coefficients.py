@@ -30,7 +30,7 @@ from commonlaw.law.parameters import (
 )
 from commonlaw.law.text import with_error
 from commonlaw.library.notation import latex_name
-from commonlaw.plots.equations import equation_labels, letter_of, term_labels
+from commonlaw.plots.equations import equation_labels, parameter_label, term_labels
 from commonlaw.plots.style import (
     ABSENT,
     COLORS,
@@ -64,7 +64,7 @@ class Coefficient:
     left: str
     name: str
     term: str
-    letter: str
+    parameter: str
     unit: str
     learned: Floats
     true: Floats
@@ -74,8 +74,8 @@ class Coefficient:
 
     @property
     def label(self) -> str:
-        """Its letter and unit, as far as there are any."""
-        return " ".join(filter(None, (self.letter, f"({self.unit})" if self.unit else "")))
+        """Its parameter and unit, as far as there are any."""
+        return " ".join(filter(None, (self.parameter, f"({self.unit})" if self.unit else "")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class DotPlot:
     def coefficients(self) -> list[Coefficient]:
         """All coefficients that are in the law or in the truth, equation by equation."""
         law, known, result = self.law, true_coefficients(self.law, self.truth), list[Coefficient]()
-        labels, lefts, is_named = term_labels(law.terms), left_hand_sides(law), self._by_letter
+        labels, lefts, is_named = term_labels(law.terms), left_hand_sides(law), self._by_parameter
         support = law.support if known is None else np.ones_like(law.support)
         parameters = tabulated_parameters(law, None if is_named else support)
         low, high = (parameters.values,) * 2 if law.uncertainty.covariance is None else parameters.intervals()
@@ -106,17 +106,17 @@ class DotPlot:
                 label = math(latex_name(name), name)
                 where = j, equation_label(law, j, k), name, label, label
             else:
-                # The equations of an explained law have letters of their own
-                letter = letter_of(law, j, k) if law.uncertainty.explanation is None else ""
-                where = j, lefts[j], law.terms.names[k], labels[k], letter
+                # The equations of an explained law have parameters of their own
+                name = parameter_label(law, j, k) if law.uncertainty.explanation is None else ""
+                where = j, lefts[j], law.terms.names[k], labels[k], name
             if np.any(np.isfinite([learned, true])):
                 numbers = learned, true, errors[:, i], low[:, i], high[:, i]
                 result.append(Coefficient(*where, unit_text(unit or ""), *numbers))
         return result
 
     @property
-    def _by_letter(self) -> bool:
-        """Whether the law's own letters are shown; the equations of an explained law have others."""
+    def _by_parameter(self) -> bool:
+        """Whether the law's own parameters are shown; the equations of an explained law have others."""
         return bool(self.law.provenance.equations) and self.law.uncertainty.explanation is None
 
     @property
@@ -160,7 +160,7 @@ class DotPlot:
 
     def title(self, each: Coefficient) -> str:
         """Return what stands above the panel of a coefficient: its term, and its equation if there are several."""
-        if self._by_letter:
+        if self._by_parameter:
             return each.term
         lefts = equation_labels(self.law)
         where = f"{lefts[each.equation]}: " if len(lefts) > 1 else ""
@@ -202,7 +202,7 @@ class DotPlot:
                     panel.annotate(text, at, (8, 0), textcoords="offset points", va="center", fontsize=9)
             panel.set_yticks(heights, [each.term for each in group])
             panel.set_ylim(len(group) - 0.4, -0.6)
-            what = "parameters" if self._by_letter else "terms"
+            what = "parameters" if self._by_parameter else "terms"
             panel.set_title(f"{what} of {left}", loc="left")
             panel.margins(x=0.4 if self.law.uncertainty.covariance is None else 0.7)  # room for the printed values
         panels[-1].locator_params(axis="x", nbins=5)

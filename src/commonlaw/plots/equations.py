@@ -49,15 +49,15 @@ def equation_lines(law: Law) -> str:
     return "\n".join([*lines, f"with {meaning}"] if meaning else lines)
 
 
-def letter_of(law: Law, equation: int, term: int) -> str:
-    """Return the letter of a coefficient as a label, with its factor; empty if it is not in the law or has none."""
-    factor, letter = _factor_and_letter(law, equation, term)
+def parameter_label(law: Law, equation: int, term: int) -> str:
+    """Return the parameters of a coefficient as a label, with its factor; empty if it is not in the law or has none."""
+    factor, names = _factor_and_parameters(law, equation, term)
     sign = {1.0: "", -1.0: "$-$"}.get(factor, _number(factor))
-    return sign + letter if letter and law.support[equation, term] else ""
+    return sign + names if names and law.support[equation, term] else ""
 
 
-def _factor_and_letter(law: Law, equation: int, term: int) -> tuple[float, str]:
-    """Return what a coefficient is as given: a factor times letters or over them, or a number and no letter."""
+def _factor_and_parameters(law: Law, equation: int, term: int) -> tuple[float, str]:
+    """Return what a coefficient is as given: a factor times parameters or over them, or a number and none."""
     for product in named_parameters(law).products:
         if (product.equation, product.term) == (equation, term):
             above, below = (
@@ -74,11 +74,11 @@ def _summands(law: Law, j: int) -> list[tuple[str, str]]:
         return [("$-$" if each.negative else "$+$", math(each.name, each.name)) for each in latex_structure(law)[j]]
     summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
     for k in np.flatnonzero(law.support[j] & law.terms.is_factor):
-        value, letter = (law.coefficients[0, j, k], "") if one else _factor_and_letter(law, j, int(k))
-        number = "" if letter and abs(value) == 1 else _number(abs(value))
+        value, names = (law.coefficients[0, j, k], "") if one else _factor_and_parameters(law, j, int(k))
+        number = "" if names and abs(value) == 1 else _number(abs(value))
         label = f"({labels[k]})" if law.terms.terms[k].is_sum else labels[k]
         rest = "" if law.terms.names[k] == "1" else f" {label}"
-        summands.append(("$-$" if value < 0 else "$+$", number + letter + rest))
+        summands.append(("$-$" if value < 0 else "$+$", number + names + rest))
     return summands
 
 

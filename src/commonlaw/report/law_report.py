@@ -11,7 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
 from commonlaw.law.script import Source
-from commonlaw.law.tables import letter_values, spread_tables
+from commonlaw.law.tables import quantile_frame, spread_tables
 from commonlaw.law.text import MANY
 from commonlaw.plots import plot_intervals
 from commonlaw.report import curves, law_sections
@@ -130,8 +130,8 @@ def _forecasts(found: ManyFindings) -> Iterator[Block]:
     relative = found.relative.replace(np.inf, np.nan).dropna()
     name = found.errors.columns[0]
     if len(relative) > MANY:
-        caption = "Errors of the forecasts of objects, in units of the spread of the states: letter values."
-        yield Table("errors-of-all", caption, letter_values({"rms error": relative.to_numpy()}, "object"))
+        caption = "Errors of the forecasts of objects, in units of the spread of the states: quantiles."
+        yield Table("errors-of-all", caption, quantile_frame({"rms error": relative.to_numpy()}, "object"))
     worst = found.relative.iloc[::-1][:_MAX_LISTED]
     frame = pd.DataFrame({name: worst.index.astype(str), "rms error": worst.to_numpy()})
     caption = f"The {counted(len(worst), 'object')} with the worst forecasts, in the same units."
@@ -141,7 +141,7 @@ def _forecasts(found: ManyFindings) -> Iterator[Block]:
 def _coefficients(law: Law) -> Iterator[Block]:
     if tables := spread_tables(law, _MAX_LISTED, universal=False):  # What is universal is said above
         spread, farthest = tables
-        yield Table("spread", "Coefficients of all objects: letter values (Tukey 1977).", spread)
+        yield Table("spread", "Coefficients of all objects: quantiles (letter values, Tukey 1977).", spread)
         caption = "The objects farthest from the medians, in standard deviations of a normal spread."
         yield Table("outlying", caption, farthest)
     yield Picture("coefficients-of-all", "Coefficients of all objects in order.", partial(plot_intervals, law))

@@ -57,7 +57,7 @@ def _latex(law: Law) -> str:
 
 
 def _has_numbers(law: Law) -> bool:
-    """Whether the equations hold for all objects with numbers in place of letters."""
+    """Whether the equations hold for all objects with numbers in place of parameters."""
     return len(law.objects) == 1 or law.uncertainty.explanation is not None
 
 

@@ -273,8 +273,8 @@ def _columns(trial: Trial, names: Sequence[str] | None) -> tuple[tuple[str, ...]
     states, inputs = trial.states.shape[1], trial.inputs.shape[1]
     if names is None:
         names = [
-            letter if count == 1 else f"{letter}{i}"
-            for letter, count in (("x", states), ("u", inputs))
+            name if count == 1 else f"{name}{i}"
+            for name, count in (("x", states), ("u", inputs))
             for i in range(1, count + 1)
         ]
     listed = isinstance(names, list | tuple | np.ndarray) and all(isinstance(name, str) for name in names)

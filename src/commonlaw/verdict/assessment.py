@@ -309,7 +309,7 @@ def _poorly_known(law: Law) -> tuple[str, ...]:
             where = f"{lefts[each.equation]}, before {law.terms.factors[each.term]}"
             some = [law.objects[i] for i in poor]
             of = "" if len(poor) == len(law.objects) else f", of {listed(some)}"
-            # The equations of an explained law have letters of their own
+            # The equations of an explained law have parameters of their own
             result.append(f"{each.name if law.uncertainty.explanation is None else 'a coefficient'} ({where}{of})")
     return tuple(result)
 

@@ -17,7 +17,7 @@ from commonlaw.law.law import shares_terms
 from commonlaw.law.observation import Observation, Restrictions
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, standard_errors
 from commonlaw.law.quantiles import two_sided, upper_bound
-from commonlaw.law.text import free_letters
+from commonlaw.law.text import free_parameter_names
 from commonlaw.library import Term, Terms, parse_term, parse_terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.notebooks import ShownInNotebooks
@@ -230,13 +230,13 @@ def _observed(
     given = (observation.restrictions or Restrictions()).noise
     levels = {key: level for key, level in given.items() if not isinstance(level, str)}
     names = law.terms.variables.names
-    (letter,) = free_letters(1, (*names, *observation.measured.states, *property_names(trials.properties)))
+    (parameter,) = free_parameter_names(1, (*names, *observation.measured.states, *property_names(trials.properties)))
     shown = term.text([quoted(name) for name in names])
     written = law.provenance.equations or law.structure
-    equations = [f"{text} + {letter} {shown}" if j == equation else text for j, text in enumerate(written)]
+    equations = [f"{text} + {parameter} {shown}" if j == equation else text for j, text in enumerate(written)]
     fitted = refit(law, trials, equations=equations, noise=levels, progress=silent).law(())
     named = named_parameters(fitted)
-    at = named.names.index(letter)
+    at = named.names.index(parameter)
     return fitted, named.values[:, at], named.errors[:, at], named.units[at] or ""
 
 
