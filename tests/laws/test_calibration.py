@@ -9,7 +9,7 @@ import commonlaw as cl
 from commonlaw.inference.result import held_out_forecasts
 from commonlaw.inference.result.held_out_forecasts import StandardizedErrors, interval_inflation
 from commonlaw.law import from_json, to_json
-from commonlaw.law.uncertainty import Widening
+from commonlaw.law.uncertainty import IntervalInflation
 from tests.refusals import refused
 
 
@@ -60,8 +60,8 @@ def test_what_was_never_forecast_widens_nothing():
 
 
 def test_a_band_is_wider_by_the_factor_of_its_horizon(drops, law):
-    wider = Widening(np.array([0.5, 1.0]), np.array([1.0, 3.0]))
-    changed = replace(law, uncertainty=replace(law.uncertainty, widening=wider))
+    wider = IntervalInflation(np.array([0.5, 1.0]), np.array([1.0, 3.0]))
+    changed = replace(law, uncertainty=replace(law.uncertainty, interval_inflation=wider))
     again = from_json(to_json(changed))
     plain, found = (each.predict(drops, start=5, return_std=True) for each in (law, again))
     for i, drop in enumerate(drops):
@@ -74,9 +74,9 @@ def test_a_band_is_wider_by_the_factor_of_its_horizon(drops, law):
     ("horizons", "factors"), [([1.0, 0.5], [1.0, 1.0]), ([1.0], [0.0]), ([], []), ([1.0, 2.0], [1.0])]
 )
 def test_a_widening_that_is_none_is_refused(law, horizons, factors):
-    wrong = Widening(np.array(horizons), np.array(factors))
+    wrong = IntervalInflation(np.array(horizons), np.array(factors))
     with refused("interval-inflation"):
-        replace(law, uncertainty=replace(law.uncertainty, widening=wrong))
+        replace(law, uncertainty=replace(law.uncertainty, interval_inflation=wrong))
 
 
 @pytest.fixture(scope="module")
@@ -102,8 +102,8 @@ def test_trials_that_differ_by_more_than_the_law_says_widen_the_bands_of_what_is
     alike, different = (
         cl.discover(measured(scatter), library="poly:1", method=white, order=1) for scatter in (0.0, 0.3)
     )
-    assert alike.uncertainty.widening.factors.max() < 1.5
-    assert different.uncertainty.widening.factors.max() > 2
+    assert alike.uncertainty.interval_inflation.factors.max() < 1.5
+    assert different.uncertainty.interval_inflation.factors.max() > 2
 
 
 def test_the_later_half_of_a_trial_may_forecast_the_earlier_one_too():

@@ -61,5 +61,5 @@ def test_a_species_that_is_absent_stays_so_in_the_fit_and_in_forecasts(cultures)
 def test_trials_that_others_say_nothing_of_do_not_widen_bands(cultures):
     law = cl.discover(cultures, order=1, library="poly:2", method=cl.TrajectoryLikelihood(errors="white"))
     assert {"a b"} <= {name for name, used in zip(law.terms.names, law.support.any(axis=0), strict=True) if used}
-    widening = law.uncertainty.widening
-    assert widening is None or widening.factors.max() < 5
+    inflation = law.uncertainty.interval_inflation
+    assert inflation is None or inflation.factors.max() < 5

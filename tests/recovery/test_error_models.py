@@ -123,7 +123,7 @@ def test_a_law_with_other_errors_survives_its_file(tmp_path):
     # A measurement has its own error beside that of the state
     measured, state = (first.margins(measured=each)[0] for each in (True, False))
     known, times = law.uncertainty, trials[0].times
-    reach = t.ppf(0.975, known.degrees_of_freedom[0]) * known.widening.at(np.maximum(0.0, times - times[19]))
+    reach = t.ppf(0.975, known.degrees_of_freedom[0]) * known.interval_inflation.at(np.maximum(0.0, times - times[19]))
     own = np.hypot(law.uncertainty.noise, known.error_model.correlated)
     np.testing.assert_allclose(measured[:, 0], np.hypot(state[:, 0], reach * own), rtol=1e-4)
 

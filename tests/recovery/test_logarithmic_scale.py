@@ -107,7 +107,7 @@ def test_forecasts_and_their_bands_are_above_zero(law):
     table = forecast.to_frame()
     np.testing.assert_allclose(table["w measured low"], forecast.interval(measured=True)["low"])
     np.testing.assert_allclose(forecast.margins()[0], np.subtract(*forecast.bands()[0][::-1]) / 2)
-    plain = replace(law, uncertainty=replace(law.uncertainty, widening=None))
+    plain = replace(law, uncertainty=replace(law.uncertainty, interval_inflation=None))
     small = plain.predict(growing(share=0.01), return_std=True, start=10, averaged=False)
     reach = t.ppf(0.975, law.uncertainty.degrees_of_freedom[0])
     np.testing.assert_allclose(small.std[0], small.margins()[0] / reach, rtol=0.01)

@@ -72,7 +72,7 @@ def test_print_shows_each_object_when_they_share_no_form(drag):
     assert "heavy:\n  x'' = -9.8 - 0.5 v\nlight:\n  x'' = -9.34\n" in text
 
 
-def test_letters_for_coefficients_avoid_the_names_of_variables():
+def test_names_for_coefficients_avoid_the_names_of_variables():
     terms = PolynomialLibrary(1).bind(Variables(("a", "c")))
     law = Law(terms, Schema(("a", "c")), 1, ("one", "two"), np.ones((2, 2, 3)))
     assert law.structure == ("a' = b + d a + f c", "c' = g + h a + i c")
@@ -239,7 +239,7 @@ def test_a_saved_law_comes_back_whole(tmp_path, rule):
 def test_a_law_of_another_version_or_damaged_is_refused_with_its_file(drag, tmp_path):
     path, text = tmp_path / "law.json", to_json(drag)
     for damage, message in (
-        (text.replace('"version": 5', '"version": 9'), Diagnostic("law-version", {"version": 9, "supported": 5})),
+        (text.replace('"version": 6', '"version": 9'), Diagnostic("law-version", {"version": 9, "supported": 6})),
         (text[:200], "not-a-law"),
         ("[1, 2]", "not-a-law"),
         (text.replace("-9.8", "null"), "not-a-law"),

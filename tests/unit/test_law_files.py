@@ -15,7 +15,7 @@ from commonlaw.differentiation import parse_differentiation
 from commonlaw.law import Alternative, Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_json, to_latex
 from commonlaw.law.io import law_bytes
 from commonlaw.law.law import with_other_laws
-from commonlaw.law.uncertainty import Widening
+from commonlaw.law.uncertainty import IntervalInflation
 from commonlaw.trials.files import parquet_bytes, parquet_columns
 from tests.refusals import refused
 
@@ -74,7 +74,9 @@ def explained_law():
     law = replace(
         law,
         provenance=replace(law.provenance, alternatives=(alternatives,)),
-        uncertainty=replace(law.uncertainty, widening=Widening(np.array([1.0, 2.0]), np.array([1.1, 1.2]))),
+        uncertainty=replace(
+            law.uncertainty, interval_inflation=IntervalInflation(np.array([1.0, 2.0]), np.array([1.1, 1.2]))
+        ),
     )
     law = with_other_laws(law, (PlausibleLaw(0.2, replace(other, provenance=Provenance())),))
     masses = {name: {"mass": mass, "make": "A"} for name, mass in zip(drops.objects, (3, 1, 1, 0.6, 0.4), strict=True)}
@@ -100,7 +102,7 @@ def edited(document, place, value):
         ("uncertainty", "shared_factor", "Ball 1", 0, 0),
         ("uncertainty", "noise", 0),
         ("uncertainty", "unpooled", "covariance", "Ball 3", 2),
-        ("uncertainty", "widening", "factors", 0),
+        ("uncertainty", "interval_inflation", "factors", 0),
         ("properties", "Ball 1", "mass"),
         ("explanation", "relations", 0, "factors", 0),
         ("provenance", "domain", "visited", "x", 1),
@@ -277,7 +279,17 @@ def test_a_damaged_law_of_version_2_is_refused(damage):
         from_json(json.dumps(raw | damage))
 
 
-def test_a_factor_of_all_intervals_becomes_a_widening_at_every_horizon():
+def test_inflation_of_intervals_is_read_by_its_name_until_version_5():
+    law, inflation = Law.load(SAVED / "version-2.json"), IntervalInflation(np.array([0.5, 1.0]), np.array([1.0, 3.0]))
+    law = replace(law, uncertainty=replace(law.uncertainty, interval_inflation=inflation))
+    text = to_json(law).replace('"version": 6', '"version": 5').replace('"interval_inflation"', '"widening"')
+    again = from_json(text)
+    assert again.uncertainty.interval_inflation.factors.tolist() == [1.0, 3.0]
+    with pytest.warns(DeprecationWarning, match=r"Uncertainty\.widening is deprecated"):
+        assert again.uncertainty.widening.horizons.tolist() == [0.5, 1.0]
+
+
+def test_a_factor_of_all_intervals_becomes_an_inflation_at_every_horizon():
     raw = json.loads(to_json(Law.load(SAVED / "version-2.json")))
     for factor in (1.0, 2.5):
         raw["uncertainty"]["error_model"] = {"widening": factor}
@@ -289,5 +301,7 @@ def test_a_factor_of_all_intervals_becomes_a_widening_at_every_horizon():
         for each in (law, law.uncertainty.other_laws[0].law, law.provenance.with_discrepancy):
             found = each.uncertainty
             assert not found.error_model
-            widths = np.ones(2) if found.widening is None else found.widening.at(np.array([0.0, 100.0]))
+            widths = (
+                np.ones(2) if found.interval_inflation is None else found.interval_inflation.at(np.array([0.0, 100.0]))
+            )
             assert widths.tolist() == [factor, factor]

@@ -17,7 +17,7 @@ from commonlaw import datasets
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.formulation import StrongForm, law_variables
 from commonlaw.law import Law, Provenance, Uncertainty
-from commonlaw.law.uncertainty import Widening
+from commonlaw.law.uncertainty import IntervalInflation
 from commonlaw.library import PolynomialLibrary
 from commonlaw.plots import (
     plot_coefficients,
@@ -77,10 +77,10 @@ def diverging() -> tuple[Law, Trials]:
     return replace(law, coefficients=np.where(np.array(law.terms.names) == "v^2", -1.0, law.coefficients)), trials
 
 
-def widening(law: Law) -> Law:
+def with_inflated_intervals(law: Law) -> Law:
     """The law with bands that are wider the farther ahead they forecast."""
-    wider = Widening(np.array([0.5, 2.0]), np.array([1.0, 3.0]))
-    return replace(law, uncertainty=replace(law.uncertainty, widening=wider))
+    wider = IntervalInflation(np.array([0.5, 2.0]), np.array([1.0, 3.0]))
+    return replace(law, uncertainty=replace(law.uncertainty, interval_inflation=wider))
 
 
 EVERY: dict[str, Callable[[], Figure]] = {
@@ -93,7 +93,7 @@ EVERY: dict[str, Callable[[], Figure]] = {
     "unsure law": lambda: plot_law(unsure(law_of(drops(10))), drops(10), datasets.linear_drag.truth(drag=DRAG)),
     "unsure about chaos": lambda: plot_law(unsure(datasets.lorenz.truth()), datasets.lorenz()),
     "some objects, bands that widen": lambda: plot_forecast(
-        widening(unsure(law_of(drops(3)))).predict(drops(3), return_std=True), ["Ball 1", "Ball 3"]
+        with_inflated_intervals(unsure(law_of(drops(3)))).predict(drops(3), return_std=True), ["Ball 1", "Ball 3"]
     ),
     "unsure and diverged": lambda: plot_forecast(unsure(diverging()[0]).predict(diverging()[1], return_std=True)),
 }

@@ -10,8 +10,9 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration import Trajectory
+from commonlaw.law.deprecated import renamed
 from commonlaw.law.quantiles import mixture_interval
-from commonlaw.law.uncertainty import Widening
+from commonlaw.law.uncertainty import IntervalInflation
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
 from commonlaw.outcomes import Outcome
 from commonlaw.runtime.notebooks import ShownInNotebooks
@@ -81,7 +82,7 @@ class Forecast(ShownInNotebooks):
         What it is the average of, that of the law itself first.
     horizons
         How far ahead each sample of each trial is of those that determined its initial state, zero before, shape (n,).
-    widening
+    interval_inflation
         Factor by which intervals are wider that far ahead, see `Uncertainty`.
     latent
         States and rates of a law with observation equations, for each trial of shape (n, states + rates); empty for
@@ -99,8 +100,9 @@ class Forecast(ShownInNotebooks):
     degrees_of_freedom: Floats | None = None
     parts: tuple[Part, ...] = ()
     horizons: tuple[Floats, ...] = ()
-    widening: Widening | None = None
+    interval_inflation: IntervalInflation | None = None
     latent: tuple[Floats, ...] = ()
+    widening = renamed("Forecast", "widening", "interval_inflation")
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
@@ -227,8 +229,8 @@ class Forecast(ShownInNotebooks):
             raise CommonlawError("forecast-without-deviations")
         width = len(self.trials.schema.states)
         factors: list[Floats | float] = [1.0] * len(self.std)
-        if self.widening is not None:
-            factors = [self.widening.at(ahead)[:, np.newaxis] for ahead in self.horizons]
+        if self.interval_inflation is not None:
+            factors = [self.interval_inflation.at(ahead)[:, np.newaxis] for ahead in self.horizons]
         if not measured:
             return [wider * each[:, :width] for wider, each in zip(factors, self.std, strict=True)]
         triples = zip(factors, self.std, self.measurement_std(), strict=True)

@@ -287,7 +287,7 @@ class _Forecaster:
             horizons=tuple(
                 np.maximum(0.0, beginning.trial.times - beginning.known_until) for beginning in self.beginnings
             ),
-            widening=known.widening,
+            interval_inflation=known.interval_inflation,
         )
 
     def at_more_times(self, times: Sequence[Floats]) -> Forecast:

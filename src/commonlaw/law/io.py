@@ -20,7 +20,7 @@ from commonlaw.law.law import Law, with_other_laws
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative, Domain, Provenance, Step
-from commonlaw.law.uncertainty import Explanation, ObjectEstimates, PlausibleLaw, Uncertainty, Widening
+from commonlaw.law.uncertainty import Explanation, IntervalInflation, ObjectEstimates, PlausibleLaw, Uncertainty
 from commonlaw.library import Terms, Variables, parse_terms
 from commonlaw.library.functions import Function, functions_in
 from commonlaw.library.grammar import FUNCTIONS
@@ -31,7 +31,7 @@ from commonlaw.trials import Schema
 from commonlaw.trials.files import parquet_bytes, parquet_columns
 from commonlaw.trials.trial import nearest
 
-VERSION = 5
+VERSION = 6
 
 _LARGEST = float(np.sqrt(np.finfo(np.float64).max))
 """Of a number in a file: deviances, covariances and lengths of vectors take squares, and that of a larger one, 1.3e154,
@@ -79,7 +79,7 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
     unpooled: EstimatesDocument | None = None
     pooled: EstimatesDocument | None = None
     degrees_of_freedom: list[float] | None = None
-    widening: Widening | None = None
+    interval_inflation: IntervalInflation | None = None
 
 
 class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -110,7 +110,7 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """See `Law`; terms are expressions, coefficients lists by object, constants the names of those inside terms."""
 
     format: Literal["commonlaw law"] = "commonlaw law"
-    version: Literal[5] = 5
+    version: Literal[6] = 6
     order: Literal[0, 1, 2] | tuple[Literal[1, 2], ...]
     schema: Schema
     rates: list[str]
@@ -138,16 +138,16 @@ _ALTERNATIVES = {"settings": "hyperparameters", "evidence lost": _BAYES_FACTOR}
 
 
 def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
-    """Return a document of an earlier version, which need not be valid, by the names of version 5."""
-    found = _with_widening(_renamed(document) if version < 3 else {**document, "version": VERSION})
+    """Return a document of an earlier version, which need not be valid, by the names of version 6."""
+    found = _with_interval_inflation(_renamed(document) if version < 3 else {**document, "version": VERSION})
     if version < 5 and isinstance(found.get("observation"), dict):
         found |= {"observation": _with_trial_estimates(found["observation"])}
     others = found.get("other_laws")
     if isinstance(others, list):
-        found |= {"other_laws": [_with_widening(each) if isinstance(each, dict) else each for each in others]}
+        found |= {"other_laws": [_with_interval_inflation(each) if isinstance(each, dict) else each for each in others]}
     wider = found.get("with_discrepancy")
     if isinstance(wider, dict):
-        found |= {"with_discrepancy": _with_widening({**wider, "version": VERSION})}
+        found |= {"with_discrepancy": _with_interval_inflation({**wider, "version": VERSION})}
     return found
 
 
@@ -165,16 +165,20 @@ def _with_trial_estimates(observation: dict[str, Any]) -> dict[str, Any]:
     return observation | {"estimated": named}
 
 
-def _with_widening(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a document whose factor of intervals, if its errors have one, is a widening that no horizon changes."""
-    known = document.get("uncertainty")
-    errors = known.get("error_model") if isinstance(known, dict) else None
-    if not (isinstance(known, dict) and isinstance(errors, dict) and "widening" in errors):
+def _with_interval_inflation(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a document whose inflation of intervals has its present name, and is not one of its errors."""
+    uncertainty = document.get("uncertainty")
+    if not isinstance(uncertainty, dict):
         return document
-    factor = errors["widening"]
-    left = {"error_model": {name: error for name, error in errors.items() if name != "widening"} or None}
-    wider = known.get("widening") or (None if factor == 1 else {"horizons": [0.0], "factors": [factor]})
-    return document | {"uncertainty": known | left | {"widening": wider}}
+    uncertainty = dict(uncertainty)
+    inflation = uncertainty.pop("widening", None)
+    if isinstance(errors := uncertainty.get("error_model"), dict) and "widening" in errors:
+        factor = errors["widening"]
+        uncertainty["error_model"] = {name: error for name, error in errors.items() if name != "widening"} or None
+        inflation = inflation or (None if factor == 1 else {"horizons": [0.0], "factors": [factor]})
+    if inflation is not None:
+        uncertainty["interval_inflation"] = inflation
+    return document | {"uncertainty": uncertainty}
 
 
 def _renamed(document: dict[str, Any]) -> dict[str, Any]:
@@ -281,7 +285,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         error_model=ErrorsDocument(**errors) if errors else None,
         unpooled=_saved_estimates(objects, uncertainty.unpooled),
         pooled=_saved_estimates(objects, uncertainty.pooled),
-        widening=uncertainty.widening,
+        interval_inflation=uncertainty.interval_inflation,
     )
 
 
@@ -459,7 +463,7 @@ def _read_uncertainty(
         None if saved.unpooled is None else _read_estimates(saved.unpooled, objects, parameters),
         None if saved.pooled is None else _read_estimates(saved.pooled, objects, parameters),
         None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),
-        saved.widening,
+        saved.interval_inflation,
         document.explanation,
     )
 

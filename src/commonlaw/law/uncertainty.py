@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import Relation, RelationKind
+from commonlaw.law.deprecated import renamed
 from commonlaw.law.quantiles import two_sided
 from commonlaw.likelihood import ERRORS, NO_ERRORS, ErrorModel, Heteroscedastic
 
@@ -53,7 +54,7 @@ def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: 
 
 
 @dataclass(frozen=True, eq=False)
-class Widening:
+class IntervalInflation:
     """Factors above zero by which intervals are inflated (conformal), at increasing horizons, both of shape (m,).
 
     They are linear between horizons, and constant beyond them.
@@ -62,8 +63,8 @@ class Widening:
     horizons: Floats
     factors: Floats
 
-    def checked(self) -> "Widening":
-        """Return the same as read-only arrays, refusing what is no widening."""
+    def checked(self) -> "IntervalInflation":
+        """Return the same as read-only arrays, refusing what is no inflation."""
         arrays = [np.array(each, dtype=np.float64) for each in (self.horizons, self.factors)]
         horizons, factors = arrays
         fits = horizons.ndim == 1 and horizons.shape == factors.shape and len(horizons) > 0
@@ -71,7 +72,7 @@ class Widening:
             raise CommonlawError("interval-inflation")
         for array in arrays:
             array.flags.writeable = False
-        return Widening(horizons, factors)
+        return IntervalInflation(horizons, factors)
 
     def at(self, ahead: Floats) -> Floats:
         """Return the factors so far ahead, of the shape of the horizons that are given."""
@@ -163,7 +164,7 @@ class Uncertainty:
     degrees_of_freedom
         Of the noise estimate of each state, shape (states,), for Student's t distribution. None if the noise was given,
         for the normal distribution.
-    widening
+    interval_inflation
         Inflation of forecast intervals, calibrated on held-out data (conformal).
     explanation
         Relations of the coefficients to properties, from `Law.explain`.
@@ -179,9 +180,10 @@ class Uncertainty:
     unpooled: ObjectEstimates | None = None
     pooled: ObjectEstimates | None = None
     degrees_of_freedom: Floats | None = None
-    widening: Widening | None = None
+    interval_inflation: IntervalInflation | None = None
     explanation: Explanation | None = None
     other_laws: tuple[PlausibleLaw[Any], ...] = ()
+    widening = renamed("Uncertainty", "widening", "interval_inflation")
 
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
@@ -207,7 +209,7 @@ class Uncertainty:
             error_model=_checked_errors(self.error_model, len(support)),
             unpooled=self.unpooled and self.unpooled.checked(objects, size),
             pooled=self.pooled and self.pooled.checked(objects, size),
-            widening=self.widening and self.widening.checked(),
+            interval_inflation=self.interval_inflation and self.interval_inflation.checked(),
             explanation=self.explanation and _checked_explanation(self.explanation, size),
         )
 

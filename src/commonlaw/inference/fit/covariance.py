@@ -39,7 +39,7 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
             noise=np.where(given_starts, noise_floor(problem.trials), problem.noise),
             error_model=errors,
             degrees_of_freedom=degrees_of_freedom(fit),
-            widening=None,
+            interval_inflation=None,
             explanation=None,
             other_laws=(),
         ),

@@ -58,7 +58,7 @@ def assemble(
             inclusion_probabilities=(
                 None if pool.best.score.kind is Kind.FORECASTS else inclusion_probabilities(template, compared)
             ),
-            widening=interval_inflation(errors),
+            interval_inflation=interval_inflation(errors),
         ),
         provenance=replace(
             template.provenance,
@@ -152,7 +152,9 @@ def with_rivals(
 
 def _as_alternative(law: Law, other: Law) -> Law:
     """Return an alternative as it is stored with a law: without provenance, its bands inflated alike."""
-    uncertainty = replace(other.uncertainty, inclusion_probabilities=None, widening=law.uncertainty.widening)
+    uncertainty = replace(
+        other.uncertainty, inclusion_probabilities=None, interval_inflation=law.uncertainty.interval_inflation
+    )
     return replace(other, provenance=Provenance(), uncertainty=uncertainty)
 
 

@@ -28,7 +28,7 @@ from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import standard_errors
 from commonlaw.law.quantiles import two_sided
-from commonlaw.law.uncertainty import Widening
+from commonlaw.law.uncertainty import IntervalInflation
 from commonlaw.likelihood import ERRORS
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, unannounced
@@ -59,7 +59,7 @@ class StandardizedErrors:
         return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(settings.LEVEL)))
 
 
-def interval_inflation(found: Sequence[StandardizedErrors]) -> Widening | None:
+def interval_inflation(found: Sequence[StandardizedErrors]) -> IntervalInflation | None:
     """Return the factors by which intervals are inflated at each horizon; None if nothing was forecast.
 
     With enough held-out trials, the factor is the conformal quantile of the errors near a horizon at the level
@@ -79,7 +79,7 @@ def interval_inflation(found: Sequence[StandardizedErrors]) -> Widening | None:
         if trials:
             horizons.append(middle)
             factors.append(_factor(trials))
-    return Widening(np.array(horizons), np.maximum.accumulate(factors)) if factors else None
+    return IntervalInflation(np.array(horizons), np.maximum.accumulate(factors)) if factors else None
 
 
 def _factor(trials: Sequence[Floats]) -> float:
