@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import reduce
 from io import BytesIO
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
@@ -22,6 +23,7 @@ from commonlaw.law.parse import event_equations, event_expressions, meanings_of
 from commonlaw.library import highest_columns, with_rates
 from commonlaw.library.grammar import Algebra, evaluate
 from commonlaw.runtime.packages import optional_import
+from commonlaw.runtime.reading import read_file
 from commonlaw.text import in_line
 
 if TYPE_CHECKING:
@@ -240,301 +242,108 @@ def _quoted(name: str) -> str:
     return '"' + re.sub(r"[^ !#-\[\]-~]", "_", name) + '"'
 
 
-def _c(system: _System, _: str) -> bytes:
-    def names(kind: str, own: Sequence[str]) -> str:
-        return ", ".join(f"{kind}[{i}] is {name}" for i, name in enumerate(own)) or f"no {kind}"
+def _filled(template: str, **parts: str | int | Sequence[str]) -> list[str]:
+    """Return the lines of a template; a line that is the name of a list, ``$rates``, stands for its lines."""
+    lines, texts = list[str](), {name: part for name, part in parts.items() if isinstance(part, str | int)}
+    path = Path(__file__).parent / "templates" / f"{template}.template"
+    for line in read_file(path).decode().splitlines():
+        part = parts.get(line.removeprefix("$")) if line.startswith("$") else None
+        lines += [Template(line).substitute(texts)] if part is None or isinstance(part, str | int) else part
+    return lines
 
-    x, u, p = (
-        [f"{kind}[{i}]" for i in range(len(own))]
-        for kind, own in (("x", system.states), ("u", system.inputs), ("p", system.parameters))
+
+def _indexed(form: str, first: int, *groups: Sequence[str]) -> list[list[str]]:
+    """Return elements of the arrays x, u and p in place of names."""
+    kinds = zip("xup", groups, strict=True)
+    return [[form.format(kind, i) for i in range(first, first + len(names))] for kind, names in kinds]
+
+
+def _c(system: _System, _: str) -> bytes:
+    groups = system.states, system.inputs, system.parameters
+    x, u, p = _indexed("{}[{}]", 0, *groups)
+    named = (
+        ", ".join(f"{place} is {name}" for place, name in zip(places, names, strict=True)) or f"no {kind}"
+        for kind, places, names in zip("xup", (x, u, p), groups, strict=True)
     )
     rows = [", ".join(_number(each) for each in row) or "0.0" for row in system.values]
-    events = system.events(_C, x, u, "t", p)
-    lines = [
-        *(f"// {each}" for each in _comment(system.law)),
-        f"// {names('x', system.states)}; {names('u', system.inputs)}; {names('p', system.parameters)}",
-        "#include <math.h>",
-        "",
-        f"enum {{ STATES = {len(x)}, INPUTS = {len(u)}, PARAMETERS = {len(p)}, OBJECTS = {len(rows)} }};",
-        f"const char *const objects[OBJECTS] = {{{', '.join(map(_quoted, system.objects))}}};",
-        f"const double parameters[OBJECTS][{max(len(p), 1)}] = {{{', '.join(f'{{{row}}}' for row in rows)}}};",
-        "",
-        "// The derivatives of the states at a time, given inputs and the parameters of an object",
-        "void derivatives(double t, const double x[], const double u[], const double p[], double dx[])",
-        "{",
-        "    (void)t, (void)u, (void)p;",
-        *(f"    dx[{i}] = {each};" for i, each in enumerate(system.rates(_C, x, u, "t", p))),
-        "}",
-        "",
-        "// A step of the classical Runge-Kutta method, with constant inputs",
-        f"{'static void step' if events else 'void advance'}"
-        "(double t, double h, double x[], const double u[], const double p[])",
-        "{",
-        "    static const double part[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0/6, 1.0/3, 1.0/3, 1.0/6};",
-        "    double k[STATES] = {0.0}, y[STATES], sum[STATES] = {0.0};",
-        "    for (int s = 0; s < 4; s++) {",
-        "        for (int i = 0; i < STATES; i++) y[i] = x[i] + part[s]*h*k[i];",
-        "        derivatives(t + part[s]*h, y, u, p, k);",
-        "        for (int i = 0; i < STATES; i++) sum[i] += weight[s]*k[i];",
-        "    }",
-        "    for (int i = 0; i < STATES; i++) x[i] += h*sum[i];",
-        "}",
-        *(_c_events(events) if events else ()),
-    ]
-    return _joined(lines)
-
-
-def _c_events(events: Sequence[tuple[str, Mapping[int, str]]]) -> list[str]:
-    """Return what finds and makes events in C; where conditions change is found by bisection of steps."""
-    lines = [
-        "",
-        f"enum {{ EVENTS = {len(events)}, MOST = 1000 }};",
-        "",
-        "// Which conditions of events are true; call it for the initial state, and keep the result for advance",
-        "void conditions(double t, const double x[], const double u[], const double p[], int on[EVENTS])",
-        "{",
-        "    (void)t, (void)x, (void)u, (void)p;",
-        *(f"    on[{k}] = {decided} > 0;" for k, (decided, _) in enumerate(events)),
-        "}",
-        "",
-        "// The states after an event",
-        "static void change(int event, double t, double x[], const double u[], const double p[])",
-        "{",
-        "    double y[STATES];",
-        "    (void)t, (void)u, (void)p;",
-        "    for (int i = 0; i < STATES; i++) y[i] = x[i];",
-    ]
+    events, changes = system.events(_C, x, u, "t", p), list[str]()
     for k, (_, new) in enumerate(events):
-        lines += [f"    if (event == {k}) {{", *(f"        y[{i}] = {each};" for i, each in new.items()), "    }"]
-    return [
-        *lines,
-        "    for (int i = 0; i < STATES; i++) x[i] = y[i];",
-        "}",
-        "",
-        "// A step with the events in it, in the order of time; returns 0 where these are infinitely many, else 1",
-        "int advance(double t, double h, double x[], const double u[], const double p[], int on[EVENTS])",
-        "{",
-        "    double end = t + h;",
-        "    for (int changes = 0; changes < MOST;) {",
-        "        double y[STATES], low = 0.0, high = end - t;",
-        "        int now[EVENTS], changed = 0;",
-        "        for (int n = 0; n < 60; n++) {",
-        "            double part = n ? (low + high)/2 : high;",
-        "            for (int i = 0; i < STATES; i++) y[i] = x[i];",
-        "            step(t, part, y, u, p);",
-        "            conditions(t + part, y, u, p, now);",
-        "            int differs = 0;",
-        "            for (int e = 0; e < EVENTS; e++) differs |= now[e] != on[e];",
-        "            changed |= differs;",
-        "            if (!changed) break;",
-        "            if (differs) high = part; else low = part;",
-        "        }",
-        "        step(t, high, x, u, p);",
-        "        t += high;",
-        "        if (!changed) return 1;",
-        "        conditions(t, x, u, p, now);",
-        "        for (int e = 0; e < EVENTS && changes < MOST; e++) {",
-        "            int occurs = now[e] && !on[e];",
-        "            on[e] = now[e];",
-        "            if (!occurs) continue;",
-        "            change(e, t, x, u, p);",
-        "            conditions(t, x, u, p, now);",
-        "            on[e] = now[e];",
-        "            changes++;",
-        "            e = -1;",
-        "        }",
-        "    }",
-        "    return 0;",
-        "}",
-    ]
-
-
-_EVENTS_IN_PYTHON = """
-    def crossing(event, since, is_on):
-        def value(t, states):
-            if t <= since:
-                return 1e-300 if is_on else -1e-300
-            return conditions(t, states, inputs(t), parameters)[event]
-
-        value.terminal, value.direction = True, -1 if is_on else 1
-        return value
-
-    found, t, states, parameters = [list(initial)], times[0], list(initial), PARAMETERS[name]
-    on = [each > 0 for each in conditions(t, states, inputs(t), parameters)]
-    for _ in range(1000):
-        part = solve_ivp(lambda t, states: derivatives(t, states, inputs(t), parameters), (t, times[-1]), states,
-                         "LSODA", events=[crossing(event, t, on[event]) for event in range(len(on))],
-                         dense_output=True, rtol=1e-8, atol=1e-10)
-        found += [list(part.sol(time)) for time in times if t < time <= part.t[-1]]
-        if part.status != 1:
-            return np.array(found)
-        t, states = part.t[-1], list(part.y[:, -1])
-        due = [event for event in range(len(on)) if len(part.t_events[event])]
-        while due:
-            event = due.pop()
-            if on[event]:
-                on[event] = False
-                continue
-            before = conditions(t, states, inputs(t), parameters)[event]
-            states = change(event, t, states, inputs(t), parameters)
-            values = conditions(t, states, inputs(t), parameters)
-            on = [is_on and value > 0 for is_on, value in zip(on, values)]
-            on[event] = values[event] > 0 or values[event] == before
-            due += [other for other in range(len(on)) if values[other] > 0 and not on[other] and other not in due]
-    raise RuntimeError("events repeat infinitely often")"""
+        changes += [f"    if (event == {k}) {{", *(f"        y[{i}] = {each};" for i, each in new.items()), "    }"]
+    conditions = [f"    on[{k}] = {decided} > 0;" for k, (decided, _) in enumerate(events)]
+    lines = _filled(
+        "law.c",
+        comment=[f"// {each}" for each in _comment(system.law)],
+        names="; ".join(named),
+        states=len(x),
+        inputs=len(u),
+        parameters=len(p),
+        objects=len(rows),
+        titles=", ".join(map(_quoted, system.objects)),
+        width=max(len(p), 1),
+        values=", ".join(f"{{{row}}}" for row in rows),
+        rates=[f"    dx[{i}] = {each};" for i, each in enumerate(system.rates(_C, x, u, "t", p))],
+        step="static void step" if events else "void advance",
+        events=_filled("events.c", count=len(events), conditions=conditions, changes=changes) if events else [],
+    )
+    return _joined(lines)
 
 
 def _python(system: _System, _: str) -> bytes:
-    unpacked = [
-        *(
-            f"    {', '.join(own)}, = {name}"
-            for own, name in ((system.states, "states"), (system.inputs, "inputs"))
-            if own
-        ),
-        *(f"    {name} = parameters[{name!r}]" for name in system.parameters),
-    ]
+    groups = (system.states, "states"), (system.inputs, "inputs")
+    unpacked = [f"    {', '.join(names)}, = {group}" for names, group in groups if names]
+    unpacked += [f"    {name} = parameters[{name!r}]" for name in system.parameters]
     events = system.events(_PYTHON, system.states, system.inputs, "t", system.parameters)
-    described = "Return the states, shape (times, states), of an object; inputs are a function of time."
-    simulation = [
-        "    span, parameters = (times[0], times[-1]), PARAMETERS[name]",
-        "    found = solve_ivp(lambda t, states: derivatives(t, states, inputs(t), parameters), span,",
-        '                      initial, "LSODA", times, rtol=1e-8, atol=1e-10)',
-        "    return found.y.T",
-    ]
-    occurring = [
-        "def conditions(t, states, inputs, parameters):",
-        '    """Return what is positive where the condition of each event is true."""',
-        *unpacked,
-        f"    return [{', '.join(decided for decided, _ in events)}]",
-        "",
-        "",
-        "def change(event, t, states, inputs, parameters):",
-        '    """Return the states after an event, by its index."""',
-        *unpacked,
-        "    return [",
-        *(f"        [{', '.join(new.get(j, name) for j, name in enumerate(system.states))}]," for _, new in events),
-        "    ][event]",
-        "",
-        "",
-    ]
-    lines = [
-        '"""A law of motion.',
-        "",
-        *(re.sub(r'[\\"]', "_", each) for each in _comment(system.law)),
-        '"""',
-        "",
-        "import math",
-        "",
-        *(["import numpy as np"] if events else []),
-        "from scipy.integrate import solve_ivp",
-        "",
-        f"STATES = {[*system.states]}",
-        f"INPUTS = {[*system.inputs]}",
-        "PARAMETERS = {",
-        *(
-            f"    {name!r}: {dict(zip(system.parameters, row, strict=True))},"
-            for name, row in zip(system.objects, system.values.tolist(), strict=True)
-        ),
-        "}",
-        "",
-        "",
-        "def derivatives(t, states, inputs, parameters):",
-        '    """Return the derivatives of the states at a time, given inputs and the parameters of an object."""',
-        *unpacked,
-        f"    return [{', '.join(system.rates(_PYTHON, system.states, system.inputs, 't', system.parameters))}]",
-        "",
-        "",
-        *(occurring if events else ()),
-        f"def simulate(times, initial={system.initial.tolist()}, name={system.objects[0]!r}, inputs=lambda t: []):",
-        f'    """{described}"""',
-        *([_EVENTS_IN_PYTHON] if events else simulation),
-    ]
+    changed = (", ".join(new.get(j, name) for j, name in enumerate(system.states)) for _, new in events)
+    pairs = zip(system.objects, system.values.tolist(), strict=True)
+    lines = _filled(
+        "law.py",
+        comment=[re.sub(r'[\\"]', "_", each) for each in _comment(system.law)],
+        imports=["import numpy as np"] if events else [],
+        states=str([*system.states]),
+        inputs=str([*system.inputs]),
+        parameters=[f"    {name!r}: {dict(zip(system.parameters, row, strict=True))}," for name, row in pairs],
+        unpacked=unpacked,
+        rates=", ".join(system.rates(_PYTHON, system.states, system.inputs, "t", system.parameters)),
+        initial=str(system.initial.tolist()),
+        name=repr(system.objects[0]),
+        simulation=_filled("simulation_with_events.py" if events else "simulation.py"),
+        events=_filled(
+            "events.py",
+            unpacked=unpacked,
+            conditions=", ".join(decided for decided, _ in events),
+            changes=[f"        [{each}]," for each in changed],
+        )
+        if events
+        else [],
+    )
     return _joined(lines)
-
-
-_EVENTS_IN_MATLAB = """    t = times(:);
-    x = zeros(numel(t), numel(initial));
-    since = t(1); state = initial(:);
-    x(1, :) = state;
-    on = double(conditions(since, state, inputs(since), p) > 0);
-    for part = 1:1000
-        options = odeset(options, 'Events', @(t, x) crossings(t, x, inputs(t), p, since, on));
-        found = ode45(@(t, x) derivatives(t, x, inputs(t), p), [since, t(end)], state, options);
-        rows = t > since & t <= found.x(end);
-        if any(rows), x(rows, :) = deval(found, t(rows))'; end
-        since = found.x(end); state = found.y(:, end);
-        if isempty(found.ie) || since >= t(end), return; end
-        due = found.ie(end);
-        while ~isempty(due)
-            event = due(1); due(1) = [];
-            if on(event), on(event) = 0; continue; end
-            before = conditions(since, state, inputs(since), p);
-            state = change(event, since, state, inputs(since), p);
-            now = conditions(since, state, inputs(since), p);
-            on = double(on & now > 0);
-            on(event) = now(event) > 0 || now(event) == before(event);
-            due = union(due, find(now > 0 & ~on));
-        end
-    end
-    error('events repeat infinitely often');"""
 
 
 def _matlab(system: _System, stem: str) -> bytes:
     function = _plain_names([stem])[0]
-    x, u, p = (
-        [f"{kind}({i + 1})" for i in range(len(own))]
-        for kind, own in (("x", system.states), ("u", system.inputs), ("p", system.parameters))
+    x, u, p = _indexed("{}({})", 1, system.states, system.inputs, system.parameters)
+    events, changes = system.events(_MATLAB, x, u, "t", p), list[str]()
+    for k, (_, new) in enumerate(events, 1):
+        changes += [f"        case {k}", *(f"            y({i + 1}) = {each};" for i, each in new.items())]
+    lines = _filled(
+        "law.m",
+        function=function,
+        title=function.upper(),
+        comment=[f"%   {each}" for each in _comment(system.law)],
+        states=", ".join(system.states),
+        inputs=", ".join(system.inputs) or "none",
+        parameters=", ".join(system.parameters) or "none",
+        titles=", ".join("'" + _quoted(name)[1:-1].replace("'", "''") + "'" for name in system.objects),
+        values="; ".join(" ".join(_number(each) for each in row) for row in system.values),
+        initial=" ".join(map(_number, system.initial)),
+        count=max(len(u), 1),
+        simulation=_filled("simulation_with_events.m" if events else "simulation.m"),
+        width=len(x),
+        rates=[f"    dx({i}) = {each};" for i, each in enumerate(system.rates(_MATLAB, x, u, "t", p), 1)],
+        events=_filled("events.m", conditions="; ".join(decided for decided, _ in events), changes=changes)
+        if events
+        else [],
     )
-    rows = "; ".join(" ".join(_number(each) for each in row) for row in system.values)
-    texts = ", ".join("'" + _quoted(name)[1:-1].replace("'", "''") + "'" for name in system.objects)
-    events = system.events(_MATLAB, x, u, "t", p)
-    lines = [
-        f"function [t, x] = {function}(times, initial, index, inputs)",
-        f"% {function.upper()}  States of an object, by its index, at times from an initial state.",
-        "%   inputs is a function of time, @(t) [...].",
-        *(f"%   {each}" for each in _comment(system.law)),
-        f"%   States: {', '.join(system.states)}. Inputs: {', '.join(system.inputs) or 'none'}.",
-        f"%   Parameters: {', '.join(system.parameters) or 'none'}.",
-        f"    objects = {{{texts}}}; %#ok<NASGU>",
-        f"    parameters = [{rows}];",
-        f"    if nargin < 2, initial = [{' '.join(map(_number, system.initial))}]; end",
-        "    if nargin < 3, index = 1; end",
-        f"    if nargin < 4, inputs = @(t) zeros({max(len(u), 1)}, 1); end",
-        "    options = odeset('RelTol', 1e-8, 'AbsTol', 1e-10);",
-        "    p = parameters(index, :);",
-        *(
-            [_EVENTS_IN_MATLAB]
-            if events
-            else ["    [t, x] = ode45(@(t, x) derivatives(t, x, inputs(t), p), times, initial, options);"]
-        ),
-        "end",
-        "",
-        "function dx = derivatives(t, x, u, p) %#ok<INUSD>",
-        f"    dx = zeros({len(x)}, 1);",
-        *(f"    dx({i + 1}) = {each};" for i, each in enumerate(system.rates(_MATLAB, x, u, "t", p))),
-        "end",
-    ]
-    if events:
-        lines += [
-            "",
-            "function g = conditions(t, x, u, p) %#ok<INUSD>",
-            f"    g = [{'; '.join(decided for decided, _ in events)}];",
-            "end",
-            "",
-            "function [g, ends, direction] = crossings(t, x, u, p, since, on)",
-            "    g = conditions(t, x, u, p);",
-            "    if t <= since, g = 1e-300*(2*on - 1); end",
-            "    ends = ones(size(g));",
-            "    direction = 1 - 2*on;",
-            "end",
-            "",
-            "function y = change(event, t, x, u, p) %#ok<INUSD>",
-            "    y = x;",
-            "    switch event",
-        ]
-        for k, (_, new) in enumerate(events):
-            lines += [f"        case {k + 1}", *(f"            y({i + 1}) = {each};" for i, each in new.items())]
-        lines += ["    end", "end"]
     return _joined(lines)
 
 
