@@ -25,7 +25,7 @@ from commonlaw.law.text import with_error
 from commonlaw.library import Term, Terms
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.sizes import likely_sizes
-from commonlaw.likelihood.heterogeneity import HETEROGENEITY_LEVEL, heterogeneity_p_value
+from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted, shown

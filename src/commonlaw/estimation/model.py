@@ -14,12 +14,11 @@ from commonlaw.formulation import law_variables
 from commonlaw.law.observation import STEADY, Initial
 from commonlaw.law.parse import event_equations, event_expressions, meanings_of, observation_equation
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
-from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of
+from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of, split_outside, with_steps
 from commonlaw.library.equation import DERIVATIVE, split_equations
 from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
 from commonlaw.library.notation import quoted
 from commonlaw.library.program import Program
-from commonlaw.library.switches import split_outside, with_steps
 from commonlaw.library.term import Factor
 from commonlaw.trials import Schema
 

@@ -16,11 +16,10 @@ from commonlaw.law.provenance import Provenance
 from commonlaw.law.text import Addend
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
-from commonlaw.library.bounds import Bound, bounds_in
+from commonlaw.library.bounds import Bound, bounds_in, with_steps
 from commonlaw.library.equation import Equation, Meanings, only_product, split_equations, with_parameters
 from commonlaw.library.functions import Function
 from commonlaw.library.grammar import write
-from commonlaw.library.switches import with_steps
 from commonlaw.library.term import parse_term
 from commonlaw.trials import Schema
 

@@ -11,7 +11,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.library import Order, order_of_each
 from commonlaw.library.notation import latex_name
-from commonlaw.library.terms import Fraction
+from commonlaw.library.term import Fraction
 from commonlaw.text import counted, in_line
 
 _DIGITS = 2

@@ -19,8 +19,7 @@ from commonlaw.library.libraries import (
     parse_library,
 )
 from commonlaw.library.parametric import FAMILIES, ParametricTerm, Ratio, Ratios, parametric_term
-from commonlaw.library.term import Term, monomial, parse_term
-from commonlaw.library.terms import Terms, parse_terms
+from commonlaw.library.term import Term, Terms, monomial, parse_term, parse_terms
 from commonlaw.library.units import term_unit, units_of_parameters
 from commonlaw.library.variables import (
     Order,

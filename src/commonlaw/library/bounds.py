@@ -1,4 +1,4 @@
-"""Between which numbers a coefficient of equations lies, as people write it: ``K > 0``, ``1 < p < 2``."""
+"""Switches, bounds and events among equations: ``max(a, b)``, ``K > 0``, ``x < 0: v = -c v``."""
 
 import re
 from collections.abc import Sequence
@@ -8,7 +8,107 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.library.switches import with_steps
+
+_CALL = re.compile(r"(?<![\w`])(where|maximum|minimum|max|min)\s*(?=\()")
+_COMPARISON = re.compile(r"([<>])=?")
+_ASSIGNMENT = re.compile(r"(?<![<>])=")
+_BRANCH = re.compile(r"\b(?:if|else|and|or|not)\b|[<>]=?\s*$|[&|?]")
+_STEP = re.compile(r"step\([^()]*\)")
+_SIMPLE = re.compile(r"[\w.]+|`[^`]+`")
+
+
+def with_steps(equation: str) -> str:
+    """Return an equation without conditions, `where`, `max` or `min`; anything else as it is.
+
+    ``a > b`` is ``step(a - b)``, one where it holds and zero elsewhere; ``where(c, a, b)`` is ``c a + (1 - c) b``; and
+    ``max(a, b)`` is ``b + step(a - b) (a - b)``.
+
+    >>> with_steps("x' = -k x + where(t > 5, a, b)")
+    "x' = -k x + (step(t - 5)*a + (1 - step(t - 5))*b)"
+    """
+    left = _ASSIGNMENT.search(equation)
+    if left is None or not (_CALL.search(equation) or _COMPARISON.search(equation)):
+        return equation
+    if _BRANCH.search(equation):
+        raise CommonlawError("condition-syntax", expression=equation)
+    space = re.match(r"\s*", equation[left.end() :])
+    right = equation[left.end() :].strip()
+    return equation[: left.end()] + (space[0] if space else "") + _rewritten(right, equation)
+
+
+def _rewritten(text: str, whole: str) -> str:
+    """Return a text between parentheses or commas without switches."""
+    found, at = "", 0
+    while at < len(text):
+        call = _CALL.match(text, at)
+        begins = call.end() if call else at
+        if text[begins] == "`":
+            until = text.find("`", begins + 1) + 1 or len(text)
+            found += text[begins:until]
+        elif text[begins] == "(":
+            until = _closing(text, begins, whole) + 1
+            inner = text[begins + 1 : until - 1]
+            own = _call(call[1], inner, whole) if call else _rewritten(inner, whole)
+            is_step = _STEP.fullmatch(own) and not call
+            found += f"{' ' * found[-1:].isalnum()}{own}" if call or is_step else f"({own})"
+        else:
+            until = at + 1
+            found += text[at]
+        at = until
+    parts = _COMPARISON.split(found)  # Those inside of parentheses have been rewritten
+    if len(parts) == 1:
+        return found
+    steps = []
+    for part, sign, right in zip(parts[::2], parts[1::2], parts[2::2], strict=False):
+        high, low = (part.strip(), right.strip()) if sign == ">" else (right.strip(), part.strip())
+        if not high or not low:
+            raise CommonlawError("condition-syntax", expression=whole)
+        below = "" if low == "0" else f" - {_factor(low)}"
+        steps.append(f"step({high}{below})")
+    return "*".join(steps)
+
+
+def _call(name: str, inner: str, whole: str) -> str:
+    arguments = [_rewritten(each, whole) for each in split_outside(inner)]
+    if len(arguments) != (3 if name == "where" else 2) or not all(arguments):
+        raise CommonlawError("switch-arguments", name=name, expression=whole)
+    if name == "where":
+        condition, *both = arguments
+        yes, no = map(_factor, both)
+        return f"({condition}*{yes} + (1 - {condition})*{no})"
+    one, other = map(_factor, arguments)
+    larger = f"{one} - {other}" if name.startswith("max") else f"{other} - {one}"
+    return f"({other} {'+' if name.startswith('max') else '-'} step({larger})*({larger}))"
+
+
+def _factor(text: str) -> str:
+    return text if _SIMPLE.fullmatch(text) else f"({text})"
+
+
+def split_outside(text: str, separator: str = ",") -> list[str]:
+    """Return the parts of a text between separators that are not inside of parentheses or backticks."""
+    parts, depth, quoted, position = [""], 0, False, 0
+    while position < len(text):
+        if depth == 0 and not quoted and text.startswith(separator, position):
+            parts.append("")
+            position += len(separator)
+            continue
+        character = text[position]
+        quoted ^= character == "`"
+        depth += 0 if quoted else (character == "(") - (character == ")")
+        parts[-1] += character
+        position += 1
+    return [part.strip() for part in parts]
+
+
+def _closing(text: str, opening: int, whole: str) -> int:
+    depth = 0
+    for i in range(opening, len(text)):
+        depth += (text[i] == "(") - (text[i] == ")")
+        if not depth:
+            return i
+    raise CommonlawError("condition-syntax", expression=whole)
+
 
 _SIGN = re.compile(r"\s*([<>])=?\s*")
 EVENT = re.compile(r"(?P<condition>(?:[^`:<>]|`[^`]*`)*+[<>](?:[^`:]|`[^`]*`)*+):(?P<changes>.*)")

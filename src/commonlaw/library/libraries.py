@@ -11,6 +11,7 @@ from operator import add, mul
 from typing import Any
 
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.library.bounds import split_outside
 from commonlaw.library.functions import Function, functions_in
 from commonlaw.library.grammar import MAX_POWER
 from commonlaw.library.parametric import (
@@ -21,9 +22,7 @@ from commonlaw.library.parametric import (
     parametric_term,
     terms_of_family,
 )
-from commonlaw.library.switches import split_outside
-from commonlaw.library.term import Term, monomial, parse_term, product, sinusoid
-from commonlaw.library.terms import Terms
+from commonlaw.library.term import Term, Terms, monomial, parse_term, product, sinusoid
 from commonlaw.library.variables import Variables
 from commonlaw.runtime.arguments import check_whole_number, parse_spec
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.library.grammar import FUNCTIONS, columns_in, constant, evaluate, tree_of
-from commonlaw.library.term import Term
-from commonlaw.library.terms import Terms
+from commonlaw.library.term import Term, Terms
 from commonlaw.library.variables import Variables
 from commonlaw.trials.headers import check_unit, parse_unit, registry
 

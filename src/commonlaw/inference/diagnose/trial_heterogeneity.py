@@ -1,4 +1,4 @@
-"""Between-trial heterogeneity of the coefficients of a law, see `commonlaw.likelihood.heterogeneity`."""
+"""Between-trial heterogeneity of the coefficients of a law, see `commonlaw.likelihood.linearization`."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.likelihood import Estimate, fit as fitted_states, linearize
-from commonlaw.likelihood.heterogeneity import HETEROGENEITY_LEVEL, heterogeneity_p_value
+from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.outcomes import Outcome, note
 from commonlaw.text import shown
 
