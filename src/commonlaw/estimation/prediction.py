@@ -1,7 +1,8 @@
-"""Fitted curves and forecasts of what was measured, by a law with an observation."""
+"""Laws with observation equations, ``y = h(x(t; p, x0); p)``: what they predict, with derivatives and errors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -10,22 +11,142 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
-from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
+from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialData
 from commonlaw.estimation.search import Bounds, maximize, rough_noise
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.forecast.prediction import initial_value_problems, with_discrepancy
-from commonlaw.integration import Trajectory
+from commonlaw.integration import Inputs, Trajectory
 from commonlaw.integration.problem import diverged
 from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, shoot
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
 from commonlaw.law.observation import OBJECT, Observation, Restrictions, by_trial
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import Parameters, named_parameters, state_rates
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
 from commonlaw.trials.trial import property_names
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedLaw:
+    """A law with observation equations, and its model in trials that set the initial values of some states.
+
+    Unknowns of `predicted` are the P parameters of the model and then the D initial values.
+    """
+
+    law: Law
+    observation: Observation
+    model: Model
+    named: Parameters
+
+    @classmethod
+    def of(
+        cls,
+        law: Law,
+        properties: Sequence[str],
+        input_interpolation: str | None = None,
+        chosen: Collection[str] = (),
+    ) -> "ObservedLaw":
+        """Return the law for objects with these properties, where initial values of chosen states (rates) are set."""
+        observation, rates = law.observation, {f"{state}'": rate for state, rate in state_rates(law)}
+        assert observation is not None
+        measured = observation.measured
+        measured = replace(measured, input_interpolation=input_interpolation or measured.input_interpolation)
+        initial = {name: start for name, start in observation.initial.items() if rates.get(name, name) not in chosen}
+        text = ModelText(
+            law.provenance.equations,
+            observation.equations,
+            initial,
+            events=observation.events,
+            functions=observation.functions,
+        )
+        return cls(law, observation, read_model(text, measured, properties), named_parameters(law))
+
+    @cached_property
+    def restrictions(self) -> Restrictions:
+        """What restricts the parameters."""
+        return self.observation.restrictions or Restrictions()
+
+    @cached_property
+    def of_trial(self) -> list[int]:
+        """The q parameters that differ between trials, by index; like initial values, each trial determines them."""
+        shared = [self.restrictions.shared.get(name, OBJECT) for name in self.model.parameters]
+        return [i for i, by in enumerate(shared) if by_trial(by, self.observation.measured)]
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """How large states and rates get, shape (D,)."""
+        return np.array([self.observation.sizes[name] for name in self.model.variables.states])
+
+    def problem(self, trials: tuple[TrialData, ...], unknowns: int, priors: tuple[NormalPrior, ...] = ()) -> Problem:
+        """Return the likelihood of trials."""
+        logarithmic = np.array([name in self.observation.measured.logarithmic for name in self.model.observables])
+        return Problem(self.model, trials, unknowns, logarithmic, self.sizes, priors)
+
+    def parameters(self, values: Floats, properties: Mapping[str, Any]) -> Floats:
+        """Return the parameters of the model from those of the law, shape (parameters,), and properties."""
+        known = {**properties, **dict(zip(self.named.names, values.tolist(), strict=True))}
+        return np.array([known[name] for name in self.model.parameters], dtype=np.float64)
+
+    def beginning(self, start: Floats, std: Floats) -> tuple[Floats, Floats]:
+        """Return initial values, and zeros for the parameters of a trial, with standard deviations, shape (D + q,).
+
+        Initial values that are NaN follow from the parameters of the law, with a deviation of zero.
+        """
+        start, std, priors = start.copy(), std.copy(), self.restrictions.priors
+        for j in np.flatnonzero(np.isnan(start)).tolist():
+            start[j], std[j] = self.model.expected.get(j, (np.nan, 0.0))
+        own = [priors.get(self.model.parameters[i], (0.0, np.inf))[1] for i in self.of_trial]
+        return np.append(start, np.zeros(len(own))), np.append(std, own)
+
+    def predicted(
+        self,
+        name: str,
+        times: Floats,
+        coefficients: Floats,
+        beginning: Floats,
+        properties: Mapping[str, Any],
+        inputs: Inputs | None,
+        slopes: bool = True,
+    ) -> Predicted:
+        """Return a trial of an object at times, with slopes by coefficients in the support, then by its `beginning`.
+
+        Coefficients have the shape (equations, terms). With the parameters p(c), ``dy/dc = dy/dp dp/dc``.
+        """
+        model, names, count = self.model, self.named.names, len(self.model.parameters)
+        values = self.parameters(self.named.of(coefficients), properties)
+        for shift, i in zip(beginning[model.width :], self.of_trial, strict=True):
+            values[i] = self.restrictions.priors.get(model.parameters[i], (values[i], 0.0))[0] + shift
+        free = np.isin(np.arange(model.width), model.free_of(name))
+        at = self.observation.initial_time
+        grid = np.union1d(times[:1] if at is None else [at], times)
+        data = TrialData(
+            Trial(name, "1", times, np.zeros((len(times), len(model.observables)))),
+            grid,
+            np.searchsorted(grid, times),
+            DelayedInputs(inputs, model.column, model.delay) if inputs else NO_INPUTS,
+            np.arange(count),
+            values,
+            np.where(free, count + np.arange(model.width), -1),
+            model.initial_of(name),
+        )
+        unknowns = np.append(values, beginning[: model.width])
+        found = self.problem((), len(unknowns)).predicted(data, unknowns, slopes)
+        if found.slopes is None:
+            return found
+        inner = [i for i, each in enumerate(model.parameters) if each in names and i not in self.of_trial]
+        by_coefficients = np.nan_to_num(self.named.slopes(coefficients[np.newaxis])[0])
+        by_coefficients = by_coefficients[[names.index(model.parameters[i]) for i in inner]]
+        rows = found.slopes[:, :, inner] @ by_coefficients
+        parts = [rows, found.slopes[:, :, count:], found.slopes[:, :, self.of_trial]]
+        return found._replace(slopes=np.concatenate(parts, axis=2))
+
+    def noise(self, name: str) -> Floats:
+        """Return the standard deviations of the measurements of an object, relative where log-scaled, shape (m,)."""
+        known = self.observation
+        return np.array([known.noise_of.get(each, {}).get(name, known.noise[each]) for each in self.model.observables])
 
 
 def predict_observed(
@@ -60,26 +181,13 @@ def predict_observed(
     assert observation is not None
     for name in trials.objects:
         object_index(law, name)
-    measured = replace(
-        observation.measured, input_interpolation=input_interpolation or observation.measured.input_interpolation
-    )
-    model = read_model(_text(law, observation), measured, property_names(trials.properties))
+    observed = ObservedLaw.of(law, property_names(trials.properties), input_interpolation)
     more = np.zeros(0) if times is None else np.atleast_1d(np.asarray(times, dtype=np.float64))
-    shown = with_noise(with_logarithms(trials, measured.logarithmic), observation.noise_of)
-    curves = [_Curve.of(law, observation, model, trials, trial, start, from_time) for trial in shown]
+    shown = with_noise(with_logarithms(trials, observation.measured.logarithmic), observation.noise_of)
+    curves = [_Curve.of(observed, trials, trial, start, from_time) for trial in shown]
     points = shown.with_trials([_with_times(trial, more) for trial in shown])
-    forecast = _Curves(observation, points, curves, from_time, return_std).forecast()
-    return forecast.as_measured(trials) if measured.logarithmic else forecast
-
-
-def _text(law: Law, observation: Observation) -> ModelText:
-    return ModelText(
-        law.provenance.equations,
-        observation.equations,
-        observation.initial,
-        events=observation.events,
-        functions=observation.functions,
-    )
+    forecast = _forecast(observation, points, curves, from_time, return_std)
+    return forecast.as_measured(trials) if observation.measured.logarithmic else forecast
 
 
 def _with_times(trial: Trial, more: Floats) -> Trial:
@@ -135,9 +243,7 @@ class _Curve:
     @classmethod
     def of(
         cls,
-        law: Law,
-        observation: Observation,
-        model: Model,
+        observed: ObservedLaw,
         trials: Trials,
         trial: Trial,
         start: int | Literal["all"] | None,
@@ -148,10 +254,15 @@ class _Curve:
         Parameters that differ between trials of an object are estimated with the initial values. Of the information H
         of other parameters p and these, x: Cov(x | p) = inv(H_xx), dx/dp = -inv(H_xx) H_xp.
         """
-        values, covariance = _parameters(law, model, trials, trial.object)
-        count, restrictions = len(values), observation.restrictions or Restrictions()
-        shared = [restrictions.shared.get(name, OBJECT) for name in model.parameters]
-        own = [i for i, by in enumerate(shared) if by_trial(by, observation.measured)]
+        model, observation, named, own = observed.model, observed.observation, observed.named, observed.of_trial
+        index = object_index(observed.law, trial.object)
+        others = [name for name in model.parameters if name not in named.names]
+        properties = {name: number_of(name, trial.object, trials) for name in others}
+        values, count = observed.parameters(named.values[index], properties), len(model.parameters)
+        inner = [i for i, name in enumerate(model.parameters) if name in named.names]
+        chosen = [named.names.index(model.parameters[i]) for i in inner]
+        covariance = np.zeros((count, count))
+        covariance[np.ix_(inner, inner)] = np.nan_to_num(named.covariance[index])[np.ix_(chosen, chosen)]
         free = [*own, *(count + j for j in model.free_of(trial.object))]
         place = {index: k for k, index in enumerate(free)}
         indices = [place.get(index, -1) for index in range(count + model.width)]
@@ -160,34 +271,32 @@ class _Curve:
         if free and not used.any():
             raise CommonlawError("trial-without-samples", trial=trial.label)
         seen = whole.seen(used) if used.any() else whole
-        logarithmic = np.array([name in observation.measured.logarithmic for name in model.observables])
-        sizes = np.array([observation.sizes[name] for name in model.variables.states])
-        given = restrictions.priors
+        given = observed.restrictions.priors
         known = {i: given[name] for i, name in enumerate(model.parameters) if name in given}
         known |= {count + j: prior for j, prior in model.expected.items()}
         known = {index: prior for index, prior in known.items() if index in place}
         priors = tuple(NormalPrior.of(place[index], *prior) for index, prior in known.items())
-        problem = Problem(model, (seen,), len(free), logarithmic, sizes, priors)
+        problem = observed.problem((seen,), len(free), priors)
         rough = rough_noise(problem)
         noise = np.array([observation.noise.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
         unknowns = np.concatenate([values, np.zeros(model.width)])
         if free:
-            first, guessed = np.concatenate([values, sizes])[free], np.zeros(len(free), dtype=np.bool_)
+            first, guessed = np.concatenate([values, observed.sizes])[free], np.zeros(len(free), dtype=np.bool_)
             names = (*model.parameters, *(f"{name}(0)" for name in model.variables.states))
-            limits = np.array([limits_of(names[index], bounds_in(restrictions.bounds)) for index in free])
+            limits = np.array([limits_of(names[index], bounds_in(observed.restrictions.bounds)) for index in free])
             found = maximize(problem, first, guessed, Bounds(*limits.T), noise, 0, lambda _: None)
             unknowns[free] = found.unknowns
-        others = np.setdiff1d(np.arange(count), own)
+        fixed = np.setdiff1d(np.arange(count), own)
         shifted = tuple(NormalPrior.of(index, *prior) for index, prior in known.items())
         initial = np.where(seen.initial < 0, -1, np.arange(model.width) + count)
         both = replace(seen, parameter=np.arange(count), initial=initial)
-        problem = replace(problem, trials=(both,), unknowns=len(unknowns), priors=shifted)
+        problem = observed.problem((both,), len(unknowns), shifted)
         rows = problem.information(unknowns, noise)
         inverse = np.asarray(np.linalg.pinv(rows[:, free].T @ rows[:, free]), dtype=np.float64)
-        sensitivity = -inverse @ rows[:, free].T @ rows[:, others]
+        sensitivity = -inverse @ rows[:, free].T @ rows[:, fixed]
         until = float(trial.times[used][-1]) if used.any() else float(whole.times[0])
-        covariance = covariance[np.ix_(others, others)]
-        return cls(both, problem, unknowns, others, free, covariance, inverse, sensitivity, until)
+        covariance = covariance[np.ix_(fixed, fixed)]
+        return cls(both, problem, unknowns, fixed, free, covariance, inverse, sensitivity, until)
 
     def at(self, times: Floats, return_std: bool) -> tuple[Floats, Floats, Floats, bool]:
         """Return observables, their standard deviations, shape (n, m) each, states, shape (n, D), and if it is endless.
@@ -218,18 +327,6 @@ def _used(trial: Trial, start: int | Literal["all"] | None, from_time: float | N
     return np.asarray(used)
 
 
-def _parameters(law: Law, model: Model, trials: Trials, owner: str) -> tuple[Floats, Floats]:
-    """Return the values of the parameters of an object, in the order of the model, and their covariance."""
-    known, index = named_parameters(law), object_index(law, owner)
-    own = dict(zip(known.names, known.values[index].tolist(), strict=True))
-    values = [own[name] if name in own else number_of(name, owner, trials) for name in model.parameters]
-    inner = [i for i, name in enumerate(model.parameters) if name in own]
-    chosen = [known.names.index(model.parameters[i]) for i in inner]
-    covariance = np.zeros((len(values), len(values)))
-    covariance[np.ix_(inner, inner)] = np.nan_to_num(known.covariance[index])[np.ix_(chosen, chosen)]
-    return np.array(values), covariance
-
-
 def simulate_observed(
     law: Law,
     times: ArrayLike,
@@ -242,24 +339,20 @@ def simulate_observed(
     **settings: Any,
 ) -> dict[str, Trajectory]:
     """Integrate a law with the events of its observation for every object, see `Law.simulate`."""
-    observation, known, found = law.observation, named_parameters(law), dict[str, Trajectory]()
-    assert observation is not None
+    found = dict[str, Trajectory]()
     if method not in ("auto", "scipy") or any(settings.values()):
         refused = [name for name, value in settings.items() if value]
         raise CommonlawError("simulate-with-events", settings=refused or [f"method={method!r}"])
-    model = read_model(_text(law, observation), observation.measured, ())
-    sizes = np.array([observation.sizes[name] for name in model.variables.states])
+    observed = ObservedLaw.of(law, ())
     for name, problem in initial_value_problems(law, times, initial, doses, inputs, tolerance).items():
-        own = dict(zip(known.names, known.values[object_index(law, name)].tolist(), strict=True))
-        values = [own[each] if each in own else float(law.properties[name][each]) for each in model.parameters]
         driven, count = problem.field.inputs, len(law.schema.inputs)
         delayed = NO_INPUTS if driven is None else DelayedInputs(driven, tuple(range(count)), (-1,) * count)
         states, _, is_endless = shoot(
-            model.switched,
-            np.array(values),
+            observed.model.switched,
+            observed.parameters(observed.named.values[object_index(law, name)], law.properties.get(name, {})),
             problem.initial,
             problem.times,
-            sizes,
+            observed.sizes,
             delayed,
             derivatives=False,
             tolerance=tolerance,
@@ -277,38 +370,30 @@ def _trajectory(times: Floats, values: Floats, is_endless: bool, where: str) -> 
     return Trajectory(times, values, outcome, ended, method="shooting")
 
 
-@dataclass(frozen=True, eq=False)
-class _Curves:
-    """The curves of trials, of log-scaled quantities by their logarithms, and the times that they are wanted at."""
-
-    observation: Observation
-    trials: Trials
-    curves: Sequence[_Curve]
-    from_time: float | None
-    return_std: bool
-
-    def forecast(self) -> Forecast:
-        """Return the curves at the times of the trials."""
-        trajectories, deviations, latent = list[Trajectory](), list[Floats](), list[Floats]()
-        for trial, curve in zip(self.trials, self.curves, strict=True):
-            values, std, states, is_endless = curve.at(trial.times, self.return_std)
-            trajectories.append(_trajectory(trial.times, values, is_endless, trial.label))
-            deviations.append(std)
-            latent.append(states)
-        levels = self.observation.noise_levels
-        pairs = list(zip(self.trials, self.curves, strict=True))
-        return Forecast(
-            with_noise(self.trials, self.observation.noise_of),
-            tuple(trajectories),
-            tuple(deviations) if self.return_std else None,
-            levels if self.return_std else None,
-            self.from_time,
-            at_more_times=self.at_more_times,
-            horizons=tuple(np.maximum(0.0, trial.times - curve.known_until) for trial, curve in pairs),
-            latent=tuple(latent),
-        )
-
-    def at_more_times(self, times: Sequence[Floats]) -> Forecast:
-        """Return the same at more times of each trial."""
-        trials = [_with_times(trial, time) for trial, time in zip(self.trials, times, strict=True)]
-        return replace(self, trials=self.trials.with_trials(trials)).forecast()
+def _forecast(
+    observation: Observation,
+    trials: Trials,
+    curves: Sequence[_Curve],
+    from_time: float | None,
+    return_std: bool,
+    times: Sequence[Floats] = (),
+) -> Forecast:
+    """Return curves at the times of trials, and more of each trial, of log-scaled quantities by their logarithms."""
+    if times:
+        trials = trials.with_trials([_with_times(trial, time) for trial, time in zip(trials, times, strict=True)])
+    found = [curve.at(trial.times, return_std) for trial, curve in zip(trials, curves, strict=True)]
+    return Forecast(
+        with_noise(trials, observation.noise_of),
+        tuple(
+            _trajectory(trial.times, values, is_endless, trial.label)
+            for trial, (values, *_, is_endless) in zip(trials, found, strict=True)
+        ),
+        tuple(std for _, std, *_ in found) if return_std else None,
+        observation.noise_levels if return_std else None,
+        from_time,
+        at_more_times=partial(_forecast, observation, trials, curves, from_time, return_std),
+        horizons=tuple(
+            np.maximum(0.0, trial.times - curve.known_until) for trial, curve in zip(trials, curves, strict=True)
+        ),
+        latent=tuple(states for *_, states, _ in found),
+    )

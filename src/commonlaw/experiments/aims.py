@@ -131,7 +131,12 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
         logs = [i for i, name in enumerate(shown) if name in measured_schema(law).logarithmic]
         settings = {**dict(zip(states, initial.tolist(), strict=True)), "times": (0.0, time)}
         made = Experiment.of(law, tuple(names), settings, {})
-        predicted = [observed.predicted(law, made, name, times) for name in names]
+        beginning, _ = observed.beginning(made.start, made.start_std)
+        given = [(law.coefficients[object_index(law, name)], law.properties.get(name, {})) for name in names]
+        predicted = [
+            observed.predicted(name, times, coefficients, beginning, properties, made.inputs)
+            for name, (coefficients, properties) in zip(names, given, strict=True)
+        ]
         pairs = [(own.values, own.slopes) for own in predicted]
     else:
         logs = [*law.terms.variables.logarithmic_columns]

@@ -9,9 +9,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
+from commonlaw.estimation.prediction import ObservedLaw
 from commonlaw.experiments.experiment import Experiment, Range
 from commonlaw.experiments.gaussian import Gaussian
-from commonlaw.experiments.observed import ObservedLaw
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
@@ -20,6 +20,7 @@ from commonlaw.law.law import object_index
 from commonlaw.law.parameters import vector_field
 from commonlaw.library import highest_columns
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.trial import property_names
 
 _CONVERGED_DEVIANCE = 1.0
 """Twice the log-likelihood by which a fit may still get better; laws are distinguished by several times that."""
@@ -158,7 +159,10 @@ class Hypothesis:
     @cached_property
     def observed(self) -> Callable[[frozenset[str]], ObservedLaw | None]:
         """The law with its observation equations, if it has some, by the states (and rates) whose start is set."""
-        return cache(lambda chosen: ObservedLaw.of(self.law, chosen))
+        properties = property_names(self.law.properties)
+        return cache(
+            lambda chosen: None if self.law.observation is None else ObservedLaw.of(self.law, properties, None, chosen)
+        )
 
     def within(self, experiments: Sequence[Experiment], limits: Mapping[str, Range]) -> list[Experiment]:
         """Return experiments that end where its forecasts leave the limits of states (and rates)."""
@@ -341,7 +345,9 @@ class _Planned:
         law, observed = self.law, self.observed
         assert observed is not None
         coefficients = self._coefficients(name, law.coefficients[object_index(law, name)], point)
-        found = observed.predicted(law, self.experiment, name, self.times, coefficients, self._shifted(point), slopes)
+        properties = self.experiment.properties or law.properties.get(name, {})
+        beginning, inputs = self._shifted(point), self.experiment.inputs
+        found = observed.predicted(name, self.times, coefficients, beginning, properties, inputs, slopes)
         followed = _Followed(self.times, found.states)
         too_far = limit is not None and bool(np.abs(found.states).max() > limit)
         if found.slopes is None or too_far or not np.isfinite(found.slopes).all():
@@ -386,7 +392,9 @@ def _planned(known: Hypothesis, experiment: Experiment) -> _Planned:
         law, _ = with_objects_of(law, trials)
     observed = known.observed(frozenset(experiment.settings) & frozenset(law.terms.variables.states))
     if observed is not None:
-        return _Planned(known, experiment, law, times, observed, *observed.beginning(experiment))
+        return _Planned(
+            known, experiment, law, times, observed, *observed.beginning(experiment.start, experiment.start_std)
+        )
     start, std, logs = experiment.start.copy(), experiment.start_std.copy(), [*law.terms.variables.logarithmic_columns]
     std[logs] /= start[logs]
     start[logs] = np.log(start[logs])
