@@ -31,9 +31,6 @@ from commonlaw.library.notation import quoted
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import property_names
 
-_MAX_HALVINGS = 10
-"""How often a step is halved after which solutions are not finite, or fit worse."""
-
 _MAX_INCREASE = 0.01
 """Share by which the sum of squares may grow in a step, as the function is shrunk."""
 
@@ -161,7 +158,7 @@ class ObservedSetting(AbstractSetting):
         found = self._about(model, problem, point)
         for _ in range(MAX_ROUNDS):
             step, last = self._mean(found) - point, found
-            for halvings in range(_MAX_HALVINGS):
+            for halvings in range(10):
                 moved = point + step / 2**halvings
                 residuals = problem.residuals(moved, noise, False)[0]
                 if residuals @ residuals < (1 + _MAX_INCREASE) * found.deviance:  # Nor where it is not finite

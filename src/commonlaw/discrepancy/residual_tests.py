@@ -157,13 +157,8 @@ MAX_KEPT = 5000
 _POWERS = 3
 """Residuals are held against polynomials of this degree."""
 
-_CELLS = 16
-"""Cells of sizes for each factor of two, in which more residuals are ranked."""
 
 _NODES = np.polynomial.legendre.leggauss(_POWERS + 1)[0]
-
-_NO_SIZE = -(1 << 14)
-"""The cell of zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +305,8 @@ def _first_of(values: Floats) -> Floats:
 def _cell(sizes: Floats) -> Floats:
     """Return the cell of each size."""
     with np.errstate(divide="ignore"):
-        return np.asarray(np.maximum(np.floor(np.log2(sizes) * _CELLS), _NO_SIZE), dtype=np.int16)
+        # Cells for each factor of two
+        return np.asarray(np.maximum(np.floor(np.log2(sizes) * 16), (-(1 << 14))), dtype=np.int16)
 
 
 def _both(other: Floats, own: Floats) -> tuple[int, Floats]:

@@ -78,9 +78,6 @@ _VANISHING_TERM = 0.3
 _RESOLVED = 1e-6
 """Singular values below this share of the largest tell nothing."""
 
-_ROUNDING = 1e-9
-"""Variances below this share of the largest are rounding."""
-
 
 def factors(basis: SmoothBasis, constraints: Floats) -> list[Floats]:
     """Return factors of the prior covariance of the weights, one for each of the `LENGTHS`.
@@ -100,7 +97,7 @@ def factors(basis: SmoothBasis, constraints: Floats) -> list[Floats]:
             inner = np.linalg.pinv(constraints @ across, rcond=1e-10, hermitian=True)
             covariance = covariance - across @ inner @ across.T
         values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-        kept = values > _ROUNDING * values[-1]
+        kept = values > 1e-9 * values[-1]
         result.append(np.asarray(vectors[:, kept] * np.sqrt(values[kept])))
     return result
 

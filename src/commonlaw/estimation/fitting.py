@@ -35,12 +35,8 @@ from commonlaw.trials.trial import Start, has_sparse_states, property_names
 
 FREE = "free"
 """The initial value of each trial that the measurements determine."""
-_ROUNDING = 1e-13
-"""Of a correlation between unknowns."""
 _EXPLAINED = 1e-9
 """Share of the slopes by a parameter below which those by others, such as initial values, explain them."""
-_TINY = 1e-300
-"""The size of a state that is always zero."""
 
 NoiseGiven = float | str | Mapping[str, float]
 """The noise of a quantity: a standard deviation, of all objects or by object, or a property with one for each value."""
@@ -662,7 +658,8 @@ def _law(fitted: Fitted, calls: tuple[str, ...]) -> Law:
     }
     noise = {name: noise.get(name) or float(np.median(list(noise_of[name].values()))) for name in model.observables}
     largest = [np.abs(problem.predicted(trial, optimum.unknowns, False).states).max(axis=0) for trial in problem.trials]
-    sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), _TINY).tolist(), strict=True))
+    # A state may always be zero
+    sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), 1e-300).tolist(), strict=True))
     errors = np.sqrt(np.diagonal(optimum.covariance))
     apart = [by_trial(begun.restrictions.shared.get(name, OBJECT), trials.schema) for name in model.parameters]
     estimated = tuple(
@@ -809,7 +806,7 @@ def _covariance(
     std = np.sqrt(np.diagonal(covariance)[shared])
     std = np.where(std > 0, std, 1.0)
     # Of nearly collinear unknowns the rounded correlations are hardly positive definite
-    correlations = covariance[np.ix_(shared, shared)] / std / std[:, np.newaxis] + _ROUNDING * np.eye(len(shared))
+    correlations = covariance[np.ix_(shared, shared)] / std / std[:, np.newaxis] + 1e-13 * np.eye(len(shared))
     root = std[:, np.newaxis] * np.linalg.cholesky(correlations)
     for i, owner in enumerate(trials.objects):
         values = _values(model, unknowns, optimum.unknowns, trials, owner)

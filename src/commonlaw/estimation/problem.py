@@ -18,9 +18,6 @@ from commonlaw.trials import Trial
 _TINY = 1e-300
 _FIXED = 1e-6
 """Standard deviation of what a prior fixes, in its size."""
-_STEADY_ROUNDS = 200
-_STEADY_TOLERANCE = 1e-9
-"""Change of a state, in its size, at which the steady state is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +194,7 @@ class Problem:
         result[own] = sizes
         step, last = np.inf, np.inf
         with np.errstate(all="ignore"):
-            for _ in range(_STEADY_ROUNDS):
+            for _ in range(200):
                 point = model.point(result[np.newaxis], inputs, times, parameters)
                 rates, jacobian = model.rates.evaluate(point)[0, own], model.rates.jacobian(point)[0, own]
                 speed = float(np.max(np.abs(rates) / sizes)) or _TINY
@@ -207,7 +204,7 @@ class Problem:
                 except np.linalg.LinAlgError:
                     break
                 result[own] += change
-                if np.max(np.abs(change) / (np.abs(result[own]) + sizes)) < _STEADY_TOLERANCE:
+                if np.max(np.abs(change) / (np.abs(result[own]) + sizes)) < 1e-9:
                     if np.linalg.matrix_rank(jacobian[:, own] * sizes) < len(own):
                         break  # It is one of many
                     return result, by if by is None else self._steady_by(jacobian, by, unit)

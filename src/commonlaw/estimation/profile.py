@@ -21,8 +21,6 @@ _STEPS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0)
 """Distances from the estimate at which the profile is computed, in standard errors."""
 _QUANTILE, _ENOUGH = 3.841, 7.0
 """The 95 % quantile of chi-squared with one degree of freedom, and where a profile ends."""
-_EVALUATIONS = 40
-_TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +149,7 @@ def _least(problem: Problem, bounds: Bounds, start: Floats, free: Bools, noise: 
     It is sought within bounds.
     """
     low, high = bounds.low[free], bounds.high[free]
-    gap = 1e-9 * np.minimum(high - low, np.maximum(np.abs(start[free]), _TINY))
+    gap = 1e-9 * np.minimum(high - low, np.maximum(np.abs(start[free]), 1e-300))
     start = start.copy()
     start[free] = np.clip(start[free], low + gap, high - gap)
 
@@ -174,7 +172,7 @@ def _least(problem: Problem, bounds: Bounds, start: Floats, free: Bools, noise: 
     if not free.any():
         return start, float(np.sum(residuals(start[free]) ** 2))
     try:
-        found = least_squares(residuals, start[free], slopes, (low, high), x_scale="jac", max_nfev=_EVALUATIONS)
+        found = least_squares(residuals, start[free], slopes, (low, high), x_scale="jac", max_nfev=40)
     except (ValueError, np.linalg.LinAlgError):
         return start, np.inf
     return whole(found.x), float(2 * found.cost)

@@ -33,15 +33,12 @@ _EVENT_VALUES = 16
 _SCANNED = 64
 """Sizes of a parameter in events that are tried, with both signs."""
 _ROUGH_STEPS, _BOUNDED_STEPS, _LM_STEPS = 60, 100, 200
-_NOISE_ROUNDS = 60
 _HOPELESS = 1.0
 """How much worse in log-likelihood a start is after its first round that is given up."""
 _ROUGH_NOISE = 0.1
 """Standard deviation of measurements, in that of all of them, while noise is not known."""
 _ROUGH_TOLERANCE, _MIDDLING_TOLERANCE = 1e-4, 1e-6
 """Relative errors of steps while parameters are improved roughly, and within bounds; at the end it is the problem's."""
-_SAME = 1e-9
-"""Relative change of noise that ends the rounds."""
 _EXACT = 1e-12
 """The least noise of exact measurements, in that to begin with."""
 _TINY = 1e-300
@@ -413,13 +410,13 @@ def _finished(
     # The least squares of one quantity do not depend on its noise
     once = fixed or (int(unknown.sum()) == 1 and not problem.known_noise.any() and not problem.priors)
     once = once and not problem.censored.any()
-    for round_ in range(_NOISE_ROUNDS):
+    for round_ in range(60):
         unknowns, _ = _improved(_Objective(middling, noise), unknowns, bounds, _BOUNDED_STEPS)
         if round_ == 0 and _score(problem, unknowns, noise, fixed)[0] > hopeless:
             return np.inf, unknowns, noise
         unknowns = _polished(problem, unknowns, noise, bounds)
         score, levels = _score(problem, unknowns, noise, fixed)
-        done = once or np.allclose(levels, noise, rtol=_SAME)
+        done = once or np.allclose(levels, noise, rtol=1e-9)
         noise = levels
         if done:
             break

@@ -32,9 +32,6 @@ from commonlaw.trials import Schema, Trials
 _REST = 0.02
 """Estimated rates at the start below this share of their later range are zero: the objects are let go."""
 
-_ROUNDED = 10
-"""Steps of a range, at least, to which its ends are rounded."""
-
 
 def design(
     law: Law | Sequence[Law],
@@ -232,7 +229,7 @@ def _between(values: Floats) -> Options:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if not low < high:
         return (low,)
-    first, last = (rounded_to(each, (high - low) / _ROUNDED) for each in (low, high))
+    first, last = (rounded_to(each, (high - low) / 10) for each in (low, high))
     return Range(first if first * low > 0 else low, last if last * high > 0 else high)
 
 

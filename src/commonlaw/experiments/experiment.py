@@ -32,8 +32,6 @@ TIMING = ("duration", "rate", "samples", "times", "repeats", "object")
 MAX_OBJECTS = 20
 """Of which experiments are looked at."""
 
-_STEPS = 20
-"""Of a range, at least, to which settings are rounded."""
 
 _CORNERS = 6
 """Ranges of which all corners are looked at."""
@@ -53,7 +51,7 @@ class Range:
         (34.0, 0.052)
         """
         value = self.low + share * (self.high - self.low)
-        return float(np.clip(rounded_to(value, (self.high - self.low) / _STEPS), self.low, self.high))
+        return float(np.clip(rounded_to(value, (self.high - self.low) / 20), self.low, self.high))
 
 
 def rounded_to(value: float, resolution: float) -> float:

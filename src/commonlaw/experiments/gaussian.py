@@ -15,9 +15,6 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 
-_RANK = 1e-10
-"""Of directions of the start that are smaller, relative to the largest, the measurements say nothing."""
-
 
 @dataclass(frozen=True, eq=False)
 class Gaussian:
@@ -81,7 +78,8 @@ class Gaussian:
         """Return what of the measurements does not depend on the start."""
         turn = self.white(np.eye(len(self.mean)))
         left, sizes, _ = np.linalg.svd(turn @ self.by_start, full_matrices=True)
-        identified = sizes > _RANK * sizes.max(initial=0.0)
+        # Of smaller directions of the start the measurements say nothing
+        identified = sizes > 1e-10 * sizes.max(initial=0.0)
         contrasts = left[:, int(identified.sum()) :].T @ turn
         constant = float(2 * np.log(sizes[identified]).sum() - 2 * np.log(np.diag(turn)).sum())
         return Whitened(contrasts, contrasts @ self.by_unknowns, constant)

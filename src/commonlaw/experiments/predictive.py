@@ -25,9 +25,6 @@ from commonlaw.trials.trial import property_names
 _CONVERGED_DEVIANCE = 1.0
 """Twice the log-likelihood by which a fit may still get better; laws are distinguished by several times that."""
 
-_MAX_STEPS = 15
-"""Steps of a fit at most, those that lead to nothing better and are halved among them."""
-
 
 Linearise = Callable[[Sequence[int], Sequence[Floats]], Sequence[Gaussian | None]]
 """From trials, by their numbers, and points to a law's predictions about these; None where it diverges.
@@ -82,7 +79,8 @@ def refitted(
     """
     fits = [_Fit(*each) for each in zip(measured, points, predicted, strict=True)]
     shares = {i: 1.0 for i, each in enumerate(fits) if not each.converged}
-    for _ in range(_MAX_STEPS):
+    # Steps that lead to nothing better and are halved among them
+    for _ in range(15):
         moved = [fits[i].point + share * fits[i].gauss_newton[0] for i, share in shares.items()]
         for i, point, found in zip([*shares], moved, linearise([*shares], moved), strict=True):
             fit = None if found is None else _Fit(measured[i], point, found)
@@ -104,12 +102,6 @@ each object makes a trial, as many as the last together; and always so many time
 
 _MAX_RELATIVE_STATE = 10
 """How many times larger than a law says at first states may become on the way of a fit."""
-
-_MAX_HALVINGS = 20
-"""How often unknowns with which a law diverges are halved at most."""
-
-_TOLERANCE = 1e-5
-"""Of a step of the forecasts, which noise and errors of coefficients exceed."""
 
 
 Simulated = tuple[Floats, tuple[Gaussian, ...]]
@@ -193,7 +185,7 @@ class Hypothesis:
         """
         own, found = _planned(self, experiment), dict[int, tuple[Gaussian, ...]]()
         unknowns = unknowns.copy()
-        for _ in range(_MAX_HALVINGS):
+        for _ in range(20):
             left = [i for i in range(len(unknowns)) if i not in found]
             trials = [(own, name, own.point(unknowns[i])) for i in left for name in experiment.objects]
             predicted = iter(self._predictions(trials, limit))
@@ -244,7 +236,8 @@ class Hypothesis:
         if self.law.observation is not None:
             return [own.observed_at(name, point, slopes, limit) for own, name, point in trials]
         problems = [own.problem(name, point) for own, name, point in trials]
-        found = simulate(problems, tolerance=_TOLERANCE, sensitivities=slopes, limit=limit)
+        # Noise and errors of coefficients exceed it
+        found = simulate(problems, tolerance=1e-5, sensitivities=slopes, limit=limit)
         return [own.measured(each) for (own, *_), each in zip(trials, found, strict=True)]
 
 

@@ -35,9 +35,6 @@ _PATIENCE = 6
 """Experiments that are simulated one after the other, and none tells more than the best so far, before no more are."""
 
 
-_EXCHANGES = 2
-"""How often each of several experiments may be exchanged for another."""
-
 _MAX_EXCURSION_RATIO = 1000
 """A forecast that goes so many times farther than states have been, or start from, diverges: what a law predicts there,
 linearised about its coefficients, means nothing, and rivals on their way to infinity take steps without end."""
@@ -112,7 +109,7 @@ class Search:
         """Return experiments that tell together what these do, or more."""
         progress("exchanging experiments")
         before = found
-        for i in [i for _ in range(_EXCHANGES) for i in range(len(found))]:
+        for i in [i for _ in range(2) for i in range(len(found))]:
             own = found[i]
             best = self._best([*found[:i], None, *found[i + 1 :]], own.experiment.cost, own)
             found = [*found[:i], best or own, *found[i + 1 :]]

@@ -169,9 +169,6 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
         return np.where(np.isnan(states), np.nan, std)
 
 
-_ZERO_NOISE = 1e-4
-"""Noise of a state that is exactly zero, relative to that of the state elsewhere: next to none."""
-
 MIN_SAMPLES = 5
 """Measured values of each state that the first guess takes if it is a smoothing spline; else it is straight lines."""
 
@@ -250,7 +247,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     unmeasured = [law.schema.states[j] for j in np.flatnonzero(~measured)] if measured.any() else []
     trial = trial.cut(count)
     if trial.absent.any():  # A species that is absent is exactly zero, with next to no noise
-        trial = replace(trial, noise=np.where(trial.absent, _ZERO_NOISE * noise, trial.noise))
+        trial = replace(trial, noise=np.where(trial.absent, 1e-4 * noise, trial.noise))
     orders = order_of_each(law.order, len(law.schema.states))
     for name, column, order in zip(law.schema.states, trial.states.T, orders, strict=True):
         count = int(np.isfinite(column).sum())
@@ -322,8 +319,6 @@ def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
 
 _DRAWS = 200
 """Vectors of noise that show what a differentiator makes of noise."""
-_MAX_DRAWS = 500
-"""Samples before a time that tell a start: those before them add little, and take long."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -410,7 +405,8 @@ def _begin_later(
     measured = trial.measured()
     stop = int(np.searchsorted(measured.times, from_time))
     fits = can_fit_initial_state(law)
-    count = start or (min(stop, _MAX_DRAWS) if fits else MIN_SAMPLES if rate_names(law) else 1)
+    # More samples add little, and take long
+    count = start or (min(stop, 500) if fits else MIN_SAMPLES if rate_names(law) else 1)
     start_samples = measured.rows(slice(max(0, stop - count), stop))
     first = int(np.searchsorted(extended.times, start_samples.times[0]))
     fitted = None

@@ -14,11 +14,7 @@ from commonlaw.library.grammar import columns_in
 
 Complexes = NDArray[np.complex128]
 
-_STARTS = 200
-_ITERATIONS = 60
 _TOLERANCE = 1e-9
-_SINGULAR = 1e-10
-"""Least singular value of a Jacobian, relative to its size nearby, up to which equilibria are not isolated."""
 _NEUTRAL = 1e-7
 """Real part of an eigenvalue, relative to its size, that is zero but for rounding."""
 
@@ -75,7 +71,7 @@ class _System:
 
         Convergence is relative to how much derivatives change over the `span` of each state.
         """
-        for _ in range(_ITERATIONS):
+        for _ in range(60):
             residuals, slopes = self.at(coefficients, states)
             inner = slopes[:, :, : self.states]
             usable = np.flatnonzero(np.isfinite(inner).all(axis=(1, 2)) & np.isfinite(residuals).all(axis=1))
@@ -179,7 +175,8 @@ def fixed_points(
     """
     system = _System(law, inputs)
     random, span = np.random.default_rng(0), high - low
-    starts = np.concatenate([np.zeros((1, len(low))), low + random.random((_STARTS, len(low))) * span])
+    # Starts besides zero
+    starts = np.concatenate([np.zeros((1, len(low))), low + random.random((200, len(low))) * span])
     changes = np.abs(system.at(coefficients, starts)[1][:, :, : system.states]) @ span
     largest = np.max(changes, axis=0, where=np.isfinite(changes), initial=0.0)
     usual = np.where(largest > 0, largest, np.inf)
@@ -189,7 +186,8 @@ def fixed_points(
     for each in reached:
         slopes = system.at(coefficients, each[np.newaxis])[1][0, :, : system.states]
         known = any(np.allclose(each, other, rtol=1e-6, atol=1e-9 * np.max(span)) for other in found)
-        if not known and np.linalg.norm(slopes * span / usual[:, np.newaxis], -2) > _SINGULAR:
+        # Up to this singular value, relative to the size nearby, equilibria are not isolated
+        if not known and np.linalg.norm(slopes * span / usual[:, np.newaxis], -2) > 1e-10:
             found.append(each)
     points = np.array(found).reshape(-1, system.states)
     for point in points[np.lexsort(points.T[::-1])]:

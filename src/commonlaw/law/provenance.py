@@ -125,10 +125,6 @@ def _rates(trial: Trial) -> Floats:
     return result
 
 
-_WIDTH = 60
-"""Characters of a line of a reason."""
-
-
 @dataclass(frozen=True)
 class Alternative:
     """One of the candidates that an equation, named by its left-hand side, was chosen from.
@@ -179,7 +175,7 @@ class History(ShownInNotebooks, tuple[Step, ...]):
         if not self:
             return "no choices are on record"
         rows = [("stage", "choice", "reason"), *((each.stage, each.choice, each.reason) for each in self)]
-        cells = [[textwrap.wrap(text, _WIDTH) or [""] for text in row] for row in rows]
+        cells = [[textwrap.wrap(text, 60) or [""] for text in row] for row in rows]
         lines = [line for row in cells for line in zip_longest(*row, fillvalue="")]
         stages, choices, _ = (max(map(len, column)) for column in zip(*lines, strict=True))
         return "\n".join(f"{one:<{stages}}  {two:<{choices}}  {three}".rstrip() for one, two, three in lines)

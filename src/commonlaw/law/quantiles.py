@@ -13,9 +13,6 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 
-_HALVINGS = 50
-"""Of the interval that a quantile is in: to the last digits of its width."""
-
 
 def two_sided(level: float, degrees_of_freedom: ArrayLike = np.inf) -> Floats:
     """Return how many standard errors on both sides hold this share, of the shape of the degrees of freedom.
@@ -91,7 +88,8 @@ def upper_bound(center: ArrayLike, scale: ArrayLike, degrees_of_freedom: ArrayLi
 
 
 def _bisected(below: Callable[[Floats], Floats], low: Floats, high: Floats, wanted: float) -> Floats:
-    for _ in range(_HALVINGS):
+    # To the last digits of the width
+    for _ in range(50):
         middle = (low + high) / 2
         less = below(middle) < wanted
         low, high = np.where(less, middle, low), np.where(less, high, middle)
@@ -112,10 +110,6 @@ Function = Callable[[Floats], Floats]
 
 _STEP = 1e-3
 """Of central differences, in standard errors: their error is a millionth of the third derivative."""
-_RADII = 8
-"""Steps from the estimate to the boundary of the confidence ellipsoid."""
-_POINTS = 5
-"""Points of a segment that is searched for a pole."""
 
 
 class Estimate(NamedTuple):
@@ -170,7 +164,7 @@ def _largest(function: Function, size: int, reach: float) -> float:
     """
     point = np.zeros(size)
     largest = float(function(point[np.newaxis])[0])
-    for radius in np.linspace(0.0, reach, _RADII + 1)[1:]:
+    for radius in np.linspace(0.0, reach, 9)[1:]:
         before = point
         for _ in range(3):
             slope = _gradient(function, point)
@@ -178,7 +172,7 @@ def _largest(function: Function, size: int, reach: float) -> float:
             if not (np.isfinite(length) and length > 0):
                 break
             point = radius * slope / length
-        segment = before + np.linspace(0.0, 1.0, _POINTS)[:, np.newaxis] * (point - before)
+        segment = before + np.linspace(0.0, 1.0, 5)[:, np.newaxis] * (point - before)
         values = function(segment)
         end = _first_break(values)
         if end is not None:

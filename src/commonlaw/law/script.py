@@ -12,8 +12,6 @@ import numpy as np
 
 from commonlaw.law.law import Law, shares_terms
 
-LONGEST = 200_000
-"""Characters of a call; the properties of hundreds of objects fit."""
 DEEPEST = 12
 
 MADE_OF_TRIALS = {
@@ -57,7 +55,8 @@ def rewritten(text: str) -> str | None:
     >>> rewritten("cl.discover(trials,order = 2)  # and"), rewritten("cl.discover(trials); print(1)")
     ('cl.discover(trials, order=2)', None)
     """
-    if len(text) > LONGEST:
+    # The properties of hundreds of objects fit
+    if len(text) > 200_000:
         return None
     try:
         with warnings.catch_warnings():

@@ -235,8 +235,6 @@ def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
     return replace(result, uncertainty=Uncertainty(covariance=covariance, noise=law.uncertainty.noise))
 
 
-_LARGEST_DENOMINATOR = 12
-
 _TOLERANCE = 2.0
 """Standard errors: one in twenty numbers that are simple is not shown as such."""
 
@@ -457,7 +455,7 @@ def _candidates(found: _Estimates, constraints: Sequence[_Constraint]) -> Iterat
             yield _Constraint(name, i, Fraction(0), None, 0.0)
         if units[i] in (None, ""):
             value = float(found.values[-1, i])
-            near = {Fraction(round(value * below), below) for below in range(1, _LARGEST_DENOMINATOR + 1)}
+            near = {Fraction(round(value * below), below) for below in range(1, 13)}
             for ratio in near - {Fraction(0)}:
                 bits = 2 + 2 * (math.log2(abs(ratio.numerator)) + math.log2(ratio.denominator))
                 yield _Constraint(name, i, ratio, None, bits)

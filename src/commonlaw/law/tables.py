@@ -20,13 +20,9 @@ from commonlaw.law.text import MANY, Written, probability_text, rounded, with_er
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.text import counted
 
-_MORE_TERMS = 2
-
 _WITH_ERRORS = ("coefficient", "estimate", "factor", "standard error", "low", "high")
 """Columns, or how they begin, whose digits mean something as far as the column of standard errors says."""
 
-_MAX_DRAWS = 10_000_000
-"""Draws of parameters, whose statistics more draws do not change."""
 
 LOG_SCORE = "log score difference"
 """How far forecasts of held-out data are less probable than those of the chosen law, in logarithms: 0 is best."""
@@ -97,7 +93,8 @@ def covariance_frame(law: Law, name: str | None) -> pd.DataFrame:
 
 def sample_frame(law: Law, n: int, seed: int, averaged: bool) -> pd.DataFrame:
     """Return draws of the parameters, see `Law.sample`."""
-    check_whole_number("n", n, 1, _MAX_DRAWS)
+    # More draws do not change statistics
+    check_whole_number("n", n, 1, 10_000_000)
     parameters = named_parameters(law)
     values = parameters.draws(n, seed, averaged)
     index = pd.MultiIndex.from_product([range(n), law.objects], names=["draw", "object"])
@@ -212,7 +209,7 @@ def readable_candidates(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     measures = [name for name in _MEASURES if name in frame and others[name].notna().any()]
     frame["terms"] = [" + ".join(alternative.terms) or "0" for alternative in alternatives]
     frame[""] = np.where(frame["chosen"], "*", "")
-    few = frame["size"] <= frame["equation"].map(chosen) + _MORE_TERMS
+    few = frame["size"] <= frame["equation"].map(chosen) + 2
     return frame.loc[few, ["", "equation", "terms", *measures]]
 
 
@@ -302,9 +299,6 @@ _DEPTHS = {"fourth": 4, "eighth": 8, "sixteenth": 16}
 """Letter values (Tukey 1977, "Exploratory data analysis", chapter 2) on each side of the median: one object in so many
 is beyond them."""
 
-_NORMAL = 1.349
-"""Standard deviations between the fourths of a normal distribution."""
-
 
 def quantile_frame(columns: Mapping[str, Floats], of: str) -> pd.DataFrame:
     """Return the letter values (quantiles) of columns of numbers, a row for each and a column for each.
@@ -338,7 +332,8 @@ def spread_tables(law: Law, count: int, universal: bool = True) -> tuple[pd.Data
         return None
     heads, values, errors = [*compress(heads, kept)], values[:, kept], errors[:, kept]
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)
-    scale = (high - low) / _NORMAL
+    # Standard deviations between the fourths of a normal distribution
+    scale = (high - low) / 1.349
     distances = np.where(scale > 0, np.abs(values - middle) / np.where(scale > 0, scale, 1.0), 0.0)
     chosen = np.argsort(-distances.max(axis=1), kind="stable")[:count]
     rows = [

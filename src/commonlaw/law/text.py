@@ -17,8 +17,6 @@ from commonlaw.text import counted, in_line
 _DIGITS = 2
 """Significant digits of an error."""
 
-_LEAST_PROBABILITY = 1e-9
-"""Below it a probability is shown as such: the models that it is computed from are not known so well."""
 
 _MAX_DIGITS = 9
 """Significant digits of a number; where its error would ask for more, the two are written apart."""
@@ -57,7 +55,8 @@ def probability_text(value: float) -> str:
     >>> probability_text(0.71423), probability_text(4e-130)
     ('0.7142', '< 1e-9')
     """
-    return f"{value:.4g}" if not value < _LEAST_PROBABILITY else "< 1e-9"
+    # Models that a probability is computed from are not known better
+    return f"{value:.4g}" if not value < 1e-9 else "< 1e-9"
 
 
 def rounded(value: float, error: float) -> str:

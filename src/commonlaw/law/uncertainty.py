@@ -14,9 +14,6 @@ from commonlaw.law.deprecated import renamed
 from commonlaw.law.quantiles import two_sided
 from commonlaw.likelihood import ERRORS, NO_ERRORS, ErrorModel, Heteroscedastic
 
-_ASYMMETRY = 1e-6
-"""Relative to the standard errors of both coefficients: more than rounding leaves of a symmetric matrix."""
-
 
 def checked(
     values: ArrayLike, what: str, axes: str, shape: tuple[int, ...], low: float = -np.inf, high: float = np.inf
@@ -44,7 +41,8 @@ def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: 
         name = objects[int(np.argmax(negative))]
         raise CommonlawError("law-variance-negative", name=name)
     errors, turned = np.sqrt(variances), matrices.transpose(0, 2, 1)
-    uneven = np.abs(matrices - turned) > _ASYMMETRY * errors[:, :, np.newaxis] * errors[:, np.newaxis]
+    # More than rounding leaves of a symmetric matrix
+    uneven = np.abs(matrices - turned) > 1e-6 * errors[:, :, np.newaxis] * errors[:, np.newaxis]
     if uneven.any():
         name = objects[int(np.argmax(uneven.any(axis=(1, 2))))]
         raise CommonlawError("law-covariance-asymmetric", name=name)

@@ -16,10 +16,6 @@ _RESERVED = re.compile(r"v\d+|where|max|min|maximum|minimum|e|pi")
 """Names with another meaning in expressions and equations."""
 
 
-_AGREEMENT = 1e-4
-"""Relative difference of central differences of two steps; the error of fourth order is about its square."""
-
-
 @dataclass(frozen=True)
 class Function:
     """A function of arrays that terms call by its name, and the names of its arguments: ``drag(v, x)``.
@@ -105,7 +101,8 @@ class Function:
                 # Second differences of h and 2 h differ at a kink in the middle, where near and far do not
                 bend = (4 * (up - 2 * now + down) - (high - 2 * now + low)) / h
                 gap = np.maximum(np.abs(near - far), np.abs(bend))
-                agree = is_open & (gap <= _AGREEMENT * np.maximum(np.abs(near), np.abs(far)) + 10 * rounding)
+                # The error of fourth order is about the square of the difference
+                agree = is_open & (gap <= 1e-4 * np.maximum(np.abs(near), np.abs(far)) + 10 * rounding)
                 result[agree], tolerance[agree] = ((4 * near - far) / 3)[agree], (abs(near - far) / 2 + rounding)[agree]
                 is_open &= ~agree
                 if not is_open.any():

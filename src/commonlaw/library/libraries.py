@@ -508,10 +508,6 @@ _MAX_DEGREE = 4
 """Of the polynomials that are tried before terms with parameters inside."""
 
 
-_MIN_STATES_OF_VECTORS = 4
-"""States, with rates, from which on positions and velocities may be vectors."""
-
-
 @dataclass(frozen=True)
 class AutoLibrary(AbstractLibrary):
     """All kinds of terms, the simplest first: for data without a hypothesis.
@@ -546,7 +542,8 @@ class AutoLibrary(AbstractLibrary):
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
         yield Offer(())
-        if len(variables.states) >= _MIN_STATES_OF_VECTORS:
+        # Positions and velocities may be vectors
+        if len(variables.states) >= 4:
             yield Offer(ParametricLibrary("central").parametric(variables))
         yield Offer(self._families(variables))
         yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)

@@ -13,8 +13,6 @@ from commonlaw.library.functions import Function
 from commonlaw.library.grammar import OPERATIONS, Algebra, evaluate
 
 _NAMES = tuple(OPERATIONS)
-_MAX_CHAIN = 16
-"""Whole powers up to this are products."""
 
 _Slope = Callable[[Any, Any, Any], Any]
 _SLOPES: Mapping[str, tuple[_Slope, ...]] = {
@@ -217,7 +215,8 @@ class _Writer:
                 return self.constant(OPERATIONS[name](*(np.float64(values[-1 - operand]) for operand in operands)))
         if name == "power" and right is not None and right < 0:
             exponent = list(self.constants)[-1 - right]
-            if exponent.is_integer() and abs(exponent) <= _MAX_CHAIN:
+            # Whole powers up to 16 are products
+            if exponent.is_integer() and abs(exponent) <= 16:
                 size = int(abs(exponent))
                 return (
                     self.chain([left] * size)

@@ -13,9 +13,6 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.library.grammar import OPERATIONS, Algebra, evaluate
 
-_WEAK = 1e-3
-"""How much less the wish for sizes near one counts than what equations say."""
-
 
 class _Size(NamedTuple):
     """The logarithm of a size: a number and multiples of unknowns; and the number that it is of, if it is one."""
@@ -87,7 +84,8 @@ def likely_sizes(
             sizes.equal(whole, _Size(own.known - np.log(span), own.unknown))
         elif size is not None:
             sizes.equal(whole, _Size(np.log(size), np.zeros(len(unknown))))
-    rows = [*sizes.rows, *((_WEAK * each, 0.0) for each in np.eye(len(unknown)))]
+    # The wish for sizes near one counts less than what equations say
+    rows = [*sizes.rows, *((1e-3 * each, 0.0) for each in np.eye(len(unknown)))]
     matrix, right = np.array([row for row, _ in rows]), np.array([value for _, value in rows])
     result = np.ones(variables)
     for i, value in known.items():
