@@ -199,6 +199,21 @@ def test_amounts_given_at_single_samples_are_said_to_be_interpolated(tmp_path):
     assert not any("single samples" in note for note in Trials.from_frame(frame.assign(amt=frame["t"] > 2)).notes)
 
 
+def test_data_sets_of_pharmacology_have_empty_amounts_and_columns_of_records(tmp_path):
+    path = tmp_path / "theo.csv"
+    rows = ["ID,TIME,AMT,DV,MDV,EVID"]
+    for subject in (1, 2):
+        rows += [f"{subject},0,320,.,1,1", *(f"{subject},{t},.,{8 / (t + subject):.3f},0,0" for t in (1, 2, 4, 8))]
+    path.write_text("\n".join(rows))
+    trials = Trials.read(path)
+    assert (trials.schema.states, trials.schema.inputs, trials.schema.object) == (("DV",), ("AMT",), "ID")
+    assert "AMT: empty cells are amounts of zero" in trials.notes
+    assert "columns left out: MDV, EVID" in trials.notes
+    path.write_text(path.read_text().replace("AMT", "flow"))
+    with refused("cell-value"):
+        Trials.read(path, inputs="flow")
+
+
 @pytest.mark.parametrize(
     "y",
     [

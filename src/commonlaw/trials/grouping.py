@@ -11,6 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.text import counted, shown
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.reading import Restarts
+from commonlaw.trials.recognition import input_values
 from commonlaw.trials.trial import Schema, Trial
 
 Cells = tuple[Floats, Floats, Floats, Floats, Floats]
@@ -44,7 +45,7 @@ def read_cells(table: Table, schema: Schema) -> Cells:
     """Return the numbers in the rows of a table."""
     times, noise = table.numbers(schema.time), np.full((len(table), len(schema.states)), np.nan)
     states = np.column_stack([table.numbers(name, missing=True) for name in schema.states])
-    inputs = np.column_stack([np.empty((len(table), 0)), *(table.numbers(name) for name in schema.inputs)])
+    inputs = np.column_stack([np.empty((len(table), 0)), *(input_values(table, name) for name in schema.inputs)])
     for state, name in schema.noise_columns.items():
         j = schema.states.index(state)
         noise[:, j] = table.deviations(name, np.isfinite(states[:, j]))

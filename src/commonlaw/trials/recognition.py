@@ -47,6 +47,10 @@ _INPUT = _vocabulary(
     "input setpoint command control stimulus forcing dose amt ambient outdoor outdoors outside weather solar "
     "irradiance insolation radiation sunlight sunshine rain rainfall precipitation"
 )
+_AMOUNT = _vocabulary("dose doses dosage amt")
+"""What names amounts that are given: an empty cell is none."""
+_RECORD = _vocabulary("evid mdv cmt")
+"""What says in data sets of pharmacology whether a row is a dose or a measurement, beside the amounts."""
 _DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
 _VELOCITIES = _vocabulary("v w")
 """Names next to which u is another velocity, and not an input."""
@@ -384,6 +388,24 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     return found if len(found) < len(names) else {}
 
 
+def input_values(table: Table, name: str) -> Floats:
+    """Return an input as numbers, shape (n,): an empty cell is zero in a column of amounts, and refused in others."""
+    if is_called(name, _AMOUNT):
+        return np.nan_to_num(table.numbers(name, missing=True))
+    return table.numbers(name)
+
+
+def record_columns(names: Sequence[str]) -> list[str]:
+    """Return the columns that say whether a row is a dose, which a column of amounts says too.
+
+    >>> record_columns(["TIME", "DV", "AMT", "EVID", "MDV"]), record_columns(["t", "mdv"])
+    (['EVID', 'MDV'], [])
+    """
+    if not any(is_called(name, _AMOUNT) for name in names):
+        return []
+    return [name for name in names if name.casefold() in _RECORD]
+
+
 def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -> list[str]:
     """Return the columns that are zero but for single samples, as amounts are that are added at once."""
 
@@ -392,7 +414,7 @@ def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -
         single = any(map(len, given)) and all((np.diff(each) > 1).all() for each in given)
         return single and not values.all() and bool(np.mean(values) > 0)
 
-    return [name for name in names if is_pulsed(readable(table, name))]
+    return [name for name in names if is_pulsed(input_values(table, name))]
 
 
 def note_on_pulses(name: str) -> str:

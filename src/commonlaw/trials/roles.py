@@ -22,6 +22,7 @@ from commonlaw.trials.recognition import (
     other_clocks,
     pulsed_inputs,
     readable,
+    record_columns,
     time_column,
     trial_column,
 )
@@ -141,6 +142,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         return taken
 
     free = [name for name in free if name not in (owner, trial)]
+    left_out = take(record_columns([*table.columns]))
     states, inputs = (_found(table, roles.get(role, ())) for role in ("states", "inputs"))
     noise = _noise_columns(table, roles, states, free)
     take(noise.values())
@@ -158,13 +160,13 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     order = np.lexsort((times, begun, runs, owners))
     changes = np.any([np.diff(each[order]) != 0 for each in (owners, runs, np.asarray(begun))], axis=0)
     trials = np.split(order, np.flatnonzero(changes) + 1)
-    left_out: tuple[str, ...] = ()
     if not (wide and "wide" in roles) and "states" not in roles:
-        left_out = take(other_clocks(table, numbers, times, owners * len(table) + runs))
+        left_out += take(other_clocks(table, numbers, times, owners * len(table) + runs))
         if "inputs" not in roles:
             for name, reason in input_columns(table, numbers, times, trials).items():
                 inputs += take([name], reason)
     notes = [f"columns left out, as indices of pandas without a name: {', '.join(indices)}"] if indices else []
+    notes += [f"{name}: empty cells are amounts of zero" for name in inputs if np.isnan(readable(table, name)).any()]
     notes += map(note_on_pulses, pulsed_inputs(table, inputs, trials))
     if not states:
         states = tuple(name for name in free if table.is_numeric(name))
