@@ -1,6 +1,7 @@
 """What decides coefficients: relations to properties, and pooling over objects."""
 
 import json
+import re
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
@@ -17,6 +18,7 @@ from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointMo
 from commonlaw.hierarchy.relation import dimensions_of, exponent_sets
 from commonlaw.law import average_law, from_json, pool_objects, relations_frame, to_json, to_latex
 from commonlaw.law.parameters import coefficient_units, standard_errors
+from commonlaw.law.pooling import by_properties
 from commonlaw.library import PolynomialLibrary, Variables
 from tests.refusals import refused
 from tests.unit.estimates import measured
@@ -524,3 +526,13 @@ def test_simple_exponents_are_more_probable_and_all_together_certain():
     assert max(np.count_nonzero(sets.exponents, axis=1)) == 2
     for count, together in ((10, 3), (11, 2), (25, 2), (26, 1)):
         assert max(np.count_nonzero(exponent_sets(count, 3).exponents, axis=1)) == together
+
+
+def test_results_show_coefficients_that_follow_from_properties_in_a_line():
+    (line,) = by_properties(falling())
+    assert re.fullmatch(r"by properties: x'' = -9\.\d+ ± [\d.]+ \+ \(0.25\d+ ± [\d.]+\) diameter\^2/mass v\^2", line)
+    decoys = {
+        name: {"digit": digit} for name, digit in zip(OBJECTS, (3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0), strict=True)
+    }
+    assert by_properties(replace(falling(), properties=decoys)) == []
+    assert by_properties(replace(falling(), properties={})) == []

@@ -22,7 +22,7 @@ from commonlaw.law.alignment import has_bands
 from commonlaw.law.equilibria import has_phase_plane
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors, units_with_rates
-from commonlaw.law.pooling import comparable_groups, contrasts
+from commonlaw.law.pooling import by_properties, comparable_groups, contrasts
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import coefficients_by_object, quantities_by_object, with_interval, with_unit
 from commonlaw.library import order_of_each
@@ -227,7 +227,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "evidence": candidate.evidence,
         "text": list(law.structure) if shares_terms(law) else list(law.equations(law.objects[0])),
         "formula": _mathml(law),
-        "simpler": within_errors(law),
+        "simpler": [*within_errors(law), *(by_properties(law) if candidate.chosen else ())],
         "left": left_hand_sides(law),
         "equations": _editable(law),
         "figures": _figure_kinds(law, found.findings.forecast is not None),

@@ -30,6 +30,7 @@ from commonlaw.law.alignment import measured_schema
 from commonlaw.law.law import object_index, shares_terms
 from commonlaw.law.models import model_named
 from commonlaw.law.parameters import named_parameters
+from commonlaw.law.pooling import by_properties
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import MANY
 from commonlaw.library.equation import split_equations
@@ -244,7 +245,7 @@ class FitResult:
                     print_columns(self._error_columns())
             else:
                 self._show_coefficients()
-            for line in within_errors(law):
+            for line in [*within_errors(law), *by_properties(law)]:
                 say(f"\n{in_line(line)}")
         else:
             say(str(law))

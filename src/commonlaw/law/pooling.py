@@ -16,6 +16,7 @@ from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_p
 from commonlaw.law.printing import dependence
 from commonlaw.law.provenance import Step
 from commonlaw.law.script import written
+from commonlaw.law.text import MANY
 from commonlaw.law.uncertainty import Explanation, ObjectEstimates
 from commonlaw.outcomes import note
 from commonlaw.text import shown
@@ -108,6 +109,20 @@ def explained(law: Law, given: Any) -> Law:
     call = f"law.explain({'' if given is None else written(given)})"
     provenance = replace(found.provenance, calls=(*found.provenance.calls, call))
     return with_other_laws(replace(found, provenance=provenance), law.uncertainty.map_other_laws(other))
+
+
+def by_properties(law: Law) -> list[str]:
+    """Return a line of equations whose coefficients follow from properties of the objects; no line if none does."""
+    if not (shares_terms(law) and 2 < len(law.objects) <= MANY and law.uncertainty.explanation is None):
+        return []
+    try:
+        found = _by_properties(law, *_offered(law, None))
+    except CommonlawError:
+        return []
+    relations = found.uncertainty.explanation.relations if found.uncertainty.explanation else ()
+    if not any(relation.properties for relation in relations if relation):
+        return []
+    return [f"by properties: {'; '.join(found.equations())}"]
 
 
 def _offered(law: Law, given: Any) -> tuple[Properties, list[str]]:
