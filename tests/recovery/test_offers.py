@@ -188,3 +188,38 @@ def test_polynomials_that_fit_are_compared_with_shorter_laws(rates, objects, sta
     trials = cl.Trials.from_arrays([times] * len(states), states, object=owners, names=names)
     law = cl.discover(trials, order=2 if rates is not _monod else 1, cache=False)
     assert law.structure == structure
+
+
+def test_a_reciprocal_is_taken_for_a_polynomial_that_fits():
+    """The square of the diameter of a drop that evaporates falls linearly, ``d' = -k/d``."""
+    generator, diameters, times = np.random.default_rng(2), list[np.ndarray](), list[np.ndarray]()
+    rates = {"water": 9e-4, "ethanol": 1.4e-3}
+    for rate in rates.values():
+        for start in (1.0, 1.2):
+            times.append(np.linspace(0, 0.4 * start**2 / rate, 30))
+            clean = np.sqrt(start**2 - 2 * rate * times[-1])
+            diameters.append(clean[:, np.newaxis] + 0.004 * generator.standard_normal((30, 1)))
+    names = [name for name in rates for _ in range(2)]
+    law = cl.discover(cl.Trials.from_arrays(times, diameters, object=names, names=["d"]), order=1)
+    assert law.structure == ("d' = a/d",)
+    np.testing.assert_allclose(named_parameters(law).values[:, 0], [-9e-4, -1.4e-3], rtol=0.02)
+
+
+def test_positions_of_planets_give_the_law_of_gravity():
+    """Along each ellipse rates are functions of the position too, with more coefficients, which vary."""
+
+    def kepler(_: float, z: np.ndarray) -> list[float]:
+        pull = -4 * np.pi**2 / np.hypot(z[0], z[1]) ** 3
+        return [z[2], z[3], pull * z[0], pull * z[1]]
+
+    generator, times, positions = np.random.default_rng(0), list[np.ndarray](), list[np.ndarray]()
+    planets = {"mercury": (0.387, 0.206), "earth": (1.0, 0.017), "mars": (1.524, 0.093)}
+    for size, eccentricity in planets.values():
+        times.append(np.linspace(0, 1.5 * size**1.5, 60))
+        speed = 2 * np.pi * np.sqrt((1 + eccentricity) / (size * (1 - eccentricity)))
+        start = [size * (1 - eccentricity), 0.0, 0.0, speed]
+        orbit = solve_ivp(kepler, (0, times[-1][-1]), start, t_eval=times[-1], rtol=1e-9, atol=1e-12).y[:2].T
+        positions.append(orbit + 0.001 * generator.standard_normal((60, 2)))
+    law = cl.discover(cl.Trials.from_arrays(times, positions, object=[*planets], names=["x", "y"]))
+    assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
+    np.testing.assert_allclose(named_parameters(law).values, -4 * np.pi**2, rtol=0.01)

@@ -36,6 +36,11 @@ def test_an_equation_is_read_as_people_write_it(text, order, terms, known, coeff
     assert {product.coefficients[0][0]: product.factor for product in found.products} == pytest.approx(coefficients)
 
 
+def test_a_reciprocal_is_written_as_a_fraction():
+    trials = cl.Trials.from_arrays([[0.0, 1.0, 2.0, 3.0]], [[[2.0], [1.7], [1.4], [1.0]]], names=["x"])
+    assert cl.discover(trials, library=["1/x"], order=1, noise=0.01).structure == ("x' = a/x",)
+
+
 def test_equations_share_terms_and_come_in_the_order_of_the_states():
     lorenz = "y' = r x - y - x z", "x' = s (y - x); z' = x y - 2.667 z"
     found = read_equations(lorenz, XYZ)

@@ -126,6 +126,11 @@ class Candidate:
         return self.fits and (self.has_richer or (self.has_few_terms and not self.is_of_higher_degree))
 
     @property
+    def suffices(self) -> bool:
+        """Whether no other order needs to be tried: the law is simple, and if of richer terms, of two numbers each."""
+        return self.is_simple and not (self.has_richer and may_be_simpler(self.pool.best, 2))
+
+    @property
     def fits(self) -> bool:
         """Whether the law has no lack of fit, and is determined by the measurements."""
         return self.pool.is_determined and not self.pool.best.lack_of_fit
@@ -199,16 +204,16 @@ class CandidateSearch:
         return more if more.fits and more.has_few_terms and more.score < candidate.score else candidate
 
     def with_first_offer(self, candidate: Candidate) -> Candidate:
-        """Return the law with terms of the first offer, if it is simple.
+        """Return the law with terms of the first offer, if it is simple; a law of one term an equation as it is.
 
         The offer must have fewer terms than the library and not be the last. Central forces of vectors are an example:
         they come before terms of higher degree in all variables, and before other orders.
         """
         offers = self._offers(candidate.screened)[1]
         first = next((i for i, offer in enumerate(offers) if offer.count), len(offers))
-        if candidate.is_simple or candidate.has_richer or not any(offer.count for offer in offers[first + 1 :]):
+        if candidate.has_richer or not any(offer.count for offer in offers[first + 1 :]):
             return candidate
-        if offers[first].count > len(candidate.screened.terms):
+        if not may_be_simpler(candidate.pool.best, 1) or offers[first].count > len(candidate.screened.terms):
             return candidate
         more = self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=True, most=first + 1)
         return replace(more, has_richer=True) if more.is_simple else candidate

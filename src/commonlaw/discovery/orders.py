@@ -104,7 +104,7 @@ def search_orders(
 ) -> tuple[list[Candidate], list[CommonlawError]]:
     """Return the best law of each tried order, and the errors of orders without one.
 
-    The lowest order of all states is tried first; if its law is not simple, the highest, and then orders that differ
+    The lowest order of all states is tried first; if its law does not suffice, the highest, and then orders that differ
     from the best in one state, as long as the best improves. A coarse mesh suffices for others if the best is simple.
 
     Raises `CommonlawError` if no order has a law: the last reason.
@@ -118,7 +118,7 @@ def search_orders(
             tried |= {orders: found[0] if found else None}
             failures += failed
         every = {orders: each for orders, each in tried.items() if each is not None}
-        if highest not in tried and not (every and every[lowest].is_simple):
+        if highest not in tried and not (every and every[lowest].suffices):
             listed = [highest]
             continue
         if not every:

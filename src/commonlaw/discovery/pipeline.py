@@ -93,10 +93,7 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
     The best law comes first; but that of the lowest order if it implies the best law, or if rates may be a function of
     the states.
     """
-    if not min(candidates).is_simple:
-        candidates = [
-            (attempt_each(search.with_first_offer, [candidate])[0] or [candidate])[0] for candidate in candidates
-        ]
+    candidates = [(attempt_each(search.with_first_offer, [candidate])[0] or [candidate])[0] for candidate in candidates]
     left, done = sorted(candidates), list[Candidate]()
     while left:
         best = min([*done, *left])

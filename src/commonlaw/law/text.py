@@ -226,6 +226,8 @@ def summed(addends: Iterable[Addend], times: str) -> str:
             text += each.number or each.name
         elif isinstance(each.name, Fraction):
             text += each.name.behind(each.number, times)
+        elif each.name.startswith("1/"):
+            text += each.number + each.name.removeprefix("1")
         else:
             text += f"{each.number}{times}{each.name}"
     return text or "0"

@@ -513,7 +513,7 @@ class AutoLibrary(AbstractLibrary):
     """All kinds of terms, the simplest first: for data without a hypothesis.
 
     Polynomials of `degree`, and of degree 4 where the best law has a lack of fit, or many terms. Where that too has
-    one, or may be a truncated series, with three powers of a variable in equal steps up to the highest: in addition,
+    one, or may be a truncated series, with three powers of a variable in equal steps: in addition,
     with two states and their rates, central forces and drag; then a few functions of all families, alone and as factors
     of a state or an input; then ratios of sums of terms up to degree 2, with linear terms; then, in laws of first order
     of several trials of at most ten objects, a latent state.
@@ -528,7 +528,7 @@ class AutoLibrary(AbstractLibrary):
     --------
     >>> library, variables = AutoLibrary(), Variables(("x", "v"))
     >>> len(library.bind(variables)), [each.count for each in library.offers(variables)]
-    (10, [0, 98, 12])
+    (10, [0, 102, 12])
     """
 
     degree: int = 3
@@ -549,7 +549,7 @@ class AutoLibrary(AbstractLibrary):
         yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
 
     def _families(self, variables: Variables) -> tuple[ParametricTerm, ...]:
-        alone = [ParametricLibrary(name) for name in ("power", "root", "sigmoid", "polar")]
+        alone = [ParametricLibrary(name) for name in ("power", "reciprocal", "root", "sigmoid", "polar")]
         of_states = [ParametricLibrary(name, variables.states) for name in ("friction", "morse")]
         factors = [
             ParametricLibrary(name)

@@ -200,6 +200,9 @@ FAMILIES: Mapping[str, Family] = {
         ("abs({u})^p", "abs({u})^p*sign({u})"), "drag, growth by body mass, flow through porous media, hysteresis"
     ),
     "logarithm": Family(("log({u})",), "growth of tumours (Gompertz), forces that change by ratios"),
+    "reciprocal": Family(
+        ("1/{u}", "1/{u}^2"), "drops that evaporate, oxide films that grow by diffusion, charges and magnets on a line"
+    ),
     "root": Family(("sqrt({u})",), "tanks that drain (Torricelli), orifices and valves"),
     "sigmoid": Family(
         ("1/(1 + exp(-(a*{u} + c)))", "tanh({u}/U)"),

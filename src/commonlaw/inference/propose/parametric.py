@@ -75,17 +75,15 @@ def with_parametric_terms_under_errors(
 
 
 def is_truncated_series(fit: Fit) -> bool:
-    """Return whether a law contains what may be a power series truncated at the highest degree of the library.
+    """Return whether a law contains what may be a truncated power series.
 
-    These are three powers of one variable with a common factor, in equal steps, up to that degree, as of an exponential
-    function or a sine: a parametric term has the same values with two parameters. x and x^3 are the first of a sine.
+    These are three powers of one variable with a common factor, in equal steps, as of an exponential function, a sine
+    or a reciprocal: a term with the same values has one or two parameters. x and x^3 are the first of a sine.
     """
     terms = fit.problem.terms
-    monomials = [term.exponents for term in terms.terms]
-    highest = max((sum(monomial.values()) for monomial in monomials if monomial is not None), default=0)
     for support in fit.supports & terms.is_factor:
-        chosen = [each for k in np.flatnonzero(support) if (each := monomials[k]) is not None]
-        for last in (each for each in chosen if sum(each.values()) == highest):
+        chosen = [monomial for k in np.flatnonzero(support) if (monomial := terms.terms[k].exponents) is not None]
+        for last in chosen:
             for column, power in last.items():
                 others = {i: each for i, each in last.items() if i != column}
                 before = [others | ({column: each} if each else {}) for each in range(power)]
