@@ -100,34 +100,35 @@ def _orders_from_measured_rates(trials: Trials) -> Orders:
 
 
 def search_orders(
-    find: Callable[[Order, bool], Candidate], possible: Sequence[Sequence[int]]
+    find: Callable[[Order, Candidate | None], Candidate], possible: Sequence[Sequence[int]]
 ) -> tuple[list[Candidate], list[CommonlawError]]:
     """Return the best law of each tried order, and the errors of orders without one.
 
-    The lowest order of all states is tried first; if its law does not suffice, the highest, and then orders that differ
-    from the best in one state, as long as the best improves. A coarse mesh suffices for others if the best is simple.
+    The lowest order of all states is tried first, and if its law does not suffice, the highest; if none of them is
+    simple, or the highest is better, also orders that differ from the best in one state, as long as the best improves.
+    `find` takes an order, and the best law so far if it is simple.
 
     Raises `CommonlawError` if no order has a law: the last reason.
     """
     lowest, highest = tuple(map(min, possible)), tuple(map(max, possible))
     tried, failures = dict[tuple[int, ...], Candidate | None](), list[CommonlawError]()
-    listed, best, beside_simple = [lowest], None, False
+    listed, best, simple = [lowest], tuple[int, ...](), None
     while True:
         for orders in listed:
-            found, failed = attempt_each(partial(find, one_order(orders)), [beside_simple])
+            found, failed = attempt_each(partial(find, one_order(orders)), [simple])
             tried |= {orders: found[0] if found else None}
             failures += failed
         every = {orders: each for orders, each in tried.items() if each is not None}
         if highest not in tried and not (every and every[lowest].suffices):
-            listed = [highest]
+            listed, simple = [highest], every[lowest] if every and every[lowest].is_simple else None
             continue
         if not every:
             raise failures[-1]
         before, best = best, min(every, key=every.__getitem__)
-        beside_simple = every[best].is_simple
+        simple = every[best] if every[best].is_simple else None
         near = [(*best[:j], each, *best[j + 1 :]) for j, own in enumerate(possible) for each in own if each != best[j]]
         listed = [each for each in near if each not in tried]
-        if highest not in tried or best == before or not listed:
+        if highest not in tried or best == before or not listed or (best == lowest and simple):
             return list(every.values()), failures
 
 

@@ -62,11 +62,14 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
     several = any(len(each) > 1 for each in possible)
     lowest = one_order([each[0] for each in possible])
 
-    def of_order(order: Order, is_coarse: bool) -> Candidate:
+    def of_order(order: Order, simple: Candidate | None) -> Candidate:
         if several:
             search.progress(f"searching laws of order {order_in_words(order, search.trials.schema.states)}")
-        is_first = several and order == lowest
-        candidate = search.plain(replace(structure, order=order), is_coarse or (is_first and len(possible) == 1))
+        is_first, library = several and order == lowest, structure.library
+        if simple and simple.has_richer:  # Where it is a law of first order, most terms of second order are redundant
+            library = library.linear or library
+        is_coarse = simple is not None or (is_first and len(possible) == 1)
+        candidate = search.plain(replace(structure, order=order, library=library), is_coarse)
         if is_first:
             candidate = search.of_higher_degree(candidate)
             if not (candidate.pool.best.lack_of_fit or candidate.is_simple):

@@ -72,6 +72,11 @@ class AbstractLibrary(ABC):
         yield Offer(self.parametric(variables), self.ratios(variables))
 
     @property
+    def linear(self) -> "AbstractLibrary | None":
+        """The same with linear plain terms; None if there is no such."""
+        return None
+
+    @property
     def higher(self) -> "AbstractLibrary | None":
         """The library with more plain terms, for data that a law of these may not explain; None if it has no more."""
         return None
@@ -535,6 +540,10 @@ class AutoLibrary(AbstractLibrary):
 
     def bind(self, variables: Variables) -> Terms:
         return PolynomialLibrary(self.degree).bind(variables)
+
+    @property
+    def linear(self) -> AbstractLibrary:
+        return replace(self, degree=1)
 
     @property
     def higher(self) -> AbstractLibrary | None:
