@@ -25,8 +25,8 @@ from commonlaw.cli.main import commonlaw as command
 from commonlaw.diagnostics import kinds, notes, sentences, template, topic_of, topics
 from commonlaw.law.quantities import forms
 from commonlaw.plots import render
+from commonlaw.report.document import within
 from commonlaw.report.markup import formula
-from commonlaw.report.write import within
 from commonlaw.runtime.fit_options import FitOptions, setting_rows
 
 project = "commonlaw"

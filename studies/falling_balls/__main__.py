@@ -8,8 +8,9 @@ import click
 from rich.console import Console
 
 from commonlaw.errors import CommonlawError
-from commonlaw.report import Picture, Table, Text, to_json, write_report
+from commonlaw.report import Picture, Table, Text
 from commonlaw.runtime.files import check_targets, write_whole
+from studies.falling_balls.report import to_json, write_report
 from studies.falling_balls.settings import SEED
 from studies.falling_balls.study import inquire, run
 

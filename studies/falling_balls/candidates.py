@@ -10,10 +10,11 @@ from commonlaw.array_types import Floats
 from commonlaw.formulation import law_variables
 from commonlaw.library import Terms, Variables, parse_library, term_unit
 from commonlaw.plots import plot_library
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials.headers import parse_unit
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.printed import printed_table
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import LIBRARY, LIBRARY_BALL, LIBRARY_DROP
 from studies.falling_balls.speeds import FORM
 

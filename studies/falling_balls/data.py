@@ -10,7 +10,7 @@ import pandas as pd
 from commonlaw.array_types import Floats
 from commonlaw.datasets import linear_drag
 from commonlaw.plots import plot_trials
-from commonlaw.report import Block, Picture, Section, Table, Text, Verdict
+from commonlaw.report import Block, Picture, Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.landing import (
@@ -26,6 +26,7 @@ from studies.falling_balls.landing import (
 )
 from studies.falling_balls.plots import plot_displacement, plot_property, plot_strobe
 from studies.falling_balls.printed import printed_table, prints_as
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import GOLF_BALL_OUNCES, REFERENCE_DRAGS, STROBE
 from studies.falling_balls.speeds import speeds
 

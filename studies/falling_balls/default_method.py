@@ -9,12 +9,13 @@ import pandas as pd
 from commonlaw.law import Law
 from commonlaw.law.law import shares_terms
 from commonlaw.plots import plot_forecast
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from studies.falling_balls.default_forecasts import CUBIC, DEFAULT, LINEAR, Forecasts, default_forecasts, every
 from studies.falling_balls.drag_choices import Choice, agreed, drag_choices, form_of
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.model_error import OTHER_DROP
 from studies.falling_balls.plots import plot_errors
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import HORIZON, MODEL_NAMES, RATE_SAMPLES, REDRAWS
 
 _NAME, _TITLE = "default-method", "What the default method says of the drops"

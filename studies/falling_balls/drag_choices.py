@@ -10,9 +10,10 @@ import pandas as pd
 
 from commonlaw.discovery import discover
 from commonlaw.law import Law
-from commonlaw.report import Section, Table, Text
+from commonlaw.report import Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.landing import listed
+from studies.falling_balls.report import Section
 from studies.falling_balls.settings import ALL_BALLS, BALL_GROUPS, DRAG_FORMS, EVIDENCE_WORDS, OFFERED
 
 

@@ -15,11 +15,12 @@ from commonlaw.datasets.sphere_drag import (
     in_valid_range,
     reynolds_number,
 )
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.plots import plot_drag_regimes
 from studies.falling_balls.printed import printed_table, prints_as
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import PRINTED_COUNTS, PRINTED_SAMPLES
 from studies.falling_balls.speeds import speeds
 

@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.differentiation import noise_level
-from commonlaw.report import Picture, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.plots import plot_by_object
 from studies.falling_balls.rate_errors import LARGEST, NoisyFall, relative
+from studies.falling_balls.report import Verdict
 from studies.falling_balls.settings import PRINTED_NOISE
 
 Noise = Mapping[str, Mapping[str, Mapping[str, float]]]

@@ -8,11 +8,12 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.array_types import Floats
-from commonlaw.report import Block, Picture, Section, Table, Text, Verdict
+from commonlaw.report import Block, Picture, Table, Text
 from studies.falling_balls.errata import ERRATA
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.landing import listed
 from studies.falling_balls.plots import Curve, plot_curves
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import STANDARD_GRAVITY, WHIFFLE_BALLS
 
 Results = Mapping[str, Any]

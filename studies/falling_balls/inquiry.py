@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from commonlaw.report import Section, Text, Verdict
+from commonlaw.report import Text
 from commonlaw.trials import Trials
+from studies.falling_balls.report import Section, Verdict
 
 
 @dataclass(frozen=True)

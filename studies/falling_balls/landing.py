@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import spearmanr
 
-from commonlaw.report import Verdict
 from commonlaw.trials import Trials
 from studies.falling_balls.errata import LANDING
+from studies.falling_balls.report import Verdict
 from studies.falling_balls.settings import BASKETBALLS, FASTER_AT_FIRST, HORIZON, WHIFFLE_BALLS
 
 Balls = Mapping[str, Mapping[str, float]]

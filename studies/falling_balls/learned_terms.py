@@ -8,12 +8,13 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.law import Law
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.method import coefficients_of, group_law, single_law
 from studies.falling_balls.plots import plot_heat_maps
 from studies.falling_balls.printed import printed_table
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import GROUP_THRESHOLD, SINGLE_THRESHOLD, WHIFFLE_BALLS
 
 _NAME, _TITLE = "learned-terms", "Learned terms"

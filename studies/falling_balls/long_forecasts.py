@@ -12,11 +12,12 @@ from commonlaw.differentiation import parse_differentiation
 from commonlaw.integration import Trajectory
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.report.document import cell
 from commonlaw.trials import Trial, Trials
 from studies.falling_balls.method import single_law
 from studies.falling_balls.plots import Curve, plot_curves
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import (
     DIFFERENTIATION,
     ERROR_LIMITS,

@@ -8,13 +8,14 @@ import pandas as pd
 
 from commonlaw.law import Law
 from commonlaw.law.law import shares_terms
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trial, Trials
 from studies.falling_balls.errata import PREDICTION
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.long_forecasts import long_forecasts
 from studies.falling_balls.method import group_law, single_law
 from studies.falling_balls.plots import plot_errors
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import HORIZON, MODEL_NAMES, MODEL_TERMS, MODELS, RATE_SAMPLES, SIMILAR
 
 _NAME, _TITLE = "model-error", "How well the models predict"

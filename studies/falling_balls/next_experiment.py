@@ -15,9 +15,10 @@ from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.quantiles import upper_bound
 from commonlaw.plots import plot_design
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry, left_out
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import STANDARD_GRAVITY
 
 _NAME, _TITLE = "next-experiment", "Which experiment next"

@@ -8,12 +8,13 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import SavitzkyGolay
 from commonlaw.plots import Figure
-from commonlaw.report import Picture, Section, Text, Verdict
+from commonlaw.report import Picture, Text
 from studies.falling_balls.drop_noise import noise_blocks, noise_of_drops, noise_verdict
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.rate_errors import BEST, METHODS, ORDERS, WINDOW_METHODS, Medians, NoisyFall, at, medians
 from studies.falling_balls.rate_verdicts import method_verdict, window_verdict
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import (
     END_SAMPLES,
     PRINTED_NOISE,

@@ -11,11 +11,12 @@ from commonlaw.datasets import linear_drag
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
 from commonlaw.plots import Figure
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.method import group_law
 from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.recovery import Recovery
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import (
     DIFFERENTIATION,
     FINDING,

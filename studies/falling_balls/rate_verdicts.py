@@ -6,8 +6,8 @@ from math import floor, log10, sqrt
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.report import Verdict
 from studies.falling_balls.rate_errors import BEST, LARGEST, ORDERS, Medians, NoisyFall, at
+from studies.falling_balls.report import Verdict
 from studies.falling_balls.settings import (
     LINEAR_FROM,
     LINEAR_WITHIN,

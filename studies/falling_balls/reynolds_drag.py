@@ -13,10 +13,11 @@ from commonlaw.datasets import PRINTED_VISCOSITY
 from commonlaw.datasets.sphere_drag import AIR_VISCOSITY
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.errata import THRESHOLDS
 from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import (
     AVERAGE_DIGITS,
     EXTREME,

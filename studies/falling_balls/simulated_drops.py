@@ -10,13 +10,14 @@ from commonlaw.datasets import linear_drag
 from commonlaw.discovery import DerivativeRegression, discover
 from commonlaw.law import Law, average_law
 from commonlaw.plots import Figure
-from commonlaw.report import Picture, Section, Text, Verdict
+from commonlaw.report import Picture, Text
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.plots import Curve, plot_curves
 from studies.falling_balls.quadratic_drag import quadratic_drag
 from studies.falling_balls.recovery import Recovery, recovered
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import (
     AVERAGE_DIGITS,
     DIFFERENTIATION,

@@ -5,12 +5,13 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from commonlaw.law import average_law
-from commonlaw.report import Section, Table, Text, Verdict
+from commonlaw.report import Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.errata import GROUP_TABLE
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.method import METHODS, coefficients_of
 from studies.falling_balls.printed import printed_table, prints_as
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import PATH_BALL, PATH_DROP
 from studies.falling_balls.threshold_choices import METHOD_NAMES, chosen_law, threshold_choices
 

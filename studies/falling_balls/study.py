@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 
 from commonlaw.datasets import ball_drops
 from commonlaw.errors import CommonlawError
-from commonlaw.report import Report, Section
 from commonlaw.runtime.shutdown import end_with_parent
 from studies.falling_balls.candidates import candidates
 from studies.falling_balls.data import data
@@ -17,6 +16,7 @@ from studies.falling_balls.learned_terms import learned_terms
 from studies.falling_balls.model_error import model_error
 from studies.falling_balls.next_experiment import next_experiment
 from studies.falling_balls.numerical_differentiation import numerical_differentiation
+from studies.falling_balls.report import Report, Section
 from studies.falling_balls.reynolds_drag import reynolds_drag
 from studies.falling_balls.settings import SEED
 from studies.falling_balls.simulated_drops import simulated_drops

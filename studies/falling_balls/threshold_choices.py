@@ -8,9 +8,10 @@ import pandas as pd
 
 from commonlaw.law import Law
 from commonlaw.plots import plot_path
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.method import METHODS
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import CHOICES, GROUP_THRESHOLD, PATH_BALL, PATH_DROP, SINGLE_THRESHOLD
 
 METHOD_NAMES = {"single": f"{PATH_BALL}, single trial", "group": "all balls, group"}

@@ -14,11 +14,12 @@ from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
 from commonlaw.law.printing import dependence
 from commonlaw.plots import plot_relations
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trials
 from studies.falling_balls.inquiry import Inquiry, left_out
 from studies.falling_balls.landing import listed
 from studies.falling_balls.plots import Curve, plot_curves
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import HORIZON, RATE_SAMPLES, STANDARD_GRAVITY
 
 _NAME, _TITLE = "universal-laws", "Universal laws and discrepancies"

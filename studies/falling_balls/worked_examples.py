@@ -10,12 +10,13 @@ import pandas as pd
 from commonlaw.datasets import PRINTED_VISCOSITY
 from commonlaw.datasets.sphere_drag import AIR_VISCOSITY
 from commonlaw.plots import Figure
-from commonlaw.report import Picture, Section, Table, Text, Verdict
+from commonlaw.report import Picture, Table, Text
 from studies.falling_balls.errata import QUADRATIC
 from studies.falling_balls.examples import Example, learned_fall, learned_oscillator
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.plots import plot_curves
 from studies.falling_balls.printed import printed_table, prints_as
+from studies.falling_balls.report import Section, Verdict
 from studies.falling_balls.settings import (
     CLOSE,
     EXAMPLE_BALL,

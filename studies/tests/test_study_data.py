@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from commonlaw import datasets
-from commonlaw.report import Picture, Section, Table, Text
+from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trial, Trials
 from studies.falling_balls.candidates import candidates
 from studies.falling_balls.data import data
 from studies.falling_balls.drag_regimes import drag_regimes
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.printed import printed_table, prints_as
+from studies.falling_balls.report import Section
 from studies.falling_balls.speeds import FORM
 
 PARTS = (data, drag_regimes, candidates)

@@ -8,10 +8,10 @@ from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
 import commonlaw as cl
-from commonlaw.report import Section
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.method import single_law
 from studies.falling_balls.model_error import model_error
+from studies.falling_balls.report import Section
 from studies.falling_balls.settings import LONG_MODELS, LONG_STARTS
 
 OTHER = {"1": "2", "2": "1"}

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.report import Section, Table
+from commonlaw.report import Table
 from studies.falling_balls import learned_terms as terms_part, sparsity_path as path_part
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.learned_terms import learned_terms
+from studies.falling_balls.report import Section
 from studies.falling_balls.sparsity_path import sparsity_path
 
 

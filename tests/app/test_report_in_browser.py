@@ -16,10 +16,10 @@ from selenium.webdriver import Chrome
 import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.plots import Figure, plot_trials, render
-from commonlaw.report import Picture, Report, Section, Table, Text, Verdict, law_report, to_page, write_report
-from commonlaw.report.document import KINDS
-from commonlaw.report.write import within
+from commonlaw.report import Picture, Table, Text, law_report, to_page
+from commonlaw.report.document import within
 from commonlaw.verdict import find
+from studies.falling_balls.report import KINDS, Report, Section, Verdict, write_report
 
 CheckPage = Callable[[Path], None]
 

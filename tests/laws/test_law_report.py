@@ -10,9 +10,8 @@ import commonlaw as cl
 from commonlaw.law import Provenance, to_latex
 from commonlaw.law.parameters import named_parameters
 from commonlaw.report import law_report, to_page
-from commonlaw.report.curves import forecasts
 from commonlaw.report.document import Fold, Gallery, Picture, Table
-from commonlaw.report.law_sections import LawCase, coefficients
+from commonlaw.report.law_report import LawCase, coefficients, forecasts
 from commonlaw.report.markup import formula, law_latex
 from commonlaw.verdict import find
 

@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 from hypothesis import given, strategies as st
 
 from commonlaw.errors import CommonlawError
-from commonlaw.report.markup import formula, inline, markdown, plain
+from commonlaw.report.markup import formula, inline, markdown
 
 SHOWS = {"a", "blockquote", "br", "code", "em", "hr", "li", "ol", "p", "pre", "s", "strong", "ul"}
 MATHEMATICS = {
@@ -61,8 +61,3 @@ def test_a_formula_is_mathematics_only(text):
     page = Page(made(formula, text))
     assert page.tags <= MATHEMATICS
     assert not {name for _, name, _ in page.attributes} & ACTS
-
-
-@given(TEXTS)
-def test_what_is_heard_is_one_string(text):
-    assert isinstance(made(plain, text), str)

@@ -21,8 +21,8 @@ import commonlaw as cl
 from commonlaw.app import serve
 from commonlaw.law import to_sympy
 from commonlaw.library import Variables, parse_term
+from commonlaw.report import to_page
 from commonlaw.report.document import Report
-from commonlaw.report.write import to_html
 from commonlaw.runtime.cluster import connected
 from commonlaw.runtime.packages import optional_import
 from tests.refusals import refused
@@ -272,7 +272,7 @@ def missing(monkeypatch):
 
 
 def a_page(_folder):
-    return to_html(Report("Balls", "What was found.", ()), {})
+    return to_page(Report("Balls", "What was found.", ()))
 
 
 FEATURES = {

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from commonlaw.discrepancy.residual_tests import Residuals
     from commonlaw.forecast.forecast import Forecast, Metric
     from commonlaw.integration.vector_field import InputFunction
-    from commonlaw.law.simplify import Simplification
-    from commonlaw.report.page import Page
+    from commonlaw.report.document import Page
     from commonlaw.verdict.law_verdict import LawVerdict
 
 

@@ -1,19 +1,28 @@
-"""What a report is made of: sections of text, tables, pictures and numbers."""
+"""What a report is made of, sections of text, tables and pictures, and the page that shows it."""
 
+import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from base64 import b64encode
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.text import json_text
+from commonlaw.errors import CommonlawError
+from commonlaw.law.tables import readable
+from commonlaw.plots import Figure, render
+from commonlaw.report.markup import inline, markdown
+from commonlaw.runtime.files import write_whole
+from commonlaw.runtime.packages import optional_import
+from commonlaw.text import visible
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from commonlaw.plots import Figure
+    from jinja2 import Environment
 
 
 _NUMBER = re.compile(r"(< )?(-)?([\d.]*\d|∞)(?:e([-+]\d+))?")
@@ -45,23 +54,6 @@ def cell(value: object, digits: int) -> str:
     return (
         (bound or "") + ("−" if sign else "") + size + (f" × 10{str(int(power)).translate(_RAISED)}" if power else "")
     )
-
-
-def is_number(text: str) -> bool:
-    """Return whether a cell is set to the right.
-
-    >>> is_number("−1.23 × 10⁻⁷"), is_number("0.5 v")
-    (True, False)
-    """
-    return _SHOWN.fullmatch(text) is not None
-
-
-def to_json(document: Mapping[str, Any]) -> bytes:
-    """Return nested results as JSON; numbers that are not finite become null."""
-    return f"{json_text(document)}\n".encode()
-
-
-KINDS = ("reproduced", "reproduced with correction", "differs", "beyond the paper", "left out")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,12 +107,11 @@ class Table(_Named):
 class Picture(_Named):
     """A figure, drawn by `draw` when it is needed.
 
-    The name of its files has lower-case letters, digits and hyphens, or there is a `CommonlawError`; the caption is
-    Markdown.
+    The name has lower-case letters, digits and hyphens, or there is a `CommonlawError`; the caption is Markdown.
     """
 
     caption: str
-    draw: "Callable[[], Figure]"
+    draw: Callable[[], Figure]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,22 +132,6 @@ class Fold:
 Block = Text | Table | Picture | Gallery | Fold
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """One sentence, in Markdown, on how a result compares with what was published.
-
-    Its kind is ``"reproduced"``; ``"reproduced with correction"``, where the print errs; ``"differs"``; ``"beyond the
-    paper"``, where nothing was published; or ``"left out"``, where something is missing; else there is a
-    `CommonlawError`.
-    """
-
-    kind: str
-    text: str
-
-    def __post_init__(self) -> None:
-        check_choice("kind of verdict", self.kind, KINDS)
-
-
 @dataclass(frozen=True, eq=False)
 class Section(_Named):
     """One part of a report.
@@ -167,16 +142,10 @@ class Section(_Named):
         Anchor in the page: lower-case letters, digits and hyphens, or a `CommonlawError`.
     title, blocks
         Heading; text, tables and pictures.
-    verdicts
-        How the results compare with what was published.
-    results
-        Numbers by keys, unique in the report, nested, with NumPy arrays and numbers as they are.
     """
 
     title: str
     blocks: tuple[Block, ...]
-    verdicts: tuple[Verdict, ...] = ()
-    results: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,21 +156,6 @@ class Report:
     summary: str
     sections: tuple[Section, ...]
     blocks: tuple[Block, ...] = ()
-
-    @property
-    def results(self) -> dict[str, Any]:
-        """The results of all sections: what ``results.json`` holds."""
-        return {key: value for section in self.sections for key, value in section.results.items()}
-
-    def keep(self, *kinds: type[Block]) -> "Report":
-        """Return the report with only these kinds of blocks, folds and galleries being kinds of their own."""
-        sections = (
-            replace(section, blocks=tuple(block for block in section.blocks if isinstance(block, kinds)))
-            for section in self.sections
-        )
-        return replace(
-            self, sections=tuple(sections), blocks=tuple(block for block in self.blocks if isinstance(block, kinds))
-        )
 
     def named_blocks(self) -> "Iterator[Picture | Table]":
         """Yield all pictures and tables, those in galleries and folds too, in the order of reading."""
@@ -218,3 +172,159 @@ def _named_blocks(blocks: Iterable[Block]) -> Iterator[Picture | Table]:
                 yield from _named_blocks(inner)
             case Picture() | Table():
                 yield block
+
+
+def to_page(report: Report, drawn: Callable[[str], None] = lambda _: None) -> bytes:
+    """Return a self-contained page: figures with their text as text, and tables as data.
+
+    `drawn` is called with the name of each picture when it is drawn. Raises `CommonlawError` if two parts have the same
+    name, or a formula cannot be read.
+    """
+    drawings = dict[str, bytes]()
+    for name, figure in figures(report):
+        drawings[name] = render(figure, ".svg", text=True)
+        drawn(name)
+    tables = {block.name: block for block in report.named_blocks() if isinstance(block, Table)}
+    files = {name: {"CSV": f"data:text/csv;base64,{b64encode(table.csv()).decode()}"} for name, table in tables.items()}
+    return environment(drawings, files).get_template("report.html").render(report=report).encode()
+
+
+def figures(report: Report) -> Iterator[tuple[str, Figure]]:
+    """Yield the figures of a report, whose parts must have different names."""
+    names = [part.name for part in (*report.sections, *report.named_blocks())]
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise CommonlawError("report-name-twice", parts="parts", name=repeated[0])
+    for block in report.named_blocks():
+        if isinstance(block, Picture):
+            yield block.name, block.draw()
+
+
+def environment(drawings: Mapping[str, bytes], files: Mapping[str, Mapping[str, str]]) -> "Environment":
+    """Return what renders templates of reports, with the drawings (SVG) and files (address by kind) of their parts."""
+    check_packages()
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    result = Environment(
+        loader=PackageLoader("commonlaw.report", "templates"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+        finalize=lambda value: visible(value) if type(value) is str else value,  # Escaped after that, but for markup
+    )  # fmt: skip
+    result.filters["markdown"] = lambda text: Markup(markdown(text))
+    result.filters["inline"] = lambda text: Markup(inline(text))
+    result.filters["shown"] = lambda block: _shown(block) | {"files": files.get(getattr(block, "name", ""), {})}
+    result.filters["drawn"] = lambda name: Markup(within(drawings[name], name))
+    return result
+
+
+def check_packages() -> None:
+    """Refuse to make a report, before long work, where a package that it needs is not installed."""
+    for package in ("jinja2", "markdown_it", "mdit_py_plugins", "latex2mathml"):
+        optional_import(package, "making a report", "report")
+
+
+def _shown(block: Block) -> dict[str, Any]:
+    """Return what the template needs of a block."""
+    match block:
+        case Gallery(pictures):
+            return {"kind": "gallery", "blocks": pictures}
+        case Fold(title, blocks):
+            return {"kind": "fold", "title": title, "blocks": blocks}
+        case Text(text):
+            return {"kind": "text", "text": text}
+        case Picture(name, caption):
+            return {"kind": "picture", "name": name, "caption": caption}
+        case Table(name, caption, frame, digits):
+            present = readable(frame).astype(object).where(frame.notna(), None)
+            rows = [[cell(value, digits) for value in row] for row in present.itertuples(index=False, name=None)]
+            looks = [_look(column) for column in zip(*rows, strict=True)] or ["word"] * len(frame.columns)
+            head = list(zip(map(str, frame.columns), looks, strict=True))
+            return {"kind": "table", "name": name, "caption": caption, "head": head, "looks": looks, "rows": rows}
+
+
+def _look(column: Sequence[str]) -> str:
+    """Return how a column is set: its class in the style sheet."""
+    if all(_SHOWN.fullmatch(text) or not text for text in column):
+        return "number"
+    return "prose" if max(len(line) for text in column for line in text.splitlines()) > 28 else "word"
+
+
+_SVG, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
+
+
+def within(svg: bytes, name: str) -> str:
+    """Return a drawing as a part of a page: without what only files have, its anchors its own, of few elements."""
+    root = ElementTree.fromstring(svg)
+    anchors = {key: each for each in root.iter() if (key := each.get("id")) is not None}
+    root[:] = [each for child in root for each in _light(child, anchors)]
+    for each in root.iter():
+        each.tag = each.tag.removeprefix(_SVG)
+        each.attrib = {key: _own(key, value, name) for key, value in each.attrib.items() if key != _LINK} | (
+            {"href": f"#{name}-{each.attrib[_LINK].removeprefix('#')}"} if _LINK in each.attrib else {}
+        )
+    width = float(root.attrib["width"].removesuffix("pt"))
+    root.attrib = {"style": f"min-width: {0.64 * width:.0f}pt"} | root.attrib  # Narrower, its text cannot be read
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _own(attribute: str, value: str, name: str) -> str:
+    """Return an attribute of a drawing as it is in a page."""
+    if attribute == "id":
+        return f"{name}-{value}"
+    if attribute in ("d", "x", "y", "points"):  # A hundredth of a point is finer than a pixel
+        return re.sub(r"(\.\d\d)\d+", r"\1", value.replace("\n", ""))
+    value = re.sub(r" font-family: [^;\"]*sans-serif;?", "", value)  # That of the page
+    return value.replace("url(#", f"url(#{name}-")
+
+
+def _light(element: Element, anchors: dict[str, Element]) -> list[Element]:
+    """Return what is drawn of an element, markers of one kind as one line and groups without attributes taken apart."""
+    parts = [each for child in element for each in _light(child, anchors)]
+    if element.tag in (f"{_SVG}metadata", f"{_SVG}style") or (element.tag == f"{_SVG}defs" and not parts):
+        return []
+    element.tail = None
+    if element.tag == f"{_SVG}g":
+        element.text = None
+        element.attrib.pop("id", None)
+        used = [part for part in parts if part.tag == f"{_SVG}use"]
+        if len(used) > 1 and len({(each.attrib[_LINK], each.get("style")) for each in used}) == 1:
+            parts = [*(part for part in parts if part not in used), *_markers(used, anchors)]
+    element[:] = parts
+    return parts if element.tag == f"{_SVG}g" and not element.attrib else [element]
+
+
+def _markers(used: Sequence[Element], anchors: dict[str, Element]) -> Iterator[Element]:
+    """Yield a marker, and a line that has it at all places where it is used."""
+    shape, key = anchors[used[0].attrib[_LINK].removeprefix("#")], f"marker-{len(anchors)}"
+    looks = {"d": shape.attrib["d"], "style": f"{used[0].get('style', '')}; {shape.get('style', '')}"}
+    anchors[key] = Element(f"{_SVG}marker", {"id": key, "overflow": "visible", "markerUnits": "userSpaceOnUse"})
+    anchors[key].append(Element(f"{_SVG}path", looks))
+    yield anchors[key]
+    points = " ".join(f"{each.attrib['x']},{each.attrib['y']}" for each in used)
+    yield Element(f"{_SVG}polyline", {"points": points, "style": f"fill: none; marker: url(#{key})"})
+
+
+@dataclass(frozen=True)
+class Page:
+    """Report as a self-contained HTML page; notebooks display it.
+
+    Parameters
+    ----------
+    html
+        The HTML of the page.
+    """
+
+    html: str
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the page, completely or not at all.
+
+        Raises `CommonlawError` if the file cannot be written or must not be overwritten.
+        """
+        write_whole(path, self.html.encode())
+
+    def __repr__(self) -> str:
+        return f"<Page of {len(self.html) / 1e6:.1f} MB: save(path), then open it in a browser>"
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: 40rem; border: 0"></iframe>'

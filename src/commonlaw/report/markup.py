@@ -1,12 +1,12 @@
 """From Markdown and LaTeX to the markup of a page."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
-from html import escape, unescape
+from html import unescape
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
-from xml.etree.ElementTree import Element, fromstring, tostring
+from typing import TYPE_CHECKING
+from xml.etree.ElementTree import tostring
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, to_latex
@@ -121,7 +121,6 @@ def _displayed(latex: str, text: tuple[str, ...]) -> str:
 
 
 _NEED = "making a report"
-_ALOUD = {"aloud": True}
 _ATTRIBUTES = {
     "accent", "align", "columnalign", "columnlines", "columnspacing", "depth", "display", "displaystyle", "fence",
     "form", "height", "largeop", "linebreak", "linethickness", "lspace", "mathbackground", "mathcolor", "mathsize",
@@ -166,15 +165,6 @@ def code(text: str, language: str = "") -> str:
     return f"\n\n{fence}{language}\n{text.rstrip()}\n{fence}\n\n"
 
 
-def plain(text: str) -> str:
-    """Return one line as bare text, for those who hear it.
-
-    >>> plain("**Drag** is $F = \\\\frac{1}{2} C v^2$ & small")
-    'Drag is F=1/2Cv^2 & small'
-    """
-    return unescape(re.sub("<[^>]*>", "", _parser().renderInline(visible(text), _ALOUD)))
-
-
 def formula(latex: str, display: str = "inline") -> str:
     """Return LaTeX mathematics as MathML; raises `CommonlawError` for syntax errors, links and styles."""
     convert_to_element = optional_import("latex2mathml.converter", _NEED, "report").convert_to_element
@@ -197,19 +187,6 @@ def formula(latex: str, display: str = "inline") -> str:
     return tostring(tree, encoding="unicode")
 
 
-def _show(_: object, tokens: "Sequence[Token]", index: int, __: object, env: Mapping[str, Any]) -> str:
-    """Render a formula: as MathML, or as text where the page is read out."""
-    token = tokens[index]
-    mathml = formula(token.content, "block" if token.markup == "$$" else "inline")
-    return escape(_read(fromstring(mathml))) if env == _ALOUD else mathml
-
-
-def _read(element: Element) -> str:
-    """Return a formula as one would read it out."""
-    sign = {"mfrac": "/", "msup": "^", "msub": "_"}.get(element.tag.rpartition("}")[2], "")
-    return sign.join(_read(each) for each in element) or element.text or ""
-
-
 @cache
 def _parser() -> "MarkdownIt":
     markdown_it = optional_import("markdown_it", _NEED, "report")
@@ -218,6 +195,10 @@ def _parser() -> "MarkdownIt":
     parser: MarkdownIt = markdown_it.MarkdownIt("js-default").disable(["heading", "lheading", "image", "table"])
     dollarmath.dollarmath_plugin(parser, double_inline=True)
     parser.disable("math_block")  # A formula on its own line stays in its paragraph
+
+    def show(_: object, tokens: "Sequence[Token]", index: int, *__: object) -> str:
+        return formula(tokens[index].content, "block" if tokens[index].markup == "$$" else "inline")
+
     for kind in ("math_inline", "math_inline_double"):
-        parser.add_render_rule(kind, _show)
+        parser.add_render_rule(kind, show)
     return parser

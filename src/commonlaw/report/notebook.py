@@ -15,8 +15,8 @@ from commonlaw.inference import Bounds
 from commonlaw.law import History, Law
 from commonlaw.law.tables import readable
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
+from commonlaw.report.document import within
 from commonlaw.report.markup import law_markdown, markdown
-from commonlaw.report.write import within
 from commonlaw.text import in_line, visible
 from commonlaw.trials import Trials
 from commonlaw.verdict.law_verdict import LawVerdict
