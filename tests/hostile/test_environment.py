@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import commonlaw as cl
-from commonlaw.runtime.reading import read_file
+from commonlaw.runtime.files import read_file
 from tests.refusals import refused
 
 COMMAND = (sys.executable, "-c", "from commonlaw.cli import main; main()")

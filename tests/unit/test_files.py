@@ -17,8 +17,17 @@ from hypothesis import given, strategies as st
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime import reading
-from commonlaw.runtime.files import check_targets, make_folder, write_all, write_whole
-from commonlaw.runtime.reading import check_size, check_text, checked_file, read_file, read_json
+from commonlaw.runtime.files import (
+    check_size,
+    check_targets,
+    check_text,
+    checked_file,
+    make_folder,
+    read_file,
+    read_json,
+    write_all,
+    write_whole,
+)
 from commonlaw.trials import Trials
 from commonlaw.trials.files import read_table
 from tests.refusals import refused

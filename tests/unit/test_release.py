@@ -200,7 +200,7 @@ def test_one_module_reads_what_is_on_disk():
     ]
     calls = [node for module in modules for node in nodes(module) if isinstance(node, ast.Call)]
     names = {getattr(call.func, "attr", getattr(call.func, "id", "")) for call in calls}
-    assert not names & READS_DISK, "read by commonlaw.runtime.reading, within its limits"
+    assert not names & READS_DISK, "read by commonlaw.runtime.files, within its limits"
 
 
 def test_one_module_shows_people_what_there_is_to_say():

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 import commonlaw as cl
 from commonlaw.app.question import Question, in_page, settings_form
-from commonlaw.cli.method_options import setting_options
+from commonlaw.cli.learning import setting_options
 from commonlaw.cli.options import GroupedOption, with_options
 from commonlaw.discovery.cache import digest
 from commonlaw.errors import CommonlawError, unknown

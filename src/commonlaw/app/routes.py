@@ -26,8 +26,7 @@ from commonlaw.app.figures import curves, figure_file, one_draws
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
 from commonlaw.app.question import Columns, Question, message, named, settings_form, text_in_page
 from commonlaw.app.result import Found, Groups, compared, compared_groups
-from commonlaw.app.saved import Named, SavedSessions
-from commonlaw.app.sessions import Search, Sessions
+from commonlaw.app.sessions import Named, SavedSessions, Search, Sessions
 from commonlaw.app.working import prepare
 from commonlaw.diagnostics import meaning, notes, sentences
 from commonlaw.errors import CommonlawError
@@ -36,8 +35,8 @@ from commonlaw.law.law import shares_terms
 from commonlaw.law.script import Source
 from commonlaw.law.tables import coefficient_rows, to_frame
 from commonlaw.report import law_report, to_page
+from commonlaw.runtime.files import read_json
 from commonlaw.runtime.packages import optional_import
-from commonlaw.runtime.reading import read_json
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _NAMES = [each.name for each in files("commonlaw.app").joinpath("page").iterdir()]

@@ -11,9 +11,8 @@ from threading import Thread
 from commonlaw.app.question import named
 from commonlaw.app.sessions import Sessions
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.files import private_file
+from commonlaw.runtime.files import private_file, read_file
 from commonlaw.runtime.packages import optional_import
-from commonlaw.runtime.reading import read_file
 from commonlaw.runtime.shutdown import put_away_first
 
 _HERE = "127.0.0.1"

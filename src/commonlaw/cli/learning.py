@@ -1,22 +1,23 @@
-"""Commands that learn laws from tables: by a search, also from each of several tables, or with given terms."""
+"""Commands that learn laws from tables, their options, and the search in each of several tables."""
 
 import warnings
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
+from functools import partial, wraps
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
 from commonlaw.cli.command import command, working
-from commonlaw.cli.method_options import Question, with_question, with_settings
 from commonlaw.cli.options import (
     AS_JSON,
     HISTORY,
     LAW_ARGUMENT,
+    Decorator,
     ReadFile,
     ReadLaw,
     as_one,
@@ -25,7 +26,9 @@ from commonlaw.cli.options import (
     is_of_kind,
     numbers,
     option,
+    pairs,
     saving,
+    with_options,
 )
 from commonlaw.cli.output import Artifacts, in_words, print_history, print_json, print_table, say
 from commonlaw.cli.results import FitResult, Outputs, compared, find_law, load, over_table, print_compared, with_outputs
@@ -43,7 +46,9 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.models import named_models
 from commonlaw.law.observation import ALL
+from commonlaw.runtime.arguments import RENAMED_ARGUMENTS
 from commonlaw.runtime.cluster import counting, current_cluster
+from commonlaw.runtime.fit_options import FitOptions, read_settings, setting_rows, settings_of, shown_value
 from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, Stage, part
 from commonlaw.runtime.shutdown import begun, end_with_parent
@@ -51,6 +56,246 @@ from commonlaw.text import as_text, counted, number_or_text, shown
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
+
+if TYPE_CHECKING:
+    from commonlaw.discovery import AbstractMethod
+    from commonlaw.discovery.known_physics import Base
+    from commonlaw.discovery.orders import AskedOrder
+    from commonlaw.law import Law
+    from commonlaw.trials import TrialStream
+
+
+METHODS = {
+    "trajectory-likelihood": "TrajectoryLikelihood",
+    "derivative-regression": "DerivativeRegression",
+    "weak-regression": "WeakRegression",
+    "discrete-time-regression": "DiscreteTimeRegression",
+}
+
+_SEARCH = "Settings of a fit, --set NAME=VALUE"
+
+
+def _settings_help(function: str, options: type) -> dict[str, list[tuple[str, str]]]:
+    """Return the settings of a function by headings, each with its documentation and default."""
+    if function != "discover":
+        return {_SEARCH: _rows(options, function)}
+    found = {f"{_SEARCH}, --method trajectory-likelihood": _rows(options, function)}
+    for name, each in _methods().items():
+        taken = {row for rows in found.values() for row, _ in rows}
+        if name != "trajectory-likelihood":
+            found[f"Settings of --method {name}"] = [row for row in _rows(each, function) if row[0] not in taken]
+    return {title: rows for title, rows in found.items() if rows}
+
+
+def _rows(options: type, function: str) -> list[tuple[str, str]]:
+    rows = setting_rows(options, function)
+    return [(name, f"{text}{f'  [default: {default}]' if default else ''}") for name, default, text in rows]
+
+
+def _methods() -> dict[str, Any]:
+    from commonlaw import discovery
+
+    return {name: getattr(discovery, each) for name, each in METHODS.items()}
+
+
+def setting_options(function: str, options: type = FitOptions) -> list[Decorator]:
+    """Return the options of a command for the settings that a function takes: everyday ones, and one for any."""
+    made = partial(option, group="Method", everyday=True)
+    result = list[Decorator]()
+    for name, (each, about) in settings_of(options, function).items():
+        if about.everyday:
+            default = shown_value(about.default_of(function, each.default))
+            help = f"{about.text}{f'  [default: {default}]' if default else ''}"
+            result.append(made(f"--{name.replace('_', '-')} {about.metavar}", help, name, multiple=True))
+    text = "A setting of the fit by its name, such as errors=white, of those that --help-all lists"
+    rows = partial(_settings_help, function, options)
+    return [*result, made("--set NAME=VALUE...", text, "settings", settings=rows)]
+
+
+def given_settings(values: dict[str, Any], function: str) -> dict[str, list[str]]:
+    """Take the texts of settings out of a command's values, by name."""
+    result = dict[str, list[str]]()
+    for name, (_, about) in settings_of(FitOptions, function).items():
+        if about.everyday and (texts := values.pop(name)):
+            result[name] = list(texts)
+    for name, text in pairs("--set", values.pop("settings")):
+        result.setdefault(RENAMED_ARGUMENTS.get(name, name), []).append(text)
+    return result
+
+
+def with_settings(function: str) -> Decorator:
+    """Return the decorator that adds the settings of a fit; a command receives those that are given as `settings`."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def wrapped(**values: Any) -> None:
+            texts = given_settings(values, function)
+            for name in texts:
+                check_choice("setting", name, settings_of(FitOptions, function))
+            command(settings=_read(FitOptions, texts, function), **values)
+
+        return with_options(wrapped, setting_options(function))
+
+    return decorate
+
+
+def _read(options: type, texts: dict[str, list[str]], function: str = "discover") -> dict[str, Any]:
+    try:
+        return read_settings(options, texts, function)
+    except CommonlawError as error:
+        raise click.UsageError(error.sentence()) from None
+
+
+_METHOD = option(
+    "--method",
+    "How the law is found: by the likelihood of whole trajectories, with standard errors; by regression "
+    "on estimated derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for "
+    "hundreds of objects with long trials derivative-regression, for --order 0 discrete-time-regression; "
+    "or the one whose settings are given]",
+    group="Method",
+    type=click.Choice(list(METHODS)),
+)
+
+
+def with_method(command: Callable[..., None]) -> Callable[..., None]:
+    """Add --method and the settings of all methods to a command; it receives them as `method`, None if none is given.
+
+    Where each of several files is worked on by itself, so many at a time as ``n_jobs`` says, it receives `processes`.
+    """
+
+    @wraps(command)
+    def wrapped(*, method: str | None, order: "AskedOrder", **values: Any) -> None:
+        texts = given_settings(values, "discover")
+        jobs = _read(FitOptions, {"n_jobs": texts.pop("n_jobs")} if values["each"] and "n_jobs" in texts else {})
+        values["processes"] = FitOptions(**jobs).n_jobs if jobs.get("n_jobs", -1) != -1 else None
+        methods = _methods()
+        takes = {name: settings_of(options) for name, options in methods.items()}
+        if method is None and texts:  # That whose settings are given
+            own = any(name == "solver" or name not in takes["trajectory-likelihood"] for name in texts)
+            method = "derivative-regression" if own else "trajectory-likelihood"
+            method = "weak-regression" if "radii" in texts else method
+            method = "discrete-time-regression" if order == 0 else method
+        for name in texts:
+            others = [other for other in methods if name in takes[other]]
+            if others and method not in others:
+                able = " or ".join(other for other in others if (order == 0) == (0 in methods[other].orders))
+                instead = f", or use --method {able}" if able else ""
+                raise click.UsageError(f"the setting {name} does not go with --method {method}: leave it out{instead}")
+        found = None if method is None else methods[method](**_read(methods[method], texts))
+        command(method=found, order=order, **values)
+
+    return with_options(wrapped, (_METHOD, *setting_options("discover")))
+
+
+_law = partial(option, group="Law")
+
+
+class _Order(click.IntRange):
+    """The order of a law, those of its states, or the word that leaves it to the measurements."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if isinstance(value, str) and "=" in value:
+            by_state: dict[str, Any] = {**by_name("--order", value.split(","))}
+            return {state: super(_Order, self).convert(each, param, ctx) for state, each in by_state.items()}
+        return value if value == "auto" else super().convert(value, param, ctx)
+
+
+_LAW_OPTIONS = (
+    _law(
+        "--order ORDER",
+        "Order of the law: 1 for x' = ..., 2 for x'' = ..., 0 for x[k+1] = ...; where equations differ by "
+        "state, theta=2,i=1; auto for 1 where such a law fits within the noise, otherwise 1 or 2 for each "
+        "state, by evidence; 1 for streams and regressions.",
+        everyday=True,
+        type=_Order(0, 2),
+        default="auto",
+    ),
+    _law(
+        "--library SPEC",
+        "Candidate terms: poly:3, fourier:2, terms:1,v,v*abs(v), which may hold properties of the objects, "
+        "families with parameters inside such as saturating, sums such as 'poly:2 + saturating', ratios of "
+        "sums as in 'ratio(poly:2, poly:2)', or auto for poly:3, and for all of these where it shows lack of "
+        "fit; poly:3 only for streams and regressions.",
+        everyday=True,
+        default="auto",
+    ),
+    _law(
+        "--known TERM=VALUE...",
+        "A known coefficient, 1=-9.8; with several states say the equation, x:1=-9.8; repeat for more. Or a "
+        "base, and the law is what is left: an equation with numbers, \"x'' = -9.8\", or a law, LAW.json",
+        type=ReadLaw(),
+    ),
+    _law("--shared TERM...", "A term with one coefficient for all objects: 1 for gravity; with several states x:1"),
+    _law("--observe EQUATION...", 'What a column measures in place of a state, "y = s (x + z) + b"'),
+    _law("--latent NAME...", "A state without a column, one for each --observe: z"),
+    _law(
+        "--explain",
+        "Say what in the law is shared, what follows the objects' properties, and what is each object's own.",
+        is_flag=True,
+    ),
+    _law("--no-cache", "", is_flag=True, replaced_by="set the environment variable COMMONLAW_CACHE=off"),
+)
+
+
+@dataclass(frozen=True)
+class Question:
+    """What these options say."""
+
+    order: "AskedOrder"
+    library: str
+    known: tuple[str, ...]
+    shared: tuple[str, ...]
+    observe: tuple[str, ...]
+    latent: tuple[str, ...]
+    explain: bool
+    no_cache: bool
+    method: "AbstractMethod | None"
+
+    def answer(self, training: "Trials | TrialStream", show: Callable[[str], None]) -> "Law":
+        """Return the law of trials; `show` takes the text of each step."""
+        import commonlaw as cl
+
+        return cl.discover(
+            training,
+            order=self.order,
+            library=self.library,
+            method=self.method,
+            known=_known_physics(self.known),
+            shared=[_key(name) for name in self.shared],
+            observe=dict(pairs("--observe", self.observe)),
+            latent_states=self.latent,
+            progress=show,
+            cache=not self.no_cache,
+        )
+
+    def explained(self, law: "Law", show: Callable[[str], None], later: Artifacts) -> "Law":
+        """Return the law with what decides its coefficients if that is asked for and can be said."""
+        if not self.explain:
+            return law
+        show("explaining coefficients")
+        return later.take("the coefficients were not explained", law.explain, law)
+
+
+with_question = as_one("question", Question, (*_LAW_OPTIONS, with_method))
+"""Adds the options of the law and of the methods to a command, which receives them as `question`."""
+
+
+def _known_physics(texts: Sequence[str]) -> "Base":
+    """Return what is known: coefficients by term, equations, or the law in a file."""
+    from commonlaw.law import Law
+
+    if len(texts) == 1 and is_of_kind(texts[0], "law"):
+        return Law.load(texts[0])
+    if any(set("'[") & set(text.partition("=")[0]) for text in texts):
+        return "; ".join(texts)
+    return {_key(name): value for name, value in numbers("--known", texts).items()}
+
+
+def _key(name: str) -> str | tuple[str, str]:
+    """Return a term, or state and term of ``state:term``."""
+    state, colon, term = name.partition(":")
+    return (state, term) if colon else name
+
 
 T = TypeVar("T")
 R = TypeVar("R")

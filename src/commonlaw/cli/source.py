@@ -33,9 +33,8 @@ from commonlaw.cli.options import (
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
-from commonlaw.runtime.files import write_whole
+from commonlaw.runtime.files import checked_file, read_file, write_whole
 from commonlaw.runtime.progress import ProgressCallback
-from commonlaw.runtime.reading import checked_file, read_file
 from commonlaw.text import counted, in_line, number_or_text
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.cells import DecimalMark

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.datasets.dataset import DE_SILVA_2020, Dataset
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.reading import read_file
+from commonlaw.runtime.files import read_file
 from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.trials import Schema, Trial, Trials
 

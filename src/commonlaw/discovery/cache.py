@@ -17,9 +17,8 @@ import numpy as np
 import commonlaw
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, from_json, to_json
-from commonlaw.runtime.files import make_folder, mark_as_used, remove_longest_unused, write_whole
+from commonlaw.runtime.files import make_folder, mark_as_used, read_file, remove_longest_unused, write_whole
 from commonlaw.runtime.progress import ProgressCallback, Stage
-from commonlaw.runtime.reading import read_file
 from commonlaw.trials import Trials
 
 VARIABLE = "COMMONLAW_CACHE"

@@ -26,7 +26,7 @@ from commonlaw.library.functions import Function, functions_in
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.likelihood import ErrorModel
 from commonlaw.outcomes import Outcome
-from commonlaw.runtime.reading import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
+from commonlaw.runtime.files import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
 from commonlaw.trials import Schema
 from commonlaw.trials.files import parquet_bytes, parquet_columns
 from commonlaw.trials.trial import nearest

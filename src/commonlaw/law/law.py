@@ -25,9 +25,8 @@ from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.outcomes import Outcome
 from commonlaw.runtime.arguments import with_renamed_arguments
-from commonlaw.runtime.files import write_whole
+from commonlaw.runtime.files import read_file, write_whole
 from commonlaw.runtime.notebooks import ShownInNotebooks
-from commonlaw.runtime.reading import read_file
 from commonlaw.text import counted
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.trial import ObjectProperties, normalized
@@ -41,7 +40,7 @@ if TYPE_CHECKING:
     from commonlaw.forecast.forecast import Forecast, Metric
     from commonlaw.integration.vector_field import InputFunction
     from commonlaw.report.document import Page
-    from commonlaw.verdict.law_verdict import LawVerdict
+    from commonlaw.verdict import LawVerdict
 
 
 @dataclass(frozen=True, eq=False)

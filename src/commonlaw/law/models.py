@@ -20,7 +20,7 @@ from commonlaw.library.bounds import is_bound, parts_of
 from commonlaw.library.equation import split_equations
 from commonlaw.library.grammar import FUNCTIONS, OTHER_NAMES
 from commonlaw.library.notation import latex_name, quoted
-from commonlaw.runtime.reading import read_file
+from commonlaw.runtime.files import read_file
 from commonlaw.trials import Schema
 
 

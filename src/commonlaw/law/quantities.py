@@ -25,7 +25,7 @@ from commonlaw.library.equation import Equation, split_equations
 from commonlaw.library.expansion import Traced, summands
 from commonlaw.library.grammar import evaluate
 from commonlaw.library.term import Term, parse_term
-from commonlaw.runtime.reading import read_file
+from commonlaw.runtime.files import read_file
 from commonlaw.trials import Schema
 from commonlaw.trials.trial import property_names
 

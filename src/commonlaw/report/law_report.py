@@ -27,7 +27,7 @@ from commonlaw.law.tables import (
     MEANINGS,
     coefficient_names,
     coefficients_by_object,
-    letter_values,
+    quantile_frame,
     quantities_by_object,
     readable_candidates,
     shown_quantities,

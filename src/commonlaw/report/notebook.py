@@ -19,7 +19,7 @@ from commonlaw.report.document import within
 from commonlaw.report.markup import law_markdown, markdown
 from commonlaw.text import in_line, visible
 from commonlaw.trials import Trials
-from commonlaw.verdict.law_verdict import LawVerdict
+from commonlaw.verdict import LawVerdict
 
 _ROWS, _OBJECTS = 10, 6
 """Of a table, and objects in a figure."""

@@ -20,9 +20,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, unknown
-from commonlaw.runtime.files import write_whole
-from commonlaw.runtime.packages import optional_import
-from commonlaw.runtime.reading import (
+from commonlaw.runtime.files import (
     BYTE_ORDER_MARK,
     LARGEST_FILE,
     MOST_CELLS,
@@ -31,7 +29,9 @@ from commonlaw.runtime.reading import (
     read_file,
     read_json,
     unpacked,
+    write_whole,
 )
+from commonlaw.runtime.packages import optional_import
 from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.text import as_text, counted
 from commonlaw.trials import workbook_process

@@ -13,16 +13,15 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import done_in_parts
+from commonlaw.runtime.files import MOST_CELLS
 from commonlaw.runtime.progress import ProgressCallback, check_memory, on_terminal
-from commonlaw.runtime.reading import MOST_CELLS
 from commonlaw.text import counted
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import holds_dates
 from commonlaw.trials.files import batch_tables, files_of, opened
 from commonlaw.trials.reading import Reading, Roles, checked
-from commonlaw.trials.repeats import joined
 from commonlaw.trials.tables import read_rows
-from commonlaw.trials.trial import Schema, Trial, TrialData, check_gaps, check_measured
+from commonlaw.trials.trial import Schema, Trial, TrialData, check_gaps, check_measured, joined
 from commonlaw.trials.trials import Named, Trials, Until, labels, name_of
 
 _ROWS = 100_000

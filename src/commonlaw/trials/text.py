@@ -12,7 +12,7 @@ import numpy as np
 
 from commonlaw.array_types import Indices
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.reading import check_size, decoded
+from commonlaw.runtime.files import check_size, decoded
 from commonlaw.text import counted, shown
 from commonlaw.trials.cells import is_missing
 from commonlaw.trials.columns import Table, filled_table

@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
-from commonlaw.trials.repeats import pure_error
+from commonlaw.trials.trial import pure_error
 
 
 def within_trial_std(trials: Trials) -> Floats:

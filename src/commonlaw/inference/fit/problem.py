@@ -45,8 +45,7 @@ from commonlaw.likelihood import (
 )
 from commonlaw.solvers import AbstractSolver
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.repeats import pure_error
-from commonlaw.trials.trial import with_typical
+from commonlaw.trials.trial import pure_error, with_typical
 
 
 @dataclass(frozen=True, eq=False)
