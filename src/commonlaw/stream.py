@@ -165,10 +165,6 @@ def _compared(forecast: Forecast, index: int, band: tuple[Floats, Floats] | None
     return seen.sum(axis=0), spread, share
 
 
-_MAX_OBJECTS = 24
-"""Objects that stand for all, evenly by rank of their errors: figures and tables of so many can be read."""
-
-
 @dataclass(frozen=True, eq=False)
 class ManyFindings:
     """A law with the forecast errors of a stream, and findings about a few of its objects."""
@@ -223,7 +219,8 @@ def find_by_stream(
     frames = forecast_parts(law, stream, part(progress, 0.0, 0.9))
     errors = pd.concat(frames, ignore_index=True)
     ranked = _relative(errors).index
-    rows = evenly_spaced(len(ranked), _MAX_OBJECTS)
+    # Figures and tables of so many objects can be read
+    rows = evenly_spaced(len(ranked), 24)
     names = {*ranked[rows].astype(str)}
     pieces = zip(stream.parts or (stream,), frames, strict=True)
     parts = [each for each, frame in pieces if names & {*frame.iloc[:, 0]}]

@@ -40,9 +40,6 @@ _LOW_COVERAGE, _FAILED_COVERAGE, _MIN_FOR_COVERAGE = 0.85, 0.5, 10
 """Bands are too narrow if they hold a smaller share of measurements, and fail below the other; of so many at least.
 Of ten measurements bands of 95 % hold fewer than nine by chance in nine of a hundred cases, and half never."""
 
-_MAX_LISTED = 3
-"""Of a list in a sentence."""
-
 
 class StateError(NamedTuple):
     """RMS forecast errors of a state by the law and by persistence, in its unit, empty if unknown.
@@ -272,8 +269,8 @@ def _percent(share: float) -> str:
 
 def listed(parts: Sequence[str], separator: str = ", ") -> str:
     """Return the first few, and how many more there are."""
-    more = f"{separator}and {len(parts) - _MAX_LISTED} more" if len(parts) > _MAX_LISTED else ""
-    return separator.join(parts[:_MAX_LISTED]) + more
+    more = f"{separator}and {len(parts) - 3} more" if len(parts) > 3 else ""
+    return separator.join(parts[:3]) + more
 
 
 _BEFORE = 0.2
@@ -282,9 +279,6 @@ leaves growth that has just begun to be forecast."""
 
 _RATES = 5
 """Samples that tell the first rates at least: fewer leave them to the noise."""
-
-_MAX_SAMPLES_BEFORE = 200
-"""So many samples before a forecast tell where it starts, as more take long and add little."""
 
 
 class Kind(StrEnum):
@@ -376,7 +370,8 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
     """
     trial, origin, first, states = segment.trial, segment.origin, segment.first, len(measured_schema(law).states)
     fits = law.order != 0 and measured_noise(law) is not None
-    how: dict[str, Any] = {"start": _MAX_SAMPLES_BEFORE if fits and origin > _MAX_SAMPLES_BEFORE else None}
+    # More samples before a forecast take long and tell little more of where it starts
+    how: dict[str, Any] = {"start": 200 if fits and origin > 200 else None}
     how |= {"from_time": float(trial.times[origin])}
     if fits and segment.kind is Kind.SEEN and origin == 1:
         how = {"start": max(2, samples_before(len(trial), law.order))}

@@ -16,7 +16,7 @@ from hypothesis import given, strategies as st
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime import reading
+from commonlaw.runtime import files
 from commonlaw.runtime.files import (
     check_size,
     check_targets,
@@ -354,7 +354,7 @@ def test_anything_else_than_json_is_refused(content):
 @pytest.mark.parametrize("opening", ["[", '{"a":'])
 def test_json_may_be_nested_as_deep_as_is_said(opening):
     closing = {"[": "]"}.get(opening, "}")
-    deep = opening * reading.DEEPEST + "0" + closing * reading.DEEPEST
+    deep = opening * files.DEEPEST + "0" + closing * files.DEEPEST
     read_json(deep.encode(), object)
     with refused("json-too-deep", depth=33, limit=32):
         read_json((opening + deep + closing).encode(), object)
@@ -363,7 +363,7 @@ def test_json_may_be_nested_as_deep_as_is_said(opening):
 
 
 def test_json_has_a_largest_size(monkeypatch):
-    monkeypatch.setattr(reading, "LARGEST_JSON", 10)
+    monkeypatch.setattr(files, "LARGEST_JSON", 10)
     assert read_json(b"[1, 2, 3] ", list) == [1, 2, 3]
     with refused("json-too-large", bytes=11, limit=10):
         read_json(b"[1, 2, 3]  ", list)
@@ -446,15 +446,15 @@ def test_a_row_of_units_below_the_header_of_a_sheet_is_read(tmp_path):
 
 def test_files_and_tables_have_a_largest_size(tmp_path, monkeypatch):
     (tmp_path / "drops.csv").write_text("t,x\n0,1\n1,2\n")
-    monkeypatch.setattr(reading, "MOST_CELLS", 8)
+    monkeypatch.setattr(files, "MOST_CELLS", 8)
     assert len(read_table(tmp_path / "drops.csv")) == 2
-    monkeypatch.setattr(reading, "MOST_CELLS", 7)
+    monkeypatch.setattr(files, "MOST_CELLS", 7)
     with refused("table-too-large", source="drops.csv", count=8, cells="cells, 4 rows of 2", limit=7):
         read_table(tmp_path / "drops.csv")
     with refused("table-too-large", count=10001, cells="columns", limit=10000):
         check_size("drops.csv", 1, 10_001)
     (tmp_path / "large.csv").touch()
-    os.truncate(tmp_path / "large.csv", reading.LARGEST_FILE + 1)
+    os.truncate(tmp_path / "large.csv", files.LARGEST_FILE + 1)
     with refused("file-too-large", bytes=1073741825, limit=1073741824):
         read_file(tmp_path / "large.csv")
 

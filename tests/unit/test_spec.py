@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import get_args
 
 import click
@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 import commonlaw as cl
 from commonlaw.app.question import Question, in_page, settings_form
 from commonlaw.cli.learning import setting_options
-from commonlaw.cli.options import GroupedOption, with_options
+from commonlaw.cli.options import GroupedOption, taking
 from commonlaw.discovery.cache import digest
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.law.script import written
@@ -25,9 +25,9 @@ from commonlaw.runtime.fit_options import (
     changed_settings,
     documented,
     read_settings,
+    setting,
     setting_rows,
     settings_of,
-    shown,
 )
 from tests.refusals import refused
 
@@ -158,9 +158,9 @@ def test_a_function_takes_its_settings_by_name_in_order_and_with_their_defaults(
         if parameter.name in known
     }
     assert list(taken) == list(known)
-    for setting, (own, about) in known.items():
-        assert taken[setting].default == about.default_of(name, own.default), setting
-        assert taken[setting].kind is inspect.Parameter.KEYWORD_ONLY, setting
+    for each, (own, about) in known.items():
+        assert taken[each].default == about.default_of(name, own.default), each
+        assert taken[each].kind is inspect.Parameter.KEYWORD_ONLY, each
 
 
 def test_the_method_of_discover_has_all_settings():
@@ -247,9 +247,7 @@ class Extended(FitOptions):
     {parameters}
     """
 
-    gain: float = field(
-        default=2.0, metadata=shown(label="Gain", text="Gain of the amplifier.", metavar="RATIO", everyday=True)
-    )
+    gain: float = setting(default=2.0, label="Gain", text="Gain of the amplifier.", metavar="RATIO", everyday=True)
 
 
 Extended.__module__ = FitOptions.__module__
@@ -257,7 +255,7 @@ Extended.__module__ = FitOptions.__module__
 
 @pytest.mark.parametrize("function", ["discover", "fit", "refine"])
 def test_a_new_setting_is_an_option_of_commands(function):
-    made = click.command()(with_options(lambda **_: None, setting_options(function, Extended)))
+    made = click.command()(taking(setting_options(function, Extended))(lambda **_: None))
     (option,) = [param for param in made.params if param.name == "gain"]
     assert (option.opts, option.metavar) == (["--gain"], "RATIO")
     assert "Gain of the amplifier." in option.help

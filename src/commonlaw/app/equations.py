@@ -31,10 +31,6 @@ from commonlaw.trials.trial import property_names
 
 _TRIALS, _POINTS = 60, 60
 """Trials that are drawn, and points of a curve where samples are fewer."""
-_ITERATIONS, _TOLERANCE = 2, 1e-5
-"""Gauss-Newton steps of initial conditions, and relative error of a step of a solution."""
-_FRAME = 0.02
-"""Seconds of computing after which curves that follow a slider are sent; the others come with the next answer."""
 
 
 class Asked(msgspec.Struct, forbid_unknown_fields=True):
@@ -130,7 +126,7 @@ def _read(table: Table, asked: bytes) -> tuple[Beginning, Trials, list[list[str]
         properties = property_names(trials.properties)
         read_equations("; ".join(model_text.equations), trials.schema, properties=properties)  # Says what `fit` refuses
     begun = begin(model_text, trials, given, equations.initial_time)
-    begun = replace(begun, problem=replace(begun.problem, tolerance=_TOLERANCE), first=_with_rates(begun))
+    begun = replace(begun, problem=replace(begun.problem, tolerance=1e-5), first=_with_rates(begun))
     return begun, trials, _formulas(begun)
 
 
@@ -166,7 +162,8 @@ def _formulas(begun: Beginning) -> list[list[str]]:
 
 def _followed(problem: Problem, unknowns: Floats, moved: Moved) -> list[tuple[int, list[list[float]]]]:
     """Return solutions from given initial values: those that are computed in time, and at least one."""
-    shown, until, result = problem.trials[:_TRIALS], monotonic() + _FRAME, list[tuple[int, list[list[float]]]]()
+    # Curves that follow a slider are sent after 0.02 s of computing; the others come with the next answer
+    shown, until, result = problem.trials[:_TRIALS], monotonic() + 0.02, list[tuple[int, list[list[float]]]]()
     for i in moved.trials:
         check_choice("index of a trial", i, range(min(len(shown), len(moved.initial))))
         data, _ = _drawn(shown[i])
@@ -205,9 +202,9 @@ def _curve(problem: Problem, data: TrialData, unknowns: Floats) -> dict[str, Any
     seen, scale = np.isfinite(measured), np.nanstd(measured, axis=0) + 1e-300
     best, unknowns, values = np.inf, unknowns.copy(), np.full((len(data.times), measured.shape[1]), np.nan)
     initial = unknowns[free]
-    for step in range(_ITERATIONS + 1):
+    for step in range(3):  # Two Gauss-Newton steps
         with np.errstate(all="ignore"):
-            predicted = problem.predicted(data, unknowns, step < _ITERATIONS and len(free) > 0)
+            predicted = problem.predicted(data, unknowns, step < 2 and len(free) > 0)
             residuals = ((predicted.values[rows] - measured) / scale)[seen]
             cost = float(residuals @ residuals)
         if step and not cost < best:

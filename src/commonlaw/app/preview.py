@@ -22,9 +22,6 @@ from commonlaw.trials.roles import GUESSED
 from commonlaw.trials.tables import rows_of
 from commonlaw.trials.trial import property_names
 
-_CASES, _AROUND, _SAMPLES = 12, 3, 400
-"""Cases of the same kind that are shown, rows before and after the one that is meant, and samples of a trial."""
-
 _Labels = tuple[str | None, str | None]
 """Of an object and its trial."""
 
@@ -37,7 +34,7 @@ def finding_kinds(check: Report, table: Cells, row_indices: Sequence[Codes]) -> 
     labels = [(trial.object, trial.trial) for trial in check.trials]
     rows: dict[_Labels, Codes] = dict(zip(labels, row_indices, strict=True))
     return [
-        {"text": text_in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:_CASES]]}
+        {"text": text_in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:12]]}
         for text, same in check.kinds().items()
     ]
 
@@ -52,8 +49,8 @@ def _case(found: Finding, table: Cells, rows: Mapping[_Labels, Codes]) -> dict[s
     if own is None:
         return case
     sample, columns = found.sample or 0, table.columns.values()
-    first = max(0, sample - _AROUND)
-    shown = own[first : sample + _AROUND + 1].tolist()
+    first = max(0, sample - 3)
+    shown = own[first : sample + 3 + 1].tolist()
     case["rows"] = [[table.number(row), *(cell_text(column[row]) for column in columns)] for row in shown]
     if found.sample is not None:
         case |= {"row": sample - first, "column": found.column}
@@ -151,7 +148,7 @@ def _of_trials(trials: Trials) -> dict[str, Any]:
                 "states": [numbers(column[::every]) for column in trial.states.T],
             }
             for trial in trials.trials[:60]
-            for every in [-(-len(trial) // _SAMPLES)]
+            for every in [-(-len(trial) // 400)]
         ],
     }
 
@@ -191,10 +188,6 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
     return {"t": times.tolist(), "states": states, "outcome": str(trajectory.outcome or "")}
 
 
-_MAX_EXPERIMENT_TRIALS = 6
-"""Trials that experiments may have together."""
-
-
 class Budget(msgspec.Struct, forbid_unknown_fields=True):
     """How many trials may be made."""
 
@@ -206,8 +199,8 @@ def suggested(found: Found, asked: Budget) -> dict[str, Any]:
 
     Raises `CommonlawError` if the budget is none that the page offers, or nothing can be suggested.
     """
-    if not 1 <= asked.trials <= _MAX_EXPERIMENT_TRIALS:
-        raise CommonlawError("design-budget", trials=asked.trials, limit=_MAX_EXPERIMENT_TRIALS)
+    if not 1 <= asked.trials <= 6:
+        raise CommonlawError("design-budget", trials=asked.trials, limit=6)
     made = suggestions(found.law, found.findings.training, asked.trials)
     if not made:
         raise CommonlawError("design-needs-uncertain-law")

@@ -20,12 +20,12 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from commonlaw.app.access import TooLargeError, TooSlowError
 from commonlaw.app.equations import Asked, solved
 from commonlaw.app.figures import curves, figure_file, one_draws
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
 from commonlaw.app.question import Columns, Question, message, named, settings_form, text_in_page
 from commonlaw.app.result import Found, Groups, compared, compared_groups
+from commonlaw.app.server import TooLargeError, TooSlowError
 from commonlaw.app.sessions import Named, SavedSessions, Search, Sessions
 from commonlaw.app.working import prepare
 from commonlaw.diagnostics import meaning, notes, sentences
@@ -42,9 +42,6 @@ _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 _NAMES = [each.name for each in files("commonlaw.app").joinpath("page").iterdir()]
 ASSETS = {each: get_data("commonlaw.app", f"page/{each}") or b"" for each in _NAMES if Path(each).suffix in _TYPES}
 """All files that are served, by their name: no other can be named."""
-
-_AT_ONCE = 4
-"""Requests that take time and memory, tables that are sent among them; others wait for their turn."""
 
 
 class _Recognised(msgspec.Struct, forbid_unknown_fields=True):
@@ -85,7 +82,8 @@ class _Call(NamedTuple):
 
 def application(sessions: Sessions) -> Starlette:
     """Return what answers; each call in a thread, and all but light ones when it is their turn."""
-    saved, few = SavedSessions(), asyncio.Semaphore(_AT_ONCE)
+    # Requests that take time and memory, tables that are sent among them, wait for their turn
+    saved, few = SavedSessions(), asyncio.Semaphore(4)
 
     def endpoint(kind: type | None, is_light: bool, answer: Callable[[_Call], Any]) -> Callable[[Request], Any]:
         async def answering(request: Request) -> Response:

@@ -128,9 +128,6 @@ def answer(question: Question, table: Table, known: str | None, show: Callable[[
 
 T = TypeVar("T")
 
-_TABLES, _SEARCHES, _AT_ONCE = 12, 12, 3
-"""Tables and searches that are kept, and searches that run at the same time."""
-
 
 @dataclass
 class Kept(Generic[T]):
@@ -163,8 +160,8 @@ class Kept(Generic[T]):
 class Sessions:
     """All that the pages of a server have; what begins is counted and begun in one step, also when many ask at once."""
 
-    tables: Kept[Table] = field(default_factory=lambda: Kept("table", _TABLES, lambda _: None))
-    searches: Kept[Search] = field(default_factory=lambda: Kept("search", _SEARCHES, Search.cancel))
+    tables: Kept[Table] = field(default_factory=lambda: Kept("table", 12, lambda _: None))
+    searches: Kept[Search] = field(default_factory=lambda: Kept("search", 12, Search.cancel))
     latest: dict[str, str] = field(default_factory=dict)
     """Names of the table and the search that were begun last, where a new page goes on."""
     _beginning: Lock = field(default_factory=Lock)
@@ -215,8 +212,8 @@ class Sessions:
 
     def _check_room(self, but: Sequence[Search]) -> None:
         running = [value for value in self.searches.values.values() if value not in but and value.is_running]
-        if len(running) >= _AT_ONCE:
-            raise CommonlawError("too-many-searches", limit=_AT_ONCE)
+        if len(running) >= 3:
+            raise CommonlawError("too-many-searches", limit=3)
         if not self._is_open:
             raise CommonlawError("app-ending")
 

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
-from functools import partial, wraps
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -28,7 +28,7 @@ from commonlaw.cli.options import (
     option,
     pairs,
     saving,
-    with_options,
+    taking,
 )
 from commonlaw.cli.output import Artifacts, in_words, print_history, print_json, print_table, say
 from commonlaw.cli.results import FitResult, Outputs, compared, find_law, load, over_table, print_compared, with_outputs
@@ -126,17 +126,13 @@ def given_settings(values: dict[str, Any], function: str) -> dict[str, list[str]
 def with_settings(function: str) -> Decorator:
     """Return the decorator that adds the settings of a fit; a command receives those that are given as `settings`."""
 
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        @wraps(command)
-        def wrapped(**values: Any) -> None:
-            texts = given_settings(values, function)
-            for name in texts:
-                check_choice("setting", name, settings_of(FitOptions, function))
-            command(settings=_read(FitOptions, texts, function), **values)
+    def convert(values: dict[str, Any]) -> dict[str, Any]:
+        texts = given_settings(values, function)
+        for name in texts:
+            check_choice("setting", name, settings_of(FitOptions, function))
+        return {"settings": _read(FitOptions, texts, function), **values}
 
-        return with_options(wrapped, setting_options(function))
-
-    return decorate
+    return taking(setting_options(function), convert)
 
 
 def _read(options: type, texts: dict[str, list[str]], function: str = "discover") -> dict[str, Any]:
@@ -157,34 +153,32 @@ _METHOD = option(
 )
 
 
-def with_method(command: Callable[..., None]) -> Callable[..., None]:
-    """Add --method and the settings of all methods to a command; it receives them as `method`, None if none is given.
+def _chosen_method(values: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of a command with the `method` of its settings, None if none is given.
 
-    Where each of several files is worked on by itself, so many at a time as ``n_jobs`` says, it receives `processes`.
+    Where each of several files is worked on by itself, so many at a time as ``n_jobs`` says, there are `processes`.
     """
+    texts, method, order = given_settings(values, "discover"), values["method"], values["order"]
+    jobs = _read(FitOptions, {"n_jobs": texts.pop("n_jobs")} if values["each"] and "n_jobs" in texts else {})
+    values["processes"] = FitOptions(**jobs).n_jobs if jobs.get("n_jobs", -1) != -1 else None
+    methods = _methods()
+    takes = {name: settings_of(options) for name, options in methods.items()}
+    if method is None and texts:  # That whose settings are given
+        own = any(name == "solver" or name not in takes["trajectory-likelihood"] for name in texts)
+        method = "derivative-regression" if own else "trajectory-likelihood"
+        method = "weak-regression" if "radii" in texts else method
+        method = "discrete-time-regression" if order == 0 else method
+    for name in texts:
+        others = [other for other in methods if name in takes[other]]
+        if others and method not in others:
+            able = " or ".join(other for other in others if (order == 0) == (0 in methods[other].orders))
+            instead = f", or use --method {able}" if able else ""
+            raise click.UsageError(f"the setting {name} does not go with --method {method}: leave it out{instead}")
+    return values | {"method": None if method is None else methods[method](**_read(methods[method], texts))}
 
-    @wraps(command)
-    def wrapped(*, method: str | None, order: "AskedOrder", **values: Any) -> None:
-        texts = given_settings(values, "discover")
-        jobs = _read(FitOptions, {"n_jobs": texts.pop("n_jobs")} if values["each"] and "n_jobs" in texts else {})
-        values["processes"] = FitOptions(**jobs).n_jobs if jobs.get("n_jobs", -1) != -1 else None
-        methods = _methods()
-        takes = {name: settings_of(options) for name, options in methods.items()}
-        if method is None and texts:  # That whose settings are given
-            own = any(name == "solver" or name not in takes["trajectory-likelihood"] for name in texts)
-            method = "derivative-regression" if own else "trajectory-likelihood"
-            method = "weak-regression" if "radii" in texts else method
-            method = "discrete-time-regression" if order == 0 else method
-        for name in texts:
-            others = [other for other in methods if name in takes[other]]
-            if others and method not in others:
-                able = " or ".join(other for other in others if (order == 0) == (0 in methods[other].orders))
-                instead = f", or use --method {able}" if able else ""
-                raise click.UsageError(f"the setting {name} does not go with --method {method}: leave it out{instead}")
-        found = None if method is None else methods[method](**_read(methods[method], texts))
-        command(method=found, order=order, **values)
 
-    return with_options(wrapped, (_METHOD, *setting_options("discover")))
+with_method = taking((_METHOD, *setting_options("discover")), _chosen_method)
+"""Adds --method and the settings of all methods to a command; it receives `method`, and with --each `processes`."""
 
 
 _law = partial(option, group="Law")

@@ -74,11 +74,23 @@ AS_JSON = option("--json", "Print the result as JSON.", "as_json", group="Output
 """Adds the option to a command, which receives it as `as_json`."""
 
 
-def with_options(command: Callable[..., None], options: Sequence[Decorator]) -> Callable[..., None]:
-    """Add options to a command; its help lists them in this order."""
-    for each in reversed(options):
-        command = each(command)
-    return command
+def taking(options: Sequence[Decorator], convert: Callable[[dict[str, Any]], dict[str, Any]] = dict) -> Decorator:
+    """Return the decorator that adds options to a command; its help lists them in this order.
+
+    The command receives their values, by name, as `convert` makes them.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def wrapped(**values: Any) -> None:
+            command(**convert(values))
+
+        made: Callable[..., None] = wrapped
+        for add in reversed(options):
+            made = add(made)
+        return made
+
+    return decorate
 
 
 def as_one(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
@@ -87,15 +99,13 @@ def as_one(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     It is a dataclass with a field for each of them; what adds its own argument to a command may be among the options.
     """
 
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        @wraps(command)
-        def wrapped(**values: Any) -> None:
-            own = {field.name: values.pop(field.name) for field in fields(kind) if field.name in values}
-            command(**{name: kind(**own)}, **values)
+    def convert(values: dict[str, Any]) -> dict[str, Any]:
+        return {
+            name: kind(**{each.name: values.pop(each.name) for each in fields(kind) if each.name in values}),
+            **values,
+        }
 
-        return with_options(wrapped, options)
-
-    return decorate
+    return taking(options, convert)
 
 
 def dialect(command: click.Command) -> Dialect:

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
 _GAP = 3
 """Characters between the columns of a table."""
 
-_MOST_ROWS = 1000
-"""Rows of a table that are printed; more would take minutes to set."""
-
 
 def say(text: str, err: bool = False) -> None:
     """Print lines on stdout or stderr, with nothing in them that a terminal would obey.
@@ -57,7 +54,8 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     from rich.table import Table
 
     rows = [list(row) for row in rows]
-    rows, left_out = rows[:_MOST_ROWS], rows[_MOST_ROWS:]
+    # More would take minutes to set
+    rows, left_out = rows[:1000], rows[1000:]
     table = Table(box=SIMPLE_HEAD, show_edge=False)
     for j, name in enumerate(head):
         numeric = all(isinstance(row[j], int | float | tuple | Written) or str(row[j]).startswith("< ") for row in rows)

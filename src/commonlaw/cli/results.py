@@ -50,10 +50,6 @@ if TYPE_CHECKING:
     from commonlaw.verdict import Findings
 
 
-_MAX_LISTED, _MAX_CANDIDATES = 10, 4
-"""Objects, and candidates of each equation, that are printed."""
-
-
 def compared(laws: "Mapping[str, Law]", training: "Trials", settings: Mapping[str, Any]) -> "pd.DataFrame":
     """Return the evidence of laws beside each other, under the settings that they were fitted with."""
     from commonlaw.inference import compare
@@ -263,7 +259,7 @@ class FitResult:
             say("\nCandidate laws (* chosen):\n")
             candidates = readable_candidates(law.provenance.alternatives)
             rank = candidates.groupby("equation").cumcount()
-            few = candidates[(rank < _MAX_CANDIDATES) | (candidates[""] == "*")]
+            few = candidates[(rank < 4) | (candidates[""] == "*")]
             print_frame(few)
             if len(few) < len(candidates):
                 say(f"\n{len(candidates) - len(few)} more with less support: commonlaw show LAW.json --history")
@@ -335,11 +331,11 @@ class FitResult:
 
         law, parameters = self.law, named_parameters(self.law)
         if len(law.objects) > MANY:
-            if tables := spread_tables(law, _MAX_LISTED):
+            if tables := spread_tables(law, 10):
                 spread, farthest = tables
                 print_frame(spread)
                 how = "farthest from the medians, in standard deviations of a normal spread"
-                say(f"\nThe {_MAX_LISTED} objects {how}:\n")
+                say(f"\nThe 10 objects {how}:\n")
                 print_table([*map(str, farthest)], farthest.itertuples(index=False, name=None))
         else:
             # With standard errors, true coefficients and RMS residuals where these are known

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
-from functools import partial, reduce, wraps
+from functools import partial, reduce
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
@@ -28,7 +28,7 @@ from commonlaw.cli.options import (
     option,
     pairs,
     saving,
-    with_options,
+    taking,
 )
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.errors import CommonlawError
@@ -147,15 +147,11 @@ def with_table(*names: str, training: bool = False) -> Decorator:
     others = [made(replaced_by=_INSTEAD) for name, made in _OPTIONS.items() if name not in names]
     options = [argument, *shown, *others, *(_HELD_OUT.values() if training else ())]
 
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        @wraps(command)
-        def wrapped(*, path: str | None, **values: Any) -> None:
-            given = {name: values.pop(name) for name in (*_OPTIONS, *_HELD_OUT) if name in values}
-            command(source=Source.of(path, given), **values)
+    def convert(values: dict[str, Any]) -> dict[str, Any]:
+        given = {name: values.pop(name) for name in (*_OPTIONS, *_HELD_OUT) if name in values}
+        return {"source": Source.of(values.pop("path"), given), **values}
 
-        return with_options(wrapped, options)
-
-    return decorate
+    return taking(options, convert)
 
 
 WITHOUT_LAW = ("schema", "object", "trial", "time", "where")

@@ -24,11 +24,6 @@ _SHA256 = {
 }
 _VARIABLE = "COMMONLAW_DATA"
 
-_OUNCE = 0.028349523125
-"""Avoirdupois, kg."""
-
-_VOLLEYBALL_RADIUS = 0.105
-"""m; the authors' estimate from other volleyballs."""
 
 _NAMES = {
     "Golf Ball": "golfball",
@@ -78,9 +73,11 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     for name, short in _NAMES.items():
         weight, circumference = rows[short]
         if weight == "??":
-            found[name] = {"radius": _VOLLEYBALL_RADIUS}
+            # The authors' estimate from other volleyballs
+            found[name] = {"radius": 0.105}
             continue
-        radius, mass = float(circumference) / 100 / (2 * np.pi), float(weight) * _OUNCE
+        # From avoirdupois ounces
+        radius, mass = float(circumference) / 100 / (2 * np.pi), float(weight) * 0.028349523125
         found[name] = {"radius": radius, "mass": mass, "density": mass / (4 / 3 * np.pi * radius**3)}
     trials = Trials(drops, Schema(("x",), units=units), found)
     return trials.clip_irregular() if clip else trials

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Literal
 
@@ -33,7 +33,7 @@ from commonlaw.library import Order, highest_order
 from commonlaw.outcomes import note
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.runtime.cluster import counting, current_cluster
-from commonlaw.runtime.fit_options import documented, shown
+from commonlaw.runtime.fit_options import documented, setting
 from commonlaw.runtime.parallel import check_n_jobs
 from commonlaw.runtime.progress import ProgressCallback, announce, check_memory
 from commonlaw.selection.cross_validation import ForecastError, make_folds
@@ -56,45 +56,37 @@ class AbstractRegression(AbstractMethod):
     {parameters}
     """
 
-    solver: AbstractSolver | str | None = field(
+    solver: AbstractSolver | str | None = setting(
         default=None,
-        metadata=shown(
-            label="Solver",
-            metavar="SPEC",
-            text="How terms are chosen, or its text: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], "
-            "best-subset[:TERMS], forward[:TERMS], backward[:TERMS], lasso[:PENALTY], sr3[:THRESHOLD] (one set of "
-            "terms for all objects), stlsq[:THRESHOLD] (terms specific to each object). Without its value a solver "
-            "offers its whole path, from which `rule` chooses; paths of thresholds depend on units. By default the "
-            "paths of group-stlsq and best-subset, or of stepwise selection where there are more than 60 terms.",
-        ),
+        label="Solver",
+        metavar="SPEC",
+        text="How terms are chosen, or its text: group-stlsq[:THRESHOLD[:IMPORTANCE[:LEVEL]]], "
+        "best-subset[:TERMS], forward[:TERMS], backward[:TERMS], lasso[:PENALTY], sr3[:THRESHOLD] (one set of "
+        "terms for all objects), stlsq[:THRESHOLD] (terms specific to each object). Without its value a solver "
+        "offers its whole path, from which `rule` chooses; paths of thresholds depend on units. By default the "
+        "paths of group-stlsq and best-subset, or of stepwise selection where there are more than 60 terms.",
     )
-    rule: str = field(
+    rule: str = setting(
         default="one-standard-error",
-        metadata=shown(
-            label="Selection rule",
-            text="How an equation is chosen from the candidates when the solver has no value: one-standard-error or "
-            "held-out (by the error on held-out trials), aic, aicc, bic, ebic.",
-        ),
+        label="Selection rule",
+        text="How an equation is chosen from the candidates when the solver has no value: one-standard-error or "
+        "held-out (by the error on held-out trials), aic, aicc, bic, ebic.",
     )
-    scoring: Literal["residuals", "forecasts"] = field(
+    scoring: Literal["residuals", "forecasts"] = setting(
         default="residuals",
-        metadata=shown(
-            label="Held-out error",
-            text="What candidates are compared by on held-out trials: the residuals of their rows, or their forecasts, "
-            "which takes longer.",
-        ),
+        label="Held-out error",
+        text="What candidates are compared by on held-out trials: the residuals of their rows, or their forecasts, "
+        "which takes longer.",
     )
-    n_resamples: int = field(
+    n_resamples: int = setting(
         default=20,
-        metadata=shown(label="Resamples", text="Number of bootstrap resamples to assess the stability of candidates."),
+        label="Resamples",
+        text="Number of bootstrap resamples to assess the stability of candidates.",
     )
-    n_jobs: int = field(
-        default=1,
-        metadata=shown(
-            label="Processes", text="Number of processes that share the trials; each computes with one thread."
-        ),
+    n_jobs: int = setting(
+        default=1, label="Processes", text="Number of processes that share the trials; each computes with one thread."
     )
-    seed: int = field(default=0, metadata=shown(label="Seed", text="Seed of the resamples."))
+    seed: int = setting(default=0, label="Seed", text="Seed of the resamples.")
 
     def __post_init__(self) -> None:
         check_choice("rule", self.rule, RULES)
@@ -250,29 +242,23 @@ class DerivativeRegression(AbstractRegression):
     takes_mixed_orders: ClassVar[bool] = True
     takes_derivatives: ClassVar[bool] = True
 
-    differentiation: AbstractDifferentiator | str | None = field(
+    differentiation: AbstractDifferentiator | str | None = setting(
         default=None,
-        metadata=shown(
-            label="Differentiation",
-            metavar="SPEC",
-            text="How derivatives are estimated, or its text: savgol:WINDOW:POLYNOMIAL, centered, forward, "
-            "finite:ACCURACY, spline, median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust. By default finite:2 "
-            "for order 1, savgol:35:3 for order 2, shorter where trials are short, and robust where neither suits.",
-        ),
+        label="Differentiation",
+        metavar="SPEC",
+        text="How derivatives are estimated, or its text: savgol:WINDOW:POLYNOMIAL, centered, forward, "
+        "finite:ACCURACY, spline, median:WINDOW, wiener:WINDOW, spectral, tv:STRENGTH, robust. By default finite:2 "
+        "for order 1, savgol:35:3 for order 2, shorter where trials are short, and robust where neither suits.",
     )
-    library_states: Literal["smoothed", "measured"] = field(
+    library_states: Literal["smoothed", "measured"] = setting(
         default="smoothed",
-        metadata=shown(
-            label="Evaluated states",
-            text="Whether terms are evaluated on the smoothed or on the measured states, see `StrongForm`.",
-        ),
+        label="Evaluated states",
+        text="Whether terms are evaluated on the smoothed or on the measured states, see `StrongForm`.",
     )
-    trim: int = field(
+    trim: int = setting(
         default=0,
-        metadata=shown(
-            label="Trimmed rows",
-            text="Number of rows left out at each end of a trial, where smoothing is least accurate.",
-        ),
+        label="Trimmed rows",
+        text="Number of rows left out at each end of a trial, where smoothing is least accurate.",
     )
 
     def __post_init__(self) -> None:
@@ -317,29 +303,23 @@ class WeakRegression(AbstractRegression):
     orders: ClassVar[tuple[int, ...]] = (1, 2)
     takes_streams: ClassVar[bool] = False
 
-    radii: tuple[float, ...] | None = field(
+    radii: tuple[float, ...] | None = setting(
         default=None,
-        metadata=shown(
-            label="Radii [samples]",
-            text="Radii of the test functions in samples; by default one for each trial, by its spectrum.",
-        ),
+        label="Radii [samples]",
+        text="Radii of the test functions in samples; by default one for each trial, by its spectrum.",
     )
-    noise: Mapping[str, float] | None = field(
+    noise: Mapping[str, float] | None = setting(
         default=None,
-        metadata=shown(
-            label="Measurement noise",
-            metavar="STATE=VALUE",
-            text="Known standard deviation of each state's measurement noise; estimated for each trial by default.",
-        ),
+        label="Measurement noise",
+        metavar="STATE=VALUE",
+        text="Known standard deviation of each state's measurement noise; estimated for each trial by default.",
     )
-    differentiation: AbstractDifferentiator | str | None = field(
+    differentiation: AbstractDifferentiator | str | None = setting(
         default=None,
-        metadata=shown(
-            label="Smoothing",
-            metavar="SPEC",
-            text="How states are smoothed before terms are evaluated on them, and where the rates of laws of second "
-            "order come from, or its text, such as spline.",
-        ),
+        label="Smoothing",
+        metavar="SPEC",
+        text="How states are smoothed before terms are evaluated on them, and where the rates of laws of second "
+        "order come from, or its text, such as spline.",
     )
 
     def __post_init__(self) -> None:

@@ -12,9 +12,15 @@ try:
 except ValueError as error:
     raise CommonlawError("matplotlib-failed", error=error) from None
 
-from commonlaw.plots.coefficients import IntervalPanels, plot_coefficients, plot_intervals, plot_profile, plot_relations
 from commonlaw.plots.forecast import ForecastPanels, plot_design, plot_forecast, plot_trials
-from commonlaw.plots.law import plot_law
+from commonlaw.plots.law import (
+    IntervalPanels,
+    plot_coefficients,
+    plot_intervals,
+    plot_law,
+    plot_profile,
+    plot_relations,
+)
 from commonlaw.plots.library import plot_library, plot_path
 from commonlaw.plots.phase_plane import plot_phase_plane
 from commonlaw.plots.residuals import ResidualPanels, plot_discrepancy, plot_errors, plot_residuals

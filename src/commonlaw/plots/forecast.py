@@ -40,9 +40,6 @@ from commonlaw.plots.style import (
 from commonlaw.text import in_line
 from commonlaw.trials import Trials
 
-_MAX_POINTS = 150
-"""Measured points that are drawn of one trial; more would hide the forecast."""
-
 _MAX_PANELS, ROW_HEIGHT = 12, 2.5
 """Of a figure, unless objects are named: pairs of panels; and the height of a row of them, in inches."""
 
@@ -205,7 +202,7 @@ def curves_of(forecast: Forecast, smooth: Forecast) -> dict[tuple[str, int], lis
     return result
 
 
-def draw_pair(pair: Pair, most: int = _MAX_POINTS) -> None:
+def draw_pair(pair: Pair, most: int = 150) -> None:
     """Draw measurements, at most so many, and forecasts above, errors below, and where a forecast diverged in both."""
     state, error, curves = pair.above, pair.below, pair.curves
     error.axhline(0, color=GREY, linewidth=0.8)
@@ -360,9 +357,6 @@ _WIDTH, _HEIGHT, _FOOT = 3.6, 2.3, 0.5
 """Of a figure, of the panels of a state, and of what stands below all of them, in inches."""
 
 
-_CELLS, _CELL, _MAX_CELL_POINTS = 3, 0.75, 15
-"""Cells side by side in an overview, the height of each in inches, and measurements of a trial in it."""
-
 Limits = tuple[float, float]
 
 
@@ -398,13 +392,14 @@ class ForecastPanels:
     def overview(self, names: Sequence[str]) -> Figure:
         """Return one figure with a small cell for each of these objects, all with the same hidden axes."""
         states = range(len(self.forecast.trials.schema.states))
-        lines = -(-len(names) // _CELLS)
-        figure = Figure(figsize=(_WIDTH, _CELL * len(states) * lines))
+        columns = 3
+        lines = -(-len(names) // columns)
+        figure = Figure(figsize=(_WIDTH, 0.75 * len(states) * lines))
         panel = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        panel.set(xlim=(0, _CELLS), ylim=(lines * len(states), 0))
+        panel.set(xlim=(0, columns), ylim=(lines * len(states), 0))
         panel.set_axis_off()
         for i, name in enumerate(names):
-            left, top = i % _CELLS, i // _CELLS * len(states)
+            left, top = i % columns, i // columns * len(states)
             panel.text(left + 0.03, top + 0.05, shorten(in_line(name), 24, placeholder=" …"), fontsize=7, va="top")
             for j in states:
                 # Draw a state of an object into the unit square right of and below a corner
@@ -413,7 +408,7 @@ class ForecastPanels:
                 corner = (left, top + j)
                 (begin, end), (low, high) = self._times, limits
                 for curve in curves:
-                    every = slice(None, None, -(-len(curve.times) // _MAX_CELL_POINTS))
+                    every = slice(None, None, -(-len(curve.times) // 15))  # At most 15 measurements of a trial
                     measured = (curve.times[every], curve.measured[every], ".")
                     for times, values, style in (measured, (curve.at, np.clip(curve.forecast, low, high), "-")):
                         across = corner[0] + 0.95 * (times - begin) / (end - begin)

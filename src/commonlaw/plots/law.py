@@ -1,13 +1,45 @@
-"""A law at a glance: its equations, its coefficients, and how well it fits."""
+"""A law as figures: its equations, its coefficients, and how well it fits."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from textwrap import shorten
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
+from numpy.typing import ArrayLike
 
+from commonlaw.array_types import Bools, Floats, evenly_spaced
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.estimation import likelihood_profile
 from commonlaw.forecast import Forecast, fitted
+from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands
-from commonlaw.plots.coefficients import DotPlot, HeatMaps
-from commonlaw.plots.equations import equation_lines
+from commonlaw.law.law import object_index
+from commonlaw.law.parameters import (
+    by_terms_of,
+    coefficient_units,
+    equation_label,
+    left_hand_sides,
+    named_parameters,
+    state_rates,
+    tabulated_parameters,
+)
+from commonlaw.law.printing import dependence, latex_lefts, latex_structure
+from commonlaw.law.quantiles import two_sided
+from commonlaw.law.text import latex_left_hand_sides, with_error
+from commonlaw.library import Terms
+from commonlaw.library.notation import latex_name
 from commonlaw.plots.forecast import (
     ROW_HEIGHT,
     draw_forecast,
@@ -17,8 +49,708 @@ from commonlaw.plots.forecast import (
     omission,
     representative,
 )
-from commonlaw.plots.style import add_legend, fitting, frozen_layout, styled
+from commonlaw.plots.style import (
+    ABSENT,
+    COLORS,
+    GREY,
+    add_legend,
+    axis_label,
+    fitting,
+    frozen_layout,
+    key,
+    looks,
+    math,
+    number_text,
+    plain,
+    powers_of_ten,
+    styled,
+    unit_text,
+)
+from commonlaw.text import in_line
 from commonlaw.trials import Trials
+
+
+def term_labels(terms: Terms) -> list[str]:
+    """Return every term as a label."""
+    names = terms.variables.names
+    return [math(term.latex(names), text) for term, text in zip(terms.terms, terms.names, strict=True)]
+
+
+def equation_labels(law: Law) -> list[str]:
+    """Return the left-hand side of every equation as a label."""
+    return [
+        math(latex, text)
+        for latex, text in zip(latex_left_hand_sides(law.schema.states, law.order), left_hand_sides(law), strict=True)
+    ]
+
+
+def equation_lines(law: Law) -> str:
+    """Return the law as lines of mathtext: with numbers if it has one object, else with the names of coefficients.
+
+    A last line defines rates and names.
+    """
+    lines = []
+    for j, left in enumerate(equation_labels(law)):
+        lines += _broken(f"{left} $=$", _summands(law, j))
+    if law.observation is not None:
+        lefts, names = latex_lefts(law)[len(law.schema.states) :], law.observation.written
+        for j, (left, name) in enumerate(zip(lefts, names, strict=True), len(law.schema.states)):
+            lines += _broken(f"{math(left, name)} $=$", _summands(law, j))
+    rates = [
+        f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
+        for state, rate in state_rates(law)
+    ]
+    parameters = named_parameters(law)
+    given = parameters.names if law.provenance.equations else law.terms.variables.parameters
+    own = zip(parameters.names, parameters.values[0], strict=True) if len(law.objects) == 1 else ()
+    values = [f"{math(latex_name(name), name)} $=$ {_number(value)}" for name, value in own if name in given]
+    meaning = ", ".join([*rates, *values])
+    return "\n".join([*lines, f"with {meaning}"] if meaning else lines)
+
+
+def parameter_label(law: Law, equation: int, term: int) -> str:
+    """Return the letter of a coefficient as a label, with its factor; empty if it is not in the law or has none."""
+    factor, letter = _factor_and_parameters(law, equation, term)
+    sign = {1.0: "", -1.0: "$-$"}.get(factor, _number(factor))
+    return sign + letter if letter and law.support[equation, term] else ""
+
+
+def _factor_and_parameters(law: Law, equation: int, term: int) -> tuple[float, str]:
+    """Return what a coefficient is as given: a factor times letters or over them, or a number and no letter."""
+    for product in named_parameters(law).products:
+        if (product.equation, product.term) == (equation, term):
+            above, below = (
+                r"\, ".join(latex_name(name) for name, own in product.coefficients if own == power) for power in (1, -1)
+            )
+            latex = rf"\frac{{{above or 1}}}{{{below}}}" if below else above
+            return product.factor, math(latex, " ".join(name for name, _ in product.coefficients))
+    return float(law.coefficients[0, equation, term]), ""
+
+
+def _summands(law: Law, j: int) -> list[tuple[str, str]]:
+    """Return sign and text of each summand of equation j."""
+    if law.provenance.equations:
+        return [("$-$" if each.negative else "$+$", math(each.name, each.name)) for each in latex_structure(law)[j]]
+    summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
+    for k in np.flatnonzero(law.support[j] & law.terms.is_factor):
+        value, letter = (law.coefficients[0, j, k], "") if one else _factor_and_parameters(law, j, int(k))
+        number = "" if letter and abs(value) == 1 else _number(abs(value))
+        label = f"({labels[k]})" if law.terms.terms[k].is_sum else labels[k]
+        rest = "" if law.terms.names[k] == "1" else f" {label}"
+        summands.append(("$-$" if value < 0 else "$+$", number + letter + rest))
+    return summands
+
+
+def _broken(left: str, summands: list[tuple[str, str]]) -> list[str]:
+    """Return an equation on a few lines, cut with an ellipsis if it is longer."""
+    lines = [left if summands else f"{left} 0"]
+    for i, (sign, text) in enumerate(summands):
+        part = f" {sign} {text}" if i else f" {sign.replace('$+$', '')}{text}"
+        if len(lines[-1]) + len(part) <= 90:
+            lines[-1] += part
+        elif len(lines) < 2:
+            lines.append(part)
+        else:
+            lines[-1] += " …"
+            break
+    return lines
+
+
+def _number(value: float) -> str:
+    mantissa, _, exponent = f"{value:.4g}".partition("e")
+    return rf"${mantissa} \times 10^{{{int(exponent)}}}$" if exponent else mantissa
+
+
+_DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
+_FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}
+_OPEN: Mapping[str, Any] = {**_DOT, "color": "black", **_FRAME}
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One coefficient of every object: equation, left-hand side, term, labels; values, shape (objects,), and intervals.
+
+    It is a coefficient by its name where the law was given as equations. Unknown names and units are empty, unknown
+    values NaN, and unknown standard errors zero.
+    """
+
+    equation: int
+    left: str
+    name: str
+    term: str
+    letter: str
+    unit: str
+    learned: Floats
+    true: Floats
+    errors: Floats
+    low: Floats
+    high: Floats
+
+    @property
+    def label(self) -> str:
+        """Its letter and unit, as far as there are any."""
+        return " ".join(filter(None, (self.letter, f"({self.unit})" if self.unit else "")))
+
+
+@dataclass(frozen=True, eq=False)
+class DotPlot:
+    """The coefficients of a law, and of the true one if it is known, as dots.
+
+    Several objects have a line each in a panel for each coefficient, a single one a line for each in that of its
+    equation.
+    """
+
+    law: Law
+    truth: Law | None = None
+
+    @cached_property
+    def coefficients(self) -> list[Coefficient]:
+        """All coefficients that are in the law or in the truth, equation by equation."""
+        law, known, result = self.law, true_coefficients(self.law, self.truth), list[Coefficient]()
+        labels, lefts, is_named = term_labels(law.terms), left_hand_sides(law), self._by_parameter
+        support = law.support if known is None else np.ones_like(law.support)
+        parameters = tabulated_parameters(law, None if is_named else support)
+        low, high = (parameters.values,) * 2 if law.uncertainty.covariance is None else parameters.intervals()
+        errors = np.nan_to_num(parameters.errors)
+        for i, (definition, unit) in enumerate(zip(parameters.definitions, parameters.units, strict=True)):
+            j, k, name = definition.equation, definition.term, definition.name
+            learned = parameters.values[:, i] if is_named else absent_as_nan(parameters.values[:, i])
+            true = np.full_like(learned, np.nan) if known is None else definition.of(known)
+            if is_named:
+                label = math(latex_name(name), name)
+                where = j, equation_label(law, j, k), name, label, label
+            else:
+                # The equations of an explained law have letters of their own
+                letter = parameter_label(law, j, k) if law.uncertainty.explanation is None else ""
+                where = j, lefts[j], law.terms.names[k], labels[k], letter
+            if np.any(np.isfinite([learned, true])):
+                numbers = learned, true, errors[:, i], low[:, i], high[:, i]
+                result.append(Coefficient(*where, unit_text(unit or ""), *numbers))
+        return result
+
+    @property
+    def _by_parameter(self) -> bool:
+        """Whether the law's own letters are shown; the equations of an explained law have others."""
+        return bool(self.law.provenance.equations) and self.law.uncertainty.explanation is None
+
+    @property
+    def several(self) -> bool:
+        """Whether there are several objects."""
+        return len(self.law.objects) > 1
+
+    @property
+    def columns(self) -> int:
+        """Number of panels side by side."""
+        count = len(self.coefficients)
+        return (2 if count == 4 else min(count, 3)) if self.several else 1
+
+    @property
+    def lines(self) -> int:
+        """Number of lines of panels."""
+        return -(-len(self.coefficients) // self.columns) if self.several else len(self.law.schema.states)
+
+    @property
+    def width(self) -> float:
+        """Width in inches."""
+        return 1.6 + 1.9 * self.columns if self.several else 4.5 if self.law.uncertainty.covariance is None else 5.5
+
+    @property
+    def height(self) -> float:
+        """Least height in inches."""
+        marks = len(self.law.objects) * self.lines if self.several else len(self.coefficients)
+        return 0.9 * self.lines + 0.24 * marks
+
+    def draw(self, figure: Figure, index: SubplotSpec) -> None:
+        """Draw into a part of a figure."""
+        if self.several:
+            grid = index.subgridspec(self.lines, self.columns)
+            for i, coefficient in enumerate(self.coefficients):
+                panel = figure.add_subplot(grid[i])
+                self.draw_panel(panel, coefficient)
+                panel.tick_params(labelleft=i % self.columns == 0)
+                panel.set_title(self.title(coefficient))
+        else:
+            self._draw_lines(index)
+
+    def title(self, each: Coefficient) -> str:
+        """Return what stands above the panel of a coefficient: its term, and its equation if there are several."""
+        if self._by_parameter:
+            return each.term
+        lefts = equation_labels(self.law)
+        where = f"{lefts[each.equation]}: " if len(lefts) > 1 else ""
+        return where + ("constant term" if each.term == "$1$" else f"{each.term} term")
+
+    def keys(self) -> list[Line2D]:
+        """Return what belongs into the legend."""
+        learned, known = key("estimate", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
+        bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", color=COLORS[0])]
+        return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
+
+    def draw_panel(self, panel: Axes, each: Coefficient) -> None:
+        """Draw a coefficient of several objects."""
+        heights = np.arange(len(self.law.objects))
+        panel.plot(each.learned, heights, **_DOT)
+        panel.plot(each.true, heights, **_OPEN)
+        _draw_bars(panel, heights, each.errors, each.low, each.high)
+        panel.set_yticks(heights, [plain(name, 22) for name in self.law.objects])
+        panel.set_ylim(len(heights) - 0.5, -0.5)
+        panel.margins(x=0.15)
+        panel.locator_params(axis="x", nbins=4)
+        panel.set_xlabel(each.label)
+
+    def _draw_lines(self, index: SubplotSpec) -> None:
+        groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]
+        ratios = [1 + len(group) for group in groups]
+        panels = index.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
+        for panel, group, left in zip(panels, groups, equation_labels(self.law), strict=True):
+            heights = np.arange(len(group))
+            panel.plot([each.learned[0] for each in group], heights, **_DOT)
+            panel.plot([each.true[0] for each in group], heights, **_OPEN)
+            _draw_bars(panel, heights, *np.array([(each.errors[0], each.low[0], each.high[0]) for each in group]).T)
+            for height, each in enumerate(group):  # Its value, right of its dot and interval
+                value, error = each.learned[0], each.errors[0]
+                if np.isfinite(value):
+                    number = powers_of_ten(with_error(value, error)) if error else number_text(value, 4)
+                    at = (np.fmax(value, each.high[0]), height)
+                    text = f"{number} {each.unit}".rstrip()
+                    panel.annotate(text, at, (8, 0), textcoords="offset points", va="center", fontsize=9)
+            panel.set_yticks(heights, [each.term for each in group])
+            panel.set_ylim(len(group) - 0.4, -0.6)
+            what = "parameters" if self._by_parameter else "terms"
+            panel.set_title(f"{what} of {left}", loc="left")
+            panel.margins(x=0.4 if self.law.uncertainty.covariance is None else 0.7)  # room for the printed values
+        panels[-1].locator_params(axis="x", nbins=5)
+        logarithmic = self._scale(panels[-1])
+        panels[-1].set_xlabel("coefficient, on a logarithmic scale" if logarithmic else "coefficient")
+
+    def _scale(self, panel: Axes) -> bool:
+        """Make the axis symmetric-logarithmic if coefficients differ by a factor above 100; return whether."""
+        values = np.abs([[*coefficient.learned, *coefficient.true] for coefficient in self.coefficients])
+        low, high = np.nanmin(values), np.nanmax(values)
+        differ = bool(high > 100 * low)
+        if differ:
+            panel.set_xscale("symlog", linthresh=low)
+            # Matplotlib's own ticks for this scale run into each other around zero
+            decades = 10.0 ** np.round(np.log10([np.sqrt(low * high), high]))
+            panel.get_xlim()  # Has them set
+            ticks = [0, *decades[::-1], *-decades[::-1]]
+            at = (panel.transScale + panel.transLimits).transform([(tick, 0) for tick in ticks])[:, 0]
+            apart = [tick for i, tick in enumerate(ticks) if (np.abs(at[i] - at[:i]) > 0.12).all()]
+            panel.xaxis.set_major_locator(FixedLocator(apart))
+            panel.xaxis.set_major_formatter("{x:g}")
+            panel.xaxis.set_minor_locator(NullLocator())
+        return differ
+
+
+def _draw_bars(panel: Axes, heights: ArrayLike, errors: Floats, low: Floats, high: Floats) -> None:
+    """Draw the 95 % intervals of coefficients whose errors are known."""
+    if errors.any():
+        panel.hlines(heights, low, high, color=COLORS[0], linewidth=1.4)
+
+
+_NAMED = 50
+"""Objects with a line and a name each; more are drawn in order of their coefficients, without names."""
+
+
+@styled()
+def plot_intervals(law: Law) -> Figure:
+    """Plot the coefficients of all objects as dots with 95 % intervals (a forest plot).
+
+    Each object has a line; more than fifty objects are sorted by each coefficient, without names.
+    """
+    dots = DotPlot(law)
+    if len(law.objects) > _NAMED:  # Each coefficient in the order of its size
+        figure = Figure(figsize=(dots.width, 0.6 + 2.6 * dots.lines), layout="constrained")
+        panels = figure.subplots(dots.lines, dots.columns, squeeze=False)
+        for panel in panels.flat[len(dots.coefficients) :]:
+            panel.set_visible(False)
+        for panel, coefficient in zip(panels.flat, dots.coefficients, strict=False):
+            _draw_in_order(panel, coefficient)
+            panel.set_title(dots.title(coefficient))
+        return frozen_layout(figure)
+    figure = Figure(figsize=(dots.width, 0.8 + dots.height), layout="constrained")
+    dots.draw(figure, figure.add_gridspec(1, 1)[0])
+    add_legend(figure, dots.keys(), "above")
+    return frozen_layout(figure)
+
+
+@dataclass(frozen=True, eq=False)
+class IntervalPanels:
+    """Panels of `plot_intervals` for a law of several objects, each as a small figure.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> panels = IntervalPanels(cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05, trials=1)))
+    >>> panels.draw(0), len(panels.captions)
+    (<Figure size ...>, 2)
+    """
+
+    law: Law
+
+    @cached_property
+    def captions(self) -> list[str]:
+        """Captions of the panels."""
+        before = "" if self.law.provenance.equations and self.law.uncertainty.explanation is None else "before "
+        return [f"{before}{coefficient.name} in {coefficient.left}" for coefficient in self._dots.coefficients]
+
+    @styled()
+    def draw(self, panel: int) -> Figure:
+        """Return the figure of a panel."""
+        each, named = self._dots.coefficients[panel], len(self.law.objects) <= _NAMED
+        figure = Figure(figsize=(3.6, 0.8 + 0.2 * len(self.law.objects) if named else 2.8), layout="constrained")
+        axes = figure.add_subplot()
+        if named:
+            self._dots.draw_panel(axes, each)
+        else:
+            _draw_in_order(axes, each)
+        return frozen_layout(figure)
+
+    @cached_property
+    def _dots(self) -> DotPlot:
+        return DotPlot(self.law)
+
+
+def _draw_in_order(panel: Axes, each: Coefficient) -> None:
+    order = np.argsort(each.learned)
+    # There are no more points across a page
+    ranks = np.array(evenly_spaced(len(order), 1000))
+    values, low, high = (own[order[ranks]] for own in (each.learned, each.low, each.high))
+    panel.fill_betweenx(ranks, low, high, color=COLORS[0], alpha=0.25, linewidth=0)
+    panel.plot(values, ranks, color=COLORS[0], linewidth=2)
+    panel.set_xlabel(each.label)
+    panel.locator_params(axis="x", nbins=4)
+    panel.set_ylabel("objects in order")
+
+
+@styled()
+def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Figure:
+    """Plot a heat map of the magnitudes of the coefficients, objects by terms, for each equation.
+
+    Colours are logarithmic, grey cells are absent terms, and values are printed if they fit (de Silva et al. 2020).
+
+    Raises `CommonlawError` if `terms` is neither of these.
+
+    Parameters
+    ----------
+    law
+        The law.
+    terms
+        ``"all"`` candidate terms, or the ``"support"``: terms in one of the equations.
+    """
+    check_choice("choice of terms", terms, ("all", "support"))
+    maps = HeatMaps(law, law.support.any(axis=0) | np.full(len(law.terms), terms == "all"))
+    figure = Figure(figsize=(maps.width, maps.height), layout="constrained")
+    maps.draw(figure, figure.add_gridspec(1, 1)[0])
+    return frozen_layout(figure)
+
+
+@dataclass(frozen=True, eq=False)
+class HeatMaps:
+    """Magnitudes of coefficients, objects by terms, one panel for each equation.
+
+    The `chosen` terms, shape (terms,), default all, get a column; terms of the true law get a frame.
+    """
+
+    law: Law
+    chosen: Bools
+    truth: Law | None = None
+
+    @cached_property
+    def shown(self) -> Bools:
+        """Which terms get a column: those chosen, or all of them to show that none is there."""
+        return self.chosen if self.chosen.any() else np.ones_like(self.chosen)
+
+    @cached_property
+    def cell(self) -> float:
+        """Width of a cell in inches."""
+        return float(np.clip(6.5 / self.shown.sum(), 0.12, 0.66))
+
+    @property
+    def fits(self) -> bool:
+        """Whether a number fits into a cell."""
+        return self.cell > 0.6
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The objects as labels."""
+        return [plain(name, 34) for name in self.law.objects]
+
+    @property
+    def width(self) -> float:
+        """Width in inches."""
+        margin = 0.5 + 0.08 * max(len(line) for name in self.names for line in name.split("\n"))
+        return float(margin + max(self.cell * self.shown.sum(), 3.5))
+
+    @property
+    def height(self) -> float:
+        """Height in inches."""
+        return 1 + len(self.law.schema.states) * (0.7 + 0.34 * len(self.names))
+
+    def draw(self, figure: Figure, index: SubplotSpec) -> None:
+        """Draw into a part of a figure."""
+        panels = index.subgridspec(len(self.law.schema.states), 1).subplots(squeeze=False)[:, 0]
+        norm, known = scale(self.law.coefficients), true_coefficients(self.law, self.truth)
+        labels = [label for label, shown in zip(term_labels(self.law.terms), self.shown, strict=True) if shown]
+        for j, (panel, left) in enumerate(zip(panels, equation_labels(self.law), strict=True)):
+            values = self.law.coefficients[:, j, self.shown]
+            mesh = heat_map(panel, values, norm)
+            panel.set_title(f"terms of {left}" + ("" if values.any() else ": none is there"), loc="left")
+            panel.set_xticks(np.arange(len(labels)) + 0.5, labels, rotation=0 if self.fits else 90)
+            panel.set_yticks(np.arange(len(self.names)) + 0.5, self.names)
+            if self.fits:
+                # Print each coefficient in its cell, white on dark colours
+                lightness = mesh.to_rgba(_magnitudes(values))[..., :3] @ (0.299, 0.587, 0.114)
+                for i, k in np.argwhere(values):
+                    color = "white" if lightness[i, k] < 0.5 else "black"
+                    style = {"ha": "center", "va": "center", "fontsize": 9, "color": color}
+                    panel.text(k + 0.5, i + 0.5, number_text(values[i, k], 3), **style)
+            if known is not None:
+                for i, k in np.argwhere(np.isfinite(known[:, j, self.shown])):
+                    panel.add_patch(Rectangle((k, i), 1, 1, fill=False, edgecolor=COLORS[1], linewidth=2))
+        if self.law.support.any():
+            add_color_bar(figure, mesh, list(panels), self.width)
+
+    def keys(self) -> list[Line2D]:
+        """Return what belongs into the legend."""
+        if self.truth is None:
+            return []
+        frame = {"marker": "s", "markersize": 9, "markerfacecolor": "none", "markeredgewidth": 2, "linestyle": ""}
+        return [key("true term", color=COLORS[1], **frame)]
+
+
+def true_coefficients(law: Law, truth: Law | None) -> Floats | None:
+    """Return true coefficients of a law's objects, shape (objects, equations, terms), NaN where absent, if known."""
+    if truth is None:
+        return None
+    known, none = by_terms_of(law, truth, truth.coefficients), np.zeros(law.support.shape)
+    own = [known[object_index(truth, name)] if name in truth.objects else none for name in law.objects]
+    return absent_as_nan(np.array(own))
+
+
+def absent_as_nan(values: Floats) -> Floats:
+    """Return the values with NaN for zeros."""
+    return np.where(values == 0, np.nan, values)
+
+
+def scale(coefficients: Floats) -> LogNorm:
+    """Return a scale of colours over all magnitudes, at least a decade wide."""
+    present = np.abs(coefficients[coefficients != 0])
+    low, high = (present.min(), present.max()) if present.size else (1.0, 1.0)
+    middle = np.sqrt(low) * np.sqrt(high)
+    return LogNorm(float(min(low, middle / np.sqrt(10))), float(max(high, middle * np.sqrt(10))))
+
+
+def heat_map(panel: Axes, values: Floats, norm: LogNorm) -> QuadMesh:
+    """Draw cells of shape (objects, terms), the first object at the top."""
+    colors = colormaps["cividis"].with_extremes(bad=ABSENT)
+    mesh = panel.pcolormesh(_magnitudes(values), norm=norm, cmap=colors, edgecolors="white", linewidth=1)
+    panel.invert_yaxis()
+    panel.grid(False)
+    panel.tick_params(length=0)
+    panel.spines[:].set_visible(False)
+    return mesh
+
+
+def add_color_bar(figure: Figure, mesh: QuadMesh, panels: Sequence[Axes], width: float) -> None:
+    """Put the scale of colours below panels that are so many inches wide."""
+    low, high = mesh.get_clim()
+    ticks = LogLocator(subs=(1, 3) if high < 1e3 * low else (1,))
+    bar = figure.colorbar(mesh, ax=list(panels), location="bottom", aspect=4 * width, ticks=ticks, format="%g")
+    bar.minorticks_off()
+    bar.set_label("magnitude of coefficient (grey: term absent)")
+
+
+def _magnitudes(values: Floats) -> Floats:
+    return np.ma.masked_equal(np.abs(values), 0)
+
+
+_QUANTILE = 3.841
+
+
+@styled()
+def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = None) -> Figure:
+    """Plot the profile likelihood of a parameter of one object, with its 95 % interval.
+
+    ``2 (log L(best) - log L(value))``, all other parameters and initial conditions fitted again to the object's trials,
+    under white noise. The parabola corresponds to the standard error. If the profile is flatter on one side, the
+    interval is longer there; if it stays below 3.84, the parameter is not identifiable on that side.
+
+    Raises `CommonlawError` if there is no such object or parameter, the objects do not share their equations, or time
+    is discrete.
+
+    Parameters
+    ----------
+    law, trials
+        A law, and the trials to which it was fitted.
+    parameter
+        Name of the parameter in `Law.structure`.
+    name
+        The object; optional if there is only one.
+    """
+    profile = likelihood_profile(law, trials, parameter, name)
+    figure = Figure(figsize=(5.4, 4.0), layout="constrained")
+    panel = figure.add_subplot()
+    low, high = profile.values[0], profile.values[-1]
+    fine = np.linspace(low, high, 200)
+    panel.axhline(_QUANTILE, color=GREY, linewidth=0.8)
+    ends = np.clip(profile.interval, low, high)
+    panel.axvspan(*ends, color=COLORS[0], alpha=0.12, linewidth=0)
+    panel.plot(fine, ((fine - profile.estimate) / profile.error) ** 2, color=GREY, linestyle="--")
+    panel.plot(profile.values, profile.deviance, color=COLORS[0], marker="o")
+    panel.axvline(profile.estimate, color=COLORS[0], linestyle=":")
+    panel.set_ylim(-0.3, max(2 * _QUANTILE, float(np.max(profile.deviance)) * 0.6) if len(fine) else None)
+    label = math(latex_name(parameter), parameter)
+    panel.set_xlabel(f"{label} ({unit_text(profile.unit)})" if profile.unit else label)
+    panel.set_ylabel("2 log (largest likelihood / likelihood)")
+    panel.set_title(plain(profile.object, 60))
+    interval = key("95 % interval", color=COLORS[0], linewidth=8, alpha=0.12)
+    parabola = key("by the standard error", color=GREY, linestyle="--")
+    add_legend(figure, [key("profile", color=COLORS[0], marker="o"), interval, parabola], "below")
+    return frozen_layout(figure)
+
+
+_MAX_COLORED = 40
+"""Objects with a colour and a name each."""
+
+
+@dataclass(frozen=True, eq=False)
+class _RelatedCoefficient:
+    """Each object's own estimates of a coefficient with half their 95 % intervals, shape (objects,); its relation."""
+
+    label: str
+    unit: str
+    relation: Relation
+    estimates: Floats
+    halves: Floats
+    properties: Floats
+
+    @property
+    def panels(self) -> int:
+        """How many panels show it: one for each property, and one for several together."""
+        count = len(self.relation.properties)
+        return count + (count > 1) or 1
+
+    @property
+    def sign(self) -> float:
+        """That of the coefficients where logarithms are drawn, else 1."""
+        return -1.0 if self.logarithmic and self.relation.factors[0] < 0 else 1.0
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether its axes are logarithmic: it follows a power law, and no interval holds zero."""
+        least = np.min(self.estimates * np.sign(self.relation.factors[0]) - self.halves)
+        return self.relation.kind is RelationKind.POWER_LAW and bool(least > 0)
+
+
+@styled()
+def plot_relations(law: Law) -> Figure:
+    """Plot the coefficients against the properties on which they depend, with 95 % intervals.
+
+    Coefficients are object-specific estimates before pooling. Power laws have logarithmic axes; those of several
+    properties also have a panel in which the objects collapse onto one line. The grey band contains 95 % of the
+    objects, by the between-object variance. Up to forty objects have names.
+
+    Raises `CommonlawError` if the law is not from `Law.explain`.
+
+    Parameters
+    ----------
+    law
+        From `Law.explain`.
+    """
+    rows = [*_coefficients(law)]
+    columns = max(row.panels for row in rows)
+    figure = Figure(figsize=fitting(1.6 + 3.1 * columns, 0.7 + 2.7 * len(rows)), layout="constrained")
+    named = len(law.objects) <= _MAX_COLORED
+    alike = {"color": COLORS[0], "marker": ".", "alpha": 0.5}
+    grid, look = figure.add_gridspec(len(rows), columns), looks(law.objects) if named else {}
+    for i, row in enumerate(rows):
+        for k in range(row.panels):
+            panel = figure.add_subplot(grid[i, k])
+            _draw(panel, row, k, law)
+            points = zip(law.objects, _positions(row, k), row.sign * row.estimates, row.halves, strict=True)
+            for name, position, value, half in points:
+                panel.errorbar(position, value, half, linestyle="none", capsize=2 * named, **look.get(name, alike))
+            if k == 0:
+                panel.set_ylabel(axis_label("−coefficient" if row.sign < 0 else "coefficient", row.unit))
+                panel.set_title(row.label, loc="left")
+    keys = [key(plain(name), linestyle="none", **own) for name, own in look.items()]
+    keys.append(key("relation", color="black"))
+    if any(row.relation.scatter for row in rows):
+        keys.append(key("95 % of objects", color=GREY, linewidth=6, alpha=0.4))
+    add_legend(figure, keys)
+    return frozen_layout(figure)
+
+
+def _coefficients(law: Law) -> Iterator[_RelatedCoefficient]:
+    """Yield the coefficients that have a relation."""
+    if law.uncertainty.explanation is None:
+        raise CommonlawError("relations-missing-to-draw")
+    own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
+    reach = law.uncertainty.reach(len(law.schema.states))[np.nonzero(law.support)[0]]
+    halves = reach * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
+    units, lefts, terms = coefficient_units(law), equation_labels(law), term_labels(law.terms)
+    sides = left_hand_sides(law)
+    for i, ((j, k), relation) in enumerate(
+        zip(np.argwhere(law.support), law.uncertainty.explanation.relations, strict=True)
+    ):
+        if relation is not None:
+            known = [law.properties.get(name, {}) for name in law.objects]
+            if not all({*relation.properties} <= each.keys() for each in known):
+                raise CommonlawError("relations-without-properties")
+            rows = [[float(each[name]) for name in relation.properties] for each in known]
+            values = np.array(rows).reshape(len(law.objects), len(relation.properties))
+            unit = units.get((sides[j], law.terms.names[k]), "")
+            label = f"{terms[k]} in {lefts[j]}: {relation.kind}"
+            yield _RelatedCoefficient(label, unit, relation, own.coefficients[:, i], halves[:, i], values)
+
+
+def _positions(each: _RelatedCoefficient, column: int) -> Floats:
+    """Return where the objects stand on a panel's horizontal axis, shape (objects,)."""
+    if column < len(each.relation.properties):
+        return np.asarray(each.properties[:, column])
+    if not each.relation.properties:
+        return np.arange(len(each.estimates), dtype=np.float64)
+    columns = each.relation.columns(each.properties)
+    affine = each.relation.kind is RelationKind.AFFINE
+    return np.asarray(columns @ each.relation.factors if affine else columns[:, 0])
+
+
+def _draw(panel: Axes, each: _RelatedCoefficient, column: int, law: Law) -> None:
+    """Draw the axes of a panel, and the relation where it is a line there."""
+    relation, positions = each.relation, _positions(each, column)
+    if each.logarithmic:
+        for axis, scale in ((panel.xaxis, panel.set_xscale), (panel.yaxis, panel.set_yscale)):
+            scale("log")
+            axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+    if column < len(relation.properties):
+        name = relation.properties[column]
+        panel.set_xlabel(axis_label(name, law.schema.units.get(name, "")))
+    elif relation.properties:
+        panel.set_xlabel(plain(dependence(relation), 40))
+    elif len(law.objects) <= _MAX_COLORED:
+        names = [plain(shorten(in_line(name), 20, placeholder=" …"), 60) for name in law.objects]
+        panel.set_xticks(positions, names, rotation=90)
+    else:
+        panel.set_xlabel("objects")
+    if column < len(relation.properties) and len(relation.properties) > 1:
+        return  # The other properties differ between the objects: there is no one line
+    ends = (positions.min(), positions.max())
+    along = np.geomspace(*ends, 100) if each.logarithmic else np.linspace(*ends, 100)
+    if column < len(relation.properties):
+        curve = np.asarray(relation.columns(along[:, np.newaxis]) @ relation.factors)
+    elif relation.properties:
+        curve = along if relation.kind is RelationKind.AFFINE else relation.factors[0] * along
+    else:
+        curve = np.full_like(along, relation.factors[0])
+    panel.plot(along, each.sign * curve, color="black", zorder=1)
+    if relation.scatter:
+        width = two_sided(0.95) * relation.scatter
+        share = curve / (relation.factors[0] * relation.typical)
+        low, high = (curve * np.exp(s * width) if relation.relative else curve + s * width * share for s in (-1, 1))
+        panel.fill_between(along, each.sign * low, each.sign * high, color=GREY, alpha=0.25, zorder=0)
 
 
 @styled()

@@ -22,10 +22,6 @@ _MAX_POINTS = 1500
 """Residuals that are drawn in a panel."""
 
 
-_AT_ENDS = 50
-"""Of the largest and smallest residuals."""
-
-
 @styled()
 def plot_residuals(residuals: Residuals) -> Figure:
     """Plot standardized residuals, one row for each state.
@@ -127,7 +123,7 @@ def _quantiles(panel: Axes, own: Floats) -> None:
     ordered = np.sort(own[np.isfinite(own)])
     normal = [NormalDist().inv_cdf((i + 0.5) / len(ordered)) for i in range(len(ordered))]
     step = -(-len(ordered) // _MAX_POINTS) or 1
-    parts = slice(_AT_ENDS), slice(None, None, step), slice(-_AT_ENDS, None)  # All at the ends, and some between
+    parts = slice(50), slice(None, None, step), slice(-50, None)  # All at the ends, and some between
     some = np.unique(np.concatenate([np.arange(len(ordered))[part] for part in parts]))
     panel.plot(np.array(normal)[some], ordered[some], ".", color=COLORS[0], markersize=2)
     panel.axline((0.0, 0.0), slope=1.0, color="black", linewidth=0.8)

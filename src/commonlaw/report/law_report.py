@@ -691,10 +691,6 @@ def law_report(
     return Report(title, summary, (*sections, again(case, command, table)), below)
 
 
-_MAX_LISTED = 10
-"""Objects that are named each, those with outlying coefficients and those with the worst forecasts."""
-
-
 def all_objects(found: ManyFindings) -> Section:
     """Return the part on all objects."""
     law, shown = found.law, counted(len(found.few.trials.objects), "object")
@@ -716,16 +712,16 @@ def _forecasts(found: ManyFindings) -> Iterator[Block]:
     relative = found.relative.replace(np.inf, np.nan).dropna()
     name = found.errors.columns[0]
     if len(relative) > MANY:
-        caption = "Errors of the forecasts of objects, in units of the spread of the states: quantiles."
+        caption = "Errors of the forecasts of objects, in units of the spread of the states: letter values."
         yield Table("errors-of-all", caption, quantile_frame({"rms error": relative.to_numpy()}, "object"))
-    worst = found.relative.iloc[::-1][:_MAX_LISTED]
+    worst = found.relative.iloc[::-1][:10]
     frame = pd.DataFrame({name: worst.index.astype(str), "rms error": worst.to_numpy()})
     caption = f"The {counted(len(worst), 'object')} with the worst forecasts, in the same units."
     yield Table("worst", caption, frame)
 
 
 def _coefficients(law: Law) -> Iterator[Block]:
-    if tables := spread_tables(law, _MAX_LISTED, universal=False):  # What is universal is said above
+    if tables := spread_tables(law, 10, universal=False):  # What is universal is said above
         spread, farthest = tables
         yield Table("spread", "Coefficients of all objects: quantiles (letter values, Tukey 1977).", spread)
         caption = "The objects farthest from the medians, in standard deviations of a normal spread."

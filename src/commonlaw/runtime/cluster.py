@@ -28,8 +28,6 @@ R = TypeVar("R")
 _SAME = ("commonlaw", "numpy", "scipy", "pandas", "pyarrow", "dask", "distributed")
 """Packages that must be of the same version here and on the workers, as must the first two numbers of Python's."""
 
-_MERGED = 8
-"""Results that are merged at a time: the tree is the same whatever the number of workers, and so is its rounding."""
 
 _ANSWER = 10.0
 """Seconds to wait for the scheduler, which runs already where its address is known."""
@@ -129,8 +127,9 @@ class Cluster:
         level = leaves
         while len(level) > 1:
             level = [
-                self.client.submit(_OneThread(merge), level[i : i + _MERGED], pure=False)
-                for i in range(0, len(level), _MERGED)
+                # Eight at a time: the tree is the same whatever the number of workers, and so is its rounding
+                self.client.submit(_OneThread(merge), level[i : i + 8], pure=False)
+                for i in range(0, len(level), 8)
             ]
         (root,) = level
         with self._cancelling([root]):

@@ -45,8 +45,6 @@ T = TypeVar("T")
 
 _GZIP, _BZIP2, _XZ = b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0"
 """What compressed files begin with."""
-_PART = 2**20
-"""Bytes that are unpacked at a time."""
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 """Characters that no text of an instrument has."""
 _STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
@@ -128,12 +126,12 @@ def _parts(content: bytes) -> Iterator[bytes]:
     if not content.startswith(_XZ):
         packed = io.BytesIO(content)
         with gzip.GzipFile(fileobj=packed) if content.startswith(_GZIP) else bz2.BZ2File(packed) as stream:
-            yield from iter(lambda: stream.read(_PART), b"")
+            yield from iter(lambda: stream.read(2**20), b"")
         return
     while content:
         decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=LARGEST_FILE)
         while not decompressor.eof:
-            yield decompressor.decompress(content, _PART)
+            yield decompressor.decompress(content, 2**20)
             content = b""
             if decompressor.needs_input and not decompressor.eof:
                 raise EOFError("it ends within a stream")

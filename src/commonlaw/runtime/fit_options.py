@@ -68,9 +68,9 @@ class Setting:
         return default if function == "discover" or self.of_given_law is _SAME else self.of_given_law
 
 
-def shown(**about: Any) -> dict[Any, Any]:
-    """Return the metadata of a field of a dataclass of settings, see `Setting`."""
-    return {Setting: Setting(**about)}
+def setting(*, default: Any, compare: bool = True, **about: Any) -> Any:
+    """Return a field of a dataclass of settings, see `Setting`."""
+    return field(default=default, compare=compare, metadata={Setting: Setting(**about)})
 
 
 def settings_of(options: type, function: str = "discover") -> dict[str, tuple[Field[Any], Setting]]:
@@ -179,144 +179,119 @@ class FitOptions:
     {parameters}
     """
 
-    log_states: Sequence[str] = field(
+    log_states: Sequence[str] = setting(
         default=(),
-        metadata=shown(
-            label="Log-scaled states",
-            metavar="STATE",
-            of_given_law=None,
-            text="States above zero that are modelled on a logarithmic scale, in laws of first order: their noise is a "
-            "share of the state (0.05 is 5 %), and forecasts and bands stay above zero. The law itself is in the units "
-            "of the states. `refine` keeps those of the law by default.",
-        ),
+        label="Log-scaled states",
+        metavar="STATE",
+        of_given_law=None,
+        text="States above zero that are modelled on a logarithmic scale, in laws of first order: their noise is a "
+        "share of the state (0.05 is 5 %), and forecasts and bands stay above zero. The law itself is in the units "
+        "of the states. `refine` keeps those of the law by default.",
     )
-    input_interpolation: str = field(
+    input_interpolation: str = setting(
         default="auto",
-        metadata=shown(
-            label="Input interpolation",
-            of_given_law=None,
-            choices={
-                "auto": "lines, unless the evidence for another is strong",
-                "held": "the earlier value, as a controller does",
-                "linear": "on lines",
-                "cubic": "on a cubic spline",
-            },
-            text="Interpolation of inputs between samples. See `Law.predict`; `refine` keeps that of the law by "
-            "default.",
-        ),
+        label="Input interpolation",
+        of_given_law=None,
+        choices={
+            "auto": "lines, unless the evidence for another is strong",
+            "held": "the earlier value, as a controller does",
+            "linear": "on lines",
+            "cubic": "on a cubic spline",
+        },
+        text="Interpolation of inputs between samples. See `Law.predict`; `refine` keeps that of the law by default.",
     )
-    noise: Mapping[str, float] | None = field(
+    noise: Mapping[str, float] | None = setting(
         default=None,
-        metadata=shown(
-            label="Measurement noise",
-            metavar="STATE=VALUE",
-            functions=FUNCTIONS,
-            everyday=True,
-            text="Known standard deviation of each state's measurement noise, in the state's unit. It is estimated by "
-            "default, but for states whose measurements have standard deviations of their own (`noise_columns`).",
-        ),
+        label="Measurement noise",
+        metavar="STATE=VALUE",
+        functions=FUNCTIONS,
+        everyday=True,
+        text="Known standard deviation of each state's measurement noise, in the state's unit. It is estimated by "
+        "default, but for states whose measurements have standard deviations of their own (`noise_columns`).",
     )
-    errors: ErrorKind | Literal["auto"] = field(
+    errors: ErrorKind | Literal["auto"] = setting(
         default="auto",
-        metadata=shown(
-            label="Errors",
-            functions=FUNCTIONS,
-            choices={
-                "auto": "white noise, unless 2 log B > 10 for another kind",
-                "white": "white noise only; with an infinite `huber_threshold`, least squares",
-                "proportional": "heteroscedastic noise, which grows with the state",
-                "autocorrelated": "autocorrelated measurement errors",
-                "random-walk": "process noise, a random walk of the law",
-                "gp-forcing": "process noise, a smooth force on the law (a Gaussian process)",
-            },
-            text="Kind of the errors that are estimated with the law.",
-        ),
+        label="Errors",
+        functions=FUNCTIONS,
+        choices={
+            "auto": "white noise, unless 2 log B > 10 for another kind",
+            "white": "white noise only; with an infinite `huber_threshold`, least squares",
+            "proportional": "heteroscedastic noise, which grows with the state",
+            "autocorrelated": "autocorrelated measurement errors",
+            "random-walk": "process noise, a random walk of the law",
+            "gp-forcing": "process noise, a smooth force on the law (a Gaussian process)",
+        },
+        text="Kind of the errors that are estimated with the law.",
     )
-    huber_threshold: float = field(
+    huber_threshold: float = setting(
         default=4.0,
-        metadata=shown(
-            label="Outlier threshold [SD of noise]",
-            metavar="NUMBER",
-            functions=FUNCTIONS,
-            check=_check_huber_threshold,
-            text="Residual, in standard deviations of noise, beyond which a measurement counts linearly instead of "
-            "squared (Huber 1964); inf for no outliers.",
-        ),
+        label="Outlier threshold [SD of noise]",
+        metavar="NUMBER",
+        functions=FUNCTIONS,
+        check=_check_huber_threshold,
+        text="Residual, in standard deviations of noise, beyond which a measurement counts linearly instead of "
+        "squared (Huber 1964); inf for no outliers.",
     )
-    covariance: CovarianceKind = field(
+    covariance: CovarianceKind = setting(
         default="likelihood",
-        metadata=shown(
-            label="Standard errors",
-            choices={
-                "likelihood": "from the curvature of the likelihood",
-                "bootstrap": "from refits to resampled blocks of the trials, for noise that is not normal",
-            },
-            text="How the coefficients' covariance is found.",
-        ),
+        label="Standard errors",
+        choices={
+            "likelihood": "from the curvature of the likelihood",
+            "bootstrap": "from refits to resampled blocks of the trials, for noise that is not normal",
+        },
+        text="How the coefficients' covariance is found.",
     )
-    partial_pooling: bool = field(
+    partial_pooling: bool = setting(
         default=True,
-        metadata=shown(
-            label="Partial pooling",
-            of_given_law=False,
-            text="Whether forecasts shrink coefficients to their mean over objects as far as these are alike. The law "
-            "itself has those of each object's own trials, see `commonlaw.law.pool_objects`.",
-        ),
+        label="Partial pooling",
+        of_given_law=False,
+        text="Whether forecasts shrink coefficients to their mean over objects as far as these are alike. The law "
+        "itself has those of each object's own trials, see `commonlaw.law.pool_objects`.",
     )
-    solver: "AbstractSolver | str | None" = field(
+    solver: "AbstractSolver | str | None" = setting(
         default=None,
-        metadata=shown(
-            label="Solver",
-            metavar="SPEC",
-            functions=("discover",),
-            text="Whose path lists the candidates of each equation, best-subset by default; without a value of its "
-            "hyperparameter, as the evidence chooses.",
-        ),
+        label="Solver",
+        metavar="SPEC",
+        functions=("discover",),
+        text="Whose path lists the candidates of each equation, best-subset by default; without a value of its "
+        "hyperparameter, as the evidence chooses.",
     )
-    max_samples: int = field(
+    max_samples: int = setting(
         default=50_000,
-        metadata=shown(
-            label="Sample limit",
-            metavar="NUMBER",
-            functions=("discover",),
-            check=lambda name, value: check_whole_number(name, value, 100, 10**9),
-            text="Largest number of samples that are fitted. More are thinned as far as these still distinguish noise "
-            "from motion, and if that is not enough, fitted in segments spread over the trials of each object; the law "
-            "says so, and the noise is estimated from all.",
-        ),
+        label="Sample limit",
+        metavar="NUMBER",
+        functions=("discover",),
+        check=lambda name, value: check_whole_number(name, value, 100, 10**9),
+        text="Largest number of samples that are fitted. More are thinned as far as these still distinguish noise "
+        "from motion, and if that is not enough, fitted in segments spread over the trials of each object; the law "
+        "says so, and the noise is estimated from all.",
     )
-    latent_states: int = field(
+    latent_states: int = setting(
         default=0,
-        metadata=shown(
-            label="Latent states",
-            metavar="0|1",
-            functions=("discover",),
-            check=lambda name, value: check_whole_number(name, value, 0, 1),
-            text="Number of latent states that are searched for, 0 or 1. A depot or a drive that decays, a pool that "
-            "is used up, one that keeps what it gets, a compartment; in laws with an equation of second order a drive. "
-            "The law without it is one of the hypotheses.",
-        ),
+        label="Latent states",
+        metavar="0|1",
+        functions=("discover",),
+        check=lambda name, value: check_whole_number(name, value, 0, 1),
+        text="Number of latent states that are searched for, 0 or 1. A depot or a drive that decays, a pool that "
+        "is used up, one that keeps what it gets, a compartment; in laws with an equation of second order a drive. "
+        "The law without it is one of the hypotheses.",
     )
-    seed: int = field(
+    seed: int = setting(
         default=0,
-        metadata=shown(
-            label="Seed",
-            metavar="NUMBER",
-            check=lambda name, value: check_whole_number(name, value, 0),
-            text="Seed of the bootstrap.",
-        ),
+        label="Seed",
+        metavar="NUMBER",
+        check=lambda name, value: check_whole_number(name, value, 0),
+        text="Seed of the bootstrap.",
     )
-    n_jobs: int = field(
+    n_jobs: int = setting(
         default=-1,
         compare=False,
-        metadata=shown(
-            label="Threads",
-            metavar="NUMBER",
-            functions=FUNCTIONS,
-            check=lambda _, value: check_n_jobs(value),
-            text="Threads that share the work; -1 for one each core, or as many as the environment variable "
-            "OMP_NUM_THREADS says. Results are the same for any number.",
-        ),
+        label="Threads",
+        metavar="NUMBER",
+        functions=FUNCTIONS,
+        check=lambda _, value: check_n_jobs(value),
+        text="Threads that share the work; -1 for one each core, or as many as the environment variable "
+        "OMP_NUM_THREADS says. Results are the same for any number.",
     )
 
     def __post_init__(self) -> None:

@@ -35,8 +35,6 @@ _NAMED = re.compile(
 )
 """31-Mar-2020, 31 March 2020 12:30, Mar 31, 2020."""
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_FIRST_OF_CENTURY = 69
-"""Two digits from here on are years of the twentieth century, as POSIX has it."""
 _DURATION = re.compile(
     r"(-)?(?:(\d+) days?,? ?)?(\d+):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?(?: ?([ap])\.?m\.?)?", re.ASCII | re.IGNORECASE
 )
@@ -324,7 +322,8 @@ def _date(parts: _Parts, order: str) -> date | None:
     """Return the date that is meant in an order; None if there is no such."""
     year, month, day = (parts.numbers[order.index(letter)] for letter in "ymd")
     try:
-        return date(year + (0 if year > 99 else 1900 if year >= _FIRST_OF_CENTURY else 2000), month, day)
+        # Two digits from 69 on are years of the twentieth century, as POSIX has it
+        return date(year + (0 if year > 99 else 1900 if year >= 69 else 2000), month, day)
     except ValueError:
         return None
 

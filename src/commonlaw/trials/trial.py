@@ -106,8 +106,6 @@ Start = float | str | Mapping[str, float] | None
 
 _ARRAYS = ("times", "states", "inputs", "noise", "below")
 """Fields of a trial with a row for each sample."""
-_MIN_MEASURED = 5
-"""Measured values of a state that has gaps; fewer leave nothing to draw a curve through."""
 _EXTREME = float(np.finfo(np.float64).max ** (1 / 6))
 """Largest time, and inverse of the smallest step: squares of second derivatives go with the fourth power of the step,
 and the rest is left for the size of the states."""
@@ -498,7 +496,8 @@ def _sparse(trials: Sequence[Trial], schema: Schema) -> tuple[int, int, int] | N
     counts = np.array([np.sum(~np.isnan(trial.states), axis=0) for trial in trials])
     samples = [int(np.sum(~np.isnan(trial.states).all(axis=1))) for trial in trials]  # Others have inputs alone
     least = [
-        min(1 if np.isnan(trial.states[-1]).all() else _MIN_MEASURED, sample)
+        # Fewer measured values leave nothing to draw a curve through
+        min(1 if np.isnan(trial.states[-1]).all() else 5, sample)
         for trial, sample in zip(trials, samples, strict=True)
     ]
     few = np.argwhere((counts < np.array(least)[:, np.newaxis]) & (counts > 0) & ~schema.is_latent).tolist()
