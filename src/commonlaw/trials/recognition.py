@@ -1,6 +1,7 @@
-"""What columns are by their names, units and values: times, labels, standard deviations, inputs."""
+"""What columns are by their names, units and values: times, labels, standard deviations, inputs, or an object each."""
 
 import re
+import unicodedata
 from collections.abc import Sequence
 from math import comb
 from typing import Any
@@ -466,3 +467,100 @@ def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:
         if len(parts) > order:
             result[i] = np.sqrt(np.mean(parts**2) / comb(2 * order, order))
     return result
+
+
+_DEFAULT = "value"
+"""Name of what stands in the columns, if nobody names it."""
+_WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
+"""Of a plate of up to 384 wells, after the name of what was measured or without it."""
+_NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
+_REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]*\d+")
+"""A word of two letters at least, and a number."""
+_CONDITION = re.compile(r"[-+]?\d+(?:[.,]\d+)?\s*(\D+)")
+"""A number with a unit, such as the temperature or the dose of a run."""
+_MIN_LIKE_COLUMNS, _MIN_COLUMNS = 4, 8
+"""Columns of like names, and of any names, from which on they may be an object each."""
+_MAX_REPLICATE_DIFFERENCE = 0.1
+"""Of the range of their mean, by how much replicates differ from it; and of all values, by how much starts differ."""
+
+
+def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
+    """Return those columns of numbers that hold one quantity of an object each; none if that is in doubt.
+
+    They have one unit, and names of wells; or all are called by conditions in the same unit, ``25 °C``, ``35 °C``; or
+    by words with numbers, which name individuals or repetitions, or have nearly the same values for the same word, as
+    replicates have. Names of quantities such as theta are no such words.
+    """
+    conditions = {found[1].strip() if (found := _CONDITION.fullmatch(name)) else None for name in names}
+    wells = {name: found for name in names if (found := _WELL.fullmatch(name))}
+    stems = {name: found[1] for name in names if (found := _REPLICATE.fullmatch(name))}
+    groups = [[name for name in stems if stems[name] == stem] for stem in dict.fromkeys(stems.values())]
+    if len(wells) >= _MIN_LIKE_COLUMNS and len({well[1] for well in wells.values()}) == 1:
+        letters = {well[2] for well in wells.values()}
+        values = _complete(table, [*wells])
+        start_alike = len(values) and np.ptp(values[0]) < _MAX_REPLICATE_DIFFERENCE * np.ptp(values)
+        alike = [*wells] if len(letters) > 1 or len(wells) >= _MIN_COLUMNS or start_alike else []
+    elif len(names) > 1 and len(conditions) == 1 and (condition := conditions.pop()):
+        unit = known_unit(condition)  # Lengths are the places of sensors on one object
+        alike = [] if unit is not None and unit.dimensionality == {"[length]": 1} else list(names)
+    elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
+        individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
+        values = _complete(table, names)
+        span = float(np.ptp(values)) if values.size else 0.0
+        repeated = len(groups) < len(names) and all(_are_repeated(table, group, span) for group in groups)
+        alike = list(names) if individuals or repeated else []
+    else:
+        return []
+    return alike if len({table.units.get(name) for name in alike}) == 1 else []
+
+
+def _is_variable(stem: str) -> bool:
+    """Say whether a name ends in a quantity or is a Greek letter, which one object may have several of."""
+    try:
+        unicodedata.lookup(f"GREEK SMALL LETTER {stem.upper()}")
+    except KeyError:
+        return words(stem)[-1] in QUANTITIES
+    return True
+
+
+def _complete(table: Table, names: Sequence[str]) -> Floats:
+    """Return the rows of columns without missing values, shape (n, columns)."""
+    values = np.column_stack([readable(table, name) for name in names])
+    return np.asarray(values[np.isfinite(values).all(axis=1)])
+
+
+def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
+    """Return whether columns are replicates: nearly equal, or both constant as blanks next to the range of all."""
+    values = _complete(table, names)
+    mean = values.mean(axis=1, keepdims=True)
+    if not len(values):
+        return False
+    return bool(
+        np.sqrt(np.mean((values - mean) ** 2)) < _MAX_REPLICATE_DIFFERENCE * np.ptp(mean)
+        or np.ptp(values) < _MAX_REPLICATE_DIFFERENCE * span
+    )
+
+
+def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
+    """Return a note if columns that were taken as the states of one object may well be an object each."""
+    stems = {found[1].casefold() if (found := _NUMBERED.fullmatch(name)) else name for name in states}
+    alike = len(states) >= _MIN_LIKE_COLUMNS and len(stems) == 1
+    if not alike and (len(states) < _MIN_COLUMNS or len({table.units.get(name) for name in states}) > 1):
+        return ()
+    return (
+        f"{shown_columns(states)} are taken as states of one object; if each is an object of its own, read them with "
+        f"`wide={_DEFAULT!r}`, or the name of what was measured",
+    )
+
+
+def quantity(columns: Sequence[str], wide: bool | str) -> str:
+    """Return the name of what was measured: if nobody names it, what the names of wells begin with."""
+    if isinstance(wide, str):
+        return wide
+    begins = {found[1] or "" if (found := _WELL.fullmatch(name)) else "" for name in columns}
+    return begins.pop().strip(" _-.:") or _DEFAULT if len(begins) == 1 else _DEFAULT
+
+
+def shown_columns(names: Sequence[str]) -> str:
+    """Return names in short."""
+    return f"{', '.join(names[:2])}, ..., {names[-1]} ({len(names)} columns)" if len(names) > 3 else ", ".join(names)

@@ -15,6 +15,7 @@ from commonlaw.trials.headers import find_name, split_header
 from commonlaw.trials.properties import constant_columns, object_codes
 from commonlaw.trials.reading import Reading, Roles
 from commonlaw.trials.recognition import (
+    columns_of_one_quantity,
     deviation_columns,
     input_columns,
     note_on_pulses,
@@ -22,11 +23,11 @@ from commonlaw.trials.recognition import (
     other_clocks,
     pulsed_inputs,
     readable,
-    record_columns,
+    shown_columns,
     time_column,
     trial_column,
+    wide_hint,
 )
-from commonlaw.trials.wide import columns_of_one_quantity, shown_columns, wide_hint
 
 _LABELS: tuple[Literal["object", "trial", "time"], ...] = ("object", "trial", "time")
 GUESSED = "columns recognized as "

@@ -1,10 +1,11 @@
-"""Trials from tables and from arrays."""
+"""Trials from tables, also from wide ones, and from arrays."""
 
 import itertools
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
@@ -14,15 +15,133 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted, shown
-from commonlaw.trials.columns import Codes, Table, with_numbers, with_unit
-from commonlaw.trials.dates import Elapsed, elapsed, first_time, with_dates_as_times
-from commonlaw.trials.headers import joined_units, known_unit, label
+from commonlaw.trials.columns import Codes, Column, Table, column_of, with_numbers, with_unit
+from commonlaw.trials.dates import Elapsed, elapsed, first_time, holds_dates, with_dates_as_times, years_of
+from commonlaw.trials.headers import joined_units, known_unit, label, split_header
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
 from commonlaw.trials.reading import Reading, Restarts, checked, notation_of
-from commonlaw.trials.recognition import unit_in_name
+from commonlaw.trials.recognition import quantity, shown_columns, unit_in_name
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
-from commonlaw.trials.wide import NOISE, long_table, times_across
+
+NOISE = " noise"
+"""What the name of a column of standard deviations has behind that of its state."""
+
+
+def long_table(
+    table: Table, time: str, columns: Sequence[str], noise: Mapping[str, str], wide: object
+) -> tuple[Table, str, Codes]:
+    """Return a table with a row for each sample of each object, the name of its state, and the row that each was in.
+
+    Given are the column of times; those of the objects, and of standard deviations by them, which go to the column
+    of the state's name and `NOISE`; and the name of the state. Rows ahead of the first time are conditions.
+    """
+    if not isinstance(wide, bool | str) or not wide:
+        raise CommonlawError("wide-not-a-name", value=wide)
+    name, unit = split_header(quantity(columns, wide))
+    units = {table.units.get(column, "") for column in columns}
+    if not unit and len(units) > 1:
+        raise CommonlawError("wide-units", where=table.source, units=sorted(units))
+    unit = unit or next(iter(units), "")
+    repeated = [column for column in table.columns if column not in (time, *columns, *noise.values())]
+    if name in (time, *repeated, "object"):
+        raise CommonlawError("wide-name-taken", where=table.source, name=name)
+    if not columns:
+        raise CommonlawError("wide-without-objects", where=table.source)
+    first = first_time(table, time)
+    rows, count = np.arange(first, len(table)), len(columns)
+    measured = table.taken(rows)
+    made: dict[str, Column] = {"object": np.repeat(np.array(columns, dtype=object), len(rows))}
+    made |= {each: np.tile(measured.columns[each], count) for each in (time, *repeated)}
+    made[name] = np.concatenate([_quantified(measured, column) for column in columns])
+    if noise:
+        if without := [column for column in columns if column not in noise]:
+            raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
+        made[name + NOISE] = np.concatenate([measured.numbers(noise[column], missing=True) for column in columns])
+    conditions = {
+        label.strip(): column_of([table.columns[column][row] for column in columns])[0]
+        for row, label in enumerate(table.columns[time][:first])
+        if isinstance(label, str)
+    }
+    if twice := conditions.keys() & made.keys():
+        raise CommonlawError("wide-name-twice", where=table.source, name=min(twice))
+    made |= {key: np.repeat(values, len(rows)) for key, values in conditions.items()}
+    kept_units = {each: table.units[each] for each in (time, *repeated) if each in table.units}
+    long = replace(
+        measured,
+        columns=made,
+        units=kept_units | ({name: unit} if unit else {}),
+        loose=frozenset((table.loose - set(columns)) | conditions.keys()),
+        locate=lambda row: f"{measured.locate(row % len(rows))}, column {columns[row // len(rows)]!r}",
+        number=lambda row: measured.number(row % len(rows)),
+        parsed={},
+    )
+    return long, name, np.tile(rows, count)
+
+
+_MIN_TIMES = 3
+"""Columns named by times from which on they are taken for such."""
+_VALUE, _TIME = "value", "time"
+"""What stands in the columns, and when, if nobody names it."""
+
+
+def times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] | None:
+    """Return a table whose columns are times as a row for each cell, and the rows of these; None if they are not."""
+    dates = [name for name in table.columns if holds_dates(np.array([name], dtype=object))]
+    years = years_of(table.columns) if len(dates) < _MIN_TIMES else {}
+    times = dates if len(dates) >= _MIN_TIMES else list(years)
+    others = [name for name in table.columns if name not in set(times)]
+    if len(times) < _MIN_TIMES or len(times) < len(others) or not all(map(table.is_numeric, times)):
+        return None
+    words = [name for name in others if not table.is_numeric(name)]
+    if years and not (words and all(here < there for here, there in pairwise(years.values()))):
+        return None
+    name, labels = _objects(table, words)
+    rows, state = np.repeat(np.arange(len(table)), len(times)), wide if isinstance(wide, str) else _VALUE
+    stamps = np.array([years.get(time, time) for time in times], dtype=np.float64 if years else object)
+    columns: dict[str, Column] = {name: labels[rows]}
+    columns |= {each: table.columns[each][rows] for each in others if each != name}
+    columns[_TIME] = np.tile(stamps, len(table))
+    columns[state] = np.column_stack([_quantified(table, time) for time in times]).ravel()
+    units = {key: unit for key, unit in table.units.items() if key in columns} | ({_TIME: "year"} if years else {})
+    note = (
+        f"{table.source}: the columns {times[0]} to {times[-1]} are times, and each row is an object, named by {name}: "
+        f"{state} is what was measured"
+    )
+    return (
+        replace(
+            table,
+            columns=columns,
+            units=units,
+            locate=lambda row: f"{table.locate(int(rows[row]))}, column {times[row % len(times)]!r}",
+            number=lambda row: table.number(int(rows[row])),
+            loose=table.loose & columns.keys(),
+            parsed={},
+            roles={**table.roles, "object": name, "time": _TIME, "states": [state]},
+            notes=(*table.notes, note),
+        ),
+        rows,
+    )
+
+
+def _objects(table: Table, words: Sequence[str]) -> tuple[str, Column]:
+    """Return the column that names the objects, and their names: the first without repetitions, else all together."""
+    for name in words:
+        cells, labels = table.encoded(name)
+        if (cells >= 0).all() and len(labels) == len(table):
+            return name, table.columns[name]
+    if not words:
+        return "object", np.array([f"row {table.number(row)}" for row in range(len(table))], dtype=object)
+    texts = [[cell.strip() if isinstance(cell, str) else "" for cell in table.columns[name]] for name in words]
+    return "object", np.array([", ".join(filter(None, cells)) for cells in zip(*texts, strict=True)], dtype=object)
+
+
+def _quantified(table: Table, name: str) -> Floats:
+    """Return a column of measurements, refused if values in it are below a limit of quantification."""
+    if np.isfinite(table.limits(name)).any():
+        raise CommonlawError("wide-censored", where=table.source, column=name)
+    return table.numbers(name, missing=True)
+
 
 Cells = tuple[Floats, Floats, Floats, Floats, Floats]
 """Of all rows: times, shape (n,), states, inputs, standard deviations of the states and limits that they are below of,
