@@ -8,6 +8,8 @@ from math import isnan, sqrt
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.diagnostics import marked
@@ -299,23 +301,6 @@ class Segment:
     kind: Kind
 
 
-@dataclass(frozen=True, eq=False)
-class SegmentErrors:
-    """The errors of the forecast of a segment.
-
-    `leads` are times since the last sample before, shape (n,). Errors of the forecast and of persistence have shape (n,
-    states), infinite after a divergence, NaN where nothing was measured; so has `inside`, 1 where the 95 % band holds
-    the measurement, 0 where not, and `noise`, the standard deviation of measurements without autocorrelated errors.
-    """
-
-    leads: Floats
-    errors: Floats
-    persistence: Floats
-    inside: Floats
-    noise: Floats
-    diverged: bool
-
-
 def segments(trials: Trials, learned: Trials | None, order: Order) -> list[Segment]:
     """Return the forecasts that assess a law: from the first samples of trials, over all that follows.
 
@@ -362,9 +347,14 @@ def _held_out(trials: Trials, learned: Trials, order: Order) -> Iterator[Segment
                 yield Segment(measured, origin, first, Kind.LATER)
 
 
-def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors:
-    """Return the errors of the forecast of a segment of the only trial, its start fitted to the samples before.
+def forecast_errors(law: Law, trials: Trials, segment: Segment) -> tuple[pd.DataFrame, bool]:
+    """Return the errors of the forecast of a segment of the only trial, and whether it diverged.
 
+    Each measurement has a row: the index of its ``state``, the time since the last sample before (``lead``), the
+    ``error`` of the forecast, infinite after a divergence, and that of ``persistence``; ``inside``, 1 where the 95 %
+    band holds it, 0 where not; and ``noise``, the standard deviation of measurements without autocorrelated errors.
+
+    The start is fitted to the samples before it.
     If the law was fitted to the whole trial, and one sample is before, the start is fitted to the first fifth: that
     sample alone may be below the noise. Raises `CommonlawError` if it cannot be forecast.
     """
@@ -380,20 +370,23 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> SegmentErrors
     rows = np.flatnonzero(np.isfinite(forecast.trials[0].states).any(axis=1))
     compared, measured = rows[first - len(trial) :], trial.states[first:]
     errors = forecast.trajectories[0].states[compared, :states] - measured
-    diverged = bool(forecast.outcomes)
-    errors[np.isnan(errors) & np.isfinite(measured)] = np.inf
+    errors[np.isnan(errors)] = np.inf
     inside, noise = np.full((2, *errors.shape), np.nan)
     if forecast.std is not None:
-        noise = np.where(np.isfinite(measured), forecast.measurement_std(white=True)[0][compared], np.nan)
+        noise = forecast.measurement_std(white=True)[0][compared]
         low, high = (end[compared] for end in forecast.bands(measured=True)[0])
         held = (low <= measured) & (measured <= high)
         inside = np.where(np.isfinite(high - low) & np.isfinite(errors), held, np.nan)
-    leads = trial.times[first:] - trial.times[origin - 1]
     before = [column[np.isfinite(column)] for column in trial.states[:origin].T]
     last = np.array([column[-1] if len(column) else np.nan for column in before])
-    return SegmentErrors(leads, errors, last - measured, inside, noise, diverged)
+    cells = {"error": errors, "persistence": last - measured, "inside": inside, "noise": noise}
+    samples, columns = np.nonzero(np.isfinite(measured))
+    leads = (trial.times[first:] - trial.times[origin - 1])[samples]
+    found = {"state": columns, "lead": leads} | {name: values[samples, columns] for name, values in cells.items()}
+    return pd.DataFrame(found), bool(forecast.outcomes)
 
 
+_COLUMNS = ("state", "lead", "error", "persistence", "inside", "noise", "trial", "segment")
 _PARTS, _MEASURED_IN_PART = 10, 3
 """Parts of the errors, by how far ahead they are, that determine the horizon, and errors in each part at least."""
 
@@ -405,7 +398,8 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     """Return what a law is good for, see `Law.assess`."""
     trials = matched(law, trials, observed=True)
     learned = None if learned is None else matched(law, learned, observed=True)
-    judged, found, not_assessable = list[Segment](), list[SegmentErrors](), list[str]()
+    judged, frames, diverged, not_assessable = list[Segment](), list[pd.DataFrame](), 0, list[str]()
+    numbers = dict[tuple[str, str], int]()
     whole = {(each.object, each.name): each for each in trials}
     parts = segments(trials, learned, law.order)
     for segment in announced(parts, f"assessing {counted(len(parts), 'forecast')}", "take fewer trials"):
@@ -416,40 +410,42 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         # Doses are given in moments in which nothing is measured
         single = trials.with_trials([whole[trial.object, trial.name] if law.schema.doses else trial])
         try:
-            found.append(forecast_errors(with_objects_of(law, single)[0], single, segment))
+            frame, has_diverged = forecast_errors(with_objects_of(law, single)[0], single, segment)
         except CommonlawError as error:
             not_assessable.append(error.sentence(marked))
             continue
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             not_assessable.append(str(error))
             continue
+        number = numbers.setdefault((trial.object, trial.name), len(numbers))
+        frames.append(frame.assign(trial=number, segment=len(judged)))
         judged.append(segment)
+        diverged += has_diverged
     once = list({(each.trial.object, each.trial.name): each.trial for each in judged}.values())
     spread = _spread(once, len(measured_schema(law).states))
-    errors = _joined(found, spread)
-    horizon = _horizon(errors.leads, errors.errors / spread)
+    errors = pd.concat(frames) if frames else pd.DataFrame(columns=_COLUMNS, dtype=np.float64)
+    errors = errors[np.isfinite(spread[errors["state"].astype(int)])]
+    scales = spread[errors["state"].astype(int)]
+    errors = errors.assign(scaled=errors["error"] / scales)
     kinds = [each.kind for each in judged]
     known = {diagnostic.kind for diagnostic in law.diagnostics}
     is_inexact = not known.isdisjoint({OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION})
-    states, seen = np.isfinite(spread), dict[tuple[str, str], int]()
-    for each in judged:
-        key = each.trial.object, each.trial.name
-        seen[key] = max(seen.get(key, 0), int(np.isfinite(each.trial.states[each.first :, states]).sum()))
+    measurements = errors.groupby(["trial", "segment"]).size().groupby("trial").max().sum()
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
         in_sample=Kind.SEEN in kinds and law.provenance.is_learned,
-        segments=len(found),
-        diverged=sum(each.diverged for each in found),
-        measurements=sum(seen.values()),
-        horizon=horizon,
-        longest=float(np.max(errors.leads[~np.isnan(errors.errors).all(axis=1)], initial=0.0)),
+        segments=len(judged),
+        diverged=diverged,
+        measurements=int(measurements),
+        horizon=_horizon(errors["lead"].to_numpy(), errors["scaled"].to_numpy()),
+        longest=float(np.max(errors["lead"].to_numpy(), initial=0.0)),
         time_unit=trials.schema.units.get(trials.schema.time, f"units of {trials.schema.time}"),
-        error=_rms(errors.errors / spread),
-        persistence=_rms(errors.persistence / spread),
-        r_squared=_r_squared(found, spread),
-        r_squared_error=_r_squared_error(judged, found, spread),
+        error=_rms(errors["scaled"]),
+        persistence=_rms(errors["persistence"] / scales),
+        r_squared=_r_squared(errors),
+        r_squared_error=_r_squared_error(errors, len(numbers)),
         state_errors=_by_state(trials, once, errors, spread, OutcomeKind.APPROXIMATION in known),
-        coverage=float(np.nanmean(errors.inside)) if np.isfinite(errors.inside).any() else None,
+        coverage=float(errors["inside"].mean()) if errors["inside"].notna().any() else None,
         poorly_known=_poorly_known(law),
         not_assessable=tuple(dict.fromkeys(not_assessable)),
         unknown_objects=tuple(dict.fromkeys(each.object for each in once if is_typical(law, each.object, trials))),
@@ -463,7 +459,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
 
 
 def _by_state(
-    trials: Trials, judged: Sequence[Trial], errors: SegmentErrors, spread: Floats, approximate: bool
+    trials: Trials, judged: Sequence[Trial], errors: pd.DataFrame, spread: Floats, approximate: bool
 ) -> tuple[StateError, ...]:
     """Return the errors of each state, with the measured range.
 
@@ -474,15 +470,16 @@ def _by_state(
     differences = np.array([noise_level(each.times, each.states) for each in dense] or [spread * np.nan])
     for name in schema.measured:
         j = schema.states.index(name)
+        of_state = errors[errors["state"] == j]
         values = np.concatenate([[np.nan], *(each.states[:, j] for each in judged)])
         values = values[np.isfinite(values)]
         result.append(
             StateError(
                 name,
-                _rms(errors.errors[:, j]),
-                _rms(errors.persistence[:, j]),
+                _rms(of_state["error"]),
+                _rms(of_state["persistence"]),
                 schema.units.get(name, ""),
-                float(np.fmin(_rms(errors.noise[:, j]), _rms(differences[:, j]))),
+                float(np.fmin(_rms(of_state["noise"]), _rms(differences[:, j]))),
                 float(spread[j]),
                 float(np.min(values, initial=np.inf)),
                 float(np.max(values, initial=-np.inf)),
@@ -501,49 +498,37 @@ def _spread(trials: Sequence[Trial], states: int) -> Floats:
     return np.sqrt(np.where(squares > 0, squares, np.nan) / np.maximum(counts, 1))
 
 
-def _joined(found: Sequence[SegmentErrors], spread: Floats) -> SegmentErrors:
-    """Return the errors of all segments, those of states without a spread left out."""
-    kept, none = np.where(np.isnan(spread), np.nan, 1.0), np.empty((0, len(spread)))
-    leads = np.concatenate([np.empty(0), *(each.leads for each in found)])
-    names = ("errors", "persistence", "inside", "noise")
-    parts = {name: kept * np.concatenate([none, *(getattr(each, name) for each in found)]) for name in names}
-    return SegmentErrors(leads, **parts, diverged=any(each.diverged for each in found))
-
-
 def _horizon(leads: Floats, scaled: Floats) -> float:
-    """Return how far ahead errors, relative to the spread, shape (n, states), stay within bounds; 0 if they do not."""
-    rows, columns = np.nonzero(~np.isnan(scaled))
-    order = np.argsort(leads[rows], kind="stable")
-    nearest = order[leads[rows[order]] == np.min(leads[rows], initial=np.inf)]
+    """Return how far ahead errors, relative to the spread, stay within bounds; 0 if they do not."""
+    order = np.argsort(leads, kind="stable")
+    nearest = order[leads[order] == np.min(leads, initial=np.inf)]
     horizon = 0.0
     for part in (nearest, *np.array_split(order, max(1, min(_PARTS, len(order) // _MEASURED_IN_PART)))):
-        if not len(part) or not _rms(scaled[rows[part], columns[part]]) <= SMALL_ERROR:
+        if not len(part) or not _rms(scaled[part]) <= SMALL_ERROR:
             break
-        horizon = float(leads[rows[part[-1]]])
+        horizon = float(leads[part[-1]])
     return horizon
 
 
-def _rms(values: Floats) -> float:
-    known = values[~np.isnan(values)]
+def _rms(values: ArrayLike) -> float:
+    known = np.asarray(values, dtype=np.float64)
+    known = known[~np.isnan(known)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-def _r_squared(found: Sequence[SegmentErrors], spread: Floats) -> float:
+def _r_squared(errors: pd.DataFrame) -> float:
     """Return the mean of R^2 over states of all forecasts; NaN if there are none."""
-    known = [_rms(column) for column in (_joined(found, spread).errors / spread).T if not np.isnan(column).all()]
-    return float(np.mean([1 - each**2 for each in known])) if known else float("nan")
+    by_state = [1 - _rms(scaled) ** 2 for _, scaled in errors.groupby("state")["scaled"]]
+    return float(np.mean(by_state)) if by_state else float("nan")
 
 
-def _r_squared_error(judged: Sequence[Segment], found: Sequence[SegmentErrors], spread: Floats) -> float:
+def _r_squared_error(errors: pd.DataFrame, trials: int) -> float:
     """Return the standard error of R^2 by leaving out each trial in turn (jackknife); NaN of a single trial."""
-    names = [(each.trial.object, each.trial.name) for each in judged]
-    trials = list(dict.fromkeys(names))
-    if len(trials) < 2:
+    if trials < 2:
         return float("nan")
-    pairs = list(zip(names, found, strict=True))
-    left = np.array([_r_squared([each for name, each in pairs if name != out], spread) for out in trials])
+    without = np.array([_r_squared(errors[errors["trial"] != number]) for number in range(trials)])
     with np.errstate(invalid="ignore"):  # Of forecasts that diverge
-        return float(np.sqrt((len(trials) - 1) * np.mean((left - np.mean(left)) ** 2)))
+        return float(np.sqrt((trials - 1) * np.mean((without - np.mean(without)) ** 2)))
 
 
 def _poorly_known(law: Law) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime import reading
+from commonlaw.runtime import files
 from commonlaw.trials import Trials
 from tests.refusals import refused
 
@@ -180,7 +180,7 @@ def test_a_compressed_file_is_unpacked_up_to_a_limit_and_refused_if_damaged(tmp_
     packed = gzip.compress(b"t,x\n" + b"0,1\n" * 1000)
     with refused("not-unpacked", source="cup.csv"):
         read(tmp_path, packed[:-20])
-    monkeypatch.setattr(reading, "LARGEST_FILE", 1000)
+    monkeypatch.setattr(files, "LARGEST_FILE", 1000)
     with refused("unpacked-too-large", limit=1000):
         read(tmp_path, packed)
 
@@ -188,7 +188,7 @@ def test_a_compressed_file_is_unpacked_up_to_a_limit_and_refused_if_damaged(tmp_
 @pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress])
 def test_a_file_that_unpacks_to_more_than_is_read_is_refused_without_holding_it(tmp_path, monkeypatch, pack):
     size = 2**26
-    monkeypatch.setattr(reading, "LARGEST_FILE", size // 2)
+    monkeypatch.setattr(files, "LARGEST_FILE", size // 2)
     (tmp_path / "cup.csv").write_bytes(pack(bytes(size)))
     tracemalloc.start()
     try:

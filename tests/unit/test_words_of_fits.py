@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw import verdict
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.text import with_error
 from commonlaw.outcomes import OutcomeKind
-from commonlaw.verdict import assessment, find
+from commonlaw.verdict import find
 from tests.refusals import refused
 
 TIMES = np.arange(40) * 0.1
@@ -119,7 +120,7 @@ def test_a_verdict_that_cannot_be_had_leaves_forecasts_and_its_reason(law, drops
     def fails(*_):
         raise error
 
-    monkeypatch.setattr(assessment, "judge", fails)
+    monkeypatch.setattr(verdict, "judge", fails)
     found = find(law, drops)
     assert (found.verdict, found.lacking, found.sentences, found.is_exact) == (None, (words,), (words,), True)
     assert found.forecast is not None
