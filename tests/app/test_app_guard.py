@@ -4,8 +4,9 @@ import asyncio
 
 import pytest
 
-from commonlaw.app import server
-from commonlaw.app.server import HEADERS, LARGEST, ConnectionLimit, Guard, Keys, TooLargeError, TooSlowError, hosts_at
+from commonlaw.app import access
+from commonlaw.app.access import HEADERS, LARGEST, ConnectionLimit, Guard, Keys, TooLargeError, TooSlowError
+from commonlaw.app.server import hosts_at
 
 HOST = "127.0.0.1:8000"
 KEYS = {"name": "app", "printed": "printed", "once": "once", "room": "room", "session": "secret"}
@@ -88,7 +89,7 @@ def test_more_than_is_taken_ends_the_request_however_it_is_announced():
 
 
 def test_what_stands_still_on_its_way_ends_the_request(monkeypatch):
-    monkeypatch.setattr(server, "PATIENCE", 0.01)
+    monkeypatch.setattr(access, "PATIENCE", 0.01)
     with pytest.raises(TooSlowError):
         answer(parts=[b"ta"], more=True)
 
@@ -134,7 +135,7 @@ def test_a_connection_waits_for_a_while_unless_it_is_let_through(monkeypatch):
         await asyncio.sleep(0.1)
         return [name for name, each in entered.items() if each.is_open]
 
-    monkeypatch.setattr("commonlaw.app.server._SECONDS", 0.01)
+    monkeypatch.setattr("commonlaw.app.access._SECONDS", 0.01)
     assert asyncio.run(wait()) == ["page"]
 
 

@@ -26,7 +26,6 @@ from commonlaw.plots import (
     plot_library,
     plot_relations,
     plot_trials,
-    relations,
     render,
 )
 from commonlaw.plots.style import COLORS, MARKERS, WIDEST
@@ -452,7 +451,7 @@ def test_a_law_that_was_not_explained_is_refused():
 
 
 def test_very_many_objects_are_not_told_apart(law, monkeypatch):
-    monkeypatch.setattr(relations, "_NAMED", len(MASSES) - 1)
+    monkeypatch.setattr("commonlaw.plots.law._MAX_COLORED", len(MASSES) - 1)
     figure = plot_relations(law)
     gravity = figure.axes[0]
     assert gravity.get_xlabel() == "objects"

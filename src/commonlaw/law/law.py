@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from commonlaw.discrepancy.residual_tests import Residuals
     from commonlaw.forecast.forecast import Forecast, Metric
     from commonlaw.integration.vector_field import InputFunction
-    from commonlaw.report.document import Page
-    from commonlaw.verdict import LawVerdict
+    from commonlaw.law.verdict import LawVerdict
+    from commonlaw.report.page import Page
 
 
 @dataclass(frozen=True, eq=False)

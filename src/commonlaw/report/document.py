@@ -1,11 +1,9 @@
 """What a report is made of, sections of text, tables and pictures, and the page that shows it."""
 
-import os
 import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -16,7 +14,6 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law.tables import readable
 from commonlaw.plots import Figure, render
 from commonlaw.report.markup import inline, markdown
-from commonlaw.runtime.files import write_whole
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import visible
 
@@ -302,29 +299,3 @@ def _markers(used: Sequence[Element], anchors: dict[str, Element]) -> Iterator[E
     yield anchors[key]
     points = " ".join(f"{each.attrib['x']},{each.attrib['y']}" for each in used)
     yield Element(f"{_SVG}polyline", {"points": points, "style": f"fill: none; marker: url(#{key})"})
-
-
-@dataclass(frozen=True)
-class Page:
-    """Report as a self-contained HTML page; notebooks display it.
-
-    Parameters
-    ----------
-    html
-        The HTML of the page.
-    """
-
-    html: str
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Save the page, completely or not at all.
-
-        Raises `CommonlawError` if the file cannot be written or must not be overwritten.
-        """
-        write_whole(path, self.html.encode())
-
-    def __repr__(self) -> str:
-        return f"<Page of {len(self.html) / 1e6:.1f} MB: save(path), then open it in a browser>"
-
-    def _repr_html_(self) -> str:
-        return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: 40rem; border: 0"></iframe>'

@@ -52,7 +52,6 @@ from commonlaw.report.document import (
     Block,
     Fold,
     Gallery,
-    Page,
     Picture,
     Report,
     Section,
@@ -62,6 +61,7 @@ from commonlaw.report.document import (
     to_page,
 )
 from commonlaw.report.markup import code, law_markdown, literal
+from commonlaw.report.page import Page
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.progress import on_terminal
 from commonlaw.stream import ManyFindings, find_by_stream

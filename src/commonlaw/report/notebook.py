@@ -14,12 +14,12 @@ from commonlaw.forecast import Forecast
 from commonlaw.inference import Bounds
 from commonlaw.law import History, Law
 from commonlaw.law.tables import readable
+from commonlaw.law.verdict import LawVerdict
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
 from commonlaw.report.document import within
 from commonlaw.report.markup import law_markdown, markdown
 from commonlaw.text import in_line, visible
 from commonlaw.trials import Trials
-from commonlaw.verdict import LawVerdict
 
 _ROWS, _OBJECTS = 10, 6
 """Of a table, and objects in a figure."""

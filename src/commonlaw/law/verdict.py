@@ -1,0 +1,255 @@
+"""The verdict on a law: its numbers, and what they mean in sentences."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import isnan, sqrt
+from typing import NamedTuple
+
+from commonlaw.runtime.notebooks import ShownInNotebooks
+from commonlaw.text import counted
+
+SMALL_ERROR = 0.5
+"""Forecasts are good as far ahead as their errors stay within this share of the states' spread: three quarters of the
+variance are then explained."""
+
+NO_BETTER = 0.9
+"""Forecasts whose error is above this share of that of persistence are no better: of few trials, a tenth is chance."""
+
+_MIN_MEASUREMENTS = 5
+"""Fewer measurements are too few to judge by: their mean error is known to no better than half of it."""
+
+_LOW_COVERAGE, _FAILED_COVERAGE, _MIN_FOR_COVERAGE = 0.85, 0.5, 10
+"""Bands are too narrow if they hold a smaller share of measurements, and fail below the other; of so many at least.
+Of ten measurements bands of 95 % hold fewer than nine by chance in nine of a hundred cases, and half never."""
+
+
+class StateError(NamedTuple):
+    """RMS forecast errors of a state by the law and by persistence, in its unit, empty if unknown.
+
+    `noise` is that of the measurements and `spread` the standard deviation within the assessed trials, NaN if unknown
+    or constant; they were measured between `low` and `high`.
+    """
+
+    state: str
+    law: float
+    persistence: float
+    unit: str
+    noise: float
+    spread: float
+    low: float
+    high: float
+
+    @property
+    def unexplained(self) -> float:
+        """The error of the law's forecasts beyond the noise."""
+        return sqrt(max(self.law**2 - self.noise**2, 0.0))
+
+    def share(self, error: float, ends: bool = True) -> str:
+        """Return an error with its unit, and as a share of the measured range, whose ends are given if wanted."""
+        share = _percent(error / (self.high - self.low))
+        if not ends:
+            return f"{_number(error, self.unit)} ({share})"
+        ends_of = f"{_number(self.low)} to {_number(self.high, self.unit)}"
+        return f"{_number(error, self.unit)} in {self.state} ({share} of its range, {ends_of})"
+
+
+@dataclass(frozen=True)
+class LawVerdict(ShownInNotebooks):
+    """The forecast assessment of a law; it prints as sentences.
+
+    Errors are root mean squares relative to the states' standard deviations within trials (spread). Persistence
+    forecasts the last measured values.
+
+    Parameters
+    ----------
+    judged_on
+        What was forecast, in words.
+    in_sample
+        Whether the law was fitted to it.
+    segments, diverged, measurements
+        How many forecasts were assessed, how many diverged, and how many measurements were compared.
+    horizon, longest, time_unit
+        How far ahead the error stays within half of the spread, the longest tested horizon, and their unit.
+    error, persistence
+        Of the law's forecasts and of persistence.
+    r_squared, r_squared_error
+        Mean over states, see `Forecast.score`, and its standard error over trials; NaN of a single trial.
+    state_errors
+        Of each state, in its unit.
+    coverage
+        Share of the measurements within 95 % bands; None without bands.
+    poorly_known
+        Coefficients with a standard error above half of their size.
+    not_assessable
+        What could not be assessed, and why.
+    unknown_objects
+        Objects that were forecast with the mean coefficients of the others.
+    exact, none_exact
+        Whether the law has no lack of fit, and whether all laws that it was chosen from have one.
+    few_samples
+        Whether an equation has as many terms as its samples can identify.
+    without_terms
+        Left-hand sides of equations without a term.
+    """
+
+    judged_on: str
+    in_sample: bool
+    segments: int
+    diverged: int
+    measurements: int
+    horizon: float
+    longest: float
+    time_unit: str
+    error: float
+    persistence: float
+    r_squared: float
+    r_squared_error: float
+    state_errors: tuple[StateError, ...]
+    coverage: float | None
+    poorly_known: tuple[str, ...]
+    not_assessable: tuple[str, ...] = ()
+    unknown_objects: tuple[str, ...] = ()
+    exact: bool = True
+    none_exact: bool = False
+    few_samples: bool = False
+    without_terms: tuple[str, ...] = ()
+
+    @property
+    def usable(self) -> bool | None:
+        """Whether the law can be used for forecasts; None if that could not be assessed."""
+        return None if self.lacking else not self.against
+
+    @property
+    def lacking(self) -> str:
+        """Why the law could not be assessed; empty if it was."""
+        if self.diverged:
+            return ""
+        if self.measurements < _MIN_MEASUREMENTS:
+            few = f"there are too few measurements to compare with ({self.measurements})"
+            return few if self.measurements else "the forecast trials hold no measurement"
+        still = self.persistence <= SMALL_ERROR and self.horizon == self.longest and self._is_no_better
+        return "the states hardly change, and a constant forecast is equally accurate" if still else ""
+
+    @property
+    def against(self) -> tuple[str, ...]:
+        """What speaks against using the law for forecasts."""
+        result = []
+        if self.diverged:
+            result.append(f"its forecasts diverge in {self.diverged} of {counted(self.segments, 'forecast')}")
+        if not self.horizon and not self.diverged:
+            result.append(
+                f"even at the shortest horizon the error exceeds half of the states' standard deviation{self._spreads}"
+            )
+        if self._is_no_better and not self.diverged:
+            result.append("the error is not below that of a constant forecast")
+        if self.horizon and not self.diverged and (self.r_squared < 0 or self.r_squared < self.r_squared_error):
+            error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
+            whole = f"R^2 over all tested forecasts is {self.r_squared:.3g}{error}"
+            ahead = _number(self.horizon, self.time_unit)
+            result.append(f"beyond {ahead} ahead they are no better than the mean of the states: {whole}")
+        if self.coverage is not None and self.coverage < _FAILED_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:
+            result.append(f"only {_percent(self.coverage)} of the measurements lie within the 95 % bands")
+        return tuple(result)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The verdict in words, what matters most first."""
+        return tuple(self._sentences())
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences)
+
+    @property
+    def _is_no_better(self) -> bool:
+        return self.error > NO_BETTER * self.persistence
+
+    def _sentences(self) -> Iterator[str]:
+        if self.usable is None:
+            yield f"Forecast accuracy could not be assessed: {self.lacking}."
+        elif self.usable:
+            beyond = f"; beyond, the error exceeds half of the states' standard deviation{self._spreads}"
+            end = " (longest horizon tested)" if self.horizon == self.longest else beyond
+            can = "Forecasts its training data well" if self.in_sample else "This law can be used for forecasts"
+            only = "" if self.exact else "; it is an approximation"
+            new = " Not tested on new data." if self.in_sample else ""
+            yield f"{can} up to {_number(self.horizon, self.time_unit)} ahead{end}{only}.{new}"
+        else:
+            yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
+        if self.without_terms:
+            names = " and ".join(self.without_terms)
+            yield f"No candidate term was selected for {names}, which the law sets to zero."
+        if not self.exact:
+            which = "no law in the library fits" if self.none_exact else "this law does not fit"
+            yield f"Lack of fit: {which} the data within the noise."
+        if self.few_samples:
+            yield "An equation has the maximum number of terms that so few samples can identify."
+        if self.measurements:
+            if not self.diverged:
+                yield from self._accuracy()
+            yield from self._bands()
+            compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
+            yield f"Tested on {self.judged_on}: {compared}, each from the first samples of a trial."
+            if self.unknown_objects:
+                yield f"Forecasts of {listed(self.unknown_objects)} use the mean coefficients of the other objects."
+        if self.poorly_known:
+            yield f"Poorly identified (standard error above 50 % of the estimate): {listed(self.poorly_known)}."
+        if self.not_assessable:
+            yield f"Not assessed: {listed(self.not_assessable, '; ')}."
+        if advice := "; ".join(self._advice()):
+            yield f"Suggestions: {advice}."
+
+    def _advice(self) -> Iterator[str]:
+        if not self.exact:
+            yield "add terms, or give a larger noise if it is known"
+        elif self.without_terms or self.usable is False:
+            yield "offer other terms, or collect more or more precise data"
+        if self.few_samples or 0 < self.measurements < _MIN_MEASUREMENTS:
+            yield "measure more samples or more trials"
+        if self.in_sample and self.usable:
+            yield "test the law on held-out or new trials"
+
+    def _accuracy(self) -> Iterator[str]:
+        known = [state_error for state_error in self.state_errors if state_error.high > state_error.low]
+        own = " and ".join(each.share(each.law) for each in known)
+        last = " and ".join(each.share(each.persistence, ends=False) for each in known)
+        yield f"RMS forecast error: {own}; of a constant forecast: {last}."
+        worse = [each.state for each in known if each.law > NO_BETTER * each.persistence]
+        if worse and not self._is_no_better:
+            yield f"For {' and '.join(worse)} the law is no better than a constant forecast."
+        if not self.exact and all(each.noise > 0 for each in known):
+            names = " and ".join(each.state for each in known)
+            noise = " and ".join(_number(each.noise, each.unit) for each in known)
+            rest = " and ".join(_number(each.unexplained, each.unit) for each in known)
+            yield f"Measurement noise of {names}: {noise}; unexplained: {rest}."
+
+    def _bands(self) -> Iterator[str]:
+        if self.coverage is None:
+            yield "No bands: the law has no standard errors."
+            return
+        inside = f"{_percent(self.coverage)} of the measurements lie within the 95 % bands (about 95 % expected)"
+        if self.coverage < _LOW_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:
+            yield f"{inside}: the bands are too narrow."
+        elif self.measurements >= _MIN_MEASUREMENTS:
+            yield f"{inside}."
+
+    @property
+    def _spreads(self) -> str:
+        known = [each for each in self.state_errors if each.spread > 0]
+        spreads = [f"{_number(each.spread, each.unit)} in {each.state}" for each in known]
+        return f" ({' and '.join(spreads)})" if spreads else ""
+
+
+def _number(value: float, unit: str = "") -> str:
+    return f"{value:.3g} {unit}".rstrip() if abs(value) < 1000 else f"{value:.0f} {unit}".rstrip()
+
+
+def _percent(share: float) -> str:
+    if 0 < share < 0.0001:
+        return "less than 0.01 %"
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
+
+
+def listed(parts: Sequence[str], separator: str = ", ") -> str:
+    """Return the first few, and how many more there are."""
+    more = f"{separator}and {len(parts) - 3} more" if len(parts) > 3 else ""
+    return separator.join(parts[:3]) + more
