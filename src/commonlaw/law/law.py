@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from commonlaw.discrepancy.residual_tests import Residuals
     from commonlaw.forecast.forecast import Forecast, Metric
     from commonlaw.integration.vector_field import InputFunction
+    from commonlaw.law.simplify import Simplification
     from commonlaw.law.verdict import LawVerdict
     from commonlaw.report.page import Page
 

@@ -109,14 +109,14 @@ def equation_lines(law: Law) -> str:
 
 
 def parameter_label(law: Law, equation: int, term: int) -> str:
-    """Return the letter of a coefficient as a label, with its factor; empty if it is not in the law or has none."""
-    factor, letter = _factor_and_parameters(law, equation, term)
+    """Return the parameters of a coefficient as a label, with its factor; empty if it is not in the law or has none."""
+    factor, names = _factor_and_parameters(law, equation, term)
     sign = {1.0: "", -1.0: "$-$"}.get(factor, _number(factor))
-    return sign + letter if letter and law.support[equation, term] else ""
+    return sign + names if names and law.support[equation, term] else ""
 
 
 def _factor_and_parameters(law: Law, equation: int, term: int) -> tuple[float, str]:
-    """Return what a coefficient is as given: a factor times letters or over them, or a number and no letter."""
+    """Return what a coefficient is as given: a factor times parameters or over them, or a number and none."""
     for product in named_parameters(law).products:
         if (product.equation, product.term) == (equation, term):
             above, below = (
@@ -133,11 +133,11 @@ def _summands(law: Law, j: int) -> list[tuple[str, str]]:
         return [("$-$" if each.negative else "$+$", math(each.name, each.name)) for each in latex_structure(law)[j]]
     summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
     for k in np.flatnonzero(law.support[j] & law.terms.is_factor):
-        value, letter = (law.coefficients[0, j, k], "") if one else _factor_and_parameters(law, j, int(k))
-        number = "" if letter and abs(value) == 1 else _number(abs(value))
+        value, names = (law.coefficients[0, j, k], "") if one else _factor_and_parameters(law, j, int(k))
+        number = "" if names and abs(value) == 1 else _number(abs(value))
         label = f"({labels[k]})" if law.terms.terms[k].is_sum else labels[k]
         rest = "" if law.terms.names[k] == "1" else f" {label}"
-        summands.append(("$-$" if value < 0 else "$+$", number + letter + rest))
+        summands.append(("$-$" if value < 0 else "$+$", number + names + rest))
     return summands
 
 
@@ -178,7 +178,7 @@ class Coefficient:
     left: str
     name: str
     term: str
-    letter: str
+    parameter: str
     unit: str
     learned: Floats
     true: Floats
@@ -188,8 +188,8 @@ class Coefficient:
 
     @property
     def label(self) -> str:
-        """Its letter and unit, as far as there are any."""
-        return " ".join(filter(None, (self.letter, f"({self.unit})" if self.unit else "")))
+        """Its parameter and unit, as far as there are any."""
+        return " ".join(filter(None, (self.parameter, f"({self.unit})" if self.unit else "")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,9 +220,9 @@ class DotPlot:
                 label = math(latex_name(name), name)
                 where = j, equation_label(law, j, k), name, label, label
             else:
-                # The equations of an explained law have letters of their own
-                letter = parameter_label(law, j, k) if law.uncertainty.explanation is None else ""
-                where = j, lefts[j], law.terms.names[k], labels[k], letter
+                # The equations of an explained law have parameters of their own
+                name = parameter_label(law, j, k) if law.uncertainty.explanation is None else ""
+                where = j, lefts[j], law.terms.names[k], labels[k], name
             if np.any(np.isfinite([learned, true])):
                 numbers = learned, true, errors[:, i], low[:, i], high[:, i]
                 result.append(Coefficient(*where, unit_text(unit or ""), *numbers))
@@ -230,7 +230,7 @@ class DotPlot:
 
     @property
     def _by_parameter(self) -> bool:
-        """Whether the law's own letters are shown; the equations of an explained law have others."""
+        """Whether the law's own parameters are shown; the equations of an explained law have others."""
         return bool(self.law.provenance.equations) and self.law.uncertainty.explanation is None
 
     @property

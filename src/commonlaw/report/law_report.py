@@ -712,7 +712,7 @@ def _forecasts(found: ManyFindings) -> Iterator[Block]:
     relative = found.relative.replace(np.inf, np.nan).dropna()
     name = found.errors.columns[0]
     if len(relative) > MANY:
-        caption = "Errors of the forecasts of objects, in units of the spread of the states: letter values."
+        caption = "Errors of the forecasts of objects, in units of the spread of the states: quantiles."
         yield Table("errors-of-all", caption, quantile_frame({"rms error": relative.to_numpy()}, "object"))
     worst = found.relative.iloc[::-1][:10]
     frame = pd.DataFrame({name: worst.index.astype(str), "rms error": worst.to_numpy()})
