@@ -20,8 +20,7 @@ from sphinx.util.docutils import SphinxDirective
 from sphinx.util.math import get_node_equation_number
 
 import commonlaw
-from commonlaw.cli.command import ALL_OPTIONS
-from commonlaw.cli.main import commonlaw as command
+from commonlaw.cli.main import ALL_OPTIONS, commonlaw as command
 from commonlaw.diagnostics import kinds, notes, sentences, template, topic_of, topics
 from commonlaw.law.quantities import forms
 from commonlaw.plots import render

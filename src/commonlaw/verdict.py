@@ -319,7 +319,7 @@ class Findings:
         None if there are no forecasts.
     start
         How many first samples the initial conditions are estimated from, None for the default of `Law.predict`.
-    lacking
+    failures
         Why there is no verdict or no forecast.
     """
 
@@ -330,7 +330,7 @@ class Findings:
     fit: Forecast | None = None
     forecast: Forecast | None = None
     start: int | None = None
-    lacking: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
 
     @property
     def shown(self) -> Forecast | None:
@@ -355,7 +355,7 @@ class Findings:
     @property
     def sentences(self) -> tuple[str, ...]:
         """The verdict in words, or why there is none."""
-        return self.lacking if self.verdict is None else self.verdict.sentences
+        return self.failures if self.verdict is None else self.verdict.sentences
 
     @property
     def is_exact(self) -> bool:
@@ -364,18 +364,18 @@ class Findings:
 
 
 def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = True) -> Findings:
-    """Assess a law and check it by forecasts; what fails is noted in `Findings.lacking`.
+    """Assess a law and check it by forecasts; what fails is noted in `Findings.failures`.
 
     The law was fitted to `learned`, by default all trials; `bands` says whether forecasts have bands. Raises
     `CommonlawError` if the trials do not have the variables of the law.
     """
     whole = matched(law, trials, observed=True)
     training = whole if learned is None or learned is trials else matched(law, learned, observed=True)
-    lacking = list[str]()
+    failures = list[str]()
     bands = bands and has_bands(law)
     fitting = partial(fitted, law, training, bands)
-    fit = _tried("the law has no fitted curves", fitting, lacking) if law.order != 0 else None
-    verdict = _tried("the forecast assessment failed", partial(judge, law, whole, training), lacking)
+    fit = _tried("the law has no fitted curves", fitting, failures) if law.order != 0 else None
+    verdict = _tried("the forecast assessment failed", partial(judge, law, whole, training), failures)
     # Held-out trials, or if there are none of the objects of the law, the training data
     learned_from = _names(training)
     others = [each for each in whole if (each.object, each.name) not in learned_from]
@@ -383,22 +383,22 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     checked = whole.with_trials(held_out or [each for each in whole if (each.object, each.name) in learned_from])
     start = samples_before(min(map(len, checked)), law.order) if can_fit_initial_state(law) or law.observation else None
     checking = partial(law.predict, checked, return_std=bands, start=start)
-    forecast = _tried("the law was not checked by forecasts", checking, lacking)
+    forecast = _tried("the law was not checked by forecasts", checking, failures)
     if verdict is not None and verdict.usable is not None:
         horizon = verdict.horizon if verdict.usable else 0.0
         domain = replace(law.provenance.domain, horizon=horizon, judged=verdict.longest)
         law = replace(law, provenance=replace(law.provenance, domain=domain))
-    return Findings(law, whole, training, verdict, fit, forecast, start, tuple(lacking))
+    return Findings(law, whole, training, verdict, fit, forecast, start, tuple(failures))
 
 
-def _tried(failure: str, step: Callable[[], T], lacking: list[str]) -> T | None:
+def _tried(failure: str, step: Callable[[], T], failures: list[str]) -> T | None:
     """Return what a step gives; if it cannot, None, and add why."""
     try:
         return step()
     except CommonlawError as error:
-        lacking.append(f"{failure}: {error.sentence(marked)}")
+        failures.append(f"{failure}: {error.sentence(marked)}")
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        lacking.append(f"{failure}: {type(error).__name__}: {error}")
+        failures.append(f"{failure}: {type(error).__name__}: {error}")
     return None
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.app.figures import figure_file
 from commonlaw.app.question import Columns, HoldOut, Question, Table
-from commonlaw.app.result import results
+from commonlaw.app.result import figure_file, results
 from tests.in_browser import choose, fit_drag, is_fault, open_page, serious, text, wait
 from tests.refusals import refused
 from tests.served import served

@@ -2,11 +2,11 @@
 
 import pytest
 
-from commonlaw.cli import command
+from commonlaw.cli import main
 
 
 @pytest.fixture
 def run(monkeypatch, run):
     """Run the command, which says nothing of progress, however slow the machine."""
-    monkeypatch.setattr(command, "INTERVAL", 1e6)
+    monkeypatch.setattr(main, "INTERVAL", 1e6)
     return run

@@ -7,8 +7,7 @@ import click
 import pytest
 
 import commonlaw as cl
-from commonlaw.cli.command import Command
-from commonlaw.cli.main import commonlaw
+from commonlaw.cli.main import Command, commonlaw
 from commonlaw.cli.options import ENDINGS, ReadFile, ReadLaw, ReadTable, WrittenFile
 
 DROPS = cl.datasets.linear_drag(noise=0.05, trials=3)

@@ -95,7 +95,7 @@ def law(drops):
 def test_trials_that_were_held_out_are_forecast_and_the_law_knows_how_far_it_is_good(law, drops):
     found = find(law, drops, drops.select(trial="1"))
     assert {trial.name for trial in found.forecast.trials} == {"2"}
-    assert (found.is_held_out, found.has_later_samples, found.lacking) == (True, False, ())
+    assert (found.is_held_out, found.has_later_samples, found.failures) == (True, False, ())
     assert found.sentences == law.assess(drops, drops.select(trial="1")).sentences
     assert found.law.provenance.domain.horizon == found.verdict.horizon > 0
     assert law.provenance.domain.horizon is None
@@ -122,7 +122,7 @@ def test_a_verdict_that_cannot_be_had_leaves_forecasts_and_its_reason(law, drops
 
     monkeypatch.setattr(verdict, "judge", fails)
     found = find(law, drops)
-    assert (found.verdict, found.lacking, found.sentences, found.is_exact) == (None, (words,), (words,), True)
+    assert (found.verdict, found.failures, found.sentences, found.is_exact) == (None, (words,), (words,), True)
     assert found.forecast is not None
 
 

@@ -1,4 +1,4 @@
-"""What the page is sent of a law: every candidate with its equations, coefficients, fit and forecasts at once.
+"""What the page is sent of a law: every candidate with its equations, coefficients, fit, forecasts and pictures.
 
 So nothing is fitted or asked for when somebody moves along the candidates.
 """
@@ -6,6 +6,7 @@ So nothing is fitted or asked for when somebody moves along the candidates.
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from threading import Lock
 from typing import Any
 
 import msgspec
@@ -22,10 +23,21 @@ from commonlaw.law.alignment import has_bands
 from commonlaw.law.equilibria import has_phase_plane
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors, units_with_rates
-from commonlaw.law.pooling import by_properties, comparable_groups, contrasts
+from commonlaw.law.pooling import comparable_groups, contrasts
+from commonlaw.law.script import Source, to_script
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import coefficients_by_object, quantities_by_object, with_interval, with_unit
 from commonlaw.library import order_of_each
+from commonlaw.plots import (
+    Figure,
+    plot_coefficients,
+    plot_forecast,
+    plot_law,
+    plot_phase_plane,
+    plot_profile,
+    plot_residuals,
+    render,
+)
 from commonlaw.report.markup import equation_parts, formula
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.text import counted, r_squared
@@ -120,7 +132,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
             }
             for view in _views(findings)
         ],
-        "lacking": [text_in_page(each) for each in findings.lacking],
+        "failures": [text_in_page(each) for each in findings.failures],
         "outcomes": [text_in_page(str(diagnostic)) for diagnostic in law.diagnostics],
         "history": [[each.stage, each.choice, text_in_page(each.reason)] for each in law.history],
     }
@@ -337,3 +349,65 @@ def _curves(forecast: Forecast) -> Iterator[dict[str, Any]]:
 def numbers(values: Floats) -> list[float | None]:
     """Return numbers with a few digits; what is not finite is None."""
     return [float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None for value in values.tolist()]
+
+
+one_draws = Lock()
+"""Matplotlib draws in one thread at a time."""
+
+_OF_CURVES: Mapping[str, Callable[[Found, str, str], Figure]] = {
+    "law": lambda found, *_: plot_law(found.law, curves(found, found.findings.shown)),
+    "fit": lambda found, *_: plot_forecast(curves(found, found.findings.fit)),
+    "forecast": lambda found, *_: plot_forecast(curves(found, found.findings.forecast)),
+    "residuals": lambda found, *_: plot_residuals(found.law.residuals(found.findings.training)),
+    "coefficients": lambda found, *_: plot_coefficients(found.law, "support"),
+    "phase-plane": lambda found, owner, _: plot_phase_plane(found.law, found.findings.training, owner),
+    "profile": lambda found, owner, name: plot_profile(found.law, found.findings.training, name, owner),
+}
+
+_WRITTEN: Mapping[str, str] = {
+    "law": "cl.plots.plot_law(law, trials)",
+    "fit": "cl.plots.plot_forecast(law.predict(trials, start='all', return_std={bands}))",
+    "forecast": "cl.plots.plot_forecast(law.predict({measured}, start={start}, return_std={bands}))",
+    "residuals": "cl.plots.plot_residuals(law.residuals(trials))",
+    "coefficients": "cl.plots.plot_coefficients(law, 'support')",
+    "phase-plane": "cl.plots.plot_phase_plane(law, trials, {object!r})",
+    "profile": "cl.plots.plot_profile(law, trials, {parameter!r}, {object!r})",
+}
+
+
+def figure_file(
+    name: str, found: Found, source: Source, is_candidate: bool = False, owner: str = "", parameter: str = ""
+) -> bytes:
+    """Return a picture of a law, by its kind and ending; or the program that draws it, which loads a candidate.
+
+    Raises `CommonlawError` if there is no such picture, or the law has it not.
+    """
+    kind, _, ending = name.partition(".")
+    check_choice("figure", kind, _OF_CURVES)
+    check_choice("ending of a figure", ending, ("svg", "png", "py"))
+    if ending == "py":
+        findings, lines = found.findings, to_script(found.law, source).splitlines()
+        # Of another candidate there is no program that finds it: its law is loaded
+        left_out = ("print(", "law = ") if is_candidate else ("print(",)
+        lines = [line for line in lines if not line.startswith(left_out)]
+        lines += ["law = cl.Law.load('law.json')"] * is_candidate
+        measured = "measured" if findings.has_later_samples else "trials"
+        if findings.is_held_out and source.training.endswith("[1]"):
+            measured = source.training.removesuffix("[1]") + "[0]"
+        bands = findings.fit is not None and findings.fit.std is not None
+        named = {"object": owner, "parameter": parameter, "start": findings.start}
+        call = _WRITTEN[kind].format(bands=bands, measured=measured, **named)
+        lines += [f"figure = {call}", f"cl.plots.save_figure(figure, '{kind}.svg')", ""]
+        return "\n".join(lines).encode()
+    with one_draws:
+        try:
+            return render(_OF_CURVES[kind](found, owner, parameter), f".{ending}")
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            raise CommonlawError("figure-failed", figure=kind, reason=error) from None
+
+
+def curves(found: Found, wanted: Forecast | None) -> Forecast:
+    """Return curves, which a law in discrete time, say, may not have."""
+    if wanted is None:
+        raise CommonlawError("curves-missing", reasons=found.findings.failures or ["a law in discrete time has none"])
+    return wanted

@@ -22,10 +22,9 @@ from starlette.routing import Route
 
 from commonlaw.app.access import TooLargeError, TooSlowError
 from commonlaw.app.equations import Asked, solved
-from commonlaw.app.figures import curves, figure_file, one_draws
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
 from commonlaw.app.question import Columns, Question, message, named, settings_form, text_in_page
-from commonlaw.app.result import Found, Groups, compared, compared_groups
+from commonlaw.app.result import Found, Groups, compared, compared_groups, curves, figure_file, one_draws
 from commonlaw.app.sessions import Named, SavedSessions, Search, Sessions
 from commonlaw.app.working import prepare
 from commonlaw.diagnostics import meaning, notes, sentences

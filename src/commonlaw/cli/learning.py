@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from commonlaw.cli.command import command, working
+from commonlaw.cli.main import command, working
 from commonlaw.cli.options import (
     AS_JSON,
     HISTORY,

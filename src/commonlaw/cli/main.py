@@ -1,21 +1,251 @@
-"""The command `commonlaw` and how it ends: 0 done, 1 could not (the reason on stderr), 2 wrong usage."""
+"""The command `commonlaw`, what holds for each of its commands, and how it ends.
+
+Its codes are 0 for done, 1 for could not (the reason on stderr), 2 for wrong usage.
+"""
 
 import sys
 import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
 from io import StringIO
 from textwrap import fill
+from threading import Event, Thread
+from typing import IO, Any
 
 import click
 
 from commonlaw import __version__
-from commonlaw.cli.command import Commands, Refusal, command, say_every_step
-from commonlaw.cli.options import ReadFile, in_options, is_of_kind, option
-from commonlaw.cli.output import say, standard_streams
-from commonlaw.diagnostics import meaning, notes, sentences
+from commonlaw.cli.options import (
+    OTHERS,
+    GroupedOption,
+    ReadFile,
+    check_files,
+    check_order,
+    check_text,
+    dialect,
+    in_options,
+    in_order,
+    is_of_kind,
+    option,
+)
+from commonlaw.cli.output import changing_line, say, standard_streams
+from commonlaw.diagnostics import meaning, notes, reference, sentences
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.progress import Elapsed, ProgressCallback
 from commonlaw.runtime.shutdown import end_at_once
+
+_SPELLINGS = {
+    "--plot": "--save",
+    "--out": "--save",
+    "--universal": "--shared",
+    "predict --input-between": "--input-interpolation",
+    "fit --start": "--initial-value",
+    "fit --starts-at": "--initial-time",
+    "predict --start": "--initial-samples",
+    "design --against": "--rival",
+    "show --object": "--select",
+    "report --law": "",
+    "--dataset": "dataset:",
+    "--partial-pooling": "--set partial_pooling=true",
+    "--no-partial-pooling": "--set partial_pooling=false",
+    "--workers": "--set n_jobs=",
+    "--jobs": "--set n_jobs=",
+    "--resamples": "--set n_resamples=",
+    "--radius": "--set radii=",
+    "--positive": "--set log_states=",
+    "--input-between": "--set input_interpolation=",
+    "--unmeasured": "--set latent_states=",
+} | {
+    f"--{name.replace('_', '-')}": f"--set {name}="
+    for name in (
+        "errors", "huber_threshold", "covariance", "seed", "solver", "rule", "scoring", "differentiation",
+        "library_states", "trim",
+    )
+}  # fmt: skip
+"""Options of the last release, of one command or of all, and what is written now; nothing for what is an argument."""
+
+
+def current(command: str, args: Sequence[str], options: Sequence[str]) -> list[str]:
+    """Return the words that a command of this name is given, in the spelling of now if it has these options."""
+    result, rest = list[str](), iter(args)
+    for word in rest:
+        if word == "--":
+            return [*result, word, *rest]
+        name, given, value = word.partition("=")
+        spelling = _SPELLINGS.get(f"{command} {name}", _SPELLINGS.get(name))
+        new, _, setting = (spelling or "").partition(" ")
+        if spelling is None or name in options or new not in ("", "dataset:", *options):
+            result.append(word)
+            continue
+        if spelling[-1:] in ("=", ":") and not given:
+            value = next(rest, "")
+        if new == "dataset:":
+            result.insert(0, new + value)
+            shown = f"{new}{value} in place of TABLE"
+        elif setting:
+            result += [new, setting + value]
+            shown = f"{new} {setting}{value}"
+        else:
+            result += [new] * bool(new) + [value] * bool(given)
+            shown = new or "the law after TABLE"
+        say(f"commonlaw: {name} is deprecated: write {shown}", err=True)
+    return result
+
+
+INTERVAL = 10.0
+"""Seconds between lines where there is no terminal to show a line that changes."""
+
+
+@contextmanager
+def working(text: str) -> Iterator[ProgressCallback]:
+    """Show on stderr that something is going on; yields what takes the text of each step.
+
+    A terminal has one line that changes, and else there is a line now and then. With ``--verbose`` each step has one.
+    """
+    course = Elapsed()
+    if click.get_current_context().meta.get(_VERBOSE):
+        yield lambda step: say(f"commonlaw: {course.seconds:6.1f} s  {step}", err=True)
+        return
+    with (changing_line if sys.stderr.isatty() else _lines)(lambda: f"{text} {course}"):
+        yield course.take
+
+
+_VERBOSE = f"{__name__}.verbose"
+
+
+def say_every_step(context: click.Context) -> None:
+    """Have commands say every step, with the seconds since they began to work."""
+    context.meta[_VERBOSE] = True
+
+
+@contextmanager
+def _lines(words: Callable[[], str]) -> Iterator[None]:
+    """Say now and then what goes on."""
+    ended = Event()
+
+    def tell() -> None:
+        while not ended.wait(INTERVAL):
+            say(f"commonlaw: {words()}", err=True)
+
+    thread = Thread(target=tell, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+
+
+ALL_OPTIONS = f"{__name__}.all_options"
+"""Set in the `meta` of a context whose help lists all options."""
+
+
+def _show_all_options(context: click.Context, _: click.Parameter, value: bool) -> None:
+    if value:
+        context.meta[ALL_OPTIONS] = True
+        say(context.get_help())
+        context.exit()
+
+
+class Refusal(click.ClickException):
+    """An error that a user can mend, in the words of the command that ran; its end says where more is to be read."""
+
+    def __init__(self, error: CommonlawError, command: click.Command | None) -> None:
+        sentence = error.sentence(dialect(command) if command else str)
+        super().__init__(f"{sentence} [{reference(error.explained)}]" if error.explained else sentence)
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Write the message as one line."""
+        if file is None:
+            say(f"commonlaw: {self.message}", err=True)
+        else:
+            file.write(f"commonlaw: {self.message}\n")
+
+
+class Command(click.Command):
+    """A command that neither drops what it is given nor writes over what it reads.
+
+    An option counts each time that it is given, or is refused where it has one value; so is what is no text. Files
+    that are to be written and cannot be, or are read too, are refused before anything is done. The help lists everyday
+    options by their headings, ``--help-all`` all of them. What it is given may be written as in the last release.
+    """
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        text = "Show this message with all options and exit."
+        self._help_all = click.Option(
+            ["--help-all"], is_flag=True, is_eager=True, expose_value=False, callback=_show_all_options, help=text
+        )
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the parameters, with ``--help-all`` where the short help leaves some out."""
+        params = super().get_params(ctx)
+        is_short = all(getattr(param, "everyday", True) or getattr(param, "hidden", False) for param in params)
+        return params if is_short else [*params, self._help_all]
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the arguments; an option of one value that is given twice is wrong usage."""
+        for name in ("-v", "--verbose"):
+            if name in args:
+                say(f"commonlaw: {name} after the command is deprecated: write commonlaw -v {self.name} ...", err=True)
+                say_every_step(ctx)
+                args = [each for each in args if each != name]
+        args = current(str(self.name), args, [name for param in self.params for name in param.opts])
+        given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
+        for each, count in given.items():
+            if isinstance(each, click.Option) and count > 1 and not (each.multiple or each.count or each.is_eager):
+                names = " or ".join(each.opts + each.secondary_opts)
+                raise click.UsageError(f"{names} is given {count} times and counts once: give it once", ctx)
+            if instead := getattr(each, "replaced_by", ""):
+                name = each.opts[0]
+                say(f"commonlaw: {name} is deprecated here: {instead.format(option=name)}", err=True)
+        rest = super().parse_args(ctx, args)
+        check_text(self.params, ctx.params)
+        if in_order(ctx.params):
+            say(f"commonlaw: the table comes first now: commonlaw {self.name} TABLE ...", err=True)
+        return rest
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Do what the command does once its files are found to be right."""
+        check_order(ctx.params)
+        check_files(self.params, ctx.params)
+        try:
+            return super().invoke(ctx)
+        except CommonlawError as error:
+            raise Refusal(error, self) from error
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options under their headings, and those that are settings under theirs."""
+        options = [each for each in self.get_params(ctx) if isinstance(each, click.Option) and not each.hidden]
+        count, is_whole = len(options), bool(ctx.meta.get(ALL_OPTIONS))
+        if not is_whole:
+            options = [option for option in options if getattr(option, "everyday", True)]
+        headings = dict.fromkeys(getattr(option, "group", OTHERS) for option in options)
+        for heading in sorted(headings, key=OTHERS.__eq__):
+            own = (option for option in options if getattr(option, "group", OTHERS) == heading)
+            records = [record for each in own if (record := each.get_help_record(ctx)) is not None]
+            with formatter.section(heading):
+                formatter.write_dl(records)
+        if len(options) < count:
+            formatter.write(f"\n{count - len(options)} more options: {ctx.command_path} --help-all\n")
+        for each in options if is_whole else ():
+            for title, rows in each.settings().items() if isinstance(each, GroupedOption) else ():
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+
+class Commands(click.Group):
+    """A group of such commands."""
+
+    command_class = Command
+
+
+def command(function: Callable[..., None]) -> Command:
+    """Make a command of a function."""
+    return click.command(cls=Command)(function)
+
 
 _COMMANDS = {
     "learning": ("discover", "fit", "models", "compare", "refine"),

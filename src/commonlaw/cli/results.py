@@ -322,7 +322,7 @@ class FitResult:
         """Return what else there is to know."""
         found = self.findings
         outcomes = found.forecast.outcomes if found.forecast else ()
-        return [*found.training.notes, *self.law.diagnostics, *found.lacking, *outcomes]
+        return [*found.training.notes, *self.law.diagnostics, *found.failures, *outcomes]
 
     def _show_coefficients(self) -> None:
         """Print the parameters of the law, of many objects how they are spread."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import numpy as np
 
-from commonlaw.cli.command import command, working
+from commonlaw.cli.main import command, working
 from commonlaw.cli.options import (
     AS_JSON,
     HISTORY,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 import click
 import msgspec
 
-from commonlaw.cli.command import Commands
+from commonlaw.cli.main import Commands
 from commonlaw.cli.options import (
     AS_JSON,
     DATASET,

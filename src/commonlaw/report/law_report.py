@@ -493,7 +493,7 @@ def forecasts(case: LawCase) -> Section:
     """Return the part on trials as measured, with forecasts from their first samples."""
     title, forecast = "Forecasts from the first samples", case.forecast
     if forecast is None:
-        return Section("forecasts", title, (Text(listed([case.said(each) for each in case.findings.lacking])),))
+        return Section("forecasts", title, (Text(listed([case.said(each) for each in case.findings.failures])),))
     diverged = f" {len(forecast.outcomes)} of the forecasts diverge." if forecast.outcomes else ""
     begin = forecast.title.removeprefix("forecast ")
     intro = (

@@ -246,8 +246,8 @@ class Trial:
                 raise CommonlawError(
                     "deviations-shape", where=self.label, given=self.noise.shape, expected=self.states.shape
                 )
-            lacking = np.isnan(self.noise) & np.isfinite(self.states) & self.known_noise
-            bad = np.argwhere(lacking | (self.noise <= 0) | np.isinf(self.noise))
+            missing = np.isnan(self.noise) & np.isfinite(self.states) & self.known_noise
+            bad = np.argwhere(missing | (self.noise <= 0) | np.isinf(self.noise))
             if len(bad):
                 raise CommonlawError(
                     "deviation-not-positive",

@@ -14,7 +14,7 @@ export function show({ found, asked, written }) {
   Object.assign(state, { found, asked: { ...asked, written }, written: null });
   showResult(true);
   $("verdict").textContent = found.verdict[0] ?? "";
-  const more = [...found.verdict.slice(1), ...found.lacking];
+  const more = [...found.verdict.slice(1), ...found.failures];
   $("limits").hidden = !more.length;
   $("limits").replaceChildren($("limits").firstElementChild, ...more.map(each => element("p", each)));
   const second = found.states.filter((_, j) => found.orders[j] === 2);
