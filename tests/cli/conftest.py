@@ -1,12 +1,12 @@
 """What tests of the command line share."""
 
-import pytest
+from importlib import import_module
 
-from commonlaw.cli import main
+import pytest
 
 
 @pytest.fixture
 def run(monkeypatch, run):
     """Run the command, which says nothing of progress, however slow the machine."""
-    monkeypatch.setattr(main, "INTERVAL", 1e6)
+    monkeypatch.setattr(import_module("commonlaw.cli.main"), "INTERVAL", 1e6)
     return run
