@@ -223,7 +223,7 @@ def _by_state(
     for name in schema.measured:
         j = schema.states.index(name)
         of_state = errors[errors["state"] == j]
-        values = np.concatenate([[np.nan], *(each.states[:, j] for each in judged)])
+        values = np.concatenate([[np.nan], *(trial.states[:, j] for trial in judged)])
         values = values[np.isfinite(values)]
         result.append(
             StateError(
@@ -378,9 +378,9 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     verdict = _tried("the forecast assessment failed", partial(judge, law, whole, training), failures)
     # Held-out trials, or if there are none of the objects of the law, the training data
     learned_from = _names(training)
-    others = [each for each in whole if (each.object, each.name) not in learned_from]
+    others = [trial for trial in whole if (trial.object, trial.name) not in learned_from]
     held_out = [each for each in others if each.object in law.objects]
-    checked = whole.with_trials(held_out or [each for each in whole if (each.object, each.name) in learned_from])
+    checked = whole.with_trials(held_out or [trial for trial in whole if (trial.object, trial.name) in learned_from])
     start = samples_before(min(map(len, checked)), law.order) if can_fit_initial_state(law) or law.observation else None
     checking = partial(law.predict, checked, return_std=bands, start=start)
     forecast = _tried("the law was not checked by forecasts", checking, failures)

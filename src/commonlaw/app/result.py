@@ -132,7 +132,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
             }
             for view in _views(findings)
         ],
-        "failures": [text_in_page(each) for each in findings.failures],
+        "failures": [text_in_page(failure) for failure in findings.failures],
         "outcomes": [text_in_page(str(diagnostic)) for diagnostic in law.diagnostics],
         "history": [[each.stage, each.choice, text_in_page(each.reason)] for each in law.history],
     }

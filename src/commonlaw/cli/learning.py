@@ -444,9 +444,9 @@ def give(results: Sequence[FileResult], paths: Sequence[str]) -> None:
     words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
     print_table(
         ["file", "law", "forecasts by it, or what is wrong"],
-        [[each.path, each.law, words[each.usable] if each.law else each.failure] for each in results],
+        [[result.path, result.law, words[result.usable] if result.law else result.failure] for result in results],
     )
-    laws = sum(bool(each.law) for each in results)
+    laws = sum(bool(result.law) for result in results)
     say(f"\n{counted(laws, 'law')} in {counted(len(results), 'file')}")
     files = dict[str, list[str]]()
     for each in results:

@@ -264,16 +264,14 @@ class _FirstSamples(click.types.IntParamType):
 def predict(
     source: Source,
     law_path: str,
-    start: int | Literal["all"] | None,
-    from_time: float | None,
-    input_interpolation: str | None,
-    discrepancy: bool,
+    until: float | None,
+    step: float | None,
     phase_plane: bool,
     save: tuple[str, ...],
     folder: str | None,
     as_json: bool,
     cluster: str | None,
-    **grid: float,
+    **how: Any,
 ) -> None:
     """Forecast the trials in TABLE with LAW.json, each from its initial state.
 
@@ -297,13 +295,12 @@ def predict(
     law = Law.load(law_path)
     if cluster or source.is_stream:
         given: dict[str, object] = {f"--save {each}": each for each in save if not is_of_kind(each, "table")}
-        given |= {"--discrepancy": discrepancy, "--input-interpolation": input_interpolation}
-        given |= {"--phase-plane": phase_plane, "--until": grid["until"], "--step": grid["step"]}
+        given |= {"--discrepancy": how.pop("discrepancy"), "--input-interpolation": how.pop("input_interpolation")}
+        given |= {"--phase-plane": phase_plane, "--until": until, "--step": step}
         source.check_streams(given)
         later = Artifacts()
         with working("Forecasting ...") as show, on_cluster_at(cluster, show):
             stream = source.select(stream_of(source, law.schema))
-            how: dict[str, Any] = {"start": start, "from_time": from_time}
             errors = forecast_stream(law, stream, folder=folder, progress=show, **how)
             later.save(save, table=lambda: errors)
         finite = errors.replace([np.inf, -np.inf], np.nan)
@@ -325,17 +322,8 @@ def predict(
         raise click.UsageError("--folder is for a folder or a pattern of Parquet files: use --save")
     with working("Forecasting ..."):
         trials = source.select(_with_properties(source, law))
-        return_std = bool(save) and has_bands(law)
-        times = _times(trials, from_time, **grid)
-        forecast = law.predict(
-            trials,
-            times=times,
-            start=start,
-            from_time=from_time,
-            return_std=return_std,
-            input_interpolation=input_interpolation,
-            discrepancy=discrepancy,
-        )
+        times = _times(trials, how["from_time"], until, step)
+        forecast = law.predict(trials, times=times, return_std=bool(save) and has_bands(law), **how)
         errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")
         later = Artifacts()
         later.save(
@@ -483,13 +471,11 @@ def _patterns_document(patterns: "Sequence[Pattern]") -> list[dict[str, object]]
 def discrepancy(
     source: Source,
     law_path: str,
-    of: str | None,
-    times: str,
-    equation: str | None,
     zero_at: str,
     noise: tuple[str, ...],
     save: tuple[str, ...],
     as_json: bool,
+    **settings: Any,
 ) -> None:
     """Estimate what LAW.json leaves unexplained in TABLE, as a smooth function that all objects share.
 
@@ -511,25 +497,16 @@ def discrepancy(
             if isinstance(number := number_or_text(zero_at), str):
                 raise CommonlawError("zero-at", text=zero_at)
             zero = number
-        found = law.discrepancy(trials, of, times=times, equation=equation, zero_at=zero, noise=levels)
+        found = law.discrepancy(trials, **settings, zero_at=zero, noise=levels)
         later = Artifacts()
         later.save(save, law=found.law, figure=lambda plots: plots.plot_discrepancy(found))
     if as_json:
         frames = {"function": found.to_frame(), "terms": found.terms_frame(), "compared": found.coordinates_frame()}
-        print_json(
-            {
-                "claimed": found.claimed,
-                "equation": found.equation,
-                "coordinate": found.basis.coordinate,
-                "times": found.basis.times,
-                "evidence": found.evidence,
-                "zero at": found.zero_at,
-                "holds nothing of": list(found.holds_nothing_of),
-                "shares": found.shares,
-                **{name: frame.to_dict(orient="records") for name, frame in frames.items()},
-                "law": json.loads(to_json(found.law)),
-            }
-        )
+        document = {"claimed": found.claimed, "equation": found.equation, "coordinate": found.basis.coordinate}
+        document |= {"times": found.basis.times, "evidence": found.evidence, "zero at": found.zero_at}
+        document |= {"holds nothing of": list(found.holds_nothing_of), "shares": found.shares}
+        document |= {name: frame.to_dict(orient="records") for name, frame in frames.items()}
+        print_json(document | {"law": json.loads(to_json(found.law))})
     else:
         say(str(found))
         if found.claimed:
@@ -604,7 +581,9 @@ def bounds(
     "[default: 1 for each trial]",
 )
 @option("--budget", "What all may cost together.", type=click.FloatRange(0, min_open=True), default=inf)
-@option("--at-most", "Experiments; fewer where the law is settled before.", type=click.IntRange(1), default=1)
+@option(
+    "--at-most", "Experiments; fewer where the law is settled before.", "experiments", type=click.IntRange(1), default=1
+)
 @option(
     "--for WHAT",
     "What is to be learned: law, coefficients, one of them ('c of Ball 3'), or a forecast ('x at t=10 "
@@ -622,13 +601,10 @@ def design(
     within: tuple[str, ...],
     start_std: tuple[str, ...],
     cost: tuple[str, ...],
-    budget: float,
-    at_most: int,
-    about: str | None,
     rivals: tuple[str, ...],
-    seed: int,
     save: tuple[str, ...],
     as_json: bool,
+    **settings: Any,
 ) -> None:
     """Find the most informative experiment: on which law is right, on its coefficients, or on a quantity of interest.
 
@@ -654,29 +630,17 @@ def design(
             within=by_name("--within", within),
             start_std=numbers("--start-std", start_std),
             cost=numbers("--cost", cost) if cost else None,
-            budget=budget,
-            experiments=at_most,
-            about=about,
-            seed=seed,
+            **settings,
             progress=show,
         )
         later = Artifacts()
         later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_design(found))
     if as_json:
-        laws_ = [{"equations": list(law.law.structure), "probability": law.probability} for law in found.laws]
-        table = found.to_frame().to_dict(orient="records")
-        texts = [experiment.text for experiment in found.experiments]
-        print_json(
-            {
-                "laws": laws_,
-                "experiments": [row | {"text": text} for row, text in zip(table, texts, strict=True)],
-                "chance now": found.chance_now,
-                "chance": found.chance,
-                "repeats": found.repeats,
-                "cost": found.cost,
-                "sentences": list(found.sentences),
-            }
-        )
+        plausible = [{"equations": list(law.law.structure), "probability": law.probability} for law in found.laws]
+        frame = found.to_frame().assign(text=[experiment.text for experiment in found.experiments])
+        document = {"laws": plausible, "experiments": frame.to_dict(orient="records"), "chance now": found.chance_now}
+        document |= {name: getattr(found, name) for name in ("chance", "repeats", "cost")}
+        print_json(document | {"sentences": list(found.sentences)})
     else:
         say(str(found))
     later.end(trials.notes if trials else (), silent=as_json)

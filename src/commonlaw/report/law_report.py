@@ -88,16 +88,6 @@ class LawCase:
         return self.findings.law
 
     @property
-    def trials(self) -> Trials:
-        """All that was measured."""
-        return self.findings.trials
-
-    @property
-    def forecast(self) -> Forecast | None:
-        """Forecasts that check the law; None if there are none."""
-        return self.findings.forecast
-
-    @property
     def forecast_of(self) -> str:
         """What the forecasts are of, in words."""
         if not self.law.provenance.is_learned:
@@ -123,11 +113,11 @@ def listed(lines: "list[str] | tuple[str, ...]") -> str:
 
 def data_checks(case: LawCase) -> Section:
     """Return the part on what the data checks found."""
-    found = case.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
+    found = case.findings.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
     notes = [note for note in dict.fromkeys(found.notes) if not note.startswith(GUESSED)]
     remarks = [*found.lines(), *notes, *map(str, case.law.diagnostics)]
     said = " Data checks: no problem found." if not remarks else listed([case.said(remark) for remark in remarks])
-    trials = case.trials
+    trials = case.findings.trials
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
     learned, some = sum(map(len, case.findings.training)), counted(len(case.findings.training), "trial")
@@ -199,7 +189,7 @@ def again(case: LawCase, command: str, table: str | Source) -> Section:
     text = asked
     if table:
         is_said = isinstance(table, Source) and not table.stream
-        is_whole = case.findings.training is case.trials or is_said
+        is_whole = case.findings.training is case.findings.trials or is_said
         some = "" if is_whole else ", which uses all trials of the table"
         text += f"In Python{some}:{code(to_script(case.law, table), 'python')}"
     versions = [f"Python {platform.python_version()}", f"commonlaw {__version__}"]
@@ -222,7 +212,7 @@ def residuals(case: LawCase) -> Section:
 def _patterns(case: LawCase) -> Iterator[Block]:
     """Yield what measurements are off the law's trajectories, and which patterns that has."""
     try:
-        found = case.law.residuals(case.trials)
+        found = case.law.residuals(case.findings.trials)
     except _FAILURES as error:
         yield Text(f"The residuals could not be tested: {case.said(error)}.")
         return
@@ -491,9 +481,9 @@ def fit(case: LawCase) -> Section:
 
 def forecasts(case: LawCase) -> Section:
     """Return the part on trials as measured, with forecasts from their first samples."""
-    title, forecast = "Forecasts from the first samples", case.forecast
+    title, forecast = "Forecasts from the first samples", case.findings.forecast
     if forecast is None:
-        return Section("forecasts", title, (Text(listed([case.said(each) for each in case.findings.failures])),))
+        return Section("forecasts", title, (Text(listed([case.said(failure) for failure in case.findings.failures])),))
     diverged = f" {len(forecast.outcomes)} of the forecasts diverge." if forecast.outcomes else ""
     begin = forecast.title.removeprefix("forecast ")
     intro = (

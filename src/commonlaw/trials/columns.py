@@ -327,7 +327,7 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
             kind, text = type(error).__name__, " ".join(str(error).split())
             raise CommonlawError("frame-not-computed", source=source, problem=kind, text=text) from error
     headers = [str(name) for name in data.columns]
-    columns = [_series_column(each) for each in data.iter_columns()]
+    columns = [_series_column(column) for column in data.iter_columns()]
     loose = [i for i, (_, is_mixed) in enumerate(columns) if is_mixed]
     table = filled_table(source, headers, [column for column, _ in columns], loose=loose)
     named_units = dict(zip(split_headers(source, headers)[0], headers, strict=True)) if units else {}

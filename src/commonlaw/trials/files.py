@@ -151,7 +151,7 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
     if isinstance(path, str | os.PathLike) and not (files := table_files(path)):
         return table_in(Path(path).name, read_file(path), sheet)
     files = table_files(path)
-    tables = [table_in(each.name, read_file(each), sheet) for each in files]
+    tables = [table_in(file.name, read_file(file), sheet) for file in files]
     headers = [[join_header(name, each.units.get(name, "")) for name in each.columns] for each in tables]
     for each, header in zip(tables, headers, strict=True):
         if sorted(header) != sorted(headers[0]):
@@ -193,8 +193,8 @@ def _labels_of_files(files: Sequence[Path]) -> dict[str, list[str]]:
     ``golf_1.csv``, ``golf_2.csv``, ``tennis_1.csv`` are trials of two objects, and so are ``golf/1.csv`` and
     ``tennis/1.csv`` in folders of their own; ``run 1.csv``, ``run 2.csv`` are trials of one.
     """
-    names = [as_text(name_of_table(each)) for each in files]
-    folders = [each.parent.name for each in files]
+    names = [as_text(name_of_table(file)) for file in files]
+    folders = [file.parent.name for file in files]
     if len(set(folders)) > 1:
         return {"object": folders, "trial": names}
     numbered = [re.fullmatch(r"(.+?)[\s_.-]+(\d+)", name) for name in names]
