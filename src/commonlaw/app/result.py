@@ -23,7 +23,7 @@ from commonlaw.law.alignment import has_bands
 from commonlaw.law.equilibria import has_phase_plane
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors, units_with_rates
-from commonlaw.law.pooling import comparable_groups, contrasts
+from commonlaw.law.pooling import by_properties, comparable_groups, contrasts
 from commonlaw.law.script import Source, to_script
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import coefficients_by_object, quantities_by_object, with_interval, with_unit

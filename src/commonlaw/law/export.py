@@ -22,8 +22,8 @@ from commonlaw.law.parameters import followed_coefficients, named_parameters, st
 from commonlaw.law.parse import event_equations, event_expressions, meanings_of
 from commonlaw.library import highest_columns, with_rates
 from commonlaw.library.grammar import Algebra, evaluate
+from commonlaw.runtime.files import read_file
 from commonlaw.runtime.packages import optional_import
-from commonlaw.runtime.reading import read_file
 from commonlaw.text import in_line
 
 if TYPE_CHECKING:

@@ -23,6 +23,7 @@ from commonlaw.trials.recognition import (
     other_clocks,
     pulsed_inputs,
     readable,
+    record_columns,
     shown_columns,
     time_column,
     trial_column,

@@ -20,7 +20,7 @@ from commonlaw.trials.dates import Elapsed, elapsed, first_time, holds_dates, wi
 from commonlaw.trials.headers import joined_units, known_unit, label, split_header
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
 from commonlaw.trials.reading import Reading, Restarts, checked, notation_of
-from commonlaw.trials.recognition import quantity, shown_columns, unit_in_name
+from commonlaw.trials.recognition import input_values, quantity, shown_columns, unit_in_name
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 
@@ -174,7 +174,7 @@ def read_cells(table: Table, schema: Schema) -> Cells:
     """Return the numbers in the rows of a table."""
     times, noise = table.numbers(schema.time), np.full((len(table), len(schema.states)), np.nan)
     states = np.column_stack([table.numbers(name, missing=True) for name in schema.states])
-    inputs = np.column_stack([np.empty((len(table), 0)), *(table.numbers(name) for name in schema.inputs)])
+    inputs = np.column_stack([np.empty((len(table), 0)), *(input_values(table, name) for name in schema.inputs)])
     for state, name in schema.noise_columns.items():
         j = schema.states.index(state)
         noise[:, j] = table.deviations(name, np.isfinite(states[:, j]))
