@@ -142,7 +142,7 @@ def fieller(constant, slope, covariance, reach):
     return sorted(np.roots([products[1, 1], -2 * products[0, 1], products[0, 0]]))
 
 
-def test_letters_of_equations_are_in_every_form_of_the_law(law):
+def test_parameters_of_equations_are_in_every_form_of_the_law(law):
     from commonlaw.plots.law import DotPlot, equation_lines
 
     for each in (law, from_json(to_json(law))):

@@ -56,7 +56,7 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "left_hand_sides": ("structure", _value("parameters:left_hand_sides")),
     "letter_interval_ends": ("conf_int(level)", lambda law: _parameters(law).intervals),
     "letter_units": ("params", lambda law: lambda: _parameters(law).units),
-    "quantile_frame": ("params", lambda law: lambda: (_parameters(law).values, _parameters(law).errors)),
+    "letter_values": ("params", lambda law: lambda: (_parameters(law).values, _parameters(law).errors)),
     "letters": ("params", lambda law: _parameters(law).names),
     "named_coefficients": ("params", lambda law: _parameters(law).definitions),
     "named_products": ("structure", lambda law: _parameters(law).products),
