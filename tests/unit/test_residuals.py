@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
+from statsmodels.tsa.stattools import acf, q_stat
 
 import commonlaw as cl
 from commonlaw import Law, Trials
@@ -251,6 +252,16 @@ def test_statistics_are_those_of_scipy(kept, monkeypatch):
     assert normal.p_value == pytest.approx(test.pvalue, rel=1e-6)
     if exact:
         assert found["heteroscedasticity"].p_value == pytest.approx(spearman.pvalue, rel=1e-6)
+
+
+def test_the_autocorrelation_of_one_trial_is_tested_as_by_ljung_and_box():
+    own = np.convolve(np.random.default_rng(5).normal(size=201), [1.0, 0.15], "valid")
+    found = patterns(["x"], [own[:, np.newaxis]], {"t": np.arange(200.0), "x": own}, "t", [0])
+    (tested,) = (each for each in found if each.pattern == "autocorrelation")
+    lagged = acf(own, adjusted=True, nlags=1)[1:]
+    assert tested.statistic == pytest.approx(lagged[0])
+    assert tested.p_value == pytest.approx(q_stat(lagged, 200)[1][0])
+    assert 0.001 < tested.p_value < 0.5
 
 
 def sum_of(parts):

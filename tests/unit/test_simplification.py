@@ -220,9 +220,12 @@ def test_nothing_is_shown_where_nothing_is_simpler():
     assert "within errors" not in str(found)
 
 
-@pytest.mark.parametrize(("value", "is_one"), [(1.015, True), (1.04, False)])
-def test_a_number_is_one_within_two_standard_errors(value, is_one):
-    found = law("x' = -k x", {"k": value}, {"k": 0.01})
+@pytest.mark.parametrize(
+    ("value", "error", "is_one"),
+    [(1.015, 0.01, True), (1.04, 0.01, False), (1 + 1.9e-6, 1e-6, True), (1 + 2.1e-6, 1e-6, False)],
+)
+def test_a_number_is_one_within_two_standard_errors(value, error, is_one):
+    found = law("x' = -k x", {"k": value}, {"k": error})
     assert within_errors(found) == (["within errors: x' = -x"] if is_one else [])
 
 
