@@ -131,7 +131,7 @@ def ball_drops_folder(pytestconfig: pytest.Config) -> Path:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items) -> None:
-    """Mark tests of the whole study as slow, and keep in one worker those that share a fixture of their module.
+    """Mark tests of the whole study as slow, and keep in one worker those that share the app or a fixture of a module.
 
     Each worker would make that for itself.
     """
@@ -139,6 +139,8 @@ def pytest_collection_modifyitems(items) -> None:
         definitions = item._fixtureinfo.name2fixturedefs.values()
         if "finished_study" in item._fixtureinfo.name2fixturedefs:
             item.add_marker(pytest.mark.slow)
+        if "page" in item._fixtureinfo.name2fixturedefs:
+            item.add_marker(pytest.mark.xdist_group("app"))
         if any(each.scope == "module" for each, *_ in definitions) and not item.get_closest_marker("xdist_group"):
             item.add_marker(pytest.mark.xdist_group(item.path.name))
 

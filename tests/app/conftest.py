@@ -2,6 +2,8 @@
 
 import pytest
 
+from tests.served import served
+
 
 @pytest.fixture
 def page(browser):
@@ -11,3 +13,16 @@ def page(browser):
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     yield browser
     browser.get("about:blank")  # A page that asks for an app that has ended takes time of other tests
+
+
+@pytest.fixture(scope="session")
+def sessions_folder(tmp_path_factory):
+    """The folder in which the app keeps its sessions."""
+    return tmp_path_factory.mktemp("app") / "sessions"
+
+
+@pytest.fixture(scope="session")
+def app(sessions_folder):
+    """One app for all pages, each with a table of its own."""
+    with served(environment={"COMMONLAW_SESSIONS": str(sessions_folder)}) as running:
+        yield running

@@ -40,108 +40,107 @@ def table(tmp_path_factory):
     return path
 
 
-def test_from_a_table_to_a_law_and_what_to_take_away(page, table):
-    with served(table) as app:
-        open_page(page, app)
-        wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
-        assert "x" in text(page, "counts")
+def test_from_a_table_to_a_law_and_what_to_take_away(page, app, table):
+    open_page(page, app, table)
+    wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
+    assert "x" in text(page, "counts")
+    assert serious(page) == []
+    choose(page, "order", "2")
+    choose(page, "library", "poly:1")
+    choose(page, "hold_out", "trial")
+    choose(page, "held", "2")
+    choose(page, "setting_errors", "white")
+    choose(page, "setting_noise", "x=0.05")
+    page.find_element("id", "start").click()
+    wait(page, "$('going_done').textContent.includes('reading the table: ')")
+    wait(page, "!$('result').hidden")
+    wait(page, "$('going').hidden")  # The law is shown before its rivals are fitted
+    assert re.search(r"\d+ % of the whole", text(page, "going_time"))
+
+    trials = cl.Trials.read(table)
+    taken = {each.text: each.get_attribute("href") for each in page.find_elements("css selector", "#files a")}
+    taken = {name: app.say("GET", link.partition(app.host)[2], patience=120)[1] for name, link in taken.items()}
+    assert taken.pop("law.png").startswith(b"\x89PNG")
+    assert taken.pop("coefficients.xlsx").startswith(b"PK")
+    taken = {name: content.decode() for name, content in taken.items()}
+    law = from_json(taken["law.json"])
+    assert law.structure == ("x'' = a + b v",)
+    assert law.assess(trials, trials.select(trial=1)).sentences[0] in text(page, "verdict")
+    assert text(page, "command").startswith("commonlaw discover drops.csv --order 2")
+    assert "--set noise=x=0.05 --set errors=white --hold-out trial=2" in text(page, "command")
+    np.testing.assert_allclose(law.uncertainty.noise, 0.05)
+    rows = list(csv.DictReader(io.StringIO(taken["coefficients.csv"])))
+    assert [(row["object"], row["term"]) for row in rows] == [(name, term) for name in law.objects for term in "1v"]
+    np.testing.assert_allclose([float(row["value"]) for row in rows], law.params["estimate"])
+    np.testing.assert_allclose([float(row["low"]) for row in rows], law.conf_int()["low"])
+    terms = page.find_elements("css selector", "#terms button[aria-pressed=true]")
+    assert [each.text for each in terms] == [law.terms.factors[k] for k in law.support[0].nonzero()[0]]
+    assert page.execute_script(MOVES) < 100
+
+    page.execute_script("document.getElementById('next_suggest').click()")
+    wait(page, "$('next_found').querySelector('h3')")
+    assert "Expected standard errors" in text(page, "next_found")
+
+    slide(page, 0)
+    assert text(page, "which").startswith("1 term")
+    assert len(pressed(page)) == 1
+    (term,) = pressed(page)
+    assert (
+        text(page, "command") == f"commonlaw fit drops.csv \"x'' = {'a' if term == '1' else f'a {term}'}\" "
+        "--set noise=x=0.05 --set errors=white --hold-out trial=2"
+    )
+    assert "candidate shown" in text(page, "taken")
+    assert "law.py" not in text(page, "files")
+    take_other_terms(page)
+    wait(page, "$('own_plot').querySelector('canvas')")
+    over = page.find_element("css selector", "#forecast_plot .u-over")
+    ActionChains(page).move_to_element_with_offset(over, 10, 10).perform()
+    told = page.find_element("css selector", "#forecast_plot .readout").text
+    assert re.search(r"Ball 1: fitted [\d.]+ \([\d.]+ to [\d.]+\), measured [\d.]+ at t", told)
+    assert text(page, "see_title") == "Measurements and fit"
+    choose(page, "view", "1")
+    assert text(page, "see_title") == "Measurements and forecast from the first 7 samples"
+    before = page.find_element("id", "start_0").get_attribute("value")
+    over = page.find_element("css selector", "#own_plot .u-over")
+    ActionChains(page).drag_and_drop_by_offset(over, 0, -30).perform()
+    wait(page, f"Number($('start_0').value) > Number({before})")
+    for width in (390, 1200):
+        window = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width == 390}
+        page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
+        look = [{"name": "prefers-color-scheme", "value": "dark" if width == 390 else "light"}]
+        page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": look})
+        assert page.execute_script("return document.documentElement.scrollWidth") <= width
         assert serious(page) == []
-        choose(page, "order", "2")
-        choose(page, "library", "poly:1")
-        choose(page, "hold_out", "trial")
-        choose(page, "held", "2")
-        choose(page, "setting_errors", "white")
-        choose(page, "setting_noise", "x=0.05")
-        page.find_element("id", "start").click()
-        wait(page, "$('going_done').textContent.includes('reading the table: ')")
-        wait(page, "!$('result').hidden")
-        wait(page, "$('going').hidden")  # The law is shown before its rivals are fitted
-        assert re.search(r"\d+ % of the whole", text(page, "going_time"))
+        check_law_and_curves_are_in_sight_together(page, width)
 
-        trials = cl.Trials.read(table)
-        taken = {each.text: each.get_attribute("href") for each in page.find_elements("css selector", "#files a")}
-        taken = {name: app.say("GET", link.partition(app.host)[2], patience=120)[1] for name, link in taken.items()}
-        assert taken.pop("law.png").startswith(b"\x89PNG")
-        assert taken.pop("coefficients.xlsx").startswith(b"PK")
-        taken = {name: content.decode() for name, content in taken.items()}
-        law = from_json(taken["law.json"])
-        assert law.structure == ("x'' = a + b v",)
-        assert law.assess(trials, trials.select(trial=1)).sentences[0] in text(page, "verdict")
-        assert text(page, "command").startswith("commonlaw discover drops.csv --order 2")
-        assert "--set noise=x=0.05 --set errors=white --hold-out trial=2" in text(page, "command")
-        np.testing.assert_allclose(law.uncertainty.noise, 0.05)
-        rows = list(csv.DictReader(io.StringIO(taken["coefficients.csv"])))
-        assert [(row["object"], row["term"]) for row in rows] == [(name, term) for name in law.objects for term in "1v"]
-        np.testing.assert_allclose([float(row["value"]) for row in rows], law.params["estimate"])
-        np.testing.assert_allclose([float(row["low"]) for row in rows], law.conf_int()["low"])
-        terms = page.find_elements("css selector", "#terms button[aria-pressed=true]")
-        assert [each.text for each in terms] == [law.terms.factors[k] for k in law.support[0].nonzero()[0]]
-        assert page.execute_script(MOVES) < 100
+    assert "Trials.read('drops.csv'" in taken["law.py"]
+    assert taken["report.html"].startswith("<!DOCTYPE html>")
 
-        page.execute_script("document.getElementById('next_suggest').click()")
-        wait(page, "$('next_found').querySelector('h3')")
-        assert "Expected standard errors" in text(page, "next_found")
+    folder = table.parent / "downloads"
+    page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(folder)})
+    page.find_element("link text", "coefficients.csv").click()
+    wait(page, "$('taking').textContent === 'coefficients.csv is in your downloads.'")
+    until = time.monotonic() + 10
+    while not (folder / "coefficients.csv").exists() and time.monotonic() < until:
+        time.sleep(0.1)
+    assert (folder / "coefficients.csv").read_text() == taken["coefficients.csv"]
 
-        slide(page, 0)
-        assert text(page, "which").startswith("1 term")
-        assert len(pressed(page)) == 1
-        (term,) = pressed(page)
-        assert (
-            text(page, "command") == f"commonlaw fit drops.csv \"x'' = {'a' if term == '1' else f'a {term}'}\" "
-            "--set noise=x=0.05 --set errors=white --hold-out trial=2"
-        )
-        assert "candidate shown" in text(page, "taken")
-        assert "law.py" not in text(page, "files")
-        take_other_terms(page)
-        wait(page, "$('own_plot').querySelector('canvas')")
-        over = page.find_element("css selector", "#forecast_plot .u-over")
-        ActionChains(page).move_to_element_with_offset(over, 10, 10).perform()
-        told = page.find_element("css selector", "#forecast_plot .readout").text
-        assert re.search(r"Ball 1: fitted [\d.]+ \([\d.]+ to [\d.]+\), measured [\d.]+ at t", told)
-        assert text(page, "see_title") == "Measurements and fit"
-        choose(page, "view", "1")
-        assert text(page, "see_title") == "Measurements and forecast from the first 7 samples"
-        before = page.find_element("id", "start_0").get_attribute("value")
-        over = page.find_element("css selector", "#own_plot .u-over")
-        ActionChains(page).drag_and_drop_by_offset(over, 0, -30).perform()
-        wait(page, f"Number($('start_0').value) > Number({before})")
-        for width in (390, 1200):
-            window = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width == 390}
-            page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
-            look = [{"name": "prefers-color-scheme", "value": "dark" if width == 390 else "light"}]
-            page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": look})
-            assert page.execute_script("return document.documentElement.scrollWidth") <= width
-            assert serious(page) == []
-            check_law_and_curves_are_in_sight_together(page, width)
-
-        assert "Trials.read('drops.csv'" in taken["law.py"]
-        assert taken["report.html"].startswith("<!DOCTYPE html>")
-
-        folder = table.parent / "downloads"
-        page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(folder)})
-        page.find_element("link text", "coefficients.csv").click()
-        wait(page, "$('taking').textContent === 'coefficients.csv is in your downloads.'")
-        until = time.monotonic() + 10
-        while not (folder / "coefficients.csv").exists() and time.monotonic() < until:
-            time.sleep(0.1)
-        assert (folder / "coefficients.csv").read_text() == taken["coefficients.csv"]
-
-        saved = table.parent / "law.json"
-        saved.write_text(taken["law.json"])
-        page.find_element("id", "saved").send_keys(os.fspath(saved))
-        wait(page, "$('start').disabled")
-        wait(page, "!$('start').disabled")
-        assert text(page, "failed") == ""
-        assert text(page, "which").startswith("2 terms, chosen")
-        page.refresh()  # and all is there again
-        wait(page, "!$('result').hidden")
-        check_question(page)
-        page.switch_to.new_window("tab")
-        open_page(page, app)
-        wait(page, "!$('result').hidden")
-        check_question(page)
-        assert [each for each in page.get_log("browser") if is_fault(each)] == []
-        check_others_are_refused(app)
+    saved = table.parent / "law.json"
+    saved.write_text(taken["law.json"])
+    page.find_element("id", "saved").send_keys(os.fspath(saved))
+    wait(page, "$('start').disabled")
+    wait(page, "!$('start').disabled")
+    assert text(page, "failed") == ""
+    assert text(page, "which").startswith("2 terms, chosen")
+    page.refresh()  # and all is there again
+    wait(page, "!$('result').hidden")
+    check_question(page)
+    page.switch_to.new_window("tab")
+    open_page(page, app)
+    wait(page, "!$('result').hidden")
+    check_question(page)
+    assert [each for each in page.get_log("browser") if is_fault(each)] == []
+    check_others_are_refused(app)
 
 
 def check_question(page):
@@ -224,57 +223,55 @@ def check_others_are_refused(app):
             urllib.request.urlopen(request)
 
 
-def test_bad_tables_say_what_is_wrong_a_search_can_be_cancelled_and_two_tabs_do_not_meet(page, table, tmp_path):
+def test_bad_tables_say_what_is_wrong_a_search_can_be_cancelled_and_two_tabs_do_not_meet(page, app, table, tmp_path):
     bad = tmp_path / "bad.csv"
     bad.write_text("object,length\na,1\na,2\n")
-    with served() as app:
-        open_page(page, app)
-        page.find_element("id", "file").send_keys(os.fspath(bad))
-        assert "which column holds the time" in wait(page, "$('problem').textContent")
-        assert not page.find_element("id", "ask").is_displayed()
-        (tmp_path / "empty.csv").write_text("")
-        page.find_element("id", "file").send_keys(os.fspath(tmp_path / "empty.csv"))
-        assert "is empty" in wait(page, "$('failure').textContent")
+    open_page(page, app)
+    page.find_element("id", "file").send_keys(os.fspath(bad))
+    assert "which column holds the time" in wait(page, "$('problem').textContent")
+    assert not page.find_element("id", "ask").is_displayed()
+    (tmp_path / "empty.csv").write_text("")
+    page.find_element("id", "file").send_keys(os.fspath(tmp_path / "empty.csv"))
+    assert "is empty" in wait(page, "$('failure').textContent")
 
-        choose(page, "sample", "lorenz")
-        wait(page, "$('counts').textContent.includes('lorenz')")
-        page.find_element("id", "start").click()
-        wait(page, "!$('going').hidden && $('going_stage').textContent")
-        first = page.current_window_handle
-        page.switch_to.new_window("tab")
-        open_page(page, app)
-        wait(page, "$('counts').textContent.includes('lorenz')")  # A new tab goes on where the last one is
-        page.find_element("id", "file").send_keys(os.fspath(table))
-        wait(page, "$('counts').textContent.includes('drops.csv')")
-        assert page.execute_script("return document.getElementById('going').hidden")
-        page.close()
-        page.switch_to.window(first)
-        assert "lorenz" in text(page, "counts")
-        page.find_element("id", "going_cancel").click()
-        assert wait(page, "$('failed').textContent") == "cancelled"
-        assert page.find_element("id", "start").is_enabled()
+    choose(page, "sample", "lorenz")
+    wait(page, "$('counts').textContent.includes('lorenz')")
+    page.find_element("id", "start").click()
+    wait(page, "!$('going').hidden && $('going_stage').textContent")
+    first = page.current_window_handle
+    page.switch_to.new_window("tab")
+    open_page(page, app)
+    wait(page, "$('counts').textContent.includes('lorenz')")  # A new tab goes on where the last one is
+    page.find_element("id", "file").send_keys(os.fspath(table))
+    wait(page, "$('counts').textContent.includes('drops.csv')")
+    assert page.execute_script("return document.getElementById('going').hidden")
+    page.close()
+    page.switch_to.window(first)
+    assert "lorenz" in text(page, "counts")
+    page.find_element("id", "going_cancel").click()
+    assert wait(page, "$('failed').textContent") == "cancelled"
+    assert page.find_element("id", "start").is_enabled()
 
 
-def test_roles_that_are_chosen_stay_and_a_file_whose_roles_are_not_recognised_is_opened(page, tmp_path):
+def test_roles_that_are_chosen_stay_and_a_file_whose_roles_are_not_recognised_is_opened(page, app, tmp_path):
     rows = [
         f"{sample};{run};{hour / 2};0,{100 + 10 * hour * run};{'late' * (hour > 3)}"
         for sample in ("blank", "yeast") for run in (1, 2) for hour in range(6)
     ]  # fmt: skip
     path = tmp_path / "plate.csv"
     path.write_text("\n".join(["Sample;Run;Time (h);OD600;Note", *rows]))
-    with served(path) as app:
-        open_page(page, app)
-        wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
-        choose_role(page, "Sample", "")
-        wait(page, "$('problem').textContent.includes('Sample')")
-        assert roles(page) == {"Sample": "", "Run": "trial", "Time": "time", "OD600": "state", "Note": ""}
-        choose_role(page, "Sample", "object")
-        wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
-        assert roles(page) == {"Sample": "object", "Run": "trial", "Time": "time", "OD600": "state", "Note": ""}
-        assert text(page, "problem") == ""
-        choose_role(page, "Note", "trial")  # which takes the role from the other column
-        assert "the trial is missing" in wait(page, "$('problem').textContent")
-        assert roles(page) == {"Sample": "object", "Run": "", "Time": "time", "OD600": "state", "Note": "trial"}
+    open_page(page, app, path)
+    wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
+    choose_role(page, "Sample", "")
+    wait(page, "$('problem').textContent.includes('Sample')")
+    assert roles(page) == {"Sample": "", "Run": "trial", "Time": "time", "OD600": "state", "Note": ""}
+    choose_role(page, "Sample", "object")
+    wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
+    assert roles(page) == {"Sample": "object", "Run": "trial", "Time": "time", "OD600": "state", "Note": ""}
+    assert text(page, "problem") == ""
+    choose_role(page, "Note", "trial")  # which takes the role from the other column
+    assert "the trial is missing" in wait(page, "$('problem').textContent")
+    assert roles(page) == {"Sample": "object", "Run": "", "Time": "time", "OD600": "state", "Note": "trial"}
 
 
 GUESSED = {
@@ -297,26 +294,25 @@ GUESSED = {
 }
 
 
-def test_ordinary_tables_are_understood_and_a_click_confirms_them(page, tmp_path):
-    with served() as app:
-        open_page(page, app)
-        for kind, (said, chosen) in GUESSED.items():
-            path = tmp_path / f"{kind}.csv"
-            path.write_text(ORDINARY[kind].table())
-            page.find_element("id", "file").send_keys(os.fspath(path))
-            wait(page, f"$('counts').textContent.includes('{kind}.csv: {ORDINARY[kind].counted}')")
-            assert said in text(page, "guessed")
-            assert serious(page) == []
-            page.find_element("id", "confirm").click()
-            wait(page, "$('guessed').hidden")
-            assert text(page, "counts").startswith(f"{kind}.csv: {ORDINARY[kind].counted}")
-            assert roles(page) == chosen
-        page.find_element("id", "start").click()
-        wait(page, "!$('result').hidden && $('files').querySelector('a')")  # The law, before its rivals
-        found = page.find_elements("css selector", "#files a")
-        (link,) = (each.get_attribute("href") for each in found if each.text == "law.json")
-        law = app.say("GET", link.partition(app.host)[2], patience=120)[1].decode()
-        ORDINARY[kind].check(from_json(law))
+def test_ordinary_tables_are_understood_and_a_click_confirms_them(page, app, tmp_path):
+    open_page(page, app)
+    for kind, (said, chosen) in GUESSED.items():
+        path = tmp_path / f"{kind}.csv"
+        path.write_text(ORDINARY[kind].table())
+        page.find_element("id", "file").send_keys(os.fspath(path))
+        wait(page, f"$('counts').textContent.includes('{kind}.csv: {ORDINARY[kind].counted}')")
+        assert said in text(page, "guessed")
+        assert serious(page) == []
+        page.find_element("id", "confirm").click()
+        wait(page, "$('guessed').hidden")
+        assert text(page, "counts").startswith(f"{kind}.csv: {ORDINARY[kind].counted}")
+        assert roles(page) == chosen
+    page.find_element("id", "start").click()
+    wait(page, "!$('result').hidden && $('files').querySelector('a')")  # The law, before its rivals
+    found = page.find_elements("css selector", "#files a")
+    (link,) = (each.get_attribute("href") for each in found if each.text == "law.json")
+    law = app.say("GET", link.partition(app.host)[2], patience=120)[1].decode()
+    ORDINARY[kind].check(from_json(law))
 
 
 def roles(page):

@@ -8,7 +8,6 @@ from commonlaw.app.question import Columns, HoldOut, Question, Table
 from commonlaw.app.result import figure_file, results
 from tests.in_browser import choose, fit_drag, is_fault, open_page, serious, text, wait
 from tests.refusals import refused
-from tests.served import served
 
 
 @pytest.fixture(scope="module")
@@ -47,31 +46,30 @@ def test_every_picture_of_a_law_is_drawn_and_its_program_draws_the_same(found, t
             figure_file(name, made, source)
 
 
-def test_a_picture_is_chosen_drawn_and_taken_away(page, table):
-    with served(table) as app:
-        open_page(page, app)
-        wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
-        fit_drag(page)
-        assert len(page.find_elements("css selector", "#see .readout")) == 1  # One legend for curves and residuals
-        choose(page, "figure", "profile")
-        choose(page, "figure_object", "Ball 2")
-        page.find_element("id", "draw").click()
-        wait(page, "!$('drawn').hidden && $('picture').naturalWidth > 300")
-        assert page.execute_script("return document.getElementById('picture').naturalWidth") <= 900
-        assert "Ball 2" in page.find_element("id", "picture").get_attribute("alt")
-        assert serious(page) == []
-        href = page.find_element("id", "figure_py").get_attribute("href")
-        program = app.say("GET", href.partition(app.host)[2])[1].decode()
-        assert "cl.plots.plot_profile(law, trials, 'g', 'Ball 2')" in program
-        choose(page, "figure", "phase-plane")
-        assert text(page, "drawing") == ""
-        assert not page.find_element("id", "drawn").is_displayed()
-        window = {"width": 390, "height": 900, "deviceScaleFactor": 1, "mobile": True}
-        page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
-        page.execute_script("document.getElementById('draw').click()")
-        wait(page, "!$('drawn').hidden")
-        assert page.execute_script("return document.documentElement.scrollWidth") <= 390
-        assert [each for each in page.get_log("browser") if is_fault(each)] == []
+def test_a_picture_is_chosen_drawn_and_taken_away(page, app, table):
+    open_page(page, app, table)
+    wait(page, "$('counts').textContent.includes('4 trials of 2 objects')")
+    fit_drag(page)
+    assert len(page.find_elements("css selector", "#see .readout")) == 1  # One legend for curves and residuals
+    choose(page, "figure", "profile")
+    choose(page, "figure_object", "Ball 2")
+    page.find_element("id", "draw").click()
+    wait(page, "!$('drawn').hidden && $('picture').naturalWidth > 300")
+    assert page.execute_script("return document.getElementById('picture').naturalWidth") <= 900
+    assert "Ball 2" in page.find_element("id", "picture").get_attribute("alt")
+    assert serious(page) == []
+    href = page.find_element("id", "figure_py").get_attribute("href")
+    program = app.say("GET", href.partition(app.host)[2])[1].decode()
+    assert "cl.plots.plot_profile(law, trials, 'g', 'Ball 2')" in program
+    choose(page, "figure", "phase-plane")
+    assert text(page, "drawing") == ""
+    assert not page.find_element("id", "drawn").is_displayed()
+    window = {"width": 390, "height": 900, "deviceScaleFactor": 1, "mobile": True}
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
+    page.execute_script("document.getElementById('draw').click()")
+    wait(page, "!$('drawn').hidden")
+    assert page.execute_script("return document.documentElement.scrollWidth") <= 390
+    assert [each for each in page.get_log("browser") if is_fault(each)] == []
 
 
 def test_bars_of_absolute_values_stand_apart_from_parameters():

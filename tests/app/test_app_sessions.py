@@ -18,37 +18,33 @@ def table(tmp_path_factory):
     return path
 
 
-def test_a_session_is_saved_continued_by_another_app_and_taken_back(page, table, tmp_path):
-    folder = tmp_path / "kept"
-    with served(table, environment={"COMMONLAW_SESSIONS": str(folder)}) as app:
-        open_page(page, app)
-        wait(page, "$('counts').textContent.includes('2 trials of 2 objects')")
-        assert not page.find_element("id", "resume").is_displayed()
-        name = page.find_element("id", "session_name")
-        name.clear()
-        name.send_keys("falling balls")
-        page.find_element("id", "session_save").click()
-        wait(page, "$('session_said').textContent.startsWith('Saved')")
-        fit_drag(page)
-        wait(page, "!$('session_undo').hidden")  # The law was saved with it
-        before = text(page, "coefficients")
-        href = next(
-            each.get_attribute("href") for each in page.find_elements("css selector", "#files a") if "xlsx" in each.text
-        )
-        book = pd.read_excel(
-            io.BytesIO(app.say("GET", href.partition(app.host)[2])[1]), sheet_name=None, engine="openpyxl"
-        )
-        assert list(book) == ["objects", "coefficients"]
-        law = cl.fit("x'' = -g - c v", cl.Trials.read(table), errors="white", guesses={"g": 1.0, "c": 1.0})
-        np.testing.assert_allclose(book["coefficients"]["value"], law.params["estimate"], rtol=1e-6)
-        tabs = app.say("GET", href.partition(app.host)[2].replace("xlsx", "tsv"))[1].decode()
-        frame = pd.read_csv(io.StringIO(tabs), sep="\t", index_col=0)
-        assert list(frame.index) == ["Ball 1", "Ball 2"]
-    (file,) = folder.iterdir()
-    assert file.stat().st_mode & 0o077 == 0 or folder.stat().st_mode & 0o077 == 0
+def test_a_session_is_saved_continued_by_another_app_and_taken_back(page, app, sessions_folder, table):
+    open_page(page, app, table)
+    wait(page, "$('counts').textContent.includes('2 trials of 2 objects')")
+    assert not page.find_element("id", "resume").is_displayed()
+    name = page.find_element("id", "session_name")
+    name.clear()
+    name.send_keys("falling balls")
+    page.find_element("id", "session_save").click()
+    wait(page, "$('session_said').textContent.startsWith('Saved')")
+    fit_drag(page)
+    wait(page, "!$('session_undo').hidden")  # The law was saved with it
+    before = text(page, "coefficients")
+    href = next(
+        each.get_attribute("href") for each in page.find_elements("css selector", "#files a") if "xlsx" in each.text
+    )
+    book = pd.read_excel(io.BytesIO(app.say("GET", href.partition(app.host)[2])[1]), sheet_name=None, engine="openpyxl")
+    assert list(book) == ["objects", "coefficients"]
+    law = cl.fit("x'' = -g - c v", cl.Trials.read(table), errors="white", guesses={"g": 1.0, "c": 1.0})
+    np.testing.assert_allclose(book["coefficients"]["value"], law.params["estimate"], rtol=1e-6)
+    tabs = app.say("GET", href.partition(app.host)[2].replace("xlsx", "tsv"))[1].decode()
+    frame = pd.read_csv(io.StringIO(tabs), sep="\t", index_col=0)
+    assert list(frame.index) == ["Ball 1", "Ball 2"]
+    (file,) = sessions_folder.iterdir()
+    assert file.stat().st_mode & 0o077 == 0 or sessions_folder.stat().st_mode & 0o077 == 0
 
-    with served(environment={"COMMONLAW_SESSIONS": str(folder)}) as app:
-        open_page(page, app)
+    with served(environment={"COMMONLAW_SESSIONS": str(sessions_folder)}) as later:
+        open_page(page, later)
         page.get_log("browser")  # The page before may have asked the app that has ended
         wait(page, "!$('resume').hidden")
         assert "falling balls (drops.csv, " in text(page, "saved_sessions")
@@ -67,6 +63,6 @@ def test_a_session_is_saved_continued_by_another_app_and_taken_back(page, table,
         page.find_element("id", "session_restore").click()
         wait(page, "!$('resume').hidden")
         assert [each for each in page.get_log("browser") if is_fault(each)] == []
-        assert app.say("POST", f"{app.room}sessions/../../etc")[0] in (404, 405, 422)
-        assert app.ask("sessions/0123456789abcdef", "POST")[0] == 422
-        assert app.ask("sessions", "POST", {"name": " ", "table": "x", "columns": {}})[0] == 422
+        assert later.say("POST", f"{later.room}sessions/../../etc")[0] in (404, 405, 422)
+        assert later.ask("sessions/0123456789abcdef", "POST")[0] == 422
+        assert later.ask("sessions", "POST", {"name": " ", "table": "x", "columns": {}})[0] == 422

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 
 from tests.in_browser import choose, is_fault, open_page, wait
-from tests.served import served
 
 
 def plate():
@@ -34,10 +33,9 @@ def drug():
     return pd.concat(rows), half_lives
 
 
-def open_table(page, frame, path):
+def written(frame, path):
     frame.to_csv(path, index=False)
-    page.find_element("id", "file").send_keys(os.fspath(path))
-    wait(page, f"$('counts').textContent.includes('{path.name}: 6 trials')")
+    return path
 
 
 def quantities(page, name):
@@ -50,23 +48,23 @@ def quantities(page, name):
     return [float(cell.split(" ± ")[0]) for cell in cells]
 
 
-def test_a_table_leads_to_named_quantities_in_three_clicks(page, tmp_path):
-    with served() as app:
-        open_page(page, app)
-        frame, capacities = plate()
-        open_table(page, frame, tmp_path / "plate.csv")
-        page.find_element("id", "start").click()
-        np.testing.assert_allclose(quantities(page, "carrying capacity"), capacities, rtol=0.03)
+def test_a_table_leads_to_named_quantities_in_three_clicks(page, app, tmp_path):
+    frame, capacities = plate()
+    open_page(page, app, written(frame, tmp_path / "plate.csv"))
+    wait(page, "$('counts').textContent.includes('plate.csv: 6 trials')")
+    page.find_element("id", "start").click()
+    np.testing.assert_allclose(quantities(page, "carrying capacity"), capacities, rtol=0.03)
 
-        frame, half_lives = drug()
-        open_table(page, frame, tmp_path / "drug.csv")
-        page.find_element("css selector", "#write summary").click()
-        model = "model:one-compartment-with-doses"
-        wait(page, f"[...$('write_from').querySelectorAll('option')].some(each => each.value === '{model}')")
-        choose(page, "write_from", model)
-        wait(page, "$('parameters').children.length || $('equations_problem').textContent")
-        assert page.find_element("id", "equations_problem").get_attribute("textContent") == ""
-        page.find_element("id", "fit").click()
-        wait(page, "[...$('quantities').tHead.rows].some(each => each.textContent.includes('half-life'))", 120)
-        np.testing.assert_allclose(quantities(page, "half-life"), half_lives, rtol=0.1)
-        assert [each for each in page.get_log("browser") if is_fault(each)] == []
+    frame, half_lives = drug()
+    page.find_element("id", "file").send_keys(os.fspath(written(frame, tmp_path / "drug.csv")))
+    wait(page, "$('counts').textContent.includes('drug.csv: 6 trials')")
+    page.find_element("css selector", "#write summary").click()
+    model = "model:one-compartment-with-doses"
+    wait(page, f"[...$('write_from').querySelectorAll('option')].some(each => each.value === '{model}')")
+    choose(page, "write_from", model)
+    wait(page, "$('parameters').children.length || $('equations_problem').textContent")
+    assert page.find_element("id", "equations_problem").get_attribute("textContent") == ""
+    page.find_element("id", "fit").click()
+    wait(page, "[...$('quantities').tHead.rows].some(each => each.textContent.includes('half-life'))", 120)
+    np.testing.assert_allclose(quantities(page, "half-life"), half_lives, rtol=0.1)
+    assert [each for each in page.get_log("browser") if is_fault(each)] == []
