@@ -1,0 +1,101 @@
+"""Bounds and priors of parameters, held against least squares and integrals by SciPy."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+from scipy.stats import norm
+
+import commonlaw as cl
+from commonlaw.estimation.search import Bounds, _polished
+from commonlaw.law.text import with_error
+from tests.refusals import refused
+from tests.unit.decays import T, estimates, least, trials_of
+
+
+def test_a_parameter_at_its_bound_is_reported_with_a_one_sided_interval():
+    y = 2 * np.exp(-0.5 * T) + 0.05 * np.random.default_rng(6).standard_normal(len(T))
+    law = cl.fit("x' = -k x + q; q > 0.2; x(0) = a", trials_of({"A": (T, y)}, ["x"]))
+    assert estimates(law)["q"][0] == 0.2
+    (note,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.code == "estimate-at-bound"]
+    assert "0.2" in note.text
+
+    def residuals(p):
+        return 0.2 / p[0] + (p[1] - 0.2 / p[0]) * np.exp(-p[0] * T) - y
+
+    found = least(residuals, [0.5, 2.0])
+    assert [estimates(law)[each][0] for each in "ka"] == pytest.approx(found.x, rel=1e-6)
+
+
+@pytest.mark.parametrize("ends", [(0.2, 0.21), (-np.inf, -0.5), (-5e-4, 5e-4), (-3.0, -2.0)])
+def test_a_parameter_keeps_to_narrow_bounds(ends):
+    y = np.exp(-T) + 0.05 * np.random.default_rng(6).standard_normal(len(T))
+    found = least(lambda p: np.exp(-p[0] * T) - y, [1.0])
+    error = np.sqrt(2 * found.cost / (len(T) - 1) / (found.jac.T @ found.jac)[0, 0])
+    low, high = found.x[0] + np.array(ends)
+    bound = f"k < {high}" if np.isinf(low) else f"{low} < k < {high}"
+    law = cl.fit(f"x' = -k x; x(0) = 1; {bound}", trials_of({"A": (T, y)}, ["x"]))
+    notes = [diagnostic.text for diagnostic in law.diagnostics if diagnostic.code == "estimate-at-bound"]
+    if low < found.x[0] < high:
+        assert estimates(law)["k"] == (pytest.approx(found.x[0], rel=1e-7), pytest.approx(error, rel=1e-4))
+        assert not notes
+    else:
+        assert estimates(law)["k"] == (low if low > found.x[0] else high, 0)
+        assert with_error(found.x[0], error) in notes[0]
+
+
+@pytest.mark.parametrize("seed", [245, 838, 2275])
+def test_parameters_that_logarithms_drive_to_zero_come_back(seed):
+    source = np.random.default_rng(seed)
+    size = 3 if seed % 2 else 4
+    matrix, target = source.normal(size=(size + 1, size)).round(1), (3 * source.normal(size=size + 1)).round(1)
+    start, near = source.uniform(0, 3, size), source.random(size) < 0.5
+    start = np.where(near, np.where(source.random(size) < 0.5, 1e-4, 3 - 1e-4), start)
+
+    class Linear:
+        def residuals(self, unknowns, noise, slopes=True):
+            return matrix @ unknowns - target, matrix
+
+    found = _polished(Linear(), start, np.ones(1), Bounds(np.zeros(size), np.full(size, 3.0)))
+    assert found == pytest.approx(lsq_linear(matrix, target, (0, 3), tol=1e-14, method="bvls").x, abs=1e-6)
+
+
+def test_a_law_with_a_parameter_at_a_bound_of_zero_is_printed():
+    y = np.exp(-T) + 0.01 * np.random.default_rng(6).standard_normal(len(T))
+    law = cl.fit("x' = -k x - q x^2; x(0) = 1; q >= 0; k < 3", trials_of({"A": (T, y * np.exp(-0.1 * T**2))}, ["x"]))
+    assert estimates(law)["q"][0] == 0
+    assert "q = 0" in str(law)
+
+
+@pytest.mark.slow
+def test_bounds_in_which_no_solution_is_finite_are_refused():
+    with refused("no-finite-start"):
+        cl.fit("s' = -V s/(K + s); s(0) = 5; -5 < K < -4.9", trials_of({"A": (T, 5 * np.exp(-T))}, ["s"]))
+
+
+def test_priors_of_parameters_steer():
+    y = 2 * np.exp(-0.5 * T) + 0.1 * np.random.default_rng(7).standard_normal(len(T))
+    trials = trials_of({"A": (T, y)}, ["x"])
+    law = cl.fit("x' = -k x", trials, initial_values={"x": "a"}, priors={"k": (0.7, 0.005)}, noise={"x": 0.1})
+
+    def residuals(p):
+        return np.append((p[1] * np.exp(-p[0] * T) - y) / 0.1, (p[0] - 0.7) / 0.005)
+
+    found = least(residuals, [1.0, 1.0])
+    assert [estimates(law)[each][0] for each in "ka"] == pytest.approx(found.x, rel=1e-5)
+
+
+def test_evidence_with_priors_is_the_integral_of_the_likelihood():
+    y = 2 * np.exp(-0.5 * T) + 0.03 * np.random.default_rng(33).standard_normal(len(T))
+    trials = trials_of({"A": (T, y)})
+    priors = [{"k": (0.6, 0.1), "c": (2.1, 0.2)}, {"k": (0.45, 0.02), "c": (2.0, 0.01)}]
+    laws = [cl.fit("x' = -k x; y = c x; x(0) = 1", trials, priors=prior, noise={"y": 0.03}) for prior in priors]
+    k, c = np.meshgrid(np.linspace(0.4, 0.6, 401), np.linspace(1.8, 2.2, 401))
+    z = (c[..., None] * np.exp(-k[..., None] * T) - y) / 0.03
+
+    def log_evidence(given):
+        exponent = norm.logpdf(k, *given["k"]) + norm.logpdf(c, *given["c"]) - 0.5 * (z**2).sum(axis=-1)
+        return exponent.max() + np.log(np.exp(exponent - exponent.max()).sum())
+
+    expected = 2 * (log_evidence(priors[0]) - log_evidence(priors[1]))
+    frame = cl.compare({"one": laws[0], "two": laws[1]}, trials, noise={"y": 0.03}).set_index("law")
+    assert frame["2 log B"]["two"] - frame["2 log B"]["one"] == pytest.approx(expected, abs=0.01)

@@ -1,0 +1,135 @@
+"""Parameters of all objects, of groups, and of trials, held against one least-squares fit of all samples."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import commonlaw as cl
+from commonlaw.estimation import likelihood_profile
+from commonlaw.law import average_law
+from commonlaw.law.parameters import named_parameters
+from tests.refusals import refused
+from tests.unit.decays import T, by_trial, estimates, least, own_and_shared, trials_of
+
+
+def test_parameters_are_shared_by_all_objects_or_by_those_of_a_property():
+    samples = own_and_shared()
+    trials = trials_of(samples)
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared=["a", "b"])
+    whole = np.concatenate([y for _, y in samples.values()])
+
+    def residuals(p):
+        return np.concatenate([p[3] * np.exp(-k * T) + p[4] for k in p[:3]]) - whole
+
+    found = least(residuals, [0.5, 0.5, 0.5, 1, 1])
+    for i, name in enumerate(samples):
+        own = estimates(law, name)
+        assert [own[each][0] for each in "kab"] == pytest.approx([found.x[i], *found.x[3:]], rel=1e-6)
+    # The mean over objects of what they share is no better known than it is
+    errors = average_law(law).params.set_index("parameter")["standard error"]
+    assert errors["b"] == pytest.approx(estimates(law, "A")["b"][1], rel=1e-6)
+
+    grouped = cl.Trials(trials.trials, trials.schema, {"A": {"kind": "s"}, "B": {"kind": "t"}, "C": {"kind": "t"}})
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", grouped, shared={"a": "kind"})
+    own = [estimates(law, name)["a"][0] for name in "ABC"]
+    assert own[1] == own[2] != own[0]
+
+
+def by_trial_expected(trials, groups):
+    """Return least squares of rates by group, a common factor, and an offset by object, with standard errors."""
+
+    def residuals(p):
+        own = (p[group] * -T for group in groups)
+        curves = [p[-3] * np.exp(each) + p[-2 + (t.object == "B")] for each, t in zip(own, trials, strict=True)]
+        return np.concatenate(curves) - np.concatenate([trial.states[:, 0] for trial in trials])
+
+    first = [*np.full(len(set(groups)), 0.7), 1.5, 0.7, 0.7]
+    found = least(residuals, first)
+    free = len(found.fun) - len(found.x)
+    return found.x, np.linalg.inv(found.jac.T @ found.jac) * 2 * found.cost / free
+
+
+def test_parameters_may_differ_between_trials_of_an_object(tmp_path):
+    trials = by_trial(21)
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared={"k": "trial", "a": "all"})
+    x, covariance = by_trial_expected(trials, range(6))
+    found = {(each.object, each.trial): (each.value, each.error) for each in law.observation.estimated}
+    expected = {(t.object, t.name): (x[i], np.sqrt(covariance[i, i])) for i, t in enumerate(trials)}
+    assert found == {key: pytest.approx(each, rel=1e-4) for key, each in expected.items()}
+    # An object has the mean of its trials
+    error = np.sqrt(covariance[:3, :3].sum()) / 3
+    assert estimates(law, "A")["k"] == pytest.approx((x[:3].mean(), error), rel=1e-4)
+    law.save(tmp_path / "law.json")
+    again = cl.Law.load(tmp_path / "law.json")
+    assert again.observation == law.observation
+    # Each trial determines its rate anew, where the others are those of the law
+    curves = again.predict(trials)
+    for i, (trial, trajectory) in enumerate(zip(trials, curves.trajectories, strict=True)):
+        expected = x[6] * np.exp(-x[i] * T) + x[7 + (trial.object == "B")]
+        assert trajectory.states[:, 0] == pytest.approx(expected, abs=2e-3)
+
+
+def test_bands_of_trials_with_parameters_of_their_own_are_those_of_the_joint_fit():
+    trials = by_trial(22)
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared={"k": "trial", "a": "all"}, noise={"y": 0.05})
+    later = law.predict(trials, from_time=2.0, return_std=True)
+    early, p = T < 2, {name: estimates(law, "A")[name][0] for name in "ab"}
+    for trial, std in zip(trials.of_object("A"), later.std[:3], strict=True):
+        rows = early & np.isfinite(T)
+
+        def curve(k, a, b, t=T):
+            return a * np.exp(-k * t) + b
+
+        k = least_squares(lambda q, y=trial.states[:, 0]: (curve(q[0], **p) - y)[early], [0.7]).x[0]
+        by_k, by_a = -p["a"] * T * np.exp(-k * T), np.exp(-k * T)
+        information = by_k[rows] @ by_k[rows] / 0.05**2
+        gain = np.array([-(by_k[rows] @ by[rows]) / 0.05**2 / information for by in (by_a, np.ones_like(T))])
+        named = named_parameters(law)
+        at = [named.names.index(name) for name in "ab"]
+        known = named.covariance[0][np.ix_(at, at)]
+        slopes = np.column_stack([by_a, np.ones_like(T)]) + by_k[:, None] * gain
+        expected = np.sqrt(np.einsum("ni,ij,nj->n", slopes, known, slopes) + by_k**2 / information)
+        assert std[:, 0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_trials_with_one_value_of_an_input_may_share_a_parameter():
+    trials = by_trial(23, (0.4, 0.8, 0.4), T=(20.0, 30.0, 20.0))
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared={"k": "T", "a": "all"})
+    x, _ = by_trial_expected(trials, [0, 1, 0, 0, 1, 0])
+    found = [each.value for each in law.observation.estimated]
+    assert found == pytest.approx([x[0], x[1], x[0], x[0], x[1], x[0]], rel=1e-5)
+    assert estimates(law, "A")["k"][0] == pytest.approx((2 * x[0] + x[1]) / 3, rel=1e-5)
+    drifting = [cl.Trial(t.object, t.name, t.times, t.states, t.times[:, None]) for t in trials]
+    with refused("group-varies-in-trial", column="T"):
+        cl.fit("x' = -k x; y = x + b", cl.Trials(tuple(drifting), trials.schema), shared={"k": "T"})
+
+
+@pytest.mark.parametrize("apart", [1e-6, 1e-9, 1e-10, 1e-11])
+def test_shared_parameters_that_are_nearly_collinear_are_fitted(apart):
+    samples = own_and_shared()
+    text = f"x' = -k x; y = c x + d (x + {apart} t) + b; x(0) = 2"
+    law = cl.fit(text, trials_of(samples), shared=["b", "c", "d"])
+    own = estimates(law, "A")
+    assert own["c"][0] + own["d"][0] == pytest.approx(1.0, abs=0.2)
+    assert own["c"][1] > 0.1 / apart * 1e-3
+
+
+def test_the_profile_of_a_shared_parameter_is_that_of_all_objects():
+    samples = own_and_shared()
+    trials = trials_of(samples)
+    law = cl.fit("x' = -k x; y = x + b; x(0) = a; a > 0", trials, shared=["a", "b"], noise={"y": 0.05})
+    profile = likelihood_profile(law, trials, "b", "A")
+    whole = np.concatenate([y for _, y in samples.values()])
+
+    def squares(b):
+        def residuals(p):
+            return (np.concatenate([p[3] * np.exp(-k * T) + b for k in p[:3]]) - whole) / 0.05
+
+        return 2 * least(residuals, [0.5, 0.5, 0.5, 2]).cost
+
+    expected = np.array([squares(b) for b in profile.values])
+    assert profile.deviance == pytest.approx(expected - expected.min(), abs=1e-3)
+    assert profile.error == pytest.approx(estimates(law, "A")["b"][1], rel=1e-3)
+    own = cl.fit("x' = -k x; y = x + b; x(0) = a", by_trial(24), shared={"k": "trial", "a": "all"})
+    with refused("profile-by-trial"):
+        likelihood_profile(own, by_trial(24), "k", "A")

@@ -1,0 +1,91 @@
+"""Times of switches, dead times and interpolation of inputs, held against solutions in closed form."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+from tests.unit.decays import assert_least_squares, estimates, trials_of
+
+
+@pytest.mark.parametrize("between", ["held", "linear"])
+def test_a_dead_time_of_an_input_is_estimated(between):
+    times = np.arange(0.0, 600.0, 10.0)
+    u = 20.0 * (times >= 50) - 10.0 * (times >= 300)
+    knots = times if between == "held" else None
+
+    def curve(gain, tau, delay, first):
+        def inputs(t):
+            t = t - delay
+            if knots is None:
+                return np.interp(t, times, u)
+            return u[max(int(np.searchsorted(times, t, side="right")) - 1, 0)]
+
+        def rate(t, x):
+            return (gain * inputs(t) - x) / tau
+
+        return solve_ivp(rate, (0, 600), [first], "LSODA", times, rtol=1e-9, atol=1e-9, max_step=2).y[0]
+
+    y = curve(0.62, 80.0, 18.0, 0.5) + 0.05 * np.random.default_rng(9).standard_normal(len(times))
+    trial = cl.Trial("A", "1", times, y, u)
+    trials = cl.Trials((trial,), cl.Schema(("x",), ("u",)))
+    law = cl.fit("x' = (g u(t - d) - x)/s", trials, input_interpolation=between)
+    known = estimates(law)
+    for name, truth in {"g": 0.62, "s": 80.0, "d": 18.0}.items():
+        value, error = known[name]
+        assert abs(value - truth) < 4 * error < 0.05 * truth
+    notes = [diagnostic.code for diagnostic in cl.fit("x' = (g u(t - d) - x)/s", trials).diagnostics]
+    assert notes == ["delay-by-interpolation"]
+
+
+def test_the_time_of_a_switch_is_estimated():
+    t, random = np.linspace(0, 20, 60), np.random.default_rng(1)
+
+    def solution(k, a, begins):
+        return 2 * np.exp(-k * t) + a / k * (1 - np.exp(-k * np.maximum(t - begins, 0)))
+
+    measured = solution(0.5, 1.0, 6.3) + 0.02 * random.standard_normal(len(t))
+    law = cl.fit("x' = -k x + a (t > t0); x(0) = 2", trials_of({"A": (t, measured)}, ["x"]))
+    assert_least_squares(law, {"k": 0.45, "a": 0.9, "t0": 6.2}, lambda p: solution(*p) - measured)
+    assert law.structure == ("x' = -k x + a step(t - t0)",)
+
+
+def test_rates_may_switch_with_the_state():
+    t, random = np.linspace(0, 8, 60), np.random.default_rng(3)
+
+    def solution(k, slow, limit):
+        turns = np.log(2 / limit) / k
+        return np.where(t < turns, 2 * np.exp(-k * t), limit * np.exp(-slow * (t - turns)))
+
+    measured = solution(0.9, 0.1, 0.7) + 0.01 * random.standard_normal(len(t))
+    law = cl.fit("x' = where(x > c, -k x, -s x); x(0) = 2", trials_of({"A": (t, measured)}, ["x"]))
+    assert_least_squares(law, {"k": 0.8, "s": 0.12, "c": 0.75}, lambda p: solution(*p) - measured)
+
+
+def heated(noise, seed):
+    """Return a trial of x' = (0.6 u - x)/80 with held inputs, exactly but for the noise."""
+    times, x = np.arange(0.0, 600.0, 10.0), [0.0]
+    u = 20.0 * (times >= 50) - 10.0 * (times >= 300)
+    for each in u[:-1]:
+        x.append(0.6 * each + (x[-1] - 0.6 * each) * np.exp(-10 / 80))
+    y = np.array(x) + noise * np.random.default_rng(seed).standard_normal(len(times))
+    return cl.Trials((cl.Trial("A", "1", times, y, u),), cl.Schema(("x",), ("u",)))
+
+
+@pytest.mark.parametrize("noise", [{"x": 0.05}, None])
+def test_later_inputs_drive_forecasts(noise):
+    trials = heated(0.05, 13)
+    y = trials[0].states[:, 0]
+    law = cl.fit("x' = (g u - x)/s", trials, priors={"g": (0.6, 0.3)}, input_interpolation="held", noise=noise)
+    later = law.predict(trials, from_time=250.0, return_std=True)
+    assert np.abs(later.to_frame()["x error"]).max() < 0.2
+    low, high = later.bands(measured=True)[0]
+    assert 0.85 < np.mean((low[26:, 0] < y[26:]) & (y[26:] < high[26:, 0])) <= 1
+    straight = law.predict(trials, from_time=250.0, input_interpolation="linear").to_frame()
+    assert np.abs(straight["x error"]).max() > 2 * np.abs(later.to_frame()["x error"]).max()
+
+
+def test_the_interpolation_of_inputs_is_the_one_that_fits():
+    law = cl.fit("x' = (g u - x)/s", heated(0.01, 15), priors={"g": (0.6, 0.3)})
+    assert law.observation.measured.input_interpolation == "held"
+    assert next(each for each in law.history if each.stage == "inputs").choice == "held"
