@@ -188,7 +188,7 @@ def test_a_kind_of_errors_that_there_is_not_is_refused():
 
 
 def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
-    trials = oscillator(correlated)
+    trials = oscillator(correlated, count=2)
     laws = {text: cl.fit(text, trials) for text in ("x'' = a x + b v", "x'' = a x", "x'' = a x + b v^3")}
     found = cl.compare(laws, trials).set_index("law")
     assert found["errors"].iloc[0] == "autocorrelated measurement errors"

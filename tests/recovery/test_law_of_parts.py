@@ -23,14 +23,14 @@ def drops(count):
 
 @pytest.fixture(scope="module")
 def whole():
-    return drops(15)
+    return drops(9)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, whole):
     folder = tmp_path_factory.mktemp("runs")
     for i in range(3):
-        whole.select(object=list(whole.objects[5 * i : 5 * i + 5])).to_parquet(folder / f"{i}.parquet")
+        whole.select(object=list(whole.objects[3 * i : 3 * i + 3])).to_parquet(folder / f"{i}.parquet")
     return folder
 
 
