@@ -1,17 +1,13 @@
 """The benchmarks run, and what they compare are laws: commonlaw's part of each, in its small size."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from benchmarks.__main__ import main
 from benchmarks.accuracy import errors
 from benchmarks.cases import CASES, DEGREES
 from benchmarks.problem import Problem, lorenz_law
 
-ROOT = Path(__file__).resolve().parents[2]
 PARTS = [(case, who) for case in CASES for who in CASES[case].contestants if who.startswith("commonlaw")]
 
 
@@ -67,8 +63,9 @@ def test_errors_against_least_squares_on_all_rows_of_a_badly_scaled_library_are_
     assert max(errors(columns * scales, columns @ np.ones((5, 1)))) < 1e-12
 
 
-def test_the_benchmarks_run_and_find_the_same_law():
-    command = [sys.executable, "-m", "benchmarks", "--quick", "--case", "trials"]
-    table = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+def test_the_benchmarks_run_and_find_the_same_law(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["", "--quick", "--case", "trials"])
+    main()
+    table = capsys.readouterr().out
     assert "| commonlaw |" in table
     assert "NO (" not in table

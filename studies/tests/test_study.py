@@ -2,6 +2,7 @@
 
 import csv
 import json
+from runpy import run_module
 
 import pytest
 
@@ -86,8 +87,10 @@ def test_without_the_measured_drops_the_simulated_parts_are_done(run_study, tmp_
     check_page(tmp_path / "report" / "report.html")
 
 
-def test_a_folder_without_the_drops_is_an_error(run_study, tmp_path):
-    run = run_study(tmp_path / "out", "--data", tmp_path, check=False)
-    assert run.returncode == 1
-    assert "Ball_drops_data.xls" in run.stderr
+def test_a_folder_without_the_drops_is_an_error(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["", "--out", str(tmp_path / "out"), "--data", str(tmp_path)])
+    with pytest.raises(SystemExit) as ended:
+        run_module("studies.falling_balls", run_name="__main__")
+    assert ended.value.code == 1
+    assert "Ball_drops_data.xls" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

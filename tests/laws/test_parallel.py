@@ -106,10 +106,9 @@ def test_there_are_as_many_threads_as_other_numerical_libraries_take(monkeypatch
 
 
 @pytest.mark.usefixtures("switching")
-@pytest.mark.parametrize("many", [False, True])
-def test_a_law_is_the_same_for_any_number_of_threads(many):
-    drag = tuple(np.linspace(-0.7, -0.1, 25 if many else 3).tolist())
-    trials = cl.datasets.linear_drag(drag=drag, noise=0.05, samples=60 if many else 49, rate=18.0)
+def test_a_law_is_the_same_for_any_number_of_threads():
+    drag = tuple(np.linspace(-0.7, -0.1, 25).tolist())
+    trials = cl.datasets.linear_drag(drag=drag, noise=0.05, samples=60, rate=18.0)
     laws = [
         cl.discover(trials, order=2, library="poly:2", method=cl.TrajectoryLikelihood(n_jobs=n_jobs), cache=False)
         for n_jobs in (1, 4)
@@ -118,8 +117,8 @@ def test_a_law_is_the_same_for_any_number_of_threads(many):
 
 
 def test_laws_fitted_and_compared_are_the_same_for_any_number_of_threads():
-    trials = cl.datasets.linear_drag(noise=0.05)
-    texts, found = ("x'' = a + b v", "x'' = a", "x'' = a + b v^2"), []
+    trials = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), noise=0.05)
+    texts, found = ("x'' = a + b v", "x'' = a"), []
     for n_jobs in (1, 3):
         laws = {text: cl.fit(text, trials, n_jobs=n_jobs) for text in texts}
         found.append((cl.compare(laws, trials, n_jobs=n_jobs).to_json(), *(to_json(law) for law in laws.values())))

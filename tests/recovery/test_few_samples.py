@@ -48,9 +48,8 @@ def test_all_samples_tell_terms_and_coefficients_that_few_cannot(few):
 
 def test_all_objects_tell_a_term_that_groups_of_them_cannot():
     springs, question = swinging(1.2e-3, 0.03, 60, 60, 0.2), {"order": 2, "library": "terms:1,x,v", "cache": False}
-    for first in (0, 1):
-        group = springs.with_trials(list(springs)[first::6])
-        assert cl.discover(group, **question).structure == ("x'' = a x",)
+    group = springs.with_trials(list(springs)[::6])
+    assert cl.discover(group, **question).structure == ("x'' = a x",)
     law = cl.discover(springs, **question)
     assert law.structure == ("x'' = a x + b v",)
     average, v = average_law(law), law.terms.index("v")

@@ -35,11 +35,10 @@ def test_the_changes_apply_and_their_programs_run_only_with_them(tmp_path: Path)
     pairs = [re.findall(r"```\w+\n(.*?)(?:^```\n|\Z)", each, re.MULTILINE | re.DOTALL) for each in EXAMPLES.values()]
     changes, programs = zip(*pairs, strict=True)
     assert max(change.count("\n") for change in changes) < MAX_LINES
-    ignored = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "src" / "commonlaw", tmp_path / "src" / "commonlaw", ignore=ignored)
+    shutil.copytree(ROOT / "src" / "commonlaw", tmp_path / "src" / "commonlaw")
 
     def ends() -> list[str]:
-        there = {"PYTHONPATH": str(tmp_path / "src"), "COMMONLAW_CACHE": "off", "PYTHONDONTWRITEBYTECODE": "1"}
+        there = {"PYTHONPATH": str(tmp_path / "src"), "COMMONLAW_CACHE": "off"}
         command = [sys.executable, "-W", "error", "-c", RUN, *programs]
         done = subprocess.run(command, env=os.environ | there, cwd=tmp_path, capture_output=True, text=True, check=True)
         return done.stdout.splitlines()

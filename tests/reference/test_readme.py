@@ -33,10 +33,15 @@ def test_the_tour_runs_without_a_network_and_prints_what_stands_below_it(monkeyp
     assert {path.name for path in tmp_path.iterdir()} == written
     capsys.readouterr()
     names = {}
-    for name in ("README.md", "docs/choices.md"):
-        for block in blocks("python", name):
-            exec(compile(block, name, "exec"), names)
-    first, shown = blocks("python")[0], blocks("text")[0]
+    (first, *others), shown = blocks("python"), blocks("text")[0]
+    exec(compile(first, "README.md", "exec"), names)
+    drops, two = names["drops"], ["Ball 1", "Ball 2"]  # Which do for a report
+    names |= {"law": names["law"].select(two), "drops": drops.select(object=two)}
+    for block in others:
+        exec(compile(block, "README.md", "exec"), names)
+    names["drops"] = drops
+    for block in blocks("python", "docs/choices.md"):
+        exec(compile(block, "docs/choices.md", "exec"), names)
     printed = capsys.readouterr().out[: len(shown)]
     assert re.sub(r"\d", "0", printed) == re.sub(r"\d", "0", shown)
     assert numbers(printed) == pytest.approx(numbers(shown), rel=0.02)

@@ -223,7 +223,7 @@ def test_refining_begins_with_the_constants_of_the_law(fitted, enzymes):
 
 
 def test_laws_with_constants_are_compared_with_others(enzymes):
-    laws = [cl.fit(text, enzymes) for text in (SATURATING, "s' = -k s", "s' = a + b s + c s^2")]
+    laws = [cl.fit(text, enzymes, errors="white") for text in (SATURATING, "s' = -k s", "s' = a + b s + c s^2")]
     table = cl.compare(laws, enzymes)
     assert table["equations"][0] == SATURATING
     assert table["coefficients"][0] == 2
@@ -379,7 +379,6 @@ def test_constants_have_the_units_that_make_sums_and_functions_possible(text, un
 
 
 FORMS = [
-    ("x' = a sin(w t) + b cos(u t)", {"w": 0.3, "u": 1.1}),
     ("x' = a sin(w t + p) + b sin(u t + q)", {"w": 0.3, "u": 1.1}),
     ("x' = a sin(2 pi t/P) + b cos(2 pi t/Q)", {"P": 2 * np.pi / 0.3, "Q": 2 * np.pi / 1.1}),
 ]

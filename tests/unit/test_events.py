@@ -103,14 +103,14 @@ def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_pri
     found = law.params[law.params["parameter"] == "tau"]
     assert found["estimate"].to_numpy() == pytest.approx(expected[1:], rel=1e-5)
     assert found["standard error"].to_numpy() == pytest.approx(errors[1:], rel=1e-3)
-    near = cl.fit("y' = -k y; t > tau: y = y + 3", measured, priors={"tau": (6.0, 1e-4)}, **settings)
-    found = near.params[near.params["parameter"] == "tau"]
-    assert found["estimate"].to_numpy() == pytest.approx(6.0, abs=1e-2)
+    one, prior = measured.select(object="A"), {"tau": (6.0, 1e-4)}
+    near = cl.fit("y' = -k y; t > tau: y = y + 3", one, priors=prior, initial_values={"y": 5.0})
+    assert near.params.set_index("parameter")["estimate"]["tau"] == pytest.approx(6.0, abs=1e-2)
 
 
 def test_the_time_of_a_dose_is_found_from_poor_guesses():
     """An early event explains the first samples at wrong values of the other parameters."""
-    times, random = np.linspace(0, 16, 50), np.random.default_rng(101)
+    times, random = np.linspace(0, 16, 40), np.random.default_rng(101)
 
     def course(ka, ke, volume, tau):
         def after(t):
@@ -192,8 +192,9 @@ def test_laws_with_events_are_refined_and_compared(ball):
     again = cl.refine(law, measured)
     assert again.params["estimate"].to_numpy() == pytest.approx(law.params["estimate"].to_numpy(), rel=1e-6)
     assert again.observation.events == law.observation.events
-    other = cl.fit("x'' = -g; x < 0: x = 0, v = -0.95 v", measured)
-    assert cl.compare({"other": other, "law": law}, measured)["law"].tolist() == ["law", "other"]
+    early = measured.until(0.9)
+    other = cl.fit("x'' = -g; x < 0: x = 0, v = -0.95 v", early)
+    assert cl.compare({"other": other, "law": law}, early)["law"].tolist() == ["law", "other"]
 
 
 @pytest.mark.parametrize(

@@ -244,9 +244,9 @@ EVENTS = {
 def occurring(request):
     """Return a law with events whose parameters are all but known, initial states, times, and states."""
     text, values, initial, last = EVENTS[request.param]
-    times, rising = np.linspace(0, last, 41), np.linspace(1, 2, 41)
+    times, few = np.linspace(0, last, 41), np.linspace(0, last, 5)
     priors = {name: (value, 1e-7 * value) for name, value in values.items()}
-    measured = cl.Trials.from_arrays(times, rising, names=[text[0]])
+    measured = cl.Trials.from_arrays(few, 1 + few / last, names=[text[0]])
     law = cl.fit(text, measured, priors=priors, noise={text[0]: 100.0})
     (path,) = law.simulate(times, initial).values()
     assert np.isfinite(path.states).all()

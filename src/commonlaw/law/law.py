@@ -629,7 +629,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         Examples
         --------
         >>> import commonlaw as cl
-        >>> drops = cl.datasets.linear_drag(noise=0.05, trials=1)
+        >>> drops = cl.datasets.linear_drag(drag=(-0.3,), noise=0.05, trials=1)
         >>> cl.fit("x'' = -g - c v", drops).report(drops).html[:15]
         '<!DOCTYPE html>'
         """

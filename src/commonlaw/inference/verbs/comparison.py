@@ -90,7 +90,7 @@ def compare(
     Examples
     --------
     >>> import commonlaw as cl
-    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> drops = cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05, trials=1)
     >>> laws = {text: cl.fit(text, drops) for text in ("x'' = a + b v", "x'' = a + b v^2")}
     >>> cl.compare(laws, drops)["law"].tolist()
     ["x'' = a + b v", "x'' = a + b v^2"]
