@@ -111,7 +111,18 @@ def laws(tmp_path):
 
 @pytest.mark.usefixtures("laws")
 def test_the_experiment_that_tells_laws_apart_is_said_saved_and_drawn(run, tmp_path):
-    given = ("linear.json", "drops.csv", "--rival", "quadratic.json", "--vary", "duration=4", "--vary", "v=0")
+    given = (
+        "linear.json",
+        "drops.csv",
+        "--rival",
+        "quadratic.json",
+        "--vary",
+        "duration=4",
+        "--vary",
+        "rate=5",
+        "--vary",
+        "v=0",
+    )
     files = ("--within", "x=0..100", "--save", "design.csv", "--save", "design.svg")
     code, out, _ = run("design", *given, "--vary", "x=20..60", *files)
     assert code == 0

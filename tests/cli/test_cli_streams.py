@@ -94,7 +94,7 @@ def test_what_needs_all_trials_at_once_reads_the_files_of_a_pattern(run, words, 
         (["--learn-until", "1"], "6 trials of 2 objects"),
     ],
 )
-def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials, tmp_path):
+def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials):
     asked = ["Ball *.parquet", "--order", "2", "--library", "poly:1", "--method", "trajectory-likelihood", *words]
     code, out, err = run("discover", *asked, "--save", "found.json")
     assert code == 0, err
@@ -103,10 +103,13 @@ def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials, tmp_path)
         return
     assert f"Forecasts of {trials}: R^2 " in out
     assert "This law can be used for forecasts" in out
-    code, out, err = run("report", "Ball *.parquet", "found.json", *words, "--save", "page.html")
+
+
+def test_the_report_of_a_pattern_is_a_page(run, tmp_path):
+    code, _, err = run("report", "Ball *.parquet", "law.parquet", "--hold-out", "trial=3")
     assert code == 0, err
-    page = (tmp_path / "page.html").read_text()
-    assert f"{trials} were forecast" in page
+    page = (tmp_path / "report.html").read_text()
+    assert "2 held-out trials of 2 objects were forecast" in page
     assert "In Python, which uses all trials of the table:" in page
 
 

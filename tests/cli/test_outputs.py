@@ -43,13 +43,6 @@ def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):
     assert "held-out trials" in page
     check_page(tmp_path / "drops.html")
 
-    cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}).save(tmp_path / "law.json")
-    code, _, _ = run("report", "drops.csv", "law.json", "--hold-out", "trial=2")
-    saved = (tmp_path / "report.html").read_text()
-    assert code == 0
-    assert "commonlaw report drops.csv law.json" in saved
-    assert "Their standard errors are unknown" in saved
-
 
 QUICK = ["--order", "2", "--library", "poly:1", "--set", "solver=group-stlsq:1.5"]
 

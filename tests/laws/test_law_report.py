@@ -147,7 +147,7 @@ def test_a_hopeless_law_is_called_so_and_what_ran_away_is_said(drops):
     assert report.summary.startswith("**Do not use this law for forecasts")
     assert "diverge" in str(blocks_of(report, "forecasts")[0])
     assert "diverged after" in table_of(report, "forecast-errors")
-    to_page(report)
+    assert "Their standard errors are unknown" in to_page(report).decode()
 
 
 def test_names_cannot_write_into_the_page(drops):
