@@ -13,7 +13,7 @@ from threading import Thread
 import pytest
 
 ROOT = Path(__file__).parents[2]
-FILES = ("tests/unit/test_trials_tables.py", "tests/unit/test_trials.py")
+FILES = ("tests/unit/test_trials_tables.py", "tests/unit/test_trial_checks.py")
 """With tests on the measured drops, among others."""
 
 NEEDED = ("pyproject.toml", "conftest.py", "tests/refusals.py", "tests/unit/tables.py")

@@ -1,0 +1,102 @@
+"""Units of trials, and objects without a name."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from commonlaw.law import Law, Uncertainty
+from commonlaw.library import Variables, parse_library
+from commonlaw.trials import Schema, Trial, Trials
+from commonlaw.trials.headers import known_unit, registry
+from commonlaw.trials.transformations import in_units, with_logarithms, with_starts, without_rates
+from tests.refusals import refused
+
+
+def test_units_without_a_unit_column_are_only_missing_where_used():
+    times = np.arange(30) / 15
+    (finding,) = Trials.from_arrays(times, 50 - 4.9 * times**2, names=["h"], units={"h": "m"}).check().findings
+    assert finding.startswith("no unit is known for t:")
+
+
+@pytest.mark.parametrize("unit", ["cells", "individuals", "CFU", "OD", "IU", "counts", "people", "copies"])
+def test_counts_are_units_without_a_dimension(unit):
+    assert known_unit(unit).dimensionless
+    trials = Trials.from_frame(pd.DataFrame({f"N [{unit}/mL]": [1.0, 2.0], "t [min]": [0.0, 1.0]}))
+    assert trials.schema.states == ("N",)
+    assert trials.schema.units == {"N": f"{unit}/mL", "t": "min"}
+
+
+def test_counts_are_converted_as_numbers():
+    assert registry().Quantity(1, "cells/mL").m_as("1/L") == pytest.approx(1000)
+    assert registry().Quantity(0.01, "OD/min").m_as("OD/h") == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(("unit", "name"), [("m", "meter"), ("cd", "candela"), ("pF", "picofarad"), ("P", "poise")])
+def test_counts_take_no_unit_of_physics_away(unit, name):
+    assert str(known_unit(unit)) == name
+
+
+def test_units_can_be_compared_where_several_threads_use_them_first():
+    program = (
+        "from concurrent.futures import ThreadPoolExecutor as Pool; from commonlaw.trials.headers import registry;"
+        "print(len({id(each) for each in Pool(8).map(lambda _: registry(), range(8))}))"
+    )
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "1\n"
+
+
+def test_limits_of_quantification_change_with_their_state():
+    states, below = np.array([[3.0, 0.0], [np.nan, 1.0], [2.0, 1.0]]), np.full((3, 2), np.nan)
+    below[1, 0] = 500.0
+    trial = Trial("a", "1", [0.0, 1.0, 2.0], states, below=below)
+    trials = Trials((trial,), Schema(("m", "v"), units={"m": "mg"}))
+    assert in_units(trials, {"m": "g"})[0].below[1, 0] == pytest.approx(0.5)
+    logarithmic = with_logarithms(trials, ["m"])
+    assert logarithmic[0].below[1, 0] == pytest.approx(np.log(500))
+    assert in_units(logarithmic, {"m": "g"})[0].below[1, 0] == pytest.approx(np.log(0.5))
+    np.testing.assert_array_equal(without_rates(trials, {"m": "v"})[0].below, below[:, :1])
+    assert with_starts(trials, {"s": 1.0}, -1.0)[0].below[2, 0] == 500.0
+
+
+FRAME = pd.DataFrame({"t": np.arange(8.0), "x": np.exp(-np.arange(8.0))})
+
+
+def law_of(*objects):
+    terms, count = parse_library("terms:x").bind(Variables(("x",))), len(objects)
+    rates = -np.arange(1.0, count + 1).reshape(-1, 1, 1)
+    return Law(
+        terms, Schema(("x",)), 1, objects, rates, uncertainty=Uncertainty(1e-4 * np.ones((count, 1, 1)), noise=[0.1])
+    )
+
+
+def test_an_object_is_nameless_where_neither_table_nor_user_names_it():
+    assert Trials.from_frame(FRAME).nameless
+    assert Trials.from_arrays(FRAME["t"], FRAME["x"]).nameless
+    assert Trials.from_frame(FRAME)[[0]].nameless
+    assert not Trials.from_frame(FRAME, object_name="cup").nameless
+    assert Trials.from_frame(FRAME, object_name="cup").objects == ("cup",)
+    assert not Trials.from_frame(FRAME.assign(object="cup")).nameless
+    assert not Trials.from_arrays(FRAME["t"], FRAME["x"], object="cup").nameless
+    with refused("object-column-and-name", column="object"):
+        Trials.from_frame(FRAME.assign(object="cup"), object_name="cup")
+
+
+def test_a_nameless_object_has_the_coefficients_of_the_only_one_and_their_accuracy():
+    nameless, named = Trials.from_frame(FRAME), Trials.from_frame(FRAME, object_name="cup")
+    forecast, expected = (law_of("cup").predict(each, return_std=True) for each in (nameless, named))
+    np.testing.assert_array_equal(forecast.trajectories[0].states, expected.trajectories[0].states)
+    np.testing.assert_array_equal(forecast.std[0], expected.std[0])
+    assert forecast.trials.objects == ("object",)
+    remark = "no object is named: object has the coefficients of cup, the only object of the law"
+    assert forecast.trials.notes == (remark,)
+    assert expected.trials.notes == ()
+    assert law_of("object", "cup").predict(nameless).trials.notes == ()
+
+
+def test_which_object_of_several_is_not_guessed():
+    with refused("object-unnamed", objects="cup, pot"):
+        law_of("cup", "pot").predict(Trials.from_frame(FRAME))
+    with refused("unknown-name", kind="object of this law", name="mug"):
+        law_of("cup").predict(Trials.from_frame(FRAME, object_name="mug"))
