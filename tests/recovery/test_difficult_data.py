@@ -1,10 +1,10 @@
 """Laws of data that mislead: large swings, many short trials, and measurements more exact than a mesh."""
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.law.parameters import standard_errors
+from tests.simulations import solved
 
 
 def _rates(_: float, z: np.ndarray) -> list[float]:
@@ -13,7 +13,7 @@ def _rates(_: float, z: np.ndarray) -> list[float]:
 
 def test_few_samples_of_large_swings_are_not_all_taken_for_outliers():
     generator, times = np.random.default_rng(22), np.arange(0.0, 13.0)
-    states = solve_ivp(_rates, (0, 12), [4.0, 30.0], t_eval=times, rtol=1e-9).y.T
+    states = solved(_rates, [4.0, 30.0], times)
     noise = generator.uniform(2, 5)
     states = np.abs(states + noise * generator.standard_normal(states.shape)).round(1) + 0.1
     law = cl.discover(cl.Trials.from_arrays([times], [states], names=["x", "y"]), library="poly:3", order=1)
@@ -32,19 +32,12 @@ def test_what_objects_have_in_common_is_found_among_many():
 
 
 def test_the_discretization_error_of_a_coarse_mesh_is_no_reason_for_richer_terms():
-    times, measured, told = np.linspace(0, 1.5, 100), [], []
-    for k, (s, r, b) in enumerate([(10.0, 28.0, 2.7), (9.6, 26.5, 2.5)]):
-        start = [(-5.0, -2.0, 20.0), (3.0, 6.0, 25.0)][k]
-        found = solve_ivp(
-            lambda _, y, s=s, r=r, b=b: [s * (y[1] - y[0]), y[0] * (r - y[2]) - y[1], y[0] * y[1] - b * y[2]],
-            (0, 1.5),
-            start,
-            t_eval=times,
-            method="LSODA",
-            rtol=1e-9,
-            atol=1e-11,
-        )
-        measured.append(found.y.T)
+    def rates(_, y, s, r, b):
+        return [s * (y[1] - y[0]), y[0] * (r - y[2]) - y[1], y[0] * y[1] - b * y[2]]
+
+    times, told = np.linspace(0, 1.5, 100), []
+    first = solved(rates, (-5.0, -2.0, 20.0), times, 10.0, 28.0, 2.7)
+    measured = [first, solved(rates, (3.0, 6.0, 25.0), times, 9.6, 26.5, 2.5)]
     trials = cl.Trials.from_arrays([times] * 2, measured, object=["a", "b"], names=["x", "y", "z"])
     law = cl.discover(trials, order=1, cache=False, progress=told.append)
     assert law.structure == ("x' = a x + b y", "y' = c x + d y + f x z", "z' = g z + h x y")

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
 import commonlaw as cl
@@ -13,6 +12,7 @@ from commonlaw.law import from_json, to_json
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import named_parameters, standard_errors
 from tests.refusals import refused
+from tests.simulations import solved
 
 TRUTH = {"a": (9.0, 0.2), "b": (6.0, 0.1)}
 TIMES, NOISE = np.linspace(0, 6, 120), 0.005
@@ -22,16 +22,9 @@ NAMES = ["theta", "omega"]
 def pendulum(measured=(True, True), noise=NOISE, units=None, of=lambda theta, omega: (theta, omega)):
     """Two damped pendulums with large swings: angles, and of some the rate."""
     generator, states = np.random.default_rng(1), []
-    for (stiffness, drag), both in zip(TRUTH.values(), measured, strict=True):
-        swing = solve_ivp(
-            lambda _, y, k=stiffness, c=drag: [y[1], -k * np.sin(y[0]) - c * y[1]],
-            (0, TIMES[-1]),
-            [1.2, 0.0],
-            t_eval=TIMES,
-            rtol=1e-10,
-            atol=1e-12,
-        )
-        own = np.column_stack(of(*swing.y)) + noise * generator.standard_normal((len(TIMES), 2)) * [1, 3]
+    for numbers, both in zip(TRUTH.values(), measured, strict=True):
+        swing = solved(lambda _, y, k, c: [y[1], -k * np.sin(y[0]) - c * y[1]], [1.2, 0.0], TIMES, *numbers)
+        own = np.column_stack(of(*swing.T)) + noise * generator.standard_normal((len(TIMES), 2)) * [1, 3]
         own[:, 1] += 0.0 if both else np.nan
         states.append(own)
     return cl.Trials.from_arrays([TIMES] * 2, states, object=[*TRUTH], names=NAMES, units=units)

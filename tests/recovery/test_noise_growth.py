@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.formulation import law_variables
@@ -10,6 +9,7 @@ from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.lack_of_fit import proportional_noise_gain, with_proportional_noise
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.library import PolynomialLibrary
+from tests.simulations import solved
 
 TIMES = np.linspace(0, 4, 300)
 DECAY = 5 * np.exp(-TIMES)[:, np.newaxis]
@@ -76,9 +76,7 @@ def test_the_gain_is_that_of_the_likeliest_levels():
 def test_an_epidemic_that_dies_down_under_noise_in_proportion_is_found():
     """Its first states are ten thousand times its last ones: under noise of one level most say nothing, or too much."""
     times = np.linspace(0, 10, 300)
-    clean = solve_ivp(
-        lambda _, z: [-0.4 * z[0] * z[1], 0.4 * z[0] * z[1] - 0.3 * z[1]], (0, 10), [7.2, 1.0], t_eval=times, rtol=1e-9
-    ).y.T
+    clean = solved(lambda _, z: [-0.4 * z[0] * z[1], 0.4 * z[0] * z[1] - 0.3 * z[1]], [7.2, 1.0], times)
     measured = clean * (1 + 0.05 * np.random.default_rng(5).standard_normal(clean.shape))
     law = cl.discover(cl.Trials.from_arrays(times, measured, names=["s", "i"]), library="poly:2", order=1)
     assert law.structure == ("s' = a s i", "i' = b i + c s i")

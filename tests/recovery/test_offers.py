@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import AbstractLibrary, Offer, Terms, Variables, parametric_term, parse_library
+from tests.simulations import simulated, solved
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,8 @@ def _predation(_: float, z: np.ndarray, growth: float, gain: float) -> list[floa
 @pytest.fixture(scope="module")
 def inhibited() -> cl.Trials:
     """s' = -V s/(K + s + s^2/L), an enzyme that its substrate inhibits (Haldane)."""
-    generator, times = np.random.default_rng(1), np.linspace(0, 8, 50)
-    states = list[np.ndarray]()
-    for rate, half, inhibition in ((1.2, 0.5, 2.0), (1.8, 0.7, 3.0)):
-        for start in (6.0, 3.0):
-            found = solve_ivp(_rate, (0, 8), [start], t_eval=times, rtol=1e-9, args=(rate, half, inhibition))
-            states.append(found.y.T + 0.02 * generator.standard_normal((len(times), 1)))
-    names = [name for name in "ab" for _ in range(2)]
-    return cl.Trials.from_arrays([times] * 4, states, object=names, names=["s"])
+    objects = {"a": (1.2, 0.5, 2.0), "b": (1.8, 0.7, 3.0)}
+    return simulated(_rate, objects, [[6.0], [3.0]], np.linspace(0, 8, 50), 0.02, seed=1, absolute=True)
 
 
 def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
@@ -56,12 +50,8 @@ def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
 
 
 def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heteroscedastic():
-    times, random, states = np.linspace(0, 8, 80), np.random.default_rng(0), list[np.ndarray]()
-    for rates in ((1.0, 0.8), (1.4, 1.1)):
-        for start in ((0.8, 1.2), (2.0, 0.6)):
-            found = solve_ivp(_predation, (0, 8), start, t_eval=times, args=rates, rtol=1e-9).y.T
-            states.append(found + 0.01 * found.std(axis=0) * random.standard_normal(found.shape))  # By the swing
-    trials = cl.Trials.from_arrays([times] * 4, states, object=["a", "a", "b", "b"], names=["x", "y"])
+    objects, starts = {"a": (1.0, 0.8), "b": (1.4, 1.1)}, [(0.8, 1.2), (2.0, 0.6)]
+    trials = simulated(_predation, objects, starts, np.linspace(0, 8, 80), 0.01, ["x", "y"])  # By the swing
     steps = list[str]()
     law = cl.discover(trials, cache=False, progress=steps.append)
     assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
@@ -86,14 +76,8 @@ def test_a_sum_offers_what_each_of_its_libraries_does(text):
 
 
 def test_a_law_of_fourth_degree_is_found_by_the_richest_polynomials():
-    generator, times = np.random.default_rng(0), np.linspace(0, 6, 61)
-    cooled = [
-        solve_ivp(lambda _, x, h=heating: h - x**4, (0, 6), [start], t_eval=times, rtol=1e-9).y.T
-        for heating in (0.3, 0.8)
-        for start in (0.1, 1.4, 2.0)
-    ]
-    measured = [each + 0.002 * generator.standard_normal(each.shape) for each in cooled]
-    trials = cl.Trials.from_arrays([times] * 6, measured, object=["a"] * 3 + ["b"] * 3, names=["T"])
+    objects, times = {"a": (0.3,), "b": (0.8,)}, np.linspace(0, 6, 61)
+    trials = simulated(lambda _, x, h: h - x**4, objects, [[0.1], [1.4], [2.0]], times, 0.002, ["T"], absolute=True)
     law = cl.discover(trials, cache=False)
     assert law.structure == ("T' = a + b T^4",)
     assert np.allclose(law.coefficients[:, 0, list(law.support[0])], [[0.3, -1], [0.8, -1]], atol=0.01)
@@ -106,7 +90,7 @@ def test_terms_with_constants_inside_are_sought_again_where_noise_is_in_proporti
         return 18.3 - taken - z[0], 11.23 - taken
 
     times, generator = np.linspace(0, 10, 512), np.random.default_rng(3)
-    states = solve_ivp(respiration, (0, 10), (0.1, 30.4), t_eval=times, rtol=1e-9).y.T
+    states = solved(respiration, (0.1, 30.4), times)
     measured = states * (1 + 0.05 * generator.standard_normal(states.shape))
     law = cl.discover(
         cl.Trials.from_arrays([times], [measured], names=["x", "y"]), library="auto", cache=False, order=1
@@ -116,16 +100,12 @@ def test_terms_with_constants_inside_are_sought_again_where_noise_is_in_proporti
 
 
 def test_central_forces_come_before_polynomials_of_higher_degree():
-    times, random, orbits = np.linspace(0, 10, 60), np.random.default_rng(0), list[np.ndarray]()
-
     def rates(_, z):
         return [z[2], z[3], *(-z[:2] / np.hypot(*z[:2]) ** 3)]
 
-    for speed in (0.8, 1.0, 1.1):
-        found = solve_ivp(rates, (0, 10), [1, 0, 0, speed], t_eval=times, rtol=1e-10, atol=1e-12)
-        orbits.append(found.y[:2].T + 0.001 * random.standard_normal((60, 2)))
-    steps = list[str]()
-    law = cl.discover(cl.Trials.from_arrays([times] * 3, orbits, names=["x", "y"]), order=2, progress=steps.append)
+    starts, steps = [(1, 0, 0, speed) for speed in (0.8, 1.0, 1.1)], list[str]()
+    trials = simulated(rates, {"moon": ()}, starts, np.linspace(0, 10, 60), 0.001, ["x", "y"], absolute=True)
+    law = cl.discover(trials, order=2, progress=steps.append)
     assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
     np.testing.assert_allclose(law.coefficients[0][law.support], -1, atol=0.002)
     assert not any("higher degree" in str(step) for step in steps)
@@ -179,13 +159,8 @@ def _pendulum(_: float, z: np.ndarray, stiffness: float) -> list[float]:
     ids=["saturation, not a quartic or a Hill term", "drag in both directions", "a sine, not its series"],
 )
 def test_polynomials_that_fit_are_compared_with_shorter_laws(rates, objects, starts, times, names, noise, structure):
-    random, states = np.random.default_rng(0), list[np.ndarray]()
-    for own in objects:
-        for start in starts:
-            path = solve_ivp(rates, times[[0, -1]], start, t_eval=times, args=own, rtol=1e-9, atol=1e-11).y
-            states.append(path[: len(names)].T + noise * random.standard_normal((len(times), len(names))))
-    owners = [str(i) for i in range(len(objects)) for _ in starts]
-    trials = cl.Trials.from_arrays([times] * len(states), states, object=owners, names=names)
+    objects = {str(i): numbers for i, numbers in enumerate(objects)}
+    trials = simulated(rates, objects, starts, times, noise, names, absolute=True)
     law = cl.discover(trials, order=2 if rates is not _monod else 1, cache=False)
     assert law.structure == structure
 

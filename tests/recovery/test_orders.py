@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.stats import multivariate_normal
 
 import commonlaw as cl
@@ -19,6 +18,7 @@ from commonlaw.inference.search.pool import score_of_order
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import parse_library
 from tests.refusals import refused
+from tests.simulations import solved
 
 discover = partial(cl.discover, order="auto", cache=False)
 
@@ -28,8 +28,7 @@ def simulated(rates, numbers, starts, times, noise, seed=0, columns=1):
     generator, states, owners = np.random.default_rng(seed), [], []
     for i, number in enumerate(numbers):
         for start in starts:
-            found = solve_ivp(rates, times[[0, -1]], start, t_eval=times, args=number, rtol=1e-9, atol=1e-11)
-            states.append(found.y[:columns].T)
+            states.append(solved(rates, start, times, *number)[:, :columns])
             owners.append(f"object {i}")
     scale = noise * np.mean([state.std(axis=0) for state in states], axis=0)
     measured = [state + scale * generator.standard_normal(state.shape) for state in states]

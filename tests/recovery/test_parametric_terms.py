@@ -3,9 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import curve_fit
 
 import commonlaw as cl
@@ -19,30 +17,18 @@ from commonlaw.inference.score.score import Score
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.library import PolynomialLibrary, Term, Terms, Variables, parametric_term, parse_library
 from tests.refusals import refused
+from tests.simulations import simulated
 
 ENZYMES = {"a": (1.0, 0.5), "b": (2.0, 1.5), "c": (1.5, 1.0)}
 
 
-def simulated(rates, objects, starts, times, noise, state="s"):
-    """Trials of objects with parameters, from each start, with noise as a share of how far the state moves."""
-    generator, parts = np.random.default_rng(0), []
-    for name, own in objects.items():
-        for k, start in enumerate(starts):
-            exact = solve_ivp(
-                lambda _, y, own=own: rates(y, *own), times[[0, -1]], [start], t_eval=times, rtol=1e-10, atol=1e-12
-            ).y[0]
-            noisy = exact + noise * exact.std() * generator.standard_normal(len(times))
-            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times, state: noisy}))
-    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=[state])
-
-
-def saturation(s, rate, half):
+def saturation(_, s, rate, half):
     return -rate * s / (half + s)
 
 
 @pytest.fixture(scope="module")
 def enzymes():
-    return simulated(saturation, ENZYMES, [5.0, 2.5], np.linspace(0, 5, 50), noise=0.01)
+    return simulated(saturation, ENZYMES, [[5.0], [2.5]], np.linspace(0, 5, 50), noise=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +38,10 @@ def law(enzymes):
 
 @pytest.mark.parametrize("library", ["poly:1 + saturating", "poly:1 + ratio(poly:1, poly:1)"])
 def test_coefficients_that_are_known_stay_in_laws_with_constants_inside(library):
-    def rates(s, rate, half):
-        return saturation(s, rate, half) + 0.3
+    def rates(t, s, rate, half):
+        return saturation(t, s, rate, half) + 0.3
 
-    fed = simulated(rates, ENZYMES, [5.0, 2.5], np.linspace(0, 5, 50), noise=0.01)
+    fed = simulated(rates, ENZYMES, [[5.0], [2.5]], np.linspace(0, 5, 50), noise=0.01)
     law = cl.discover(fed, library=library, known={"1": 0.25}, cache=False, order=1)
     assert law.terms.variables.parameters
     column = law.terms.index("1")
@@ -121,19 +107,11 @@ def test_it_forecasts_is_kept_and_says_what_else_it_could_be(law, enzymes, tmp_p
 
 
 def test_equations_share_a_term_without_constants(tmp_path):
-    generator, times, parts = np.random.default_rng(0), np.linspace(0, 10, 60), []
-    for name, (own, other, pull) in {"a": (1.0, 1.4, 0.4), "b": (0.9, 1.6, 0.5)}.items():
-        for k, start in enumerate(([0.0, 1.5], [-1.0, 1.0])):
-            exact = solve_ivp(
-                lambda _, z, w=own, u=other, k=pull: [w + k * np.sin(z[1] - z[0]), u + k * np.sin(z[0] - z[1])],
-                times[[0, -1]],
-                start,
-                t_eval=times,
-                rtol=1e-9,
-            ).y
-            noisy = dict(zip("xy", exact + 0.02 * generator.standard_normal(exact.shape), strict=True))
-            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times} | noisy))
-    trials = cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=["x", "y"])
+    def rates(_, z, own, other, pull):
+        return [own + pull * np.sin(z[1] - z[0]), other + pull * np.sin(z[0] - z[1])]
+
+    objects, starts = {"a": (1.0, 1.4, 0.4), "b": (0.9, 1.6, 0.5)}, ([0.0, 1.5], [-1.0, 1.0])
+    trials = simulated(rates, objects, starts, np.linspace(0, 10, 60), 0.02, ["x", "y"], absolute=True)
     law = cl.discover(trials, library="poly:1 + trigonometric", cache=False, order=1)
     assert law.structure == ("x' = a + b sin(x - y)", "y' = c + d sin(x - y)")
     assert len(set(law.terms.names)) == len(law.terms)
@@ -143,16 +121,11 @@ def test_equations_share_a_term_without_constants(tmp_path):
 
 def test_a_course_that_turns_by_a_force_over_the_speed_is_found():
     """A glider: its angle is that of its velocity (Strogatz 1994, exercise 6.5.14)."""
-    times = np.linspace(0, 12, 200)
-    clean = solve_ivp(
-        lambda _, z: [-np.sin(z[1]) - 0.06 * z[0] ** 2, z[0] - np.cos(z[1]) / z[0]],
-        (0, 12),
-        [1.5, 0.4],
-        t_eval=times,
-        rtol=1e-9,
-    ).y.T
-    measured = clean + 0.01 * np.random.default_rng(0).standard_normal(clean.shape)
-    trials = cl.Trials.from_arrays(times, measured, names=["v", "a"])
+
+    def rates(_, z):
+        return [-np.sin(z[1]) - 0.06 * z[0] ** 2, z[0] - np.cos(z[1]) / z[0]]
+
+    trials = simulated(rates, {"glider": ()}, [(1.5, 0.4)], np.linspace(0, 12, 200), 0.01, ["v", "a"], absolute=True)
     law = cl.discover(trials, library="poly:2 + trigonometric + polar", cache=False, order=1)
     assert law.structure == ("v' = b v^2 + c sin(a)", "a' = d v + f cos(a)/v")
 
@@ -233,11 +206,8 @@ def test_a_drive_of_unknown_phase_has_one_frequency_as_accurate_as_by_its_soluti
     ],
 )
 def test_smooth_friction_and_pairs_of_exponentials_are_found(rates, starts, family, expected):
-    times, generator, measured = np.linspace(0, 12, 120), np.random.default_rng(0), []
-    for start in starts:
-        exact = solve_ivp(lambda _, y: [y[1], rates(*y)], (0, 12), start, t_eval=times, rtol=1e-9, atol=1e-11).y[:1].T
-        measured.append(exact + 0.005 * generator.standard_normal(exact.shape))
-    trials = cl.Trials.from_arrays([times] * 2, measured, names=["x"])
+    times = np.linspace(0, 12, 120)
+    trials = simulated(lambda _, y: [y[1], rates(*y)], {"mass": ()}, starts, times, 0.005, ["x"], absolute=True)
     law = cl.discover(trials, library=f"poly:1 + {family}", order=2, cache=False)
     assert law.structure == (expected,)
 

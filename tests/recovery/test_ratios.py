@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import curve_fit
 from scipy.special import lambertw
 
@@ -16,36 +15,24 @@ from commonlaw.law import Provenance, to_latex, to_script
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import PolynomialLibrary, RatioLibrary, Terms, Variables, parse_library, parse_term
 from tests.refusals import refused
+from tests.simulations import simulated
 
 S = Variables(("s",))
 ENZYMES = {"a": (1.0, 0.7), "b": (2.0, 1.5), "c": (1.5, 1.0)}
 QUADRATIC = "ratio(poly:2, poly:2)"
 
 
-def simulated(rates, objects, starts, times, noise, states=("s",), seed=0):
-    """Trials of objects with parameters, from each start, with noise as a share of how far a state moves."""
-    generator, parts = np.random.default_rng(seed), []
-    for name, own in objects.items():
-        for k, start in enumerate(starts):
-            exact = solve_ivp(
-                lambda _, y, own=own: rates(y, *own), times[[0, -1]], start, t_eval=times, rtol=1e-10, atol=1e-12
-            ).y
-            noisy = exact + noise * exact.std(axis=1, keepdims=True) * generator.standard_normal(exact.shape)
-            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times} | dict(zip(states, noisy, strict=True))))
-    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=list(states))
-
-
 def enzymes(power, noise):
     times = np.linspace(0, 6, 40)
     return simulated(
-        lambda s, rate, half: -rate * s**power / (half**power + s**power), ENZYMES, [[5.0], [2.5]], times, noise
+        lambda _, s, rate, half: -rate * s**power / (half**power + s**power), ENZYMES, [[5.0], [2.5]], times, noise
     )
 
 
 def logistic(noise):
     objects = {"a": (1.0, 3.0), "b": (0.7, 4.0), "c": (1.2, 5.0)}
     times = np.linspace(0, 8, 40)
-    return simulated(lambda n, rate, most: rate * n * (1 - n / most), objects, [[0.3], [0.8]], times, noise)
+    return simulated(lambda _, n, rate, most: rate * n * (1 - n / most), objects, [[0.3], [0.8]], times, noise)
 
 
 def test_a_text_names_ratios_of_two_libraries_alone_or_in_a_sum():
@@ -142,9 +129,8 @@ def test_they_agree_with_least_squares_on_the_exact_solution(tmp_path):
 
 
 def test_a_law_whose_constants_trials_do_not_tell_is_not_taken():
-    decay = simulated(
-        lambda s, rate: -rate * s, {"a": (1.0,), "b": (0.7,), "c": (0.5,)}, [[5.0], [2.5]], np.linspace(0, 5, 40), 0.05
-    )
+    objects = {"a": (1.0,), "b": (0.7,), "c": (0.5,)}
+    decay = simulated(lambda _, s, rate: -rate * s, objects, [[5.0], [2.5]], np.linspace(0, 5, 40), 0.05)
     assert cl.discover(decay, library="poly:1 + terms:s/(K+s)", cache=False, order=1).structure == ("s' = a s",)
 
 

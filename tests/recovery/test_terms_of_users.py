@@ -3,12 +3,12 @@
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.law import from_json, to_json, to_script
 from commonlaw.law.parameters import standard_errors
 from tests.refusals import refused
+from tests.simulations import simulated, solved
 
 NOISE = 0.05
 
@@ -40,8 +40,8 @@ def test_a_fit_with_a_function_is_that_of_the_same_expression(fitted):
 def test_a_parameter_inside_a_function_is_that_inside_the_same_expression():
     times = np.linspace(0, 4, 40)
     random = np.random.default_rng(1)
-    rise = solve_ivp(lambda _, x: -1.5 * np.tanh(0.7 * x), (0, 4), [3.0], t_eval=times, rtol=1e-9).y[0]
-    trials = cl.Trials.from_arrays(times, rise + 0.01 * random.standard_normal(40), names=["x"])
+    fall = solved(lambda _, x: -1.5 * np.tanh(0.7 * x), [3.0], times)[:, 0]
+    trials = cl.Trials.from_arrays(times, fall + 0.01 * random.standard_normal(40), names=["x"])
     settings = {"errors": "white", "noise": {"x": 0.01}}
     law = cl.fit("x' = -a f(x, p)", trials, functions=[lambda x, p: np.tanh(p * x)], **settings)
     expected = cl.fit("x' = -a tanh(p x)", trials, **settings)
@@ -72,15 +72,11 @@ def test_fits_that_take_no_functions_refuse_them():
 
 
 def test_discover_finds_a_law_with_a_function():
-    random, times, frames = np.random.default_rng(0), np.linspace(0, 8, 80), []
-    for i, (a, c) in enumerate([(1.5, 0.5), (2.0, 0.8)]):
-        for start in ([2.0, 0.0], [0.5, 1.0]):
-            exact = solve_ivp(
-                lambda _, y, a=a, c=c: [y[1], -a * y[0] - c * tanh_v(*y)], (0, 8), start, t_eval=times, rtol=1e-9
-            ).y[0]
-            noisy = exact + 0.005 * random.standard_normal(80)
-            frames.append(pd.DataFrame({"object": i, "trial": start[0], "t": times, "x": noisy}))
-    trials = cl.Trials.from_frame(pd.concat(frames))
+    def rates(_, y, a, c):
+        return [y[1], -a * y[0] - c * tanh_v(*y)]
+
+    objects, starts = {"a": (1.5, 0.5), "b": (2.0, 0.8)}, ([2.0, 0.0], [0.5, 1.0])
+    trials = simulated(rates, objects, starts, np.linspace(0, 8, 80), 0.005, ["x"], absolute=True)
     law = cl.discover(trials, order=2, library=["poly:2", tanh_v])
     assert [name for name, there in zip(law.terms.names, law.support[0], strict=True) if there] == ["x", "tanh_v(x, v)"]
     errors = standard_errors(law)[:, 0, law.support[0]]

@@ -1,12 +1,11 @@
 """What one object's trials do not tell of parameters inside of terms is taken from objects that are alike."""
 
 import numpy as np
-import pandas as pd
 import pytest
-from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
+from tests.simulations import solved
 
 SWITCH = "p' = b - d p + a p^2/(K^2 + p^2)"
 PARAMETERS = ("b", "d", "a", "K")
@@ -22,17 +21,15 @@ STARTS = dict.fromkeys("ABCD", (0.05, 1.5)) | {"E": (1.9, 3.0)}  # Where E has b
 
 @pytest.fixture(scope="module")
 def switches():
-    times, generator, parts = np.linspace(0, 12, 80), np.random.default_rng(3), []
-    for name, (b, d, a, half) in OWN.items():
+    def rate(_, p, b, d, a, half):
+        return b - d * p + a * p**2 / (half**2 + p**2)
+
+    times, generator, made = np.linspace(0, 12, 80), np.random.default_rng(3), []
+    for name, numbers in OWN.items():
         for k, start in enumerate(STARTS[name]):
-
-            def rate(_, p, b=b, d=d, a=a, half=half):
-                return b - d * p + a * p**2 / (half**2 + p**2)
-
-            exact = solve_ivp(rate, (0, 12), [start], t_eval=times, rtol=1e-9).y[0]
-            measured = exact + 0.005 * generator.standard_normal(len(times))
-            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times, "p": measured}))
-    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=["p"])
+            exact = solved(rate, [start], times, *numbers)
+            made.append(cl.Trial(name, str(k), times, exact + 0.005 * generator.standard_normal(exact.shape)))
+    return cl.Trials(tuple(made), cl.Schema(("p",)))
 
 
 def test_an_object_that_does_not_tell_a_constant_leaves_others_as_they_are_and_takes_it_from_them(switches):

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import curve_fit
 from scipy.special import lambertw
 
@@ -21,6 +20,7 @@ from commonlaw.law.parse import read_equations
 from commonlaw.law.text import with_error
 from commonlaw.trials.headers import parse_unit
 from tests.refusals import refused
+from tests.simulations import simulated
 
 ENZYMES = {"a": (1.0, 0.5), "b": (2.0, 3.0)}
 SATURATING = "s' = -V s/(K + s)"
@@ -44,23 +44,10 @@ def one_trial(solution, values, noise, seed=1, points=81):
     return times, measured, table({"t": times, "s": measured})
 
 
-def simulated(function, objects, starts, times, states, noise=0.01):
-    """Trials of objects with parameters, from each start, with noise as a share of how far a state moves."""
-    generator, parts = np.random.default_rng(0), []
-    for name, own in objects.items():
-        for k, start in enumerate(starts):
-            exact = solve_ivp(
-                lambda t, y, own=own: function(t, y, *own), (times[0], times[-1]), start, t_eval=times, rtol=1e-10
-            ).y[: len(states)]
-            exact = exact + noise * exact.std(axis=1, keepdims=True) * generator.standard_normal(exact.shape)
-            parts.append(pd.DataFrame({"object": name, "trial": k, "t": times} | dict(zip(states, exact, strict=True))))
-    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=list(states))
-
-
 @pytest.fixture(scope="module")
 def enzymes():
     times = np.linspace(0, 5, 40)
-    return simulated(lambda _, s, rate, half: -rate * s / (half + s), ENZYMES, [[3.0], [1.5]], times, ("s",))
+    return simulated(lambda _, s, rate, half: -rate * s / (half + s), ENZYMES, [[3.0], [1.5]], times, 0.01)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +126,7 @@ LAWS: dict[str, tuple[Any, ...]] = {
 @pytest.mark.parametrize("law", LAWS)
 def test_constants_are_found_from_nothing_but_the_text(law):
     text, function, objects, starts, times, states = LAWS[law]
-    found = cl.fit(text, simulated(function, objects, starts, times, states))
+    found = cl.fit(text, simulated(function, objects, starts, times, 0.01, states))
     parameters = named_parameters(found)
     values, errors = parameters.values, parameters.errors
     assert found.objects == tuple(objects)
@@ -197,7 +184,7 @@ def test_standard_deviations_of_forecasts_are_those_of_drawn_constants_and_start
 def test_what_decides_a_constant_is_explained():
     objects = {name: (1.0, half) for name, half in zip("abcde", (0.4, 0.6, 0.8, 1.2, 1.6), strict=True)}
     times = np.linspace(0, 6, 60)
-    trials = simulated(lambda _, s, rate, half: -rate * s / (half + s), objects, [[3.0], [1.5]], times, ("s",))
+    trials = simulated(lambda _, s, rate, half: -rate * s / (half + s), objects, [[3.0], [1.5]], times, 0.01)
     law = cl.fit(SATURATING, trials)
     explained = law.explain({name: {"inhibitor": 2 * half} for name, (_, half) in objects.items()})
     relations = relations_frame(explained).set_index("term")
@@ -261,7 +248,7 @@ def test_a_constant_that_fits_best_outside_of_its_bound_is_at_the_bound(enzymes)
 
 def test_what_a_term_does_not_show_of_its_constants_is_said():
     times = np.linspace(0, 3, 40)
-    decay = simulated(lambda _, s, rate: -rate * s, {"a": (1.0,), "b": (0.7,)}, [[3.0], [1.0]], times, ("s",))
+    decay = simulated(lambda _, s, rate: -rate * s, {"a": (1.0,), "b": (0.7,)}, [[3.0], [1.0]], times, 0.01)
     outcomes = cl.fit(SATURATING, decay, errors="white").diagnostics
     (outcome,) = (each for each in outcomes if each.kind == "not identifiable")
     assert outcome.where == "a, b"
@@ -272,7 +259,7 @@ def test_what_a_term_does_not_show_of_its_constants_is_said():
 @pytest.mark.slow
 def test_bounds_choose_among_values_that_fit_alike():
     text, function, objects, starts, times, states = LAWS["Hill"]
-    trials = simulated(function, objects, starts, times, states)
+    trials = simulated(function, objects, starts, times, 0.01, states)
     positive, negative = cl.fit(f"{text}; 0 < n < 10", trials), cl.fit(f"{text}; n < 0", trials)
     (values, errors), (others, _) = by_parameter(positive), by_parameter(negative)
     for name, sign in (("n", -1), ("V", -1), ("K", 1)):
