@@ -19,7 +19,7 @@ INQUIRY = Inquiry(None, "not needed", 7)
 def linear():
     with pytest.MonkeyPatch.context() as patch:
         # Fewer seeds than the study has, to save time
-        patch.setattr(simulated_drops, "RECOVERY_SEEDS", 4)
+        patch.setattr(simulated_drops, "RECOVERY_SEEDS", 2)
         patch.setattr(quadratic_drag, "FINDING_SEEDS", 2)
         yield simulated_drops.simulated_drops(INQUIRY)
 

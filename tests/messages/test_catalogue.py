@@ -4,6 +4,7 @@ import ast
 import pickle
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from string import Formatter
 
@@ -27,10 +28,15 @@ _REPLACED_IN_NAMES = re.compile(r"(^|_)(told|dearer|honest|alike|unseen|nobody|l
 _SOURCES = sorted(Path(commonlaw.__file__).parent.rglob("*.py"))
 
 
+@cache
+def _nodes(path: Path) -> list[ast.AST]:
+    return [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+
+
 def _given() -> Iterator[tuple[str, str, set[str]]]:
     """Yield where a message is given in the code, its code, and the names of its parameters."""
     for path in _SOURCES:
-        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for call in _nodes(path):
             if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.args):
                 continue
             code = call.args[0]
@@ -64,7 +70,7 @@ def test_every_sentence_is_given_somewhere() -> None:
     texts = {
         each.value
         for path in _SOURCES
-        for each in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for each in _nodes(path)
         if isinstance(each, ast.Constant) and isinstance(each.value, str)
     }
     assert not (sentences().keys() | notes().keys()) - texts
