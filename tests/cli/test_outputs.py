@@ -30,6 +30,8 @@ def test_a_table_that_is_wider_than_the_terminal_has_a_row_for_each_column_and_n
     print_columns({name: columns[name] for name in ("object", "coefficient 1", "coefficient 2")})
     narrow = capsys.readouterr().out
     assert len(narrow.splitlines()) == 22
+    print_columns({f"number {j}": [f"{j}{'x' * 17}"] for j in range(8)})  # Whose cells alone would be narrow enough
+    assert f"7{'x' * 17}" in capsys.readouterr().out
 
 
 def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):

@@ -56,6 +56,15 @@ def test_rates_scale_with_the_states(text, seed, order, size, sign):
 
 @methods
 @few
+@given(seeds, orders, st.floats(-100, 100))
+def test_rates_do_not_depend_on_the_origin_of_time(text, seed, order, shift):
+    times, states = _trial(seed)
+    shifted, rates = _rates(text, times + shift, states, order), _rates(text, times, states, order)
+    _assert_same(shifted.derivatives, rates.derivatives)
+
+
+@methods
+@few
 @given(seeds, orders, st.floats(1e-3, 1e3))
 def test_rates_follow_the_unit_of_time(text, seed, order, unit):
     times, states = _trial(seed)
