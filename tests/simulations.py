@@ -23,3 +23,15 @@ def simulated(rates, objects, starts, times, noise, names=("s",), *, seed=0, abs
             scale = noise if absolute else noise * states.std(axis=0)
             made.append(cl.Trial(owner, str(k), times, states + scale * random.standard_normal(states.shape)))
     return cl.Trials(tuple(made), cl.Schema(tuple(names)))
+
+
+def drawn(solution, typical, count, *, scatter=0.15, noise=0.01, seed=0):
+    """Return numbers of objects that scatter about typical ones, shape (count, numbers), noise, and noisy solutions.
+
+    The noise is a share of how far all solutions move.
+    """
+    random = np.random.default_rng(seed)
+    values = np.array(typical) * np.exp(scatter * random.standard_normal((count, len(typical))))
+    exact = [solution(numbers) for numbers in values]
+    std = noise * float(np.std(exact))
+    return values, std, [each + std * random.standard_normal(len(each)) for each in exact]

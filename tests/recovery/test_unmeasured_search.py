@@ -8,6 +8,7 @@ import commonlaw as cl
 from commonlaw.law import from_json, to_json, to_script
 from commonlaw.law.parameters import named_parameters
 from tests.refusals import refused
+from tests.simulations import drawn, solved
 
 
 def absorbed(_, state, ka, volume, k):
@@ -22,15 +23,9 @@ def epidemic(_, state, b, g):
 
 def trials_of(rates, typical, start, end, name, *, samples=25, count=4, noise=0.01, seed=0):
     """Trials of the second state, with parameters that scatter over objects, and these parameters."""
-    generator, times = np.random.default_rng(seed), np.linspace(0, end, samples)
-    values = np.array(typical) * np.exp(0.15 * generator.standard_normal((count, len(typical))))
-    measured = [
-        solve_ivp(rates, (0, end), start, t_eval=times, args=tuple(value), rtol=1e-9, atol=1e-9).y[1]
-        for value in values
-    ]
-    std = noise * np.std(measured)
-    measured = [own + std * generator.standard_normal(samples) for own in measured]
-    objects = [f"object {i}" for i in range(count)]
+    times, objects = np.linspace(0, end, samples), [f"object {i}" for i in range(count)]
+    given = {"noise": noise, "seed": seed}
+    values, _, measured = drawn(lambda numbers: solved(rates, start, times, *numbers)[:, 1], typical, count, **given)
     return values, cl.Trials.from_arrays([times] * count, measured, object=objects, names=[name])
 
 

@@ -21,6 +21,7 @@ from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.transformations import with_doses
 from tests.refusals import refused
+from tests.simulations import drawn
 
 METHODS = ["scipy"] + (["heyoka"] if find_spec("heyoka") else [])
 TIMES = np.cumsum(np.random.default_rng(0).uniform(0.2, 1.5, 25)) + 100
@@ -206,13 +207,9 @@ def concentrations(values, first):
     return np.array(found)
 
 
-def drawn(equations, count=2):
+def dosed(equations, count=2):
     typical, _, first, _ = CASES[equations]
-    generator = np.random.default_rng(0)
-    values = np.array(typical) * np.exp(0.15 * generator.standard_normal((count, len(typical))))
-    measured = [concentrations(value, first) for value in values]
-    noise = 0.01 * float(np.std(measured))
-    measured = [own + noise * generator.standard_normal(len(HOURS)) for own in measured]
+    values, noise, measured = drawn(lambda numbers: concentrations(numbers, first), typical, count)
     given = np.array([[DOSES.get(hour, 0.0)] for hour in HOURS])
     trials = cl.Trials.from_arrays(
         [HOURS] * count, measured, inputs=[given] * count, object=list("ab")[:count], names=["conc", "dose"]
@@ -252,7 +249,7 @@ def test_verdicts_and_residuals_know_doses_where_nothing_was_measured(cleared):
 @pytest.mark.parametrize("equations", CASES)
 def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_dose_to_dose(equations):
     _, names, first, options = CASES[equations]
-    truth, noise, measured, trials = drawn(equations)
+    truth, noise, measured, trials = dosed(equations)
     law = cl.fit(equations, trials, doses="dose", noise={"conc": noise}, **options, **WHITE)
     parameters = named_parameters(law)
     columns = [parameters.names.index(name) for name in names]
@@ -270,7 +267,7 @@ def test_estimates_and_errors_are_those_of_least_squares_with_integration_from_d
 
 
 def test_a_saved_law_forecasts_tables_with_other_doses():
-    values, _, _, trials = drawn(INJECTED)
+    values, _, _, trials = dosed(INJECTED)
     law = from_json(to_json(cl.fit(INJECTED, trials, doses="dose")))
     assert law.schema.doses == ("dose",)
     given = np.where(HOURS == 1.5, 30.0, 0.0)[:, np.newaxis]
@@ -287,7 +284,7 @@ def test_a_saved_law_forecasts_tables_with_other_doses():
 
 
 def test_a_law_is_simulated_with_doses():
-    *_, trials = drawn(INJECTED)
+    *_, trials = dosed(INJECTED)
     law = cl.fit(INJECTED, trials, doses="dose")
     times = np.linspace(0, 6, 13)
     found = law.simulate(times, [4.0], doses={"dose": {1.5: 30.0}})["a"].states[:, 0]
@@ -301,7 +298,7 @@ def test_a_law_is_simulated_with_doses():
 
 
 def test_the_command_line_takes_doses(tmp_path):
-    *_, trials = drawn(INJECTED)
+    *_, trials = dosed(INJECTED)
     trials.to_frame().to_csv(tmp_path / "doses.csv", index=False)
     path, saved, question = str(tmp_path / "doses.csv"), str(tmp_path / "law.json"), "if it holds amounts"
     done = CliRunner().invoke(commonlaw, ["fit", INJECTED, path, "--dose", "dose", "--save", saved])
@@ -313,7 +310,7 @@ def test_the_command_line_takes_doses(tmp_path):
 
 
 def test_a_forecast_from_a_later_time_begins_after_the_doses_before_it():
-    *_, trials = drawn(INJECTED)
+    *_, trials = dosed(INJECTED)
     law = cl.fit(INJECTED, trials, doses="dose")
     for begins in (4.5, 9.0):
         later, first = (law.predict(trials, **how).trajectories for how in ({"from_time": begins}, {"start": "all"}))
@@ -323,7 +320,7 @@ def test_a_forecast_from_a_later_time_begins_after_the_doses_before_it():
 
 
 def test_a_dose_is_the_integral_of_its_input():
-    *_, trials = drawn(INJECTED)
+    *_, trials = dosed(INJECTED)
     (trial, _) = with_doses(trials, ["dose"])
     assert np.trapezoid(trial.inputs[:, 0], trial.times) == pytest.approx(sum(DOSES.values()))
     again = with_doses(with_doses(trials, ["dose"]), ["dose"])
@@ -331,7 +328,7 @@ def test_a_dose_is_the_integral_of_its_input():
 
 
 def test_what_is_no_dose_is_refused():
-    *_, trials = drawn(INJECTED)
+    *_, trials = dosed(INJECTED)
     with refused("unknown-name", kind="input", name="dos"):
         cl.fit(INJECTED, trials, doses="dos")
     frame = trials.to_frame().assign(heat=1.0)

@@ -15,6 +15,7 @@ from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.trials import Schema
 from tests.refusals import refused
+from tests.simulations import drawn
 
 HOURS = np.array([0.25, 0.5, 0.75, 1, 1.25, 2, 3, 4, 5, 6, 8])
 DAYS = np.linspace(0, 40, 21)
@@ -63,21 +64,17 @@ STARTS = {
 }
 
 
-def drawn(case, count=3, noise=0.01):
+def of_persons(case):
     _, solution, truth, _, name = CASES[case]
-    generator = np.random.default_rng(1)
-    values = np.array(truth) * np.exp(0.15 * generator.standard_normal((count, len(truth))))
-    measured = [solution(value) for value in values]
-    noise *= np.std(measured)
-    measured = [own + noise * generator.standard_normal(len(own)) for own in measured]
-    objects = [f"person {i}" for i in range(count)]
-    return values, noise, measured, cl.Trials.from_arrays([TIMES[case]] * count, measured, object=objects, names=[name])
+    values, noise, measured = drawn(solution, truth, 3, seed=1)
+    objects = ["person 0", "person 1", "person 2"]
+    return values, noise, measured, cl.Trials.from_arrays([TIMES[case]] * 3, measured, object=objects, names=[name])
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_estimates_and_errors_are_those_of_independent_least_squares(case):
     equations, solution, _, parameter_names, name = CASES[case]
-    truth, noise, measured, trials = drawn(case)
+    truth, noise, measured, trials = of_persons(case)
     law = cl.fit(equations, trials, **STARTS[case], noise={name: noise}, **WHITE)
     parameters = named_parameters(law)
     columns = [parameters.names.index(parameter) for parameter in parameter_names]
@@ -91,7 +88,7 @@ def test_estimates_and_errors_are_those_of_independent_least_squares(case):
 
 
 def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
-    *_, trials = drawn("microconstants")
+    *_, trials = of_persons("microconstants")
     law = cl.fit(MICROCONSTANTS, trials, **STARTS["microconstants"])
     assert law.structure == tuple(MICROCONSTANTS.split("; "))
     again = from_json(to_json(law))
@@ -105,7 +102,7 @@ def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
 
 
 def test_the_command_line_takes_the_time_of_the_starts(tmp_path):
-    *_, trials = drawn("microconstants")
+    *_, trials = of_persons("microconstants")
     trials.to_frame().to_csv(tmp_path / "injected.csv", index=False)
     options = ["--initial-value", "tissue=0", "--initial-time", "0", "--save", str(tmp_path / "law.json")]
     done = CliRunner().invoke(commonlaw, ["fit", MICROCONSTANTS, str(tmp_path / "injected.csv"), *options])
@@ -132,7 +129,7 @@ def test_whether_a_state_may_be_counted_in_another_unit(equations, free):
 
 
 def test_what_cannot_be_told_is_refused():
-    *_, trials = drawn("microconstants")
+    *_, trials = of_persons("microconstants")
     with refused("latent-scale-of-zero", name="tissue"):
         cl.fit("conc' = -a conc + b tissue; tissue' = c conc - 1 tissue", trials, initial_values={"tissue": 0.0})
     with refused("initial-time-late", time=0.25, initial_time=0.5):
