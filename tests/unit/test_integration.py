@@ -14,7 +14,7 @@ from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.result.history import outcomes_of_fit
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import minimum
-from commonlaw.integration import VectorField, integrate
+from commonlaw.integration import VectorField, integrate, runge_kutta_step
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
 from commonlaw.outcomes import OutcomeKind
 from tests.refusals import refused
@@ -193,3 +193,11 @@ def test_a_law_whose_trajectories_diverge_is_not_solved():
     fit = stated("terms:x^2", [1.0], np.full(len(TIMES), 1.0))
     assert fit.diverges
     assert not fit.is_solved
+
+
+def test_a_step_of_runge_and_kutta_is_exact_to_fourth_order_in_states_and_simpsons_rule_in_time():
+    h = 0.3
+    (found,) = runge_kutta_step(lambda z, _: -2 * z, np.array([1.5]), h)
+    assert found == pytest.approx(1.5 * np.polyval([1 / 24, 1 / 6, 1 / 2, 1, 1], -2 * h), rel=1e-14)
+    (found,) = runge_kutta_step(lambda _, share: np.array([3 * (share * h) ** 2]), np.array([1.0]), h)
+    assert found == pytest.approx(1 + h**3, rel=1e-14)
