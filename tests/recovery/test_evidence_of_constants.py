@@ -10,7 +10,7 @@ import commonlaw as cl
 from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.lack_of_fit import has_pole
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable
+from commonlaw.inference.propose.parametric import are_parameters_identifiable
 from commonlaw.library import Term, Terms, Variables, parse_term
 
 TIMES = np.linspace(0, 3, 30)

@@ -11,8 +11,8 @@ from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import CurveData
 from commonlaw.inference.fit.parameter_grid import ParameterGrids, frequencies_in_time
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.propose.candidate_laws import are_parameters_identifiable
 from commonlaw.inference.propose.integral_ranking import rank_supports
+from commonlaw.inference.propose.parametric import are_parameters_identifiable
 from commonlaw.inference.score.score import Score
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.library import PolynomialLibrary, Term, Terms, Variables, parametric_term, parse_library

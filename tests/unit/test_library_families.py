@@ -5,19 +5,15 @@ import math
 import numpy as np
 import pytest
 
-import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.inference.fit.annealing import fit_solutions
-from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.propose.candidate_laws import ParametricSearch
-from commonlaw.inference.propose.integral_ranking import CandidateSupport, Start
+from commonlaw.inference.propose.integral_ranking import CandidateSupport
+from commonlaw.inference.propose.parametric import reflected
 from commonlaw.library import (
     AutoLibrary,
     CappedLibrary,
     ConstantLibrary,
     ExpressionLibrary,
     FourierLibrary,
-    Offer,
     PolynomialLibrary,
     RationalLibrary,
     Terms,
@@ -224,17 +220,11 @@ def test_a_single_state_has_no_direction():
 
 @pytest.mark.parametrize("constant", [0.5, 2.0])
 def test_of_a_sigmoid_beside_a_constant_the_form_without_is_proposed(constant):
-    times = np.linspace(0, 4, 41)
-    trials = cl.Trials.from_arrays(times, np.exp(-times) + 0.01 * np.sin(40 * times), names=["x"])
     variables = Variables(("x",))
     terms = PolynomialLibrary(1).bind(variables)
-    problem = prepare(trials, terms, np.full((1, 1, 2), np.nan))
-    search = ParametricSearch(fit_solutions(problem, np.array([[False, True]])), (), problem, Offer(()))
     sigmoid = parametric_term("1/(1 + exp(-(a*x + c)))", variables)
-    row = CandidateSupport(
-        (0, 1), (sigmoid,), (Start(np.array([[constant, -1.0, -constant]]), (np.array([[3.0, 0.2]]),)),)
-    )
-    (found,) = search._reflected(row)
+    row = CandidateSupport((0, 1), (sigmoid,), (np.array([[constant, -1.0, -constant, 3.0, 0.2]]),))
+    (found,) = reflected(terms, row)
     assert (found.plain, found.others) == ((1,), (sigmoid,))
     (start,) = found.starts
     points = np.column_stack([np.linspace(-2, 2, 9), np.zeros(9)])
@@ -244,6 +234,6 @@ def test_of_a_sigmoid_beside_a_constant_the_form_without_is_proposed(constant):
         return coefficients[0] * points[:, 0] + coefficients[1] * sigmoid.term.evaluate(values)
 
     before = constant + rates([-1.0, -constant], [3.0, 0.2])
-    np.testing.assert_allclose(rates(start.coefficients[0], start.parameters[0][0]), before, rtol=1e-12)
+    np.testing.assert_allclose(rates(start[0, :2], start[0, 2:]), before, rtol=1e-12)
     other = parametric_term("x/(K + x)", variables)
-    assert not [*search._reflected(CandidateSupport((0,), (other,), (Start(np.ones((1, 2)), (np.ones((1, 1)),)),)))]
+    assert not [*reflected(terms, CandidateSupport((0,), (other,), (np.ones((1, 3)),)))]

@@ -28,21 +28,17 @@ def short_schedule(problem: SearchProblem) -> Sequence[Estimate]:
 
 
 def multistart(
-    problem: SearchProblem,
-    estimates: Sequence[Estimate],
-    initial: Sequence[Floats],
-    fitting: Callable[[SearchProblem], Sequence[Estimate]],
+    problem: SearchProblem, initial: Sequence[Floats], fitting: Callable[[SearchProblem], Sequence[Estimate]]
 ) -> list[Estimate]:
     """Return the best fit of each object from several initial coefficients; none if no fit succeeds.
 
-    Initial states are those of the estimates, latent processes are zero. Initial coefficients have shape (objects,
+    Initial states are those of the problem, new latent processes are zero. Initial coefficients have shape (objects,
     equations, terms); `fitting` is `full_schedule` or `short_schedule`.
     """
     fits = list[Sequence[Estimate]]()
     for coefficients in initial:
-        starts = problem.padded(
-            [Estimate(estimate.states, theta) for estimate, theta in zip(estimates, coefficients, strict=True)]
-        )
+        pairs = zip(problem.starts, coefficients, strict=True)
+        starts = problem.padded([Estimate(start.states, theta) for start, theta in pairs])
         fits.append(fitting(replace(problem, starts=starts)))
     return [best_estimate(candidates) for candidates in zip(*filter(None, fits), strict=True)]
 
@@ -79,7 +75,8 @@ def shrink_to_pooled(
         precision = np.divide(1.0, width * sigma, out=np.zeros_like(sigma), where=allowed & (sigma > 0)) ** 2
         prior = Prior(median, precision)
         both = [unpooled, np.broadcast_to(median, unpooled.shape)]
-        shrunken = multistart(problem.with_priors([prior] * len(separate)), separate, both, short_schedule)
+        shrinking = replace(problem.with_priors([prior] * len(separate)), starts=tuple(separate))
+        shrunken = multistart(shrinking, both, short_schedule)
         if shrunken:  # Minus twice the joint log-likelihood of measurements and coefficients
             normal = float(np.sum(np.log(precision[precision > 0])))
             objective = sum(estimate.objective for estimate in shrunken) - len(shrunken) * normal
@@ -103,5 +100,5 @@ def empirical_priors(problem: SearchProblem, initial: Floats) -> tuple[Prior | N
     nothing = (None,) * len(initial)
     if len(initial) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:
         return nothing
-    separate = multistart(problem, problem.starts, [initial], full_schedule)
+    separate = multistart(problem, [initial], full_schedule)
     return tuple(m.prior for m in shrink_to_pooled(problem, separate, [initial])[0].models) if separate else nothing

@@ -26,51 +26,39 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
-class Start:
-    """Starting values of a fit: coefficients of each object, shape (objects, terms), and nonlinear parameters.
-
-    The plain terms come first, then the others in their order; the parameters of each of these have the shape
-    (objects, parameters).
-    """
-
-    coefficients: Floats
-    parameters: tuple[Floats, ...] = ()
-
-
-@dataclass(frozen=True)
 class CandidateSupport:
     """A few terms of one equation: plain ones, by their index, and others: parametric terms, or a ratio of sums.
 
-    Terms that share their parameters count as one of the others. Starting values do not enter comparisons.
+    Terms that share their parameters count as one of the others. Starting values, which do not enter comparisons, have
+    the coefficients of each object, those of plain terms first, and then the parameters of the others, shape (objects,
+    numbers).
     """
 
     plain: tuple[int, ...]
     others: tuple[ParametricTerm | Ratio, ...] = ()
-    starts: tuple[Start, ...] = field(default=(), compare=False)
+    starts: tuple[Floats, ...] = field(default=(), compare=False)
 
     @property
     def numbers(self) -> int:
         """The number of coefficients and parameters of each object."""
-        return len(self.plain) + sum(each.size + len(each.shared_parameters) for each in self.others)
+        return len(self.plain) + sum(other.size + len(other.shared_parameters) for other in self.others)
 
-    def places_of(self, k: int) -> range:
-        """Return the indices of the coefficients of the k-th term, plain ones first."""
+    def columns_of(self, k: int) -> list[int]:
+        """Return the columns of starting values that belong to the k-th term, plain ones first."""
         if k < len(self.plain):
-            return range(k, k + 1)
-        before, own = self.others[: k - len(self.plain)], self.others[k - len(self.plain)]
-        first = len(self.plain) + sum(each.size for each in before)
-        return range(first, first + own.size)
+            return [k]
+        sizes = [len(self.plain), *(other.size for other in self.others)]
+        sizes += [len(other.shared_parameters) for other in self.others]
+        ends, m = np.cumsum(sizes).tolist(), k - len(self.plain)
+        parameters = m + len(self.others)
+        return [*range(ends[m], ends[m + 1]), *range(ends[parameters], ends[parameters + 1])]
 
     def without(self, k: int) -> "CandidateSupport":
         """Return the support without its k-th term, plain ones first."""
-        places, m = self.places_of(k), k - len(self.plain)
-        kept = [i for i in range(len(self.others)) if i != m]
-        starts = tuple(
-            Start(np.delete(start.coefficients, places, axis=1), tuple(start.parameters[i] for i in kept))
-            for start in self.starts
-        )
-        plain = tuple(own for i, own in enumerate(self.plain) if i != k)
-        return CandidateSupport(plain, tuple(self.others[i] for i in kept), starts)
+        starts = tuple(np.delete(start, self.columns_of(k), axis=1) for start in self.starts)
+        plain = tuple(term for i, term in enumerate(self.plain) if i != k)
+        others = tuple(other for i, other in enumerate(self.others, start=len(self.plain)) if i != k)
+        return CandidateSupport(plain, others, starts)
 
 
 def rank_supports(
@@ -300,9 +288,8 @@ class _Ranking:
         for parameters in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
             fits = [coefficients for coefficients, _ in self._fitted(key, parameters)]
             of_each = zip(key[1], zip(*parameters, strict=True), strict=True)
-            several = [np.array(fits), *(np.array([self._shared(a, own) for own in every]) for a, every in of_each)]
-            first, *others = (expand_to_objects(each, objects) for each in several)
-            starts.append(Start(first, tuple(others)))
+            inside = (np.array([self._shared(a, own) for own in every]) for a, every in of_each)
+            starts.append(expand_to_objects(np.column_stack([fits, *inside]), objects))
         return CandidateSupport(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))
 
 

@@ -187,7 +187,7 @@ def with_initial_parameters(
         _check_identifiable(setup.law, rates, [each[rates[0].inside] for each in starts[-1]])
         fits: list[list[Estimate]] = [[] for _ in problem.models]
         for start in starts:
-            for o, each in enumerate(multistart(problem, problem.starts, [start], full_schedule)):
+            for o, each in enumerate(multistart(problem, [start], full_schedule)):
                 fits[o] += [] if has_pole(problem, o, each) else [each]
         if not all(fits):
             raise CommonlawError("parameters-not-found", structure=law.structure, names=", ".join(grid.names))

@@ -1,31 +1,41 @@
 """The search for laws with parametric terms, starting from the best law among plain terms.
 
 Candidate supports of each equation are proposed along estimated states, see `integral_ranking`. Laws with these
-supports are fitted to the trajectories, one equation after the other, and the law of largest evidence gives better
-states. The score contains the multiplicity of the larger library, so the law among plain terms is kept unless the
-evidence against it pays for that.
+supports are fitted to the trajectories, each once, in the order of a prescreening, one equation after the other, and
+the law of largest evidence gives better states. A law with unidentifiable parameters, or with a denominator that
+vanishes along its solutions, is rejected. The score contains the multiplicity of the larger library, so the law among
+plain terms is kept unless the evidence against it pays for that.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
+from commonlaw.array_types import Floats
+from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.propose.candidate_laws import ParametricSearch, max_joint_supports, without_processes
+from commonlaw.inference.fit.annealing import fit_supports, fit_with, rescale_noise
+from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_fit
+from commonlaw.inference.fit.lack_of_fit import has_pole
+from commonlaw.inference.fit.multistart import full_schedule, multistart, short_schedule, shrink_to_pooled
+from commonlaw.inference.fit.parameter_grid import frequencies_in_time
+from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.integral_ranking import CandidateSupport, rank_supports
 from commonlaw.inference.propose.rational import rank_ratios
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import resolved
 from commonlaw.inference.search.pool import Pool
-from commonlaw.library import Offer
+from commonlaw.library import Offer, Term, Terms, parse_term
+from commonlaw.library.parametric import ParametricTerm, free_name
 from commonlaw.likelihood import ErrorModel, Estimate
-from commonlaw.runtime.progress import ProgressCallback, Stage
+from commonlaw.runtime.parallel import in_parallel
+from commonlaw.runtime.progress import ProgressCallback, Stage, part
+
+Rows = tuple[CandidateSupport, ...]
+"""The terms of a law, equation by equation."""
 
 
 def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: ProgressCallback) -> Pool:
@@ -36,21 +46,15 @@ def with_parametric_terms(pool: Pool, offers: Sequence[Offer], progress: Progres
     """
     best = pool.best
     base = replace(best.problem, excluded_terms=len(best.problem.terms))  # The terms of a law are not yet among them
-    base = base.under_white_noise if base.errors.of_law else base
-    search = ParametricSearch(best, pool.explored, base, Offer(()))
-    rows = search.rows_of_plain()
+    search = _ParametricSearch(best, pool.explored, base.under_white_noise if base.errors.of_law else base, progress)
     for i, offer in enumerate(offers):
         if not offer.count:
             continue
-        if best is not pool.best and not may_be_simpler(best, 2):
+        if search.best is not pool.best and not may_be_simpler(search.best, 2):
             break
         # The first is tried in any equation; others where one of their terms alone, or a ratio, has fewer numbers
-        numbers = [each.size + len(each.shared_parameters) for each in offer.terms]
-        fewest = min(numbers, default=2) if i else -1
-        # Its terms add to the number of candidate terms
-        base = replace(search.base, excluded_terms=search.base.excluded_terms + offer.count)
-        search = replace(search, base=base, offer=offer, fewest=fewest)
-        search, best, rows = _with_offer(search, best, rows, progress)
+        numbers = [term.size + len(term.shared_parameters) for term in offer.terms]
+        search.add(offer, min(numbers, default=2) if i else -1)
     fits = [search.plain, *(fit for fit in search.fitted.values() if fit.is_usable)]
     return Pool.of(fits, search.explored)
 
@@ -85,12 +89,12 @@ def is_truncated_series(fit: Fit) -> bool:
         chosen = [monomial for k in np.flatnonzero(support) if (monomial := terms.terms[k].exponents) is not None]
         for last in chosen:
             for column, power in last.items():
-                others = {i: each for i, each in last.items() if i != column}
-                before = [others | ({column: each} if each else {}) for each in range(power)]
+                factors = {i: exponent for i, exponent in last.items() if i != column}
+                before = [factors | ({column: lower} if lower else {}) for lower in range(power)]
                 steps = range(1, power // 2 + 1)
                 if any(before[power - step] in chosen and before[power - 2 * step] in chosen for step in steps):
                     return True
-                if power == 3 and not others and before[1] in chosen:
+                if power == 3 and not factors and before[1] in chosen:
                     return True
     return False
 
@@ -100,153 +104,381 @@ def may_be_simpler(fit: Fit, numbers: int) -> bool:
     return fit.supports.sum(axis=1).max() > numbers or bool(fit.lack_of_fit)
 
 
-def _with_offer(
-    search: ParametricSearch, best: Fit, rows: "tuple[CandidateSupport, ...]", progress: ProgressCallback
-) -> "tuple[ParametricSearch, Fit, tuple[CandidateSupport, ...]]":
-    """Return a search with the law of largest evidence, and its terms, on a refined mesh."""
-    # States of the law with a large model error, and smoothed measurements
-    loose = next((each for each in search.explored if each.model_error >= settings.MODEL_ERRORS[-2]), None)
-    near = ([loose.estimates] if loose else []) + [search.plain.problem.starts]
-    curves = tuple(without_processes(search.plain, each) for each in near)
-    if not best.lack_of_fit:  # Its solutions are the best states
-        curves = (without_processes(best, best.estimates),)
-    known = _Proposals()
-    while True:
-        best, rows, known = _run_search(search, rows, curves, known, progress)
-        worse = not best < search.plain
-        finer = search.base.points if worse else resolved(Pool((best,)), progress).best.problem.points
-        if finer <= search.base.points:
-            return search, best, rows
-        progress("fitting laws again on a finer mesh")
-        search, estimates = search.on_finer_mesh(best, finer)
-        curves = (estimates,)
+@dataclass(eq=False)
+class _ParametricSearch:
+    """The search among laws with offered terms: the best law so far, its terms `rows`, and all fits by their terms.
 
-
-class _Proposals(NamedTuple):
-    """Supports proposed for each equation, and -2 log evidence of the law along whose solutions they were proposed.
-
-    It is minus infinity unless that law has no lack of fit.
+    It starts from the best law among `plain` terms, and all fits explored in its search; `base` is the problem with
+    these terms alone. `near` are quick fits along the current states, and of the fitted laws.
     """
 
-    sets: tuple[list[list[CandidateSupport]], ...] = ()
-    value: float = -np.inf
+    plain: Fit
+    explored: Sequence[Fit]
+    base: SearchProblem
+    progress: ProgressCallback
+    fitted: dict[Rows, Fit] = field(default_factory=dict)
+    near: dict[Rows, list[Estimate]] = field(default_factory=dict)
 
-
-def _run_search(
-    search: ParametricSearch,
-    rows: "tuple[CandidateSupport, ...]",
-    curves: Sequence[Sequence[Estimate]],
-    known: _Proposals,
-    progress: ProgressCallback,
-) -> "tuple[Fit, tuple[CandidateSupport, ...], _Proposals]":
-    """Return the law of largest evidence on one mesh, its terms, and the proposed supports."""
-    departs = search.plain.has_model_error  # Which compensates for terms that one equation lacks
-    best, left = search.plain, list(curves)
-    if departs or any(row.others for row in rows):
-        begun_with = search.fit(rows, curves[0])
-        best = begun_with if begun_with.is_usable else best
-    for number in range(settings.MAX_SWEEPS):
-        before, begun, most = best, rows, _max_parameters(best, rows)
-        near, *left = left
-        # Proposals along the solutions of an equally probable law would be the same
-        if not best.score.total < known.value + settings.MAX_MESH_CHANGE:
-            progress(Stage("proposing parametric terms", number / settings.MAX_SWEEPS))
-            sets = (*_proposed(search, best, rows, near), *known.sets)
-            known = _Proposals(sets, best.score.total if number > 0 and not best.lack_of_fit else -np.inf)
-        steps = len(rows) + 2  # All equations jointly, each in turn, and combinations of the best of each
-        done = [
-            partial(_stage, progress, (number + k / steps) / settings.MAX_SWEEPS, 1 / steps / settings.MAX_SWEEPS)
-            for k in range(steps)
-        ]
-        if len(rows) > 1:
-            best, rows = search.improve(best, rows, _joint(known.sets, most), settings.MAX_PROPOSED, near, done[0])
-        for j, own in enumerate(zip(*known.sets, strict=True)):
-            few = [each for each in _interleaved(own) if each.numbers <= _max_parameters(best, rows)[j]]
-            listed = [(*rows[:j], each, *rows[j + 1 :]) for each in few[: settings.MAX_TRIED_SETS]]
-            best, rows = search.improve(best, rows, listed, settings.MAX_REFINED, near, done[j + 1])
-        if len(rows) > 1 and best.lack_of_fit:
-            best, rows = search.improve(
-                best, rows, search.combine_equations(begun), settings.MAX_PROPOSED, near, done[-1]
+    def __post_init__(self) -> None:
+        self.best = self.plain
+        self.rows: Rows = tuple(
+            CandidateSupport(
+                tuple(np.flatnonzero(support).tolist()),
+                starts=(np.array([estimate.coefficients[j, support] for estimate in self.plain.estimates]),),
             )
-        if best is not before:
-            left = [without_processes(best, best.estimates), *(left if best.lack_of_fit else ())]
-            rows = search.with_coefficients(rows, best)
-            search.near.clear()
-        if not left:
-            break
-    return *_eliminate_terms(search, best, rows, progress), known
-
-
-def _eliminate_terms(
-    search: ParametricSearch, best: Fit, rows: "tuple[CandidateSupport, ...]", progress: ProgressCallback
-) -> "tuple[Fit, tuple[CandidateSupport, ...]]":
-    done, before = partial(_stage, progress, 1.0, 0.0), None
-    while best is not before and best is not search.plain:
-        before, near = best, without_processes(best, best.estimates)
-        best, rows = search.improve(
-            best, rows, list(search.drop_one_term(best, rows)), settings.MAX_PROPOSED, near, done
+            for j, support in enumerate(self.plain.supports)
         )
-    return best, rows
+
+    def add(self, offer: Offer, fewest: int) -> None:
+        """Find the law of largest evidence with the terms of another offer, on a refined mesh.
+
+        Its terms add to the number of candidate terms. Equations without lack of fit are only replaced if they have
+        more parameters than `fewest`.
+        """
+        self.base = replace(self.base, excluded_terms=self.base.excluded_terms + offer.count)
+        self.offer, self.fewest = offer, fewest
+        self.proposed: list[list[list[CandidateSupport]]] = []
+        self.proposed_along = -np.inf  # -2 log evidence of the law without lack of fit along whose solutions they were
+        # States of the law with a large model error, and smoothed measurements
+        loose = next((fit for fit in self.explored if fit.model_error >= settings.MODEL_ERRORS[-2]), None)
+        near = ([loose.estimates] if loose else []) + [self.plain.problem.starts]
+        curves = [_without_processes(self.plain, estimates) for estimates in near]
+        if not self.best.lack_of_fit:  # Its solutions are the best states
+            curves = [_without_processes(self.best, self.best.estimates)]
+        while True:
+            self._run(curves)
+            worse = not self.best < self.plain
+            points = self.base.points if worse else resolved(Pool((self.best,)), self.progress).best.problem.points
+            if points <= self.base.points:
+                return
+            self.progress("fitting laws again on a finer mesh")
+            curves = [_without_processes(self.best, self.best.estimates)]
+            self.base = replace(self.base, starts=curves[0]).with_points(points)
+            curves, problem = [self.base.starts], self.plain.problem.about(self.plain.estimates).with_points(points)
+            self.plain = best_fit([rescale_noise(fit_supports(problem, self.plain.supports, ANY_ERROR))])
+            self.explored, self.fitted, self.near = (self.plain,), {}, {}
+
+    def _run(self, curves: Sequence[tuple[Estimate, ...]]) -> None:
+        """Find the law of largest evidence on one mesh, with supports proposed along some states in turn."""
+        self.best = self.plain
+        # A model error compensates for terms that one equation lacks
+        if self.plain.has_model_error or any(row.others for row in self.rows):
+            first = self.fit(self.rows, curves[0])
+            self.best = first if first.is_usable else self.plain
+        equations, later = len(self.rows), list(curves)
+        for sweep in range(settings.MAX_SWEEPS):
+            before, begun, most = self.best, self.rows, self._max_parameters
+            near, *later = later
+            # Proposals along the solutions of an equally probable law would be the same
+            if not self.best.score.total < self.proposed_along + settings.MAX_MESH_CHANGE:
+                self.progress(Stage("proposing parametric terms", sweep / settings.MAX_SWEEPS))
+                self.proposed = [*self._proposals(near), *self.proposed]
+                self.proposed_along = self.best.score.total if sweep > 0 and not self.best.lack_of_fit else -np.inf
+            # All equations jointly, each in turn, and combinations of the best of each
+            ends = (sweep + np.arange(equations + 3) / (equations + 2)) / settings.MAX_SWEEPS
+            stages = [part(self.progress, *ends[k : k + 2]) for k in range(equations + 2)]
+            if equations > 1:
+                self._improve(_joint(self.proposed, most), settings.MAX_PROPOSED, near, stages[0])
+            for j, lists in enumerate(zip(*self.proposed, strict=True)):
+                few = [row for row in _interleaved(lists) if row.numbers <= self._max_parameters[j]]
+                listed = [(*self.rows[:j], row, *self.rows[j + 1 :]) for row in few[: settings.MAX_TRIED_SETS]]
+                self._improve(listed, settings.MAX_REFINED, near, stages[j + 1])
+            if equations > 1 and self.best.lack_of_fit:
+                self._improve(self._combinations(begun), settings.MAX_PROPOSED, near, stages[-1])
+            if self.best is not before:
+                later = later if self.best.lack_of_fit else []
+                later = [_without_processes(self.best, self.best.estimates), *later]
+                self.rows = self._rows_from_best()
+                self.near = {rows: estimates for rows, estimates in self.near.items() if rows in self.fitted}
+            if not later:
+                break
+        eliminated_from, last = None, part(self.progress, 1.0, 1.0)
+        while self.best is not eliminated_from and self.best is not self.plain:  # Backward elimination
+            eliminated_from, near = self.best, _without_processes(self.best, self.best.estimates)
+            self._improve([*self._with_one_term_less()], settings.MAX_PROPOSED, near, last)
+
+    @property
+    def _max_parameters(self) -> list[int]:
+        """The largest number of parameters to try in each equation: that of a law without lack of fit.
+
+        It is one more for exact measurements whose residuals are large enough to discriminate.
+        """
+        if self.best.lack_of_fit:
+            return [settings.MAX_NUMBERS] * len(self.rows)
+        problem = self.best.problem
+        deviance = sum(estimate.deviance for estimate in self.best.estimates) / sum(problem.measured)
+        more = int(problem.least_variance >= 1 and deviance > problem.noise_scale.least)
+        return [row.numbers + more for row in self.rows]
+
+    def _proposals(self, estimates: Sequence[Estimate]) -> list[list[list[CandidateSupport]]]:
+        """Return ranked supports of each equation: with parametric terms, then with ratios of sums.
+
+        If the best law has no lack of fit, equations with few parameters keep their terms.
+        """
+        most = {
+            j: count
+            for j, (count, row) in enumerate(zip(self._max_parameters, self.rows, strict=True))
+            if self.best.lack_of_fit or row.numbers > self.fewest
+        }
+        ranked = [rank_supports(self.base, estimates, self.offer.terms, most)]
+        if self.offer.ratios:
+            ranked.append(rank_ratios(self.base, estimates, self.offer.ratios, most))
+        return [[by_equation.get(j, [row]) for j, row in enumerate(self.rows)] for by_equation in ranked]
+
+    def _improve(
+        self, listed: Sequence[Rows], most: int, estimates: Sequence[Estimate], progress: ProgressCallback
+    ) -> None:
+        """Fit the most promising of the laws listed that are not fitted yet, and keep the one of largest evidence.
+
+        They are ranked by the BIC of a quick fit to the median object; it may fail in single objects. Laws far worse
+        than those fitted so far are left out.
+        """
+
+        def quick_fit(rows: Rows) -> list[Estimate]:
+            try:
+                return multistart(*self._problem(rows, estimates), short_schedule)
+            except (CommonlawError, np.linalg.LinAlgError):  # Terms that cannot be parsed, or are nowhere finite
+                return []
+
+        def show(begun: float, count: int) -> Callable[[int], None]:
+            text = "fitting laws with nonlinear parameters"
+            return lambda done: progress(Stage(text, begun + 0.5 * done / count))
+
+        new = [rows for rows in dict.fromkeys(listed) if rows not in self.fitted]
+        short = [rows for rows in new if rows not in self.near]
+        self.near.update(zip(short, in_parallel(quick_fit, short, done=show(0.0, len(short))), strict=True))
+        typical = {
+            rows: float(np.median(objectives))
+            for rows, fits in self.near.items()
+            if (objectives := [fit.objective for fit in fits])
+            and np.isfinite(objectives).all()  # Not so for the root of a negative number
+        }
+        penalty = float(np.log(np.median(self.base.measured)))
+        criteria = [typical.get(rows, np.inf) + penalty * sum(row.numbers for row in rows) for rows in new]
+        relative, margin = settings.MAX_DEVIANCE
+        fitted = [typical[rows] for rows, fit in self.fitted.items() if fit.is_usable and rows in typical]
+        worst = relative * min(fitted, default=np.inf) + margin
+        ranked = (new[k] for k in np.argsort(criteria, kind="stable"))
+        promising = [rows for rows in ranked if typical.get(rows, np.inf) < worst][:most]
+        fits = in_parallel(lambda rows: self.fit(rows, estimates), promising, done=show(0.5, len(promising)))
+        for rows, fit in zip(promising, fits, strict=True):
+            if fit < self.best:
+                self.best, self.rows = fit, rows
+
+    def fit(self, rows: Rows, estimates: Sequence[Estimate]) -> Fit:
+        """Return the fit of a law with these terms, starting from estimated states."""
+        if rows not in self.fitted:
+            try:
+                self.fitted[rows] = self._fit(rows, estimates)
+            except (CommonlawError, np.linalg.LinAlgError):
+                self.fitted[rows] = Fit.failed(self.base, self.plain.supports, Status.REFUSED)
+        return self.fitted[rows]
+
+    def _fit(self, rows: Rows, estimates: Sequence[Estimate]) -> Fit:
+        """Return a fit under its residual noise, with a status of failure where the Laplace approximation fails."""
+        problem, initial = self._problem(rows, estimates)
+        if not len(problem.terms):
+            return Fit.failed(problem, problem.allowed, Status.WITHOUT_EFFECT)
+        fit = Fit.failed(problem, problem.allowed, Status.NOT_COMPUTABLE)
+        for schedule in (short_schedule, full_schedule):
+            near = self.near.get(rows) if schedule is short_schedule else None
+            separate = near or multistart(problem, initial, schedule)
+            if not separate:
+                break
+            pooled, best = shrink_to_pooled(problem, separate)
+            fit = fit_with(pooled, pooled.allowed, NO_ERROR, best)
+            if not fit.is_usable or fit.has_converged:
+                break
+        fit = rescale_noise(replace(fit, problem=replace(fit.problem, starts=fit.estimates))) if fit.is_usable else fit
+        if not fit.is_usable:
+            return fit
+        if not fit.has_converged:
+            return fit.but(Status.NOT_CONVERGED)
+        if not are_parameters_identifiable(fit):
+            return fit.but(Status.NOT_IDENTIFIABLE)
+        has_poles = any(has_pole(fit.problem, o, estimate) for o, estimate in enumerate(fit.estimates))
+        return fit.but(Status.HAS_POLE) if has_poles else fit
+
+    def _problem(self, rows: Rows, estimates: Sequence[Estimate]) -> tuple[SearchProblem, list[Floats]]:
+        """Return the problem of a law, and starting values, each of shape (objects, equations, terms)."""
+        terms, known, places = _assembled(self.base, rows)
+        problem = replace(
+            self.base,
+            models=tuple(replace(model, terms=terms) for model in self.base.models),
+            starts=tuple(estimates),
+            known=known,
+            excluded_terms=self.base.excluded_terms - int(terms.is_factor.sum()),
+            solver=None,
+        )
+        initial = list[Floats]()
+        for k in range(max(len(row.starts) for row in rows)):
+            initial.append(np.nan_to_num(known))
+            for j, row in enumerate(rows):
+                initial[k][:, j, places[j]] = row.starts[min(k, len(row.starts) - 1)]
+        return problem, initial
+
+    def _rows_from_best(self) -> Rows:
+        """Return the terms of the best law with its estimates as starting values."""
+        coefficients = np.array([estimate.coefficients for estimate in self.best.estimates])
+        places = _assembled(self.base, self.rows)[2]
+        return tuple(replace(row, starts=(coefficients[:, j, places[j]],)) for j, row in enumerate(self.rows))
+
+    def _with_one_term_less(self) -> Iterator[Rows]:
+        """Yield laws with one term less that are plausible by the likelihood linearised about the best."""
+        places = _assembled(self.base, self.rows)[2]
+        for j, row in enumerate(self._rows_from_best()):
+            fewer = list[CandidateSupport]()
+            terms = len(row.plain) + len(row.others)
+            for k in range(terms) if terms > 1 else ():
+                supports = self.best.supports.copy()
+                supports[j, [places[j][column] for column in row.columns_of(k)]] = False
+                if self.best.evidence.value(supports) < self.best.score.total + PLAUSIBLE:
+                    fewer.append(row.without(k))
+            fewer += reflected(self.base.terms, row)
+            yield from ((*self.rows[:j], less, *self.rows[j + 1 :]) for less in fewer)
+
+    def _combinations(self, rows: Rows) -> list[Rows]:
+        """Return laws that combine the best supports of each equation, given these terms of the others.
+
+        A change in two equations may improve the fit although neither does alone, since errors of one equation can
+        compensate for those of the other.
+        """
+        best = []
+        for j in range(len(rows)):
+            scores = {
+                terms[j]: fit.score
+                for terms, fit in self.fitted.items()
+                if fit.is_usable and terms[:j] == rows[:j] and terms[j + 1 :] == rows[j + 1 :]
+            }
+            best.append(sorted(scores, key=scores.__getitem__)[: _max_joint_supports(len(rows))])
+        return list(product(*best))
+
+
+def reflected(terms: Terms, row: CandidateSupport) -> Iterator[CandidateSupport]:
+    """Yield supports whose constant is absorbed by a sigmoid s with parameters p: 1 - s(p) = s(-p)."""
+    first = len(terms.variables.measured)
+    for less in (row.without(k) for k, i in enumerate(row.plain) if terms.names[i] == "1"):
+        for m, other in enumerate(less.others):
+            if not isinstance(other, ParametricTerm) or other.tied or not other.parameters:
+                continue
+            shape = settings.GENERIC_POINTS, first + len(other.parameters)
+            points = np.random.default_rng(0).uniform(0.5, 2.0, shape)
+            opposite = points * np.where(np.arange(shape[1]) < first, 1.0, -1.0)
+            with np.errstate(all="ignore"):
+                total = other.term.evaluate(points) + other.term.evaluate(opposite)
+            if (np.abs(total - 1) < settings.ROUNDING).all():
+                signs = np.ones(less.numbers)
+                signs[less.columns_of(len(less.plain) + m)] = -1.0
+                yield replace(less, starts=tuple(start * signs for start in less.starts))
 
 
 def _interleaved(proposed: Sequence[Sequence[CandidateSupport]]) -> list[CandidateSupport]:
     """Return the supports of several ranked lists, the best of each size before the second best."""
     ranks, result = Counter[tuple[int, int]](), dict[CandidateSupport, tuple[int, int]]()
-    for number, own in enumerate(proposed):
-        for each in own:
-            result.setdefault(each, (ranks[number, each.numbers], each.numbers))
-            ranks[number, each.numbers] += 1
-    return sorted(result, key=lambda each: result[each])
+    for number, ranked in enumerate(proposed):
+        for row in ranked:
+            result.setdefault(row, (ranks[number, row.numbers], row.numbers))
+            ranks[number, row.numbers] += 1
+    return sorted(result, key=result.__getitem__)
 
 
-def _joint(
-    known: Sequence[Sequence[Sequence[CandidateSupport]]], most: Sequence[int]
-) -> list[tuple[CandidateSupport, ...]]:
+def _joint(proposed: Sequence[Sequence[Sequence[CandidateSupport]]], most: Sequence[int]) -> list[Rows]:
     """Return laws that combine the first of the ranked supports of all equations.
 
     For each number of parameters up to `most`, the largest support of that size or smaller of each equation is
     combined, too.
     """
-    found = dict[tuple[CandidateSupport, ...], None]()
-    for proposed in known:
-        found |= dict.fromkeys(product(*(own[: max_joint_supports(len(proposed))] for own in proposed)))
-    in_turn = [_interleaved(own) for own in zip(*known, strict=True)]
+    combined = dict[Rows, None]()
+    for by_equation in proposed:
+        combined |= dict.fromkeys(product(*(ranked[: _max_joint_supports(len(most))] for ranked in by_equation)))
+    in_turn = [_interleaved(lists) for lists in zip(*proposed, strict=True)]
     for numbers in range(1, max(most) + 1):
-        small = [[each for each in own if each.numbers <= numbers] for own in in_turn]
+        small = [[row for row in ranked if row.numbers <= numbers] for ranked in in_turn]
         if all(small):
-            found[tuple(max(own, key=lambda each: each.numbers) for own in small)] = None
-    return [rows for rows in found if all(row.numbers <= own for row, own in zip(rows, most, strict=True))]
+            combined[tuple(max(ranked, key=lambda row: row.numbers) for ranked in small)] = None
+    return [rows for rows in combined if all(row.numbers <= limit for row, limit in zip(rows, most, strict=True))]
 
 
-def _max_parameters(best: Fit, rows: Sequence[CandidateSupport]) -> list[int]:
-    """Return the largest number of parameters to try in each equation: that of a law without lack of fit.
+def _max_joint_supports(equations: int) -> int:
+    """Return how many supports of each equation are combined with those of the others."""
+    sets, laws = settings.MAX_JOINT_LAWS
+    return next(count for count in range(sets, 0, -1) if count == 1 or count**equations <= laws)
 
-    It is one more for exact measurements whose residuals are large enough to discriminate.
+
+def _without_processes(fit: Fit, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+    """Return estimates without the states of error processes."""
+    width = fit.problem.models[0].width
+    return tuple(
+        replace(estimate, states=tuple(state[:, :width] for state in estimate.states)) for estimate in estimates
+    )
+
+
+def _assembled(problem: SearchProblem, rows: Rows) -> tuple[Terms, Floats, list[list[int]]]:
+    """Return the terms of a law, known coefficients, and for each equation the terms of its starting values.
+
+    Known coefficients have the shape (objects, equations, terms), NaN where they are estimated. The indices of terms of
+    starting values have the order of `CandidateSupport.starts`.
     """
-    if best.lack_of_fit:
-        return [settings.MAX_NUMBERS] * len(rows)
-    left = sum(estimate.deviance for estimate in best.estimates) / sum(best.problem.measured)
-    is_exact = best.problem.least_variance >= 1
-    return [row.numbers + int(is_exact and left > best.problem.noise_scale.least) for row in rows]
+    whole = problem.terms
+    variables, certain = whole.variables, np.nan_to_num(problem.known)
+    plain = sorted({i for row in rows for i in row.plain} | {*np.flatnonzero(certain.any(axis=(0, 1))).tolist()})
+    names, written, inside = list[str](), list[list[str]](), list[range]()
+    for row in rows:
+        written.append([])
+        before = len(names)
+        for other in row.others:
+            first = len(names)
+            for parameter in other.shared_parameters:
+                names.append(free_name(parameter, (*variables.measured, *names)))
+            written[-1] += other.expressions(variables, names[first:])
+        inside.append(range(before, len(names)))
+    texts = list(dict.fromkeys(text for expressions in written for text in expressions))
+    texts = [*(whole.terms[i].expression(whole.variables.names) for i in plain), *texts]
+    variables = replace(variables, parameters=tuple(names))
+    parameters = (Term(parameter=variables.index(name)) for name in names)
+    terms = Terms(variables, (*(parse_term(text, variables) for text in texts), *parameters))
+    known = np.zeros((*certain.shape[:2], len(terms)))
+    known[:, :, : len(plain)] = certain[:, :, plain]
+    places = list[list[int]]()
+    for j, (row, expressions) in enumerate(zip(rows, written, strict=True)):
+        places.append(
+            [*map(plain.index, row.plain), *map(texts.index, expressions), *(len(texts) + i for i in inside[j])]
+        )
+        known[:, j, places[j]] = np.nan
+    return terms, known, places
 
 
-def _proposed(
-    search: ParametricSearch, best: Fit, rows: Sequence[CandidateSupport], estimates: Sequence[Estimate]
-) -> Iterator[list[list[CandidateSupport]]]:
-    """Yield ranked supports of each equation: with parametric terms, then with ratios of sums.
+def are_parameters_identifiable(fit: Fit) -> bool:
+    """Return whether the nonlinear parameters of a law and the coefficients of their terms are separately identifiable.
 
-    If the best law has no lack of fit, equations with few parameters keep their terms.
+    In ``V s/(K + s)`` for instance only V/K is, where s is small compared with K. There the likelihood is far from the
+    normal distribution about the estimates, and the Laplace approximation of the evidence does not hold. A periodic
+    forcing is identifiable if some trial contains a whole cycle, and its frequency is below the Nyquist limit of two
+    samples a cycle.
     """
-    sought = [bool(best.lack_of_fit) or row.numbers > search.fewest for row in rows]
-    most = {
-        j: own for j, (own, is_sought) in enumerate(zip(_max_parameters(best, rows), sought, strict=True)) if is_sought
-    }
-    listed = [rank_supports(search.base, estimates, search.offer.terms, most)]
-    if search.offer.ratios:
-        listed.append(rank_ratios(search.base, estimates, search.offer.ratios, most))
-    for found in listed:
-        yield [found.get(j, [row]) for j, row in enumerate(rows)]
-
-
-def _stage(progress: ProgressCallback, begun: float, share: float, done: float) -> None:
-    progress(Stage("fitting laws with nonlinear parameters", begun + share * done))
+    terms, trials = fit.problem.terms, fit.problem.trials
+    first, times = len(terms.variables.measured), [trial.times for trial in trials]
+    longest, shortest = max(map(np.ptp, times)), np.concatenate([*map(np.diff, times)]).min()
+    for column in frequencies_in_time(terms):
+        place = terms.parameters[column - first]
+        frequencies = [np.abs(estimate.coefficients[:, place]).sum() for estimate in fit.estimates]
+        if np.median(frequencies) * longest < 2 * np.pi or np.max(frequencies) * shortest > np.pi:
+            return False
+    equations, chosen = np.nonzero(fit.supports)
+    constant = ~terms.is_factor[chosen]
+    is_nonlinear = constant | np.array(terms.have_parameters, dtype=bool)[chosen]
+    squares = []
+    for problem, estimate in zip(fit.evidence.problems, fit.estimates, strict=True):
+        columns = problem.factor[:, np.flatnonzero(fit.supports)]
+        try:
+            inverse = np.linalg.inv(np.linalg.qr(columns, mode="r"))
+        except np.linalg.LinAlgError:
+            return False
+        with np.errstate(over="ignore"):
+            squares.append(estimate.coefficients[fit.supports] ** 2 / np.sum(inverse**2, axis=1))
+    signs = np.sign([estimate.coefficients[fit.supports] for estimate in fit.estimates])
+    least = np.where(np.ptp(signs, axis=0) == 0, np.median(squares, axis=0), np.min(squares, axis=0))
+    is_lost = is_nonlinear & ~(least >= settings.SIGNIFICANT**2)
+    return not any(
+        is_lost[same].sum() > 1 and (is_lost & constant)[same].any() for same in equations == equations[:, np.newaxis]
+    )

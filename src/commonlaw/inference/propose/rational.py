@@ -31,7 +31,6 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.integral_ranking import (
     CandidateSupport,
     InformationCriterion,
-    Start,
     expand_to_objects,
     object_curves,
 )
@@ -295,15 +294,13 @@ class _Ranking:
         ratio = self.offered.ratio(shape.above, shape.below, variables, sizes)
         plain = self.problem.models[0].terms.terms
         scaled = score.below / score.below[:, [ratio.reference]]
-        objects, starts = len(self.problem.models), list[Start]()
+        objects, starts = len(self.problem.models), list[Floats]()
         for below in (scaled, np.tile(np.median(scaled, axis=0), (len(scaled), 1)))[: len(scaled)]:
-            parameters = [ratio.values_of_parameters(own) for own in below]
-            if any(parameter is None for parameter in parameters):
+            parameters = [values for row in below if (values := ratio.values_of_parameters(row)) is not None]
+            if len(parameters) < len(below):
                 continue
             fits = [side.fitted(shape.below, own, terms)[0] for side, own in zip(self.sides, below, strict=True)]
             ordered = np.roll(np.array(fits), len(shape.added), axis=1)
-            starts.append(
-                Start(expand_to_objects(ordered, objects), (expand_to_objects(np.array(parameters), objects),))
-            )
+            starts.append(expand_to_objects(np.column_stack([ordered, parameters]), objects))
         added = tuple(plain.index(self.offered.added[k]) for k in shape.added)
         return CandidateSupport(added, (ratio,), tuple(starts)) if starts else None
