@@ -1,13 +1,12 @@
 """The choice among error models, each with its supports and its levels by maximum marginal likelihood."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats, Indices, evenly_spaced
+from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor, within_trial_std
 from commonlaw.inference.fit.annealing import (
@@ -65,37 +64,31 @@ def with_error_models(
         near.append(pool.plain)
     fits, approximations = list[Fit](), list[Fit]()
     for fit in near:
-        chosen, white = _with_error_model(fit, pool.explored, proposed, kinds, progress)
-        fits.append(chosen)
-        approximations += white
+        problem = fit.problem
+        if problem.solver is None:
+            compared = fit_each_kind(problem, fit.supports, kinds)
+        else:
+            pools = search_each_group(fit, kinds, part(progress, 0.0, 0.5))
+            others = [explored.supports for explored in pool.explored]
+            others += [] if proposed is None else [proposed & problem.allowed]
+            progress(Stage("comparing laws under each error model", 0.5))
+            compared = _fit_all_pairs(pools, others)
+            if compared:
+                progress("comparing error models of the chosen law")
+                compared += fit_each_kind(problem, most_probable(compared).supports, kinds)
+        if not compared:
+            fits.append(fit)
+            continue
+        # Given terms are fitted by least squares unless the evidence against it is very strong
+        best = most_probable(compared, settings.VERY_STRONG if problem.solver is None else 0.0)
+        kind, white = best.errors, [alternative for alternative in compared if alternative.errors == "white"]
+        # Levels at the optimum of the chosen law, so that the result does not depend on units and origins
+        exact = best if kind == "white" else estimate_error_model(best, kind)
+        alternatives = [alternative for alternative in compared if alternative.errors == kind]
+        fits.append((exact if exact.is_usable else best).with_alternatives(alternatives))
+        if white and best.has_process_noise:
+            approximations.append(most_probable(white).with_alternatives(white))
     return Pool.of(fits, pool.explored, approximations)
-
-
-def _with_error_model(
-    fit: Fit, explored: Sequence[Fit], proposed: Bools | None, kinds: Sequence[ErrorKind], progress: ProgressCallback
-) -> tuple[Fit, list[Fit]]:
-    """Return the fit of largest evidence, and if that has process noise, the best one under white noise."""
-    problem = fit.problem
-    if problem.solver is None:
-        compared = fit_each_kind(problem, fit.supports, kinds)
-    else:
-        pools = search_each_group(fit, kinds, part(progress, 0.0, 0.5))
-        others = [each.supports for each in explored] + ([] if proposed is None else [proposed & problem.allowed])
-        progress(Stage("comparing laws under each error model", 0.5))
-        compared = _fit_all_pairs(pools, others)
-        if compared:
-            progress("comparing error models of the chosen law")
-            compared += fit_each_kind(problem, most_probable(compared).supports, kinds)
-    if not compared:
-        return fit, []
-    # Given terms are fitted by least squares unless the evidence against it is very strong
-    best = most_probable(compared, settings.VERY_STRONG if problem.solver is None else 0.0)
-    kind, white = best.errors, [each for each in compared if each.errors == "white"]
-    # Levels at the optimum of the chosen law, so that the result does not depend on units and origins
-    exact = best if kind == "white" else estimate_error_model(best, kind)
-    chosen = exact if exact.is_usable else best
-    chosen = chosen.with_alternatives([each for each in compared if each.errors == kind])
-    return chosen, [most_probable(white).with_alternatives(white)] if white and best.has_process_noise else []
 
 
 def search_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> list[Pool]:
@@ -187,82 +180,62 @@ def estimate_error_model(fit: Fit, kind: ErrorKind) -> Fit:
 
 
 def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
-    levels = _Levels(problem, kind)
+    """Return the fit with the levels of errors of largest evidence, with the likelihood linearised about the fit.
+
+    Variables are the logarithms of all levels and correlation times: the noise of each state first, times last.
+    """
+    trials, model, d = problem.trials, ERRORS[kind], len(problem.noise)
+    in_order = [trial for name in trials.objects for trial in trials.of_object(name)]
+    curves = [curve[:, -d:] for group in problem.smoothed for curve in group]
+    rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, in_order, strict=True)]
+    scales = Scales(
+        np.where(trials.schema.is_latent, noise_floor(trials), within_trial_std(trials)),
+        np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0)),
+        float(np.median(np.concatenate([np.diff(trial.times) for trial in in_order]))),
+        max(float(trial.times[-1] - trial.times[0]) for trial in in_order),
+        settings.MIN_NOISE,
+        settings.FINAL_MODEL_ERRORS[0],
+    )
+    estimate, floor, fixed = problem.noise_estimate, noise_floor(trials), problem.noise_given | trials.schema.is_latent
+    least, largest = model.bounds(scales)
+    low = np.log(np.append(np.where(fixed, estimate, floor), least))
+    high = np.log(np.append(np.where(fixed, estimate, np.maximum(scales.states, floor)), largest))
+    noise = np.log(problem.noise)
+    starts = [np.clip([*noise, *others], low, high) for others in model.starts(noise, low[d:], high[d:])]
+
+    def levels(logs: Floats) -> tuple[Floats, ErrorModel, float]:
+        """Return the noise of each state, shape (d,), other errors, and the random walk, relative to the noise."""
+        values = np.exp(logs)
+        return values[:d], model.model(values[d:]), float(np.exp(logs[-1])) if kind == "random-walk" else NO_ERROR
+
+    def at(logs: Floats, before: SearchProblem) -> SearchProblem:
+        noise, errors, _ = levels(logs)
+        return before.with_errors(noise, errors, "maximum-marginal-likelihood estimate under this error model")
+
     wanted = np.ceil(settings.LEVEL_MEASUREMENTS / np.mean(problem.measured))
     count = int(np.clip(wanted, settings.MIN_OBJECTS, settings.MAX_OBJECTS))
-    indices, starts = evenly_spaced(len(problem.models), count), levels.starts
-    subset = levels.problem(starts[0], problem.of_objects(indices))
+    indices = evenly_spaced(len(problem.models), count)
+    subset = at(starts[0], problem.of_objects(indices))
     estimates = subset.padded([fit.estimates[i] for i in indices])
-    about = LinearizedObjects(subset.models, estimates, fit.supports & subset.allowed)
-    value = partial(_value, levels, subset, about)
-    optimum = minimum(value, min(starts, key=value), *levels.bounds)
-    changed = levels.problem(optimum, problem)
-    return fitted(changed, changed.padded(fit.estimates), fit.supports, levels.model_error(optimum))
+    about, measured = LinearizedObjects(subset.models, estimates, fit.supports & subset.allowed), sum(subset.measured)
 
+    def value(logs: Floats) -> float:
+        """Return minus twice the log-evidence."""
+        noise, errors, model_error = levels(logs)
+        std = subset.white_std_at(noise, errors)
+        try:
+            factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
+        except NotPositiveError:
+            return 1e12
+        prior = subset.noise_scale_at(noise, errors, std).prior
+        evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), NoiseScale(measured))
+        penalty = subset.level_penalty(noise, errors, std) + model_error_penalty(model_error, measured)
+        total = evidence + prior + log_determinant + penalty
+        return total if np.isfinite(total) else 1e12
 
-@dataclass(frozen=True, eq=False)
-class _Levels:
-    """The logarithms of all levels and correlation times of an error model: noise first, times last."""
-
-    before: SearchProblem
-    kind: ErrorKind
-
-    def errors(self, logs: Floats) -> tuple[Floats, ErrorModel]:
-        """Return the noise of each state, shape (d,), and the parameters of the other errors."""
-        d, values = len(self.before.noise), np.exp(logs)
-        return values[:d], ERRORS[self.kind].model(values[d:])
-
-    def problem(self, logs: Floats, before: SearchProblem) -> SearchProblem:
-        return before.with_errors(*self.errors(logs), "maximum-marginal-likelihood estimate under this error model")
-
-    def model_error(self, logs: Floats) -> float:
-        """Return the random walk, relative to the noise."""
-        return float(np.exp(logs[-1])) if self.kind == "random-walk" else NO_ERROR
-
-    @cached_property
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Lower and upper bounds, each of shape (levels and times,)."""
-        trials, noise = self.before.trials, self.before.noise_estimate
-        scales, floor, fixed = self._scales, noise_floor(trials), self.before.noise_given | trials.schema.is_latent
-        least, largest = ERRORS[self.kind].bounds(scales)
-        low = np.append(np.where(fixed, noise, floor), least)
-        high = np.append(np.where(fixed, noise, np.maximum(scales.states, floor)), largest)
-        return np.log(low), np.log(high)
-
-    @property
-    def starts(self) -> list[Floats]:
-        """Starting values of the search: several levels and correlation times."""
-        noise, (low, high) = np.log(self.before.noise), self.bounds
-        others = ERRORS[self.kind].starts(noise, low[len(noise) :], high[len(noise) :])
-        return [np.clip(np.append(noise, each), low, high) for each in others]
-
-    @property
-    def _scales(self) -> Scales:
-        whole, d = self.before.trials, len(self.before.noise)
-        trials = [trial for name in whole.objects for trial in whole.of_object(name)]
-        curves = [curve[:, -d:] for group in self.before.smoothed for curve in group]
-        states = np.where(whole.schema.is_latent, noise_floor(whole), within_trial_std(whole))
-        rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, trials, strict=True)]
-        steps = np.concatenate([np.diff(trial.times) for trial in trials])
-        longest = max(float(trial.times[-1] - trial.times[0]) for trial in trials)
-        deviations = np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0))
-        least = settings.MIN_NOISE, settings.FINAL_MODEL_ERRORS[0]
-        return Scales(states, deviations, float(np.median(steps)), longest, *least)
-
-
-def _value(levels: _Levels, problem: SearchProblem, about: LinearizedObjects, logs: Floats) -> float:
-    """Return minus twice the log-evidence at given levels, with the likelihood linearised about the estimates."""
-    (noise, errors), model_error, count = levels.errors(logs), levels.model_error(logs), sum(problem.measured)
-    std = problem.white_std_at(noise, errors)
-    try:
-        factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
-    except NotPositiveError:
-        return 1e12
-    prior = problem.noise_scale_at(noise, errors, std).prior
-    evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), NoiseScale(count))
-    penalty = problem.level_penalty(noise, errors, std) + model_error_penalty(model_error, count)
-    optimum = evidence + prior + log_determinant + penalty
-    return optimum if np.isfinite(optimum) else 1e12
+    optimum = minimum(value, min(starts, key=value), low, high)
+    changed = at(optimum, problem)
+    return fitted(changed, changed.padded(fit.estimates), fit.supports, levels(optimum)[2])
 
 
 def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: Floats) -> Floats:
@@ -289,12 +262,18 @@ def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: 
 
 
 def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Floats, high: Floats) -> Floats:
-    """Return Newton's step in the variables that no bound is active for."""
+    """Return Newton's step, by central differences, in the variables that no bound is active for."""
     # At a bound, differences are taken on its inner side
     center = np.clip(at, np.minimum(low + DIFFERENCE_SPACING, high), np.maximum(high - DIFFERENCE_SPACING, low))
     free = np.flatnonzero(high - low > 2 * DIFFERENCE_SPACING)
     middle = known if np.array_equal(center, at) else value(center)
-    gradient, curvature = _derivatives(value, center, middle, free)
+    moves = DIFFERENCE_SPACING * np.eye(len(at))[free]
+    after, before = (np.array([value(center + sign * move) for move in moves]) for sign in (1, -1))
+    gradient, curvature = (after - before) / (2 * DIFFERENCE_SPACING), np.diag(after + before - 2 * middle)
+    for i, j in combinations(range(len(free)), 2):
+        both = value(center + moves[j] + moves[i]) + value(center - moves[j] - moves[i])
+        curvature[i, j] = curvature[j, i] = (both - after[j] - after[i] - before[j] - before[i] + 2 * middle) / 2
+    curvature /= DIFFERENCE_SPACING**2
     outward = np.where(gradient > 0, at[free] <= low[free], (gradient < 0) & (at[free] >= high[free]))
     step, inner = np.zeros(len(at)), free[~outward]
     if len(inner):
@@ -303,17 +282,3 @@ def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Float
         if sizes.max() > 0:
             step[inner] = -directions @ ((directions.T @ gradient[~outward]) / sizes)
     return step
-
-
-def _derivatives(value: Callable[[Floats], float], at: Floats, middle: float, free: Indices) -> tuple[Floats, Floats]:
-    """Return the gradient and the Hessian in the free variables by central differences."""
-    count = len(free)
-    moves = DIFFERENCE_SPACING * np.eye(len(at))[free]
-    after, before = (np.array([value(at + sign * move) for move in moves]) for sign in (1, -1))
-    curvature = np.diag(after + before - 2 * middle)
-    for i in range(count):
-        for j in range(i):
-            both = value(at + moves[i] + moves[j]) + value(at - moves[i] - moves[j])
-            mixed = (both - after[i] - after[j] - before[i] - before[j] + 2 * middle) / 2
-            curvature[i, j] = curvature[j, i] = mixed
-    return (after - before) / (2 * DIFFERENCE_SPACING), curvature / DIFFERENCE_SPACING**2

@@ -65,7 +65,7 @@ def search_supports(
     """
     progress("estimating noise, smoothing")
 
-    def prepare_problem(most_samples: int) -> SearchProblem:
+    def prepared(most_samples: int) -> SearchProblem:
         problem = prepare(
             trials,
             terms,
@@ -78,10 +78,15 @@ def search_supports(
         problem = replace(problem, solver=solver, differentiation=differentiation)
         return with_proportional_noise(problem) if "proportional" in kinds else problem
 
-    problem, rest = prepare_problem(most_samples=most_samples), part(progress, 0.05, 1.0)
+    problem, rest = prepared(most_samples), part(progress, 0.05, 1.0)
     _ = problem.law  # Refused if there is none, such as of second order on a logarithmic scale
-    smaller = subproblems(problem, prepare_problem)
-    fits = search_subproblems(problem, smaller, rest) if smaller else search(problem, rest)
+    objects, (size, count) = len(problem.models), settings.OBJECT_GROUPS
+    groups = [range(first, objects, objects // size) for first in range(count)] if objects > size * count else []
+    most = settings.FEW_SAMPLES * objects // size if groups else settings.FEW_SAMPLES
+    has_many = sum(map(len, problem.trials)) > 2 * most
+    fewer = prepared(most) if has_many else problem
+    subsets = [fewer.of_objects(group) for group in groups] or [fewer] * has_many
+    fits = _search_subsets(problem, subsets, rest) if subsets else search(problem, rest)
     return Pool((rescale_noise(fits[0]),), fits)
 
 
@@ -122,39 +127,29 @@ def choose_interpolation(
     """Return a pool under the input interpolation of largest evidence, and the step of the history that records it.
 
     `begin` searches for supports (`search_supports`) or fits given terms (`fit_terms`). Interpolations are compared if
-    `input_interpolation` is ``"auto"``. If plain terms have already chosen that of the trials (`is_chosen`), it is
-    replaced only by one without lack of fit.
+    `input_interpolation` is ``"auto"``. That of the trials is kept unless the evidence for another one, for the same
+    supports, is strong and, if plain terms have already chosen it (`is_chosen`), the law has no lack of fit under the
+    other.
 
     Raises `CommonlawError` if the likelihood cannot be computed.
     """
-    pool, steps = begin(trials, part(progress, 0.0, 0.75)), list[Step]()
-    if input_interpolation == "auto" and any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
-        progress("comparing interpolations of inputs between samples")
-        steps = [best_interpolation(pool.best, is_chosen)]
-        if steps[0].choice != trials.schema.input_interpolation:
-            pool = begin(with_interpolation(trials, steps[0].choice), progress)
-    return pool, steps
-
-
-def best_interpolation(fit: Fit, is_chosen: bool) -> Step:
-    """Return the input interpolation of largest evidence for the supports of a fit.
-
-    That of the fit is kept unless the evidence for another one is strong and, if plain terms chose it (`is_chosen`),
-    the law has no lack of fit under the other.
-    """
-    before, gains = fit.problem.trials.schema.input_interpolation, dict[str, float]()
-    for between in (each for each in BETWEEN if each != before):
+    pool = begin(trials, part(progress, 0.0, 0.75))
+    if input_interpolation != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
+        return pool, []
+    progress("comparing interpolations of inputs between samples")
+    fit, before, gains = pool.best, trials.schema.input_interpolation, dict[str, float]()
+    for between in (interpolation for interpolation in BETWEEN if interpolation != before):
         problem = fit.problem.with_meshes_of(with_interpolation(fit.problem.trials, between))
-        other = fit_supports(problem, fit.supports, ANY_ERROR)
-        gain = fit.score - other.score
-        if gain > settings.STRONG and not (is_chosen and other.lack_of_fit):
+        rival = fit_supports(problem, fit.supports, ANY_ERROR)
+        gain = fit.score - rival.score
+        if gain > settings.STRONG and not (is_chosen and rival.lack_of_fit):
             gains[between] = gain
-    if gains:
-        best = max(gains, key=gains.__getitem__)
-        why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
-        return Step("inputs", best, why)
-    why = "the evidence for no other interpolation is strong, or the law has a lack of fit with it"
-    return Step("inputs", before, f"between samples: {why}")
+    if not gains:
+        why = "the evidence for no other interpolation is strong, or the law has a lack of fit with it"
+        return pool, [Step("inputs", before, f"between samples: {why}")]
+    best = max(gains, key=gains.__getitem__)
+    why = f"between samples: twice the log Bayes factor (2 log B) for it against {before} is {gains[best]:.3g}"
+    return begin(with_interpolation(trials, best), progress), [Step("inputs", best, why)]
 
 
 def resolved(pool: Pool, progress: ProgressCallback) -> Pool:
@@ -191,48 +186,31 @@ def with_leading_support(pool: Pool) -> Pool:
     return pool.with_best(fit if same else rescale_noise(fit))
 
 
-def subproblems(problem: SearchProblem, prepare_problem: Callable[..., SearchProblem]) -> list[SearchProblem]:
-    """Return problems with a subset of the samples or objects; none if there are few of both.
-
-    `prepare_problem` returns the problem with at most so many samples, see `prepare`.
-    """
-    objects, (size, count) = len(problem.models), settings.OBJECT_GROUPS
-    groups = [range(first, objects, objects // size) for first in range(count)] if objects > size * count else []
-    most = settings.FEW_SAMPLES * objects // size if groups else settings.FEW_SAMPLES
-    if sum(map(len, problem.trials)) > 2 * most:
-        fewer = prepare_problem(most_samples=most)
-        return [fewer.of_objects(group) for group in groups] or [fewer]
-    return [problem.of_objects(group) for group in groups]
-
-
-def search_subproblems(
-    problem: SearchProblem, smaller: Sequence[SearchProblem], progress: ProgressCallback
-) -> list[Fit]:
-    """Return the fits of a search on smaller problems, compared on all samples.
+def _search_subsets(problem: SearchProblem, smaller: Sequence[SearchProblem], progress: ProgressCallback) -> list[Fit]:
+    """Return the fits of a search on subsets of samples or objects, compared on all samples.
 
     If the best law of a smaller problem, or of all samples, has a model error, its size and the supports depend on each
     other: then the search runs on all samples.
     """
+
+    def reselected(fit: Fit) -> list[Fit]:
+        """Return a fit of all samples with a model error, and the support selected from there without one."""
+        large = settings.SCHEDULES[1][0]
+        if len(fit.estimates) == len(problem.starts):
+            first = fit_with(problem, fit.supports, large, problem.starts_with(fit.estimates))
+        else:
+            first = fit_supports(problem, fit.supports, (large,))
+        return [first, refine_support(problem, fit.supports, first.estimates or None, NO_ERROR)]
+
     show = part(progress, 0.0, 0.7) if len(smaller) == 1 else lambda _: None
     pays = threads_are_worthwhile(problem.models)
-    best = [fits[0] for fits in in_parallel(lambda each: search(each, show), smaller, pays=pays)]
+    best = [fits[0] for fits in in_parallel(lambda subset: search(subset, show), smaller, pays=pays)]
     if not any(fit.has_model_error for fit in best):
         progress(Stage("re-evaluating candidates on all samples", 0.7))
         distinct = {fit.supports.tobytes(): fit for fit in best}.values()
-        candidates = in_parallel(lambda each: _reselected(problem, each), distinct, pays=pays)
-        compared = [fit for group in candidates for fit in group]
+        compared = [fit for fits in in_parallel(reselected, distinct, pays=pays) for fit in fits]
         if all(fit.is_usable for fit in compared):
             compared = with_neighbours(compared)
             if not compared[0].has_model_error:
                 return compared
     return search(problem, progress, proposals=[fit.supports for fit in best] if len(smaller) > 1 else [])
-
-
-def _reselected(problem: SearchProblem, fit: Fit) -> list[Fit]:
-    """Return a fit of all samples with a model error, and the support selected from there without one."""
-    large, _ = settings.SCHEDULES[1]
-    if len(fit.estimates) == len(problem.starts):
-        first = fit_with(problem, fit.supports, large, problem.starts_with(fit.estimates))
-    else:
-        first = fit_supports(problem, fit.supports, (large,))
-    return [first, refine_support(problem, fit.supports, first.estimates or None, NO_ERROR)]

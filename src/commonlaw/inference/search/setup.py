@@ -22,7 +22,7 @@ from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms
 from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, NO_ERRORS, Heteroscedastic, Prior
 from commonlaw.runtime.fit_options import ErrorKind
-from commonlaw.trials import Schema, Trial, Trials
+from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.transformations import with_logarithms
 from commonlaw.trials.trial import check_gaps
@@ -48,21 +48,16 @@ def supported_interpolation(trials: Trials) -> str:
     Each sample is predicted by Lagrange interpolation u_i ~ sum_j u_j prod_k (t_i - t_k)/(t_j - t_k) from its two or
     four neighbours. The likelihood of a fit does not decide it: a larger gain compensates for a flattened input.
     """
-    squares = np.sum([_leave_one_out_squares(trial) for trial in trials], axis=0)
-    bent = squares[0] > np.finfo(float).eps * np.sum([np.sum(trial.inputs**2, axis=0) for trial in trials], axis=0)
+    squares, total = np.zeros((2, len(trials.schema.inputs))), np.zeros(len(trials.schema.inputs))
+    for trial in trials:
+        middle, total = np.arange(2, len(trial) - 2), total + np.sum(trial.inputs**2, axis=0)
+        for i, steps in enumerate(((-1, 1), (-2, -1, 1, 2))):
+            ahead = [trial.times[middle + step] - trial.times[middle] for step in steps]
+            weights = [np.prod([b / (b - a) for b in ahead if b is not a], axis=0) for a in ahead]
+            by_others = sum(w[:, np.newaxis] * trial.inputs[middle + k] for w, k in zip(weights, steps, strict=True))
+            squares[i] += np.sum((trial.inputs[middle] - by_others) ** 2, axis=0)
+    bent = squares[0] > np.finfo(float).eps * total
     return "cubic" if bent.any() and (squares[0] > settings.MIN_SMOOTHNESS * squares[1])[bent].all() else "linear"
-
-
-def _leave_one_out_squares(trial: Trial) -> Floats:
-    """Return the sums of squared leave-one-out errors of linear and cubic interpolation, shape (2, inputs)."""
-    middle = np.arange(2, len(trial) - 2)
-    result = []
-    for steps in ((-1, 1), (-2, -1, 1, 2)):
-        ahead = [trial.times[middle + step] - trial.times[middle] for step in steps]
-        weights = [np.prod([b / (b - a) for b in ahead if b is not a], axis=0) for a in ahead]
-        by_others = sum(w[:, np.newaxis] * trial.inputs[middle + step] for w, step in zip(weights, steps, strict=True))
-        result.append(np.sum((trial.inputs[middle] - by_others) ** 2, axis=0))
-    return np.array(result)
 
 
 @dataclass(frozen=True, eq=False)
