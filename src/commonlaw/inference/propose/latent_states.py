@@ -19,7 +19,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import refine_support, rescale_noise, with_neighbours
 from commonlaw.inference.fit.fit import NO_ERROR, Fit, Status
-from commonlaw.inference.fit.problem import SearchProblem, prepare
+from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.search.law_search import PATH
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Step
@@ -63,13 +63,19 @@ FAMILIES = (
 
 
 def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress: ProgressCallback) -> Pool:
-    """Return a pool of laws of first order, extended by laws with a latent state."""
+    """Return a pool of laws of first order with laws with a latent state; of equivalent ones only the first.
+
+    That has the evidence of the best of them.
+    """
     plain = pool.plain
     assert plain is not None
     taken = (*plain.problem.terms.variables.names, *property_names(trials.properties))
     name, done = free_name("u", taken), list[str]()
-    followed = [(each, state) for each in FAMILIES for state in (trials.schema.states if each.is_of_state else ("",))]
-    models = [_LatentStateModel(plain, each, state, name) for each, state in followed]
+    models = [
+        _LatentStateModel(plain, family, state, name)
+        for family in FAMILIES
+        for state in (trials.schema.states if family.is_of_state else ("",))
+    ]
 
     def fitted(model: _LatentStateModel) -> Fit:
         done.append(model.description)
@@ -77,26 +83,20 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
         progress(Stage(f"trying a latent state that {model.description}", share))
         return model.fitted(trials, most_samples)
 
-    tried = [(each, fit) for each in models if (fit := fitted(each)).is_usable]
+    tried = [(model, fit) for model in models if (fit := fitted(model)).is_usable]
     tried.sort(key=lambda pair: pair[1])
-    tried[: settings.MAX_RIVALS] = [
-        (each, each.restarted(trials, most_samples, fit)) for each, fit in tried[: settings.MAX_RIVALS]
-    ]
+    best_models = tried[: settings.MAX_RIVALS]
+    tried[: settings.MAX_RIVALS] = [(model, model.restarted(trials, most_samples, fit)) for model, fit in best_models]
     tried.sort(key=lambda pair: models.index(pair[0]))
     multiplicity = 2 * float(np.log(len(models)))
-    fits = [(each, fit.with_score(fit.score.plus("multiplicity", multiplicity))) for each, fit in tried]
-    return _compared(pool, fits)
-
-
-def _compared(pool: Pool, fits: "Sequence[tuple[_LatentStateModel, Fit]]") -> Pool:
-    """Return a pool with fits of a latent state; of equivalent ones only the first, with the evidence of the best."""
+    fits = [(model, fit.with_score(fit.score.plus("multiplicity", multiplicity))) for model, fit in tried]
     # A fit with lack of fit may end away from its optimum, where the Laplace approximation is too large
     without = pool.best.with_score(pool.best.score_at_estimates)
     best = min([without, *(fit for _, fit in fits)])
     equivalent = [pair for pair in fits if _is_equivalent(pair[1], best)]
     others = [fit for _, fit in fits if not _is_equivalent(fit, best)]
     if not equivalent:
-        more = [each.score - best.score for each in others]
+        more = [fit.score - best.score for fit in others]
         why = f"laws with one have at least {min(more):.3g} more of -2 log evidence" if more else "no law with one fits"
         step = Step(LATENT_STATE, "none", why)
         return pool.with_best(replace(without, steps=(step,))).joined(others)
@@ -124,23 +124,22 @@ def _structure(fit: Fit) -> tuple[str, ...]:
     return written_equations(left_hand_sides(law), rows)
 
 
-def _is_equivalent(one: Fit, other: Fit) -> bool:
+def _is_equivalent(one: Fit, reference: Fit) -> bool:
     """Return whether laws with a latent state and equally many coefficients have the same deviance."""
-    states = (one.problem.trials.schema.states, other.problem.trials.schema.states)
+
+    def deviance(fit: Fit) -> float:
+        """Return minus twice the log-likelihood of the measurements, up to a constant."""
+        problem = fit.problem
+        measured = ~problem.trials.schema.is_latent
+        states = np.concatenate([trial.states for trial in problem.trials])[:, measured]
+        scale = 2 * np.isfinite(states).sum(axis=0) @ np.log(problem.noise[measured])
+        return float(scale) + sum(estimate.deviance for estimate in fit.estimates)
+
     return (
-        states[0] == states[1]
-        and one.size == other.size
-        and abs(_deviance(one) - _deviance(other)) < settings.MAX_MESH_CHANGE
+        one.problem.trials.schema.states == reference.problem.trials.schema.states
+        and one.size == reference.size
+        and abs(deviance(one) - deviance(reference)) < settings.MAX_MESH_CHANGE
     )
-
-
-def _deviance(fit: Fit) -> float:
-    """Return minus twice the log-likelihood of the measurements, up to a constant."""
-    problem = fit.problem
-    measured = ~problem.trials.schema.is_latent
-    states = np.concatenate([trial.states for trial in problem.trials])[:, measured]
-    scale = 2 * np.isfinite(states).sum(axis=0) @ np.log(problem.noise[measured])
-    return float(scale) + sum(estimate.deviance for estimate in fit.estimates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,9 +174,21 @@ class _LatentStateModel:
     def _run_search(self, trials: Trials, few: Bools, most_samples: int) -> Fit:
         """Return the law of a search that starts from few terms, shape (equations, terms)."""
         trials, fit = with_starts(trials, {self.name: self.family.start}), self.without
+        before, signs = self.without.problem, np.zeros_like(self._known)
+        signs[:, -1] = -1.0  # The state decays
         try:
             for _ in range(settings.ALTERNATIONS):
-                problem = self._prepared(trials, few, most_samples)
+                # With all terms, from a fit of few
+                problem = prepare(
+                    trials,
+                    self.terms,
+                    np.where(few, self._known, np.nan_to_num(self._known)),
+                    noise=np.append(before.noise_estimate, np.nan) if before.noise_given else None,
+                    huber_threshold=before.models[0].observation.huber_threshold,
+                    most_samples=most_samples,
+                    guess=np.where(few, signs, 0.0),
+                )
+                problem = replace(problem, known=self._known, solver=PATH, differentiation=before.differentiation)
                 fit = rescale_noise(refine_support(problem, few, problem.starts, NO_ERROR))
                 fit = rescale_noise(with_neighbours([fit])[0])
                 if not fit.is_usable or not fit.supports[:-1, self._has_state].any():
@@ -185,27 +196,9 @@ class _LatentStateModel:
                 if np.isfinite(fit.score.total) and fit.predicted_decrease < settings.MIN_GAIN * len(fit.estimates):
                     return replace(fit, problem=replace(fit.problem, solver=None), alternatives=())
                 few = fit.supports  # Another start from the supports so far
-        except (
-            CommonlawError,
-            np.linalg.LinAlgError,
-        ):  # Too short trials, or infinite terms
+        except (CommonlawError, np.linalg.LinAlgError):  # Too short trials, or infinite terms
             return fit.but(Status.REFUSED)
         return fit.but(Status.NOT_CONVERGED)
-
-    def _prepared(self, trials: Trials, few: Bools, most_samples: int) -> SearchProblem:
-        """Return the problem with all terms, whose starting values are a fit of few, shape (equations, terms)."""
-        before, known, signs = self.without.problem, self._known, np.zeros_like(self._known)
-        signs[:, -1] = -1.0  # The state decays
-        problem = prepare(
-            trials,
-            self.terms,
-            np.where(few, known, np.nan_to_num(known)),
-            noise=np.append(before.noise_estimate, np.nan) if before.noise_given else None,
-            huber_threshold=before.models[0].observation.huber_threshold,
-            most_samples=most_samples,
-            guess=np.where(few, signs, 0.0),
-        )
-        return replace(problem, known=known, solver=PATH, differentiation=before.differentiation)
 
     @property
     def _has_state(self) -> Bools:
@@ -255,13 +248,12 @@ class _LatentStateModel:
         effects = [self._index("{u}")] + ([self._index("{u}*{x}")] if self.family.is_of_state else [])
         states = self.without.problem.terms.variables.states
         linear = [self.terms.terms.index(parse_term(quoted(x), self.terms.variables)) for x in states]
-        found = [np.zeros_like(free), np.zeros_like(free)]
-        found[0][:-1, linear] = True
-        found[1][:-1, : self.without.supports.shape[1]] = self.without.supports
-        for each in found:
-            each[:-1, effects] = True
-            each[-1] = True
-        return [each & free for each in found]
+        supports = np.zeros((2, *free.shape), dtype=np.bool_)
+        supports[0, :-1, linear] = True
+        supports[1, :-1, : self.without.supports.shape[1]] = self.without.supports
+        supports[:, :-1, effects] = True
+        supports[:, -1] = True
+        return list(supports & free)
 
 
 LATENT_STATE = "latent state"
@@ -279,10 +271,31 @@ def with_forcing_step(pool: Pool, offered: Sequence[ParametricTerm]) -> Pool:
 
     Forcing terms offered are those of `drives`.
     """
-    fit = _eliminate_plain_terms(pool.best)
-    terms = fit.problem.terms
-    chosen = fit.supports.any(axis=0) & terms.is_factor
-    named = [terms.names[k] for k in np.flatnonzero(chosen) if _is_one_of(terms, int(k), offered)]
+    fit, terms = pool.best, pool.best.problem.terms
+    plain = terms.is_factor & ~np.array(terms.have_parameters, dtype=bool)
+    while fit.problem.solver is None:  # Backward elimination
+        fewer = list[Bools]()
+        for j, k in np.argwhere(fit.supports & plain).tolist():
+            fewer.append(fit.supports.copy())
+            fewer[-1][j, k] = False
+        refitted = (fit.refitted(supports) for supports in fewer)
+        best = min((less for less in refitted if less.is_usable and less.has_converged), default=fit)
+        if not best < fit:
+            break
+        fit = best
+
+    def is_offered(k: int) -> bool:
+        """Return whether a term is one of those offered, up to the names of its parameters."""
+        variables = terms.variables
+        columns = sorted(column for column in terms.terms[k].columns() if column >= len(variables.measured))
+        names = [variables.names[column] for column in columns]
+        term = parse_term(terms.terms[k].expression(variables.names), variables)
+        same_size = (forcing for forcing in offered if len(forcing.shared_parameters) == len(names))
+        expressions = (text for forcing in same_size for text in forcing.expressions(variables, names))
+        return any(parse_term(text, variables) == term for text in expressions)
+
+    chosen = np.flatnonzero(fit.supports.any(axis=0) & terms.is_factor).tolist()
+    named = [terms.names[k] for k in chosen if is_offered(k)]
     without = min((rival.score for rival in pool.rivals if rival.problem.solver is not None), default=None)
     more = np.inf if without is None else without - fit.score
     why = f"latent forcing; without it -2 log evidence is {more:.3g} more"
@@ -290,35 +303,3 @@ def with_forcing_step(pool: Pool, offered: Sequence[ParametricTerm]) -> Pool:
     if not named:
         step = Step(LATENT_STATE, "none", "no latent forcing increases the evidence")
     return pool.with_best(replace(fit, steps=(step,)))
-
-
-def _is_one_of(terms: Terms, index: int, offered: Sequence[ParametricTerm]) -> bool:
-    """Return whether a parametric term is one of those offered, up to the names of its parameters."""
-    first = len(terms.variables.measured)
-    columns = sorted(column for column in terms.terms[index].columns() if column >= first)
-    names = [terms.variables.names[column] for column in columns]
-    term = parse_term(terms.terms[index].expression(terms.variables.names), terms.variables)
-    return any(
-        parse_term(text, terms.variables) == term
-        for each in offered
-        if len(each.shared_parameters) == len(names)
-        for text in each.expressions(terms.variables, names)
-    )
-
-
-def _eliminate_plain_terms(fit: Fit) -> Fit:
-    """Return the law of largest evidence in a backward elimination of plain terms from a law with parametric ones."""
-    terms = fit.problem.terms
-    plain = terms.is_factor & ~np.array(terms.have_parameters, dtype=bool)
-    while fit.problem.solver is None:
-        fewer = list[Bools]()
-        for j, k in np.argwhere(fit.supports & plain).tolist():
-            fewer.append(fit.supports.copy())
-            fewer[-1][j, k] = False
-        refitted = (fit.refitted(each) for each in fewer)
-        converged = [each for each in refitted if each.is_usable and each.has_converged]
-        best = min(converged, default=fit)
-        if not best < fit:
-            break
-        fit = best
-    return fit

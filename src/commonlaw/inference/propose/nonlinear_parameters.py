@@ -1,8 +1,11 @@
-"""Starting values of nonlinear parameters: a coarse grid, compared along smoothed trials, then fitted.
+"""Fits of nonlinear parameters: starting values on a grid, multi-start, and shrinkage toward pooled parameters.
 
 In ``V s/(K + s)``, say, V follows by least squares once K is given (variable projection; Golub and Pereyra 1973). So
 values of K are compared by their residuals in the rates of smoothed trials. Trajectories are fitted from the best
 values for all objects together, and for each alone.
+
+A nonlinear parameter is not practically identifiable from an object in whose trials its term is linear, and diverges. A
+normal prior with the between-object scatter, from the medians of all objects (empirical Bayes), bounds it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,9 +21,10 @@ from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
+from commonlaw.inference.fit.annealing import fit_with
+from commonlaw.inference.fit.fit import NO_ERROR
 from commonlaw.inference.fit.integral_form import Integrals, least_squares, values_between_jumps
 from commonlaw.inference.fit.lack_of_fit import has_pole
-from commonlaw.inference.fit.multistart import best_estimate, full_schedule, multistart, shrink_to_pooled
 from commonlaw.inference.fit.parameter_grid import divisors, factor_powers, grid_product, parameter_values
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.structural_identifiability import are_confounded
@@ -31,7 +35,7 @@ from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound, limits_of
 from commonlaw.library.grammar import evaluate
-from commonlaw.likelihood import HUBER_THRESHOLD, Estimate
+from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, Prior, fit_each
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.parallel import in_parallel, threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
@@ -62,17 +66,9 @@ class _Profile:
         """Which coefficients are estimated nonlinear parameters, shape (equations, terms)."""
         return np.asarray(np.isnan(self.known) & ~self.terms.is_factor)
 
-    def coefficients(self, parameters: Floats) -> Floats:
-        """Return all coefficients, linear ones by least squares, shape (equations, terms)."""
-        return self._fitted(parameters)[0]
-
-    def residuals(self, parameters: Floats) -> list[Floats]:
-        """Return the residuals of each equation, infinite if a term is not finite."""
-        return self._fitted(parameters)[1]
-
     def deviance(self, parameters: Floats) -> float:
         """Return minus twice the profile log-likelihood, sum of 2 m log(RMS); infinite if a term is, or has a pole."""
-        residuals = self.residuals(parameters)
+        _, residuals = self.fitted(parameters)
         if not all(np.isfinite(residual).all() for residual in residuals) or self.has_pole(parameters):
             return np.inf
         floors = [np.finfo(float).eps * np.std(target) + np.finfo(float).tiny for target in self.targets]
@@ -115,12 +111,16 @@ class _Profile:
     def derivatives(self, parameters: Floats, order: Order) -> Floats:
         """Return the derivatives of rates by all estimated coefficients, of unit norm, shape (m, parameters)."""
         plain = replace(self.terms, variables=replace(self.terms.variables, logarithmic=()))
-        field = VectorField(plain, self.coefficients(parameters), order, free=np.isnan(self.known))
+        field = VectorField(plain, self.fitted(parameters)[0], order, free=np.isnan(self.known))
         found = field.linearize(self.values).by_parameters
         columns = found.reshape(-1, found.shape[2])
         return np.asarray(columns / column_scales(columns))
 
-    def _fitted(self, parameters: Floats) -> tuple[Floats, list[Floats]]:
+    def fitted(self, parameters: Floats) -> tuple[Floats, list[Floats]]:
+        """Return all coefficients, shape (equations, terms), linear ones by least squares, and residuals by equation.
+
+        Residuals are infinite if a term is not finite.
+        """
         result = np.nan_to_num(self.known)
         result[self.inside] = parameters
         library = self.terms.evaluate(self.terms.at(self.values, result))
@@ -181,20 +181,24 @@ def with_initial_parameters(
         if not len(grid.values) or not np.isfinite(deviances).any(axis=1).all():
             raise CommonlawError("terms-nowhere-finite", parameters=grid.names)
         least = grid.values[deviances.argmin(axis=1)]
-        coefficients = [rate.coefficients(own) for rate, own in zip(rates, least, strict=True)]
+        coefficients = [rate.fitted(parameters)[0] for rate, parameters in zip(rates, least, strict=True)]
         problem = replace(setup, law=replace(setup.law, coefficients=np.array(coefficients))).problem()
-        starts = grid.starts(_integral_profiles(problem), deviances)
-        _check_identifiable(setup.law, rates, [each[rates[0].inside] for each in starts[-1]])
+        integral = list[_Profile]()  # Along smoothed states, which is more accurate than rates
+        for o, (model, known, start) in enumerate(zip(problem.models, problem.known, problem.starts, strict=True)):
+            values = values_between_jumps(problem, o, start)
+            matched = [Integrals.and_target(problem, o, j, values) for j in range(len(known))]
+            targets = [target for _, target in matched]
+            integral.append(_Profile(model.terms, known, values, targets, [integrals.of for integrals, _ in matched]))
+        starts = grid.starts(integral, deviances)
+        _check_identifiable(setup.law, rates, [coefficients[rates[0].inside] for coefficients in starts[-1]])
         fits: list[list[Estimate]] = [[] for _ in problem.models]
-        for start in starts:
-            for o, each in enumerate(multistart(problem, [start], full_schedule)):
-                fits[o] += [] if has_pole(problem, o, each) else [each]
+        for initial in starts:
+            for o, estimate in enumerate(multistart(problem, [initial], full_schedule)):
+                fits[o] += [] if has_pole(problem, o, estimate) else [estimate]
         if not all(fits):
             raise CommonlawError("parameters-not-found", structure=law.structure, names=", ".join(grid.names))
-        free = [best_estimate(fit) for fit in fits]
-        return replace(
-            law, coefficients=np.array([each.coefficients for each in shrink_to_pooled(problem, free, starts)[1]])
-        )
+        estimates = shrink_to_pooled(problem, [best_estimate(fit) for fit in fits], starts)[1]
+        return replace(law, coefficients=np.array([estimate.coefficients for estimate in estimates]))
 
 
 def outcomes_of_parameters(law: Law) -> tuple[Outcome, ...]:
@@ -232,17 +236,6 @@ def _rate_profiles(setup: FitSetup) -> list[_Profile]:
         result.append(
             _Profile(law.terms, known, values[few], list(rates[few].T), [lambda terms: terms] * rates.shape[1])
         )
-    return result
-
-
-def _integral_profiles(problem: SearchProblem) -> list[_Profile]:
-    """Return each object's profile in integral form along smoothed states, which is more accurate than rates."""
-    result = list[_Profile]()
-    for o, (model, known, start) in enumerate(zip(problem.models, problem.known, problem.starts, strict=True)):
-        values = values_between_jumps(problem, o, start)
-        matched = [Integrals.and_target(problem, o, j, values) for j in range(len(known))]
-        regressors, targets = zip(*((each.of, target) for each, target in matched), strict=True)
-        result.append(_Profile(model.terms, known, values, targets, regressors))
     return result
 
 
@@ -300,8 +293,7 @@ class _Grid:
             raise CommonlawError("terms-nowhere-finite", parameters=self.names)
         starts = [*([each] * len(profiles) for each in together), [each for (each,) in alone]]
         return [
-            np.array([profile.coefficients(own) for profile, own in zip(profiles, start, strict=True)])
-            for start in starts
+            np.array([profile.fitted(own)[0] for profile, own in zip(profiles, start, strict=True)]) for start in starts
         ]
 
     def _swept(self, profiles: Sequence[_Profile], begin: Floats) -> Floats:
@@ -337,12 +329,12 @@ class _Grid:
         definitions = {definition.name: definition for definition in named_parameters(self.law).definitions}
 
         def holds(parameters: Floats) -> bool:
-            coefficients = [profile.coefficients(parameters) for profile in profiles] if self.bounds else []
+            coefficients = [profile.fitted(parameters)[0] for profile in profiles] if self.bounds else []
             pairs = product(self.bounds, coefficients)
             return all(bound.holds(definitions[bound.name].of(coefficient)) for bound, coefficient in pairs)
 
         def preference(parameters: Floats) -> tuple[int, float]:
-            found = [profile.coefficients(parameters) for profile in profiles]
+            found = [profile.fitted(parameters)[0] for profile in profiles]
             named = [each.of(coefficients) for coefficients in found for each in definitions.values()]
             return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(parameters)))
 
@@ -380,10 +372,10 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
     from scipy.optimize import least_squares
 
     tiny = np.finfo(float).tiny
-    units = [[max(_rms(own), tiny) for own in profile.residuals(begin)] for profile in profiles]
+    units = [[max(_rms(own), tiny) for own in profile.fitted(begin)[1]] for profile in profiles]
 
     def residuals(relative: Floats) -> Floats:
-        listed = [profile.residuals(begin * relative) for profile in profiles]
+        listed = [profile.fitted(begin * relative)[1] for profile in profiles]
         pairs = [pair for own, sizes in zip(listed, units, strict=True) for pair in zip(own, sizes, strict=True)]
         whole = np.concatenate([own / size for own, size in pairs])
         return np.where(np.isfinite(whole), whole, 1 / settings.ROUNDING)
@@ -420,3 +412,90 @@ def _refuse_combination(law: Law, part: Bools) -> None:
 def _rms(residuals: Floats) -> float:
     with np.errstate(over="ignore"):
         return float(np.sqrt(np.mean(residuals**2)))
+
+
+def full_schedule(problem: SearchProblem) -> Sequence[Estimate]:
+    """Return the estimates without model error by `fit_with`; none if they fail."""
+    return fit_with(problem, problem.allowed, NO_ERROR).estimates
+
+
+def short_schedule(problem: SearchProblem) -> Sequence[Estimate]:
+    """Return the estimates without model error by one short continuation, which may fail in single objects."""
+    return fit_each(problem.models, problem.starts, problem.allowed, settings.SHORT_SCHEDULE)
+
+
+def multistart(
+    problem: SearchProblem, initial: Sequence[Floats], fitting: Callable[[SearchProblem], Sequence[Estimate]]
+) -> list[Estimate]:
+    """Return the best fit of each object from several initial coefficients; none if no fit succeeds.
+
+    Initial states are those of the problem, new latent processes are zero. Initial coefficients have shape (objects,
+    equations, terms); `fitting` is `full_schedule` or `short_schedule`.
+    """
+    fits = list[Sequence[Estimate]]()
+    for coefficients in initial:
+        pairs = zip(problem.starts, coefficients, strict=True)
+        starts = problem.padded([Estimate(start.states, theta) for start, theta in pairs])
+        fits.append(fitting(replace(problem, starts=starts)))
+    return [best_estimate(candidates) for candidates in zip(*filter(None, fits), strict=True)]
+
+
+def best_estimate(fits: Sequence[Estimate]) -> Estimate:
+    """Return the fit of largest likelihood; of equal ones that with the fewest negative, then smallest coefficients.
+
+    This makes ``A cos(w*t + p) = -A cos(w*t + p + pi)`` unique.
+    """
+    least = min(fit.objective for fit in fits)
+    equal = [fit for fit in fits if fit.objective <= least + settings.SAME_DEVIANCE]
+    return min(equal, key=lambda fit: (int(np.sum(fit.coefficients < 0)), float(np.abs(fit.coefficients).sum())))
+
+
+def shrink_to_pooled(
+    problem: SearchProblem, separate: Sequence[Estimate], initial: Sequence[Floats] = ()
+) -> tuple[SearchProblem, list[Estimate]]:
+    """Return the problem with priors, and estimates, of objects that shrinkage toward pooled parameters fits as well.
+
+    Priors are normal about medians over objects, with `PRIOR_WIDTH` times their median absolute deviations, of the
+    unpooled estimates or of initial coefficients, each of shape (objects, equations, terms), whichever has the larger
+    joint likelihood. Objects whose deviance increases by `INDIFFERENT` or more stay unpooled.
+    """
+    best = list(separate)
+    if len(separate) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:
+        return problem, best
+    unpooled = np.array([estimate.coefficients for estimate in separate])
+    ranked = list[tuple[float, Prior, list[Estimate]]]()
+    (width, least), allowed = settings.PRIOR_WIDTH, problem.allowed
+    for coefficients in (unpooled, *initial):
+        median = np.median(coefficients, axis=0)
+        sigma = 1.4826 * np.median(np.abs(coefficients - median), axis=0)
+        sigma = np.maximum(sigma, least * np.abs(median))
+        precision = np.divide(1.0, width * sigma, out=np.zeros_like(sigma), where=allowed & (sigma > 0)) ** 2
+        prior = Prior(median, precision)
+        both = [unpooled, np.broadcast_to(median, unpooled.shape)]
+        shrinking = replace(problem.with_priors([prior] * len(separate)), starts=tuple(separate))
+        shrunken = multistart(shrinking, both, short_schedule)
+        if shrunken:  # Minus twice the joint log-likelihood of measurements and coefficients
+            normal = float(np.sum(np.log(precision[precision > 0])))
+            objective = sum(estimate.objective for estimate in shrunken) - len(shrunken) * normal
+            ranked.append((objective, prior, shrunken))
+    if not ranked:
+        return problem, best
+    _, prior, shrunken = min(ranked, key=lambda entry: entry[0])
+    priors = list[Prior | None]([None] * len(separate))
+    for o, (pooled, free) in enumerate(zip(shrunken, separate, strict=True)):
+        if pooled.deviance < free.deviance + settings.INDIFFERENT:
+            priors[o], best[o] = prior, pooled
+    return problem.with_priors(priors), best
+
+
+def empirical_priors(problem: SearchProblem, initial: Floats) -> tuple[Prior | None, ...]:
+    """Return the empirical prior of each object's coefficients, from fits that start at initial ones.
+
+    None for laws without nonlinear parameters, fewer than `MIN_OBJECTS` objects, or failed fits. Coefficients have
+    shape (objects, equations, terms).
+    """
+    nothing = (None,) * len(initial)
+    if len(initial) < settings.MIN_OBJECTS or not problem.models[0].terms.parameters:
+        return nothing
+    separate = multistart(problem, [initial], full_schedule)
+    return tuple(m.prior for m in shrink_to_pooled(problem, separate, [initial])[0].models) if separate else nothing

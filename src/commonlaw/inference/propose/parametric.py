@@ -20,10 +20,10 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_supports, fit_with, rescale_noise
 from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_fit
 from commonlaw.inference.fit.lack_of_fit import has_pole
-from commonlaw.inference.fit.multistart import full_schedule, multistart, short_schedule, shrink_to_pooled
 from commonlaw.inference.fit.parameter_grid import frequencies_in_time
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.propose.integral_ranking import CandidateSupport, rank_supports
+from commonlaw.inference.propose.nonlinear_parameters import full_schedule, multistart, short_schedule, shrink_to_pooled
 from commonlaw.inference.propose.rational import rank_ratios
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import resolved

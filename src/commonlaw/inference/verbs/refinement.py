@@ -16,8 +16,8 @@ from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import fitted_law, residual_degrees_of_freedom, total_degrees_of_freedom
 from commonlaw.inference.fit.latent_initialization import latent_state_ranges
-from commonlaw.inference.fit.multistart import empirical_priors
 from commonlaw.inference.fit.problem import prepare
+from commonlaw.inference.propose.nonlinear_parameters import empirical_priors
 from commonlaw.inference.result.approximation import choose_deterministic, with_approximation
 from commonlaw.inference.result.history import (
     fit_steps,
