@@ -6,10 +6,10 @@ from scipy.stats import f, kstest
 
 import commonlaw as cl
 from commonlaw.discovery import TrajectoryLikelihood
-from commonlaw.inference.diagnose import trial_heterogeneity
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import prepare
+from commonlaw.inference.result.history import p_value_of_trials
 from commonlaw.law import Law
 
 TIMES = np.linspace(0, 3, 20)
@@ -45,13 +45,13 @@ def test_the_probability_is_that_of_an_f_test_on_rates_of_each_trial():
     together = 2 * least_squares(lambda p: left([p[0]] * 4, p[1:]), [0.9, 1, 1, 1, 1]).cost
     alone = 2 * least_squares(lambda p: left(p[:4], p[4:]), [0.9] * 4 + [1] * 4).cost
     expected = f.sf((together - alone) / 3 / (alone / 72), 3, 72)
-    found = trial_heterogeneity._p_value(fitted(trials), "ball 2")
+    found = p_value_of_trials(fitted(trials), "ball 2")
     assert np.log(found) == pytest.approx(np.log(expected), rel=0.1)
 
 
 def test_trials_that_do_not_differ_have_probabilities_as_even_as_chance():
     found = [
-        trial_heterogeneity._p_value(fitted(balls(0.0, seed, trials=3)), name)
+        p_value_of_trials(fitted(balls(0.0, seed, trials=3)), name)
         for seed in range(12)
         for name in ("ball 1", "ball 2")
     ]

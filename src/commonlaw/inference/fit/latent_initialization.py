@@ -36,13 +36,6 @@ def latent_state_ranges(trials: Trials, estimates: Sequence[Estimate]) -> dict[s
     return {trials.schema.states[j]: (float(states[:, j].min()), float(states[:, j].max())) for j in free}
 
 
-def unmeasured_in_words(trials: Trials) -> str:
-    """Return in how many trials which states were not measured, as text, empty if all were measured."""
-    counts = np.sum([np.isnan(trial.states).all(axis=0) for trial in trials], axis=0)
-    pairs = zip(trials.schema.states, counts, strict=True)
-    return ", ".join(f"{name} in {count} of {len(trials)} trials" for name, count in pairs if count)
-
-
 def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) -> Trials:
     """Return trials with standard deviations of the initial values of latent states, relative to the scales of these.
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.inference import settings
-from commonlaw.inference.diagnose.trial_heterogeneity import differing_trials
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import Fit
@@ -16,6 +15,7 @@ from commonlaw.inference.result.held_out_forecasts import StandardizedErrors, in
 from commonlaw.inference.result.history import (
     Compared,
     alternatives,
+    differing_trials,
     history,
     inclusion_probabilities,
     names_in,
@@ -71,13 +71,8 @@ def assemble(
             history=(*fit.steps, *history(template, fit, compared, pool.chosen_by)),
         ),
     )
-    others = other_laws(pool.best, law) if problem.solver is not None else ()
-    different = list[Fit]()  # Without reparametrizations of the same law
-    for rival in pool.rivals:
-        if not any(_is_same(rival, each) for each in (pool.best, *different)):
-            different.append(rival)
-    others = with_rivals(others, law, [(each.score - fit.score, each) for each in different])
-    return with_other_laws(pooled(law), tuple(each._replace(law=pooled(each.law)) for each in others))
+    plausible = plausible_laws(pool, law)
+    return with_other_laws(pooled(law), tuple(rival._replace(law=pooled(rival.law)) for rival in plausible))
 
 
 def _is_same(one: Fit, other: Fit) -> bool:
@@ -116,46 +111,44 @@ def compared_terms(pool: Pool) -> list[Compared]:
     return compared
 
 
-def other_laws(chosen: Fit, law: Law) -> tuple[PlausibleLaw[Law], ...]:
-    """Return the plausible alternatives to a law, the most probable first, with its schema and objects."""
-    (own, _), *others = weighted(chosen)
-    kept = [(share, fit) for share, fit in others if share > settings.MIN_PROBABILITY][: settings.MAX_MODELS - 1]
-    total = own + sum(share for share, _ in kept)
-    laws = [fitted_law(law, replace(fit, problem=chosen.problem)) for _, fit in kept]  # Under its noise
-    return tuple(
-        PlausibleLaw(share / total, _as_alternative(law, each)) for (share, _), each in zip(kept, laws, strict=True)
-    )
+def plausible_laws(pool: Pool, law: Law) -> tuple[PlausibleLaw[Law], ...]:
+    """Return the plausible alternatives to the law of the best fit, the most probable first.
 
-
-def with_rivals(
-    others: Sequence[PlausibleLaw[Law]], law: Law, rivals: Sequence[tuple[float, Fit]]
-) -> tuple[PlausibleLaw[Law], ...]:
-    """Return the plausible alternatives by `other_laws` together with rivals that have other terms.
-
-    Each rival comes with its difference in -2 log evidence to the law; a negative one counts as zero. Rivals with other
-    measured states are left out.
+    They are its alternatives among plain terms, under its noise, and rivals with other terms but the same measured
+    states. A negative difference in -2 log evidence to the law counts as zero.
     """
-    own = 1.0 - sum(each.probability for each in others)
-    plausible, structures = [*others], {each.law.structure for each in others} | {law.structure}
-    for above, fit in sorted(rivals, key=lambda pair: pair[0]):
+
+    def as_stored(alternative: Law) -> Law:
+        """Return an alternative without provenance, its bands inflated alike."""
+        inflation = law.uncertainty.interval_inflation
+        uncertainty = replace(alternative.uncertainty, inclusion_probabilities=None, interval_inflation=inflation)
+        return replace(alternative, provenance=Provenance(), uncertainty=uncertainty)
+
+    plausible = list[PlausibleLaw[Law]]()
+    if pool.best.problem.solver is not None:
+        (own, _), *others = weighted(pool.best)
+        kept = [(share, fit) for share, fit in others if share > settings.MIN_PROBABILITY][: settings.MAX_MODELS - 1]
+        total = own + sum(share for share, _ in kept)
+        for share, fit in kept:
+            alternative = fitted_law(law, replace(fit, problem=pool.best.problem))
+            plausible.append(PlausibleLaw(share / total, as_stored(alternative)))
+    different = list[Fit]()  # Without reparametrizations of the same law
+    for rival in pool.rivals:
+        if not any(_is_same(rival, fit) for fit in (pool.best, *different)):
+            different.append(rival)
+    own = 1.0 - sum(alternative.probability for alternative in plausible)
+    structures = {alternative.law.structure for alternative in plausible} | {law.structure}
+    for above, fit in sorted(((fit.score - pool.best.score, fit) for fit in different), key=lambda pair: pair[0]):
         share = own * float(np.exp(-max(0.0, above) / 2))
         if share <= settings.MIN_PROBABILITY or len(plausible) == settings.MAX_MODELS - 1:
             break
-        rival = with_parameters_of(_as_alternative(law, fitted_law(fit.problem.law, fit)), law)
-        if rival.schema == law.schema and rival.structure not in structures:
-            structures.add(rival.structure)
-            plausible.append(PlausibleLaw(share, rival))
-    total = own + sum(each.probability for each in plausible)
-    plausible = [each._replace(probability=each.probability / total) for each in plausible]
-    return tuple(sorted(plausible, key=lambda each: -each.probability))
-
-
-def _as_alternative(law: Law, other: Law) -> Law:
-    """Return an alternative as it is stored with a law: without provenance, its bands inflated alike."""
-    uncertainty = replace(
-        other.uncertainty, inclusion_probabilities=None, interval_inflation=law.uncertainty.interval_inflation
-    )
-    return replace(other, provenance=Provenance(), uncertainty=uncertainty)
+        alternative = with_parameters_of(as_stored(fitted_law(fit.problem.law, fit)), law)
+        if alternative.schema == law.schema and alternative.structure not in structures:
+            structures.add(alternative.structure)
+            plausible.append(PlausibleLaw(share, alternative))
+    total = own + sum(alternative.probability for alternative in plausible)
+    plausible = [alternative._replace(probability=alternative.probability / total) for alternative in plausible]
+    return tuple(sorted(plausible, key=lambda alternative: -alternative.probability))
 
 
 def weighted(chosen: Fit) -> list[tuple[float, Fit]]:

@@ -1,22 +1,24 @@
 """What is said of a law: the choices on the way to it, and what else was to choose from."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, evenly_spaced
+from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.data.noise import by_columns
 from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.fit.latent_initialization import unmeasured_in_words
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
-from commonlaw.inference.settings import CONVERGED, MAX_MESH_POINTS, MAX_MODELS, MAX_TERMS, MIN_PROBABILITY
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.tables import LOG_SCORE
-from commonlaw.likelihood import ERRORS
+from commonlaw.likelihood import ERRORS, Estimate, fit as fitted_states, linearize
+from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.outcomes import Outcome, OutcomeKind, note
-from commonlaw.text import counted
+from commonlaw.text import counted, shown
 from commonlaw.trials import Schema
 
 Compared = dict[tuple[str, ...], float]
@@ -35,7 +37,7 @@ def alternatives(law: Law, compared: Sequence[Compared], chosen_by: str) -> tupl
     for equation, listed in zip(left_hand_sides(law), compared, strict=True):
         likely = probabilities(listed)
         for i, (names, difference) in enumerate(listed.items()):
-            if i < MAX_MODELS or likely[i] > MIN_PROBABILITY:
+            if i < settings.MAX_MODELS or likely[i] > settings.MIN_PROBABILITY:
                 probability = float(likely[i]) if likely[i] >= np.finfo(float).tiny else 0.0
                 measures: dict[str, float | None] = {"2 log B": difference, "probability": probability}
                 if chosen_by == Kind.FORECASTS:  # Their scores are no evidence, and none if these diverge
@@ -85,7 +87,7 @@ def outcomes(law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool) -> t
     result += [
         note("as-many-terms-as-samples", side, terms=most)
         for side, support in zip(lefts, fit.supports, strict=True)
-        if support.sum() == most < min(MAX_TERMS, fit.problem.allowed.sum(axis=1).max())
+        if support.sum() == most < min(settings.MAX_TERMS, fit.problem.allowed.sum(axis=1).max())
     ]
     return tuple(result)
 
@@ -114,31 +116,55 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
 
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
     """Return notes on coefficients of laws with latent states that are not, or not well, identifiable."""
-    result = _not_identifiable(law) if problem.trials.schema.initial_values else ()
-    if not problem.equivalent_optima:
-        return result
-    names = ", ".join(problem.trials.schema.initial_values)
-    parameters = named_parameters(law)
-    others = "; or ".join(
-        ", ".join(f"{definition.name} = {float(definition.of(each)):.3g}" for definition in parameters.definitions)
-        for each in problem.equivalent_optima
-    )
-    return (*result, note("latent-state-ambiguous", object=law.objects[0], others=others, states=names))
-
-
-def _not_identifiable(law: Law) -> tuple[Outcome, ...]:
-    """Return which coefficients have standard errors larger than themselves, of which objects."""
-    lost = dict[str, list[str]]()
-    parameters = named_parameters(law)
+    result, parameters, schema = list[Outcome](), named_parameters(law), problem.trials.schema
+    uncertain = dict[str, list[str]]()  # Objects by parameters of which the standard errors exceed the values
+    states = ", ".join(schema.initial_values)
     for name, values, errors in zip(law.objects, parameters.values, parameters.errors, strict=True):
-        unsure = [parameters.names[i] for i in np.flatnonzero(errors > abs(values))]
-        if unsure:
-            lost.setdefault(", ".join(unsure), []).append(name)
-    states = ", ".join(law.schema.initial_values)
-    return tuple(
-        note("parameters-with-latent-states", ", ".join(objects), states=states, parameters=names)
-        for names, objects in lost.items()
-    )
+        if states and (unsure := [parameters.names[i] for i in np.flatnonzero(errors > abs(values))]):
+            uncertain.setdefault(", ".join(unsure), []).append(name)
+    for names, objects in uncertain.items():
+        result.append(note("parameters-with-latent-states", ", ".join(objects), states=states, parameters=names))
+    optima = [
+        ", ".join(f"{definition.name} = {float(definition.of(theta)):.3g}" for definition in parameters.definitions)
+        for theta in problem.equivalent_optima
+    ]
+    if optima:
+        others = "; or ".join(optima)
+        result.append(note("latent-state-ambiguous", object=law.objects[0], others=others, states=states))
+    return tuple(result)
+
+
+def differing_trials(fit: Fit) -> tuple[Outcome, ...]:
+    """Return a note on the objects with heterogeneous trials, by F tests with Bonferroni correction."""
+    trials = fit.problem.trials
+    names = [name for name in trials.objects if len(trials.of_object(name)) > 1]
+    names = [names[i] for i in evenly_spaced(len(names), settings.MAX_CHECKED_OBJECTS)] if names else []
+    differing = [name for name in names if p_value_of_trials(fit, name) < HETEROGENEITY_LEVEL / len(names)]
+    return (note("trials-differ", objects=shown(differing)),) if differing else ()
+
+
+def p_value_of_trials(fit: Fit, name: str) -> float:
+    """Return the p-value of the F test for between-trial heterogeneity of an object, see `heterogeneity_p_value`.
+
+    It is one if single trials cannot be fitted.
+    """
+    problem, index, factors = fit.problem, fit.problem.trials.objects.index(name), list[Floats]()
+    group, estimate = problem.trials.of_object(name), fit.estimates[index]
+    alone = [replace(trial, object=f"{i}", name="1") for i, trial in enumerate(group)]
+    known = np.repeat(problem.known[index : index + 1], len(group), axis=0)
+    free: Bools = (estimate.coefficients != 0) & np.isnan(problem.known[index])
+    last = fit.fitted_model_error
+    errors = [error for error in settings.SHORT_SCHEDULE[1:] if error > last] + [last]
+    try:
+        part = problem.of_trials(alone, known, np.array([estimate.coefficients] * len(group)))
+        for model, start in zip(part.models, part.starts, strict=True):
+            start = Estimate(start.states, estimate.coefficients)
+            fitted = fitted_states(model, start, np.zeros_like(free), errors)
+            factors.append(linearize(model, fitted, last, free).problem.factor)
+    except CommonlawError:
+        return 1.0
+    measurements = sum(part.measured) - part.models[0].width * len(group)
+    return heterogeneity_p_value(factors, measurements, problem.least_variance)
 
 
 def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
@@ -155,7 +181,10 @@ def _left(fit: Fit) -> str:
 def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
     """Return which samples were fitted, if these are not all, and which states were never measured in a trial."""
     why = "sample limit of the trajectory likelihood"
-    unmeasured = unmeasured_in_words(problem.trials)
+    trials, states = problem.trials, problem.trials.schema.states
+    counts = np.sum([np.isnan(trial.states).all(axis=0) for trial in trials], axis=0)
+    pairs = zip(states, counts, strict=True)
+    unmeasured = ", ".join(f"{name} in {count} of {len(trials)} trials" for name, count in pairs if count)
     latent = Step("latent states", unmeasured, "estimated jointly with the law, identified by the other trials")
     return (*((Step("samples", problem.samples, why),) if problem.samples else ()), *((latent,) if unmeasured else ()))
 
@@ -163,8 +192,8 @@ def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
 def history(law: Law, fit: Fit, compared: Sequence[Compared], chosen_by: str) -> tuple[Step, ...]:
     """Return every choice that was made, in order, and what terms were chosen by."""
     problem = fit.problem
-    resolved = f"a finer mesh changes the coefficients by less than {CONVERGED:g} standard errors"
-    mesh = resolved if problem.points < MAX_MESH_POINTS[-1] else "finest mesh available"
+    resolved = f"a finer mesh changes the coefficients by less than {settings.CONVERGED:g} standard errors"
+    mesh = resolved if problem.points < settings.MAX_MESH_POINTS[-1] else "finest mesh available"
     steps = [
         *sample_steps(problem),
         noise_step(problem),
