@@ -14,11 +14,11 @@ from commonlaw.inference.verbs.other_terms import candidate_law
 from commonlaw.law import Law, Provenance
 from commonlaw.law.alignment import matched
 from commonlaw.law.law import shares_terms
-from commonlaw.law.observation import Observation, Restrictions
+from commonlaw.law.observation import Restrictions
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, standard_errors
 from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.law.text import free_parameter_names
-from commonlaw.library import Term, Terms, parse_term, parse_terms
+from commonlaw.library import Terms, parse_term, parse_terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal, silent
@@ -154,7 +154,12 @@ def bounds(
     pairs = _absent(law, terms)
     if terms is None and len(pairs) > settings.MAX_SCREENED_TERMS:
         raise CommonlawError("limits-of-many-terms", count=len(pairs))
-    values = _visited(law, trials)
+    forecast = law.predict(trials, averaged=False)
+    states = forecast.latent or [trajectory.states for trajectory in forecast.trajectories]
+    pairs_of_trials = zip(forecast.trials, states, strict=True)
+    along = [np.column_stack([state, trial.inputs, trial.times]) for trial, state in pairs_of_trials]
+    values = law.terms.variables.natural(np.concatenate(along))
+    values = values[np.isfinite(values).all(axis=1)]
     found: list[Bound] = []
     for i, (equation, name) in enumerate(pairs):
         progress(Stage(f"fitting the law with {name}", i / len(pairs)))
@@ -179,65 +184,40 @@ def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
     return [pair for pair in listed if pair not in there]
 
 
-def _visited(law: Law, trials: Trials) -> Floats:
-    """Return the variables along the law's trajectories of the trials, shape (n, variables)."""
-    forecast = law.predict(trials, averaged=False)
-    rows = []
-    states = forecast.latent or [trajectory.states for trajectory in forecast.trajectories]
-    for trial, state in zip(forecast.trials, states, strict=True):
-        rows.append(law.terms.variables.natural(np.column_stack([state, trial.inputs, trial.times])))
-    whole = np.concatenate(rows)
-    return np.asarray(whole[np.isfinite(whole).all(axis=1)])
-
-
 def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats, level: float) -> Iterator[Bound]:
-    wider = _with_term(law, name)
+    """Yield the limits of an object's coefficient of a term, from values of all variables, shape (n, variables)."""
+    wider, left = _with_term(law, name), left_hand_sides(law)[equation]
     term = wider.terms.terms[wider.terms.index(name)]
     if law.observation is None:
-        fitted, coefficients, errors, unit = _estimated(law, wider, trials, equation, name)
-    else:
-        fitted, coefficients, errors, unit = _observed(law, law.observation, trials, equation, term)
+        support = wider.support.copy()
+        support[equation, wider.terms.index(name)] = True
+        estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
+        fitted = candidate_law(wider, trials, support, own_noise=estimated).law
+        place, unit = fitted.terms.index(name), coefficient_units(fitted).get((left, name), "")
+        coefficients, errors = fitted.coefficients[:, equation, place], standard_errors(fitted)[:, equation, place]
+    else:  # Noise that was given stays, too
+        given = (law.observation.restrictions or Restrictions()).noise
+        levels = {key: level for key, level in given.items() if not isinstance(level, str)}
+        names, matching = law.terms.variables.names, matched(law, trials, observed=True)
+        taken = (*names, *law.observation.measured.states, *property_names(matching.properties))
+        (parameter,) = free_parameter_names(1, taken)
+        addend = f" + {parameter} {term.text([quoted(variable) for variable in names])}"
+        written = law.provenance.equations or law.structure
+        equations = [text + addend if j == equation else text for j, text in enumerate(written)]
+        fitted = refit(law, matching, equations=equations, noise=levels, progress=silent).law(())
+        named = named_parameters(fitted)
+        at = named.names.index(parameter)
+        coefficients, errors, unit = named.values[:, at], named.errors[:, at], named.units[at] or ""
     reach = float(fitted.uncertainty.reach(len(law.schema.states), level)[equation])
     known = fitted.uncertainty.degrees_of_freedom
     degrees = np.inf if known is None else float(known[equation])
     plain = replace(law.terms.variables, parameters=())
     sizes = np.abs(parse_terms([term.expression(law.terms.variables.names)], plain).evaluate(values))
-    left = left_hand_sides(law)[equation]
     for owner, coefficient, error in zip(fitted.objects, coefficients.tolist(), errors.tolist(), strict=True):
         at_most = float(upper_bound(coefficient, error, degrees, level))
         ends = coefficient - reach * error, coefficient + reach * error
         effect = at_most * float(sizes.max())
         yield Bound(left, name, owner, coefficient, error, *ends, at_most, effect, unit)
-
-
-def _estimated(law: Law, wider: Law, trials: Trials, equation: int, name: str) -> tuple[Law, Floats, Floats, str]:
-    """Return a law fitted with a term, its coefficient and error of each object, shape (objects,), and their unit."""
-    index = wider.terms.index(name)
-    support = wider.support.copy()
-    support[equation, index] = True
-    estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
-    fitted = candidate_law(wider, trials, support, own_noise=estimated).law
-    place = fitted.terms.index(name)
-    unit = coefficient_units(fitted).get((left_hand_sides(law)[equation], name), "")
-    return fitted, fitted.coefficients[:, equation, place], standard_errors(fitted)[:, equation, place], unit
-
-
-def _observed(
-    law: Law, observation: Observation, trials: Trials, equation: int, term: Term
-) -> tuple[Law, Floats, Floats, str]:
-    """Return the same for a law with an observation; noise that was given stays."""
-    trials = matched(law, trials, observed=True)
-    given = (observation.restrictions or Restrictions()).noise
-    levels = {key: level for key, level in given.items() if not isinstance(level, str)}
-    names = law.terms.variables.names
-    (parameter,) = free_parameter_names(1, (*names, *observation.measured.states, *property_names(trials.properties)))
-    shown = term.text([quoted(name) for name in names])
-    written = law.provenance.equations or law.structure
-    equations = [f"{text} + {parameter} {shown}" if j == equation else text for j, text in enumerate(written)]
-    fitted = refit(law, trials, equations=equations, noise=levels, progress=silent).law(())
-    named = named_parameters(fitted)
-    at = named.names.index(parameter)
-    return fitted, named.values[:, at], named.errors[:, at], named.units[at] or ""
 
 
 def _with_term(law: Law, name: str) -> Law:

@@ -157,17 +157,16 @@ def _frame(
     import pandas as pd
 
     lines = [[] if law.observation is None else law.observation.lines for law in laws.values()]
-    frame = pd.DataFrame(
-        {
-            "law": list(laws),
-            "equations": ["; ".join((*law.structure, *line)) for law, line in zip(laws.values(), lines, strict=True)],
-            "coefficients": coefficients,
-            "errors": errors,
-            "model error": departs,
-            "2 log B": above,
-        }
-    )
-    return _with_probabilities(frame)
+    equations = ["; ".join((*law.structure, *line)) for law, line in zip(laws.values(), lines, strict=True)]
+    columns = {
+        "law": list(laws),
+        "equations": equations,
+        "coefficients": coefficients,
+        "errors": errors,
+        "model error": departs,
+        "2 log B": above,
+    }
+    return _with_probabilities(pd.DataFrame(columns))
 
 
 def _with_probabilities(frame: "pd.DataFrame") -> "pd.DataFrame":

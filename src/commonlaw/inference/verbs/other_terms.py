@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -141,59 +140,44 @@ def _supports(law: Law, most: int) -> list[Bools]:
     Those along the path come first, ordered by their difference in size to the law; then those that differ in one
     equation, the best first.
     """
-    size, found = int(law.support.sum()), dict[bytes, Bools]()
-    along = sorted(_along_path(law), key=lambda each: abs(int(each.sum()) - size))
-    for support in (*along, *_in_one_equation(law)):
-        if support.any() and not np.array_equal(support, law.support):
-            found.setdefault(support.tobytes(), support)
-    return list(found.values())[:most]
-
-
-def _in_one_equation(law: Law) -> Iterator[Bools]:
-    known = (
+    size, distinct = int(law.support.sum()), dict[bytes, Bools]()
+    measures = (
         [value for name in _MEASURES if (value := alternative.measures.get(name)) is not None]
         for alternative in law.provenance.alternatives
     )
-    values = [own[0] if own else 0.0 for own in known]
-    lefts = left_hand_sides(law)
-    for i in np.argsort(values, kind="stable"):
-        each = law.provenance.alternatives[i]
-        support = law.support.copy()
-        support[lefts.index(each.equation)] = np.isin(law.terms.names, each.terms)
-        yield support
+    order = np.argsort([known[0] if known else 0.0 for known in measures], kind="stable")
+    in_one_equation, lefts = list[Bools](), left_hand_sides(law)
+    for alternative in (law.provenance.alternatives[i] for i in order):
+        in_one_equation.append(law.support.copy())
+        in_one_equation[-1][lefts.index(alternative.equation)] = np.isin(law.terms.names, alternative.terms)
+    along = sorted(_along_path(law), key=lambda support: abs(int(support.sum()) - size))
+    for support in (*along, *in_one_equation):
+        if support.any() and not np.array_equal(support, law.support):
+            distinct.setdefault(support.tobytes(), support)
+    return list(distinct.values())[:most]
 
 
 def _along_path(law: Law) -> Iterator[Bools]:
     """Yield supports from few terms to many, in each step growing the equation that gains most."""
-    paths = [_path(law, left) or [_NestedModel(law.support[j], 0.0)] for j, left in enumerate(left_hand_sides(law))]
+    paths = [_path(law, left) or [(law.support[j], 0.0)] for j, left in enumerate(left_hand_sides(law))]
     at = [0] * len(paths)
     while True:
-        yield np.array([path[i].terms for path, i in zip(paths, at, strict=True)])
+        yield np.array([path[i][0] for path, i in zip(paths, at, strict=True)])
         growing = [j for j, path in enumerate(paths) if at[j] + 1 < len(path)]
         if not growing:
             return
-        gains = {j: paths[j][at[j]].measure - paths[j][at[j] + 1].measure for j in growing}
-        at[max(gains, key=gains.__getitem__)] += 1
+        at[max(growing, key=lambda j: paths[j][at[j]][1] - paths[j][at[j] + 1][1])] += 1
 
 
-class _NestedModel(NamedTuple):
-    """The best support of an equation with so many terms, shape (terms,), and its criterion."""
-
-    terms: Bools
-    measure: float
-
-
-def _path(law: Law, left: str) -> list[_NestedModel]:
-    """Return the best support of each size of an equation, from the fewest terms to the most."""
-    own = [alternative for alternative in law.provenance.alternatives if alternative.equation == left]
-    name = next((name for name in _MEASURES if all(each.measures.get(name) is not None for each in own)), "")
+def _path(law: Law, left: str) -> list[tuple[Bools, float]]:
+    """Return the best support of each size of an equation, shape (terms,), the smallest first, and its criterion."""
+    listed = [alternative for alternative in law.provenance.alternatives if alternative.equation == left]
+    name = next((name for name in _MEASURES if all(each.measures.get(name) is not None for each in listed)), "")
     best: dict[int, Alternative] = {}
-    for each in sorted(own, key=lambda each: (not each.chosen, each.measures.get(name) or 0.0)):
-        best.setdefault(len(each.terms), each)
-    return [
-        _NestedModel(np.isin(law.terms.names, best[size].terms), best[size].measures.get(name) or 0.0)
-        for size in sorted(best)
-    ]
+    for alternative in sorted(listed, key=lambda each: (not each.chosen, each.measures.get(name) or 0.0)):
+        best.setdefault(len(alternative.terms), alternative)
+    ordered = (best[size] for size in sorted(best))
+    return [(np.isin(law.terms.names, each.terms), each.measures.get(name) or 0.0) for each in ordered]
 
 
 def _evidence(law: Law, support: Bools) -> float | None:
