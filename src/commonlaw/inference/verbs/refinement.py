@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import check_white, refit, updated
 from commonlaw.forecast.population import with_objects_of
@@ -36,7 +35,7 @@ from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
-from commonlaw.likelihood import Estimate, NotPositiveError, TrajectoryModel, fit, linearize
+from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
@@ -253,9 +252,33 @@ def adapt(law: Law, trials: Trials) -> Law:
     setup = FitSetup.of(with_objects_of(law, trials)[0], trials)
     before, trials = setup.law, setup.trials
     problem = prepare(trials, law.terms, before.coefficients, noise=law.uncertainty.noise)
-    coefficients, covariances = before.coefficients.copy(), np.zeros_like(before.uncertainty.known_covariance())
+    covariances, coefficients = before.uncertainty.known_covariance().copy(), before.coefficients.copy()
+    support, last = before.support, settings.FINAL_MODEL_ERRORS[-1]
+    fixed = np.zeros(support.shape, dtype=np.bool_)
+    # The prior is normal; the likelihood of the trials is that of linear regression, about the last coefficients
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
-        coefficients[o][law.support], covariances[o] = _posterior(model, start, before, o)
+        prior_mean, prior, theta = coefficients[o][support], covariances[o], before.coefficients[o].copy()
+        errors: tuple[float, ...] = (*settings.MODEL_ERRORS, *settings.FINAL_MODEL_ERRORS)
+        estimate = Estimate(start.states, theta)
+        for _ in range(settings.MAX_ITERATIONS):
+            estimate = fit(model, replace(estimate, coefficients=theta.copy()), fixed, errors)
+            errors = (last,)
+            try:
+                factor = linearize(model, estimate, last, support).problem.factor
+            except NotPositiveError:
+                raise CommonlawError("pooled-start-diverges", where=before.objects[o]) from None
+            rows, target = factor[:-1, :-1], factor[:-1, -1]
+            # By the gain, which takes coefficients that are known, without variance, as they are
+            weighted = rows @ prior
+            gain = np.linalg.solve(weighted @ rows.T + np.eye(len(rows)), weighted).T
+            covariance = prior - gain @ weighted
+            posterior_mean = prior_mean + gain @ (target - rows @ prior_mean)
+            deviations = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+            change = np.abs(posterior_mean - theta[support])
+            theta[support] = posterior_mean
+            if np.all(change <= settings.CONVERGED * deviations):
+                break
+        coefficients[o], covariances[o] = theta, (covariance + covariance.T) / 2
     uncertainty = replace(
         before.uncertainty, covariance=covariances, shared_factor=None, unpooled=None, explanation=None, other_laws=()
     )
@@ -266,34 +289,3 @@ def adapt(law: Law, trials: Trials) -> Law:
         properties=trials.properties,
         provenance=replace(law.provenance, history=(*law.history, step)),
     )
-
-
-def _posterior(model: TrajectoryModel, start: Estimate, law: Law, index: int) -> tuple[Floats, Floats]:
-    """Return the coefficients in the law's support of one object, and their covariance.
-
-    Those beforehand are normal; the likelihood of the trials is that of linear regression, about the last coefficients.
-    """
-    name, support = law.objects[index], law.support
-    expected = law.coefficients[index][support]
-    spread = law.uncertainty.known_covariance()[index]
-    own, last, estimate = expected, settings.FINAL_MODEL_ERRORS[-1], Estimate(start.states, law.coefficients[index])
-    for _ in range(settings.MAX_ITERATIONS):
-        whole = np.zeros(support.shape)
-        whole[support] = own
-        errors = (*settings.MODEL_ERRORS, *settings.FINAL_MODEL_ERRORS) if own is expected else (last,)
-        estimate = fit(model, replace(estimate, coefficients=whole), np.zeros(support.shape, dtype=np.bool_), errors)
-        try:
-            factor = linearize(model, estimate, last, support).problem.factor
-        except NotPositiveError:
-            raise CommonlawError("pooled-start-diverges", where=name) from None
-        rows, target = factor[:-1, :-1], factor[:-1, -1]
-        # By the gain, which takes coefficients that are known, without variance, as they are
-        weighted = rows @ spread
-        gain = np.linalg.solve(weighted @ rows.T + np.eye(len(rows)), weighted).T
-        covariance = spread - gain @ weighted
-        found = expected + gain @ (target - rows @ expected)
-        deviations = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-        converged, own = bool(np.all(abs(found - own) <= settings.CONVERGED * deviations)), found
-        if converged:
-            break
-    return own, (covariance + covariance.T) / 2
