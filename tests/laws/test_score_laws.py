@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.discovery import pipeline
+from commonlaw.discovery import trajectory_likelihood
 from commonlaw.inference.result.assembly import assemble
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.law_search import fit_terms
@@ -29,7 +29,7 @@ def discovered(request):
         return assemble(pool, **rest)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "assemble", recorded)
+        patch.setattr(trajectory_likelihood, "assemble", recorded)
         law = cl.discover(trials, cache=False, **settings)
     return trials, law, pools[-1].best
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.cache import cached_law
-from commonlaw.discovery.given_derivatives import GivenDerivatives, with_derivatives
 from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_generations, outcomes_of_rivals
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
+from commonlaw.discovery.measured_rates import GivenDerivatives, with_derivatives
 from commonlaw.discovery.method import (
     AbstractMethod,
     Key,

@@ -1,18 +1,23 @@
-"""Detection of measured columns that are the rates of others."""
+"""Rates that come with trials: measured columns that are the rates of others, and given derivatives."""
 
-from collections.abc import Collection, Container, Iterator
-from typing import NamedTuple
+from collections.abc import Collection, Container, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.formulation import TrialDerivatives
 from commonlaw.outcomes import Outcome, note
-from commonlaw.trials import Schema, Trial, Trials
+from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.transformations import Conversion, rates_in_words, without_rates
 from commonlaw.trials.trial import with_typical
+
+GivenDerivatives = ArrayLike | Sequence[ArrayLike] | Mapping[str, Any]
+"""An array for each trial, shape (n, states); or by state the name of a column, or an array for each trial, (n,)."""
 
 
 def without_measured_rates(
@@ -45,7 +50,10 @@ def measured_rates(trials: Trials) -> dict[str, str]:
     counts = np.array([np.isfinite(trial.states).sum(axis=0) for trial in trials]).min(axis=0)
     for state in (name for name, count in zip(trials.schema.states, counts, strict=True) if count >= 5):
         for rate in trials.schema.states:
-            taken = rate in result.values() or rate in _origins(state, result)
+            origins, states = [state], {known: name for name, known in result.items()}
+            while origins[-1] in states:  # The state that it is the rate of, and so on, to exclude rates in a circle
+                origins.append(states[origins[-1]])
+            taken = rate in result.values() or rate in origins
             if not taken and _is_rate(trials, state, rate):
                 result[state] = rate
                 break
@@ -75,15 +83,6 @@ def is_computed(trials: Trials, state: str, rate: str) -> bool:
         rest = target - windows @ np.linalg.lstsq(windows, target)[0]
         return bool(rest @ rest / (1 - width / len(target)) < (1 - 0.9) * (target @ target))
     return False
-
-
-def _origins(state: str, found: dict[str, str]) -> set[str]:
-    """Return a state, the state that it is the rate of, and so on, to exclude rates in a circle."""
-    origins, states = {state}, {rate: name for name, rate in found.items()}
-    while state in states:
-        state = states[state]
-        origins.add(state)
-    return origins
 
 
 class _Sums(NamedTuple):
@@ -166,3 +165,48 @@ def _sums(trials: list[Trial], state: int, rate: int, factor: float) -> Iterator
         if covariance.any() and np.isfinite(covariance).all():
             columns = np.column_stack([np.diff(values[:, 0]), integrals, steps])
             yield _Sums(*solve_triangular(np.linalg.cholesky(covariance), weights @ columns, lower=True).T)
+
+
+def with_derivatives(trials: Trials | TrialStream, given: GivenDerivatives) -> tuple[Trials, TrialDerivatives]:
+    """Return trials without columns of derivatives, and the derivatives of each trial.
+
+    Raises `CommonlawError` if trials come from a stream, a state has no derivatives, or these have another shape or are
+    not finite.
+    """
+    if isinstance(trials, TrialStream):
+        raise CommonlawError("derivatives-of-stream")
+    by_state: Mapping[str, Any] = given if isinstance(given, Mapping) else {}
+    columns = {state: name for state, name in by_state.items() if isinstance(name, str)}
+    for name in columns.values():
+        check_choice("column", name, trials.schema.states)
+    states = [name for name in trials.schema.states if name not in columns.values()]
+    for name in by_state:
+        check_choice("state", name, states)
+    if isinstance(given, Mapping):
+        if missing := [name for name in states if name not in by_state]:
+            raise CommonlawError("derivatives-missing", states=missing)
+        listed = [
+            np.column_stack(each) for each in zip(*(_of_each(by_state[name], trials) for name in states), strict=True)
+        ]
+    else:
+        listed = _of_each(given, trials)
+    result = TrialDerivatives()
+    for trial, own in zip(trials, listed, strict=True):
+        values = own.reshape(len(own), -1)
+        if values.shape != (len(trial), len(states)):
+            raise CommonlawError("derivatives-shape", trial.label, shape=own.shape, expected=(len(trial), len(states)))
+        used = np.isfinite(values).all(axis=1)
+        if not used.all():
+            raise CommonlawError("derivatives-not-finite", trial.label, sample=int(np.argmin(used)) + 1)
+        result[trial.object, trial.name] = trial.times, values
+    return without_rates(trials, columns), result
+
+
+def _of_each(given: Any, trials: Trials) -> list[Floats]:
+    """Return an array for each trial: of a list of them, of one array if there is one trial, or of a column."""
+    if isinstance(given, str):
+        return [trial.states[:, trials.schema.states.index(given)] for trial in trials]
+    listed = list(given) if isinstance(given, list | tuple) else [given]
+    if len(listed) != len(trials):
+        raise CommonlawError("derivatives-of-trials", count=len(listed), trials=len(trials))
+    return [np.asarray(each, dtype=np.float64) for each in listed]
