@@ -1,7 +1,7 @@
 """A law that somebody has in mind: exactly these terms, coefficients found in trials."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -33,7 +33,7 @@ from commonlaw.law.script import call
 from commonlaw.law.text import with_error
 from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
-from commonlaw.library.equation import Equation, split_equations
+from commonlaw.library.equation import split_equations
 from commonlaw.library.functions import functions_in
 from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.runtime.arguments import with_renamed_arguments
@@ -239,7 +239,19 @@ def fit(
     shared = tuple(shared)
     resting = () if shared or initial_values else objects_at_rest(trials)
     trials = without_objects(trials, resting)
-    trials = _with_latent_states(with_doses(trials, doses), asked, cast(dict[str, Start], initial_values), initial_time)
+    trials, states = with_doses(trials, doses), [equation.state for equation in asked]
+    for name in initial_values:
+        check_choice("state of the equations", name, states)
+        if name in trials.schema.inputs:
+            raise CommonlawError("equation-of-input", name=name)
+    columns = (*trials.schema.states, *trials.schema.inputs, *initial_values)
+    if initial_values and (missing := [name for name in states if name not in columns]):
+        raise CommonlawError("equation-without-column", name=missing[0])
+    if latent := [equation.state for equation in asked if equation.state in initial_values and equation.order != 1]:
+        raise CommonlawError("latent-of-second-order", state=latent[0])
+    if initial_time is not None and not initial_values:
+        raise CommonlawError("initial-time-without-values")
+    trials = with_starts(trials, cast(dict[str, Start], initial_values), initial_time)
     if doses and input_interpolation is None:
         settings["input_interpolation"] = "linear"
     own_properties = property_names(trials.properties)
@@ -295,7 +307,13 @@ def fit(
     if guesses and initial_values:
         raise CommonlawError("guess-with-latent-states")
     begun = with_initial_parameters(unfitted, trials, given.bounds, guesses, **settings)
-    equal = _coefficients_of(shared, begun)
+    equal = np.zeros(begun.support.shape, dtype=np.bool_)  # Coefficients that all objects share
+    named_definitions = {definition.name: definition for definition in named_parameters(begun).definitions}
+    for name in shared:
+        check_choice("coefficient", name, [*named_definitions])
+        if len(named_definitions[name].parts) > 1:
+            raise CommonlawError("parameter-is-quotient", parameter=name)
+        equal[named_definitions[name].equation, named_definitions[name].term] = True
     apart = settings | {"partial_pooling": False}
     try:
         law = refine(begun, trials, **apart if shared else settings)
@@ -315,10 +333,6 @@ def fit(
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors)
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
-
-
-_DELAY = re.compile(r"\(t - (\w+)\)$")
-"""Names the dead time of an input of a model."""
 
 
 def _of_model(
@@ -351,35 +365,18 @@ def _of_model(
     law, plausible = laws[best], np.flatnonzero(gains > gains[best] - STRONG).tolist()
     why = f"between samples; twice the log-likelihood ratio to straight lines is {gains[best]:.3g}"
     history = (*law.history, Step("inputs", tried[best], why))
-    delays = _of_delays(law, tried[best], {tried[i]: laws[i] for i in plausible if i != best})
-    outcomes = (*law.provenance.outcomes, *delays)
-    return replace(law, provenance=replace(law.provenance, history=history, outcomes=outcomes))
-
-
-def _of_delays(law: Law, between: str, others: Mapping[str, Law]) -> Iterator[Outcome]:
-    """Yield notes on dead times that depend on how inputs go between samples, where measurements do not tell it."""
-    named = named_parameters(law)
-    for name in dict.fromkeys(name for signal in law.schema.inputs for name in _DELAY.findall(signal)):
+    # Dead times that depend on how inputs go between samples, where measurements do not decide it
+    named, outcomes = named_parameters(law), [*law.provenance.outcomes]
+    for name in dict.fromkeys(name for signal in law.schema.inputs for name in re.findall(r"\(t - (\w+)\)$", signal)):
         at = named.names.index(name)
         value, error = named.values[0, at], named.errors[0, at]
-        apart = {each: named_parameters(other).values[0, at] for each, other in others.items()}
-        apart = {each: other for each, other in apart.items() if abs(other - value) > 2 * error}
-        if apart:
-            given = [f"{other:.4g} ({each})" for each, other in apart.items()]
+        delays = {tried[i]: named_parameters(laws[i]).values[0, at] for i in plausible if i != best}
+        if apart := [f"{delay:.4g} ({each})" for each, delay in delays.items() if abs(delay - value) > 2 * error]:
             where = "" if np.ptp(named.values[:, at]) == 0 else law.objects[0]
-            yield note("delay-by-interpolation", where, name=name, value=value, between=between, others=given)
-
-
-def _coefficients_of(parameters: Sequence[str], law: Law) -> Bools:
-    """Return which coefficients have these names, shape (equations, terms)."""
-    result = np.zeros(law.support.shape, dtype=np.bool_)
-    named = {definition.name: definition for definition in named_parameters(law).definitions}
-    for name in parameters:
-        check_choice("coefficient", name, [*named])
-        if len(named[name].parts) > 1:
-            raise CommonlawError("parameter-is-quotient", parameter=name)
-        result[named[name].equation, named[name].term] = True
-    return result
+            outcomes.append(
+                note("delay-by-interpolation", where, name=name, value=value, between=tried[best], others=apart)
+            )
+    return replace(law, provenance=replace(law.provenance, history=history, outcomes=tuple(outcomes)))
 
 
 def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
@@ -458,21 +455,30 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
     refitted = dict[str, Law]()
     outcomes = list[Outcome]()
     for owner in law.objects:
-        own, held = law.select([owner]), dict[str, float]()
-        while ends := _ends(own, bounds, held):
-            outcomes += [_at_bound(own, owner, bound, end) for bound, end in ends]
+        alone, held = law.select([owner]), dict[str, float]()
+        while ends := _ends(alone, bounds, held):
+            outcomes += [_at_bound(alone, owner, bound, end) for bound, end in ends]
             held |= {bound.name: end for bound, end in ends}
-            own = refine(_held(law.select([owner]), held), trials.select(object=[owner]), **settings)
-            refitted[owner] = own
+            start = law.select([owner])
+            coefficients, is_free = start.coefficients.copy(), np.array(start.support[np.newaxis])
+            for definition in named_parameters(start).definitions:
+                if definition.name in held:
+                    (part,) = definition.parts
+                    coefficients[:, part.equation, part.term] = part.factor * held[definition.name] ** float(part.power)
+                    is_free[:, part.equation, part.term] = False
+            free = (is_free & (standard_errors(start) != 0))[:, np.any(coefficients != 0, axis=0)]
+            start = replace(start, coefficients=coefficients, uncertainty=_unit_uncertainty(free))
+            alone = refine(start, trials.select(object=[owner]), **settings)
+            refitted[owner] = alone
     if not refitted:
         return law
-    coefficients, parts = law.coefficients.copy(), [refitted.get(name, law.select([name])) for name in law.objects]
-    coefficients[:] = [part.coefficients[0] for part in parts]
+    parts = [refitted.get(name, law.select([name])) for name in law.objects]
+    coefficients = np.array([part.coefficients[0] for part in parts])
     support = np.any(coefficients != 0, axis=0)
     covariance = np.zeros((len(parts), support.sum(), support.sum()))
-    for own, part in zip(covariance, parts, strict=True):
-        inner = np.flatnonzero(part.support[support])
-        own[np.ix_(inner, inner)] = part.uncertainty.known_covariance()[0]
+    for block, alone in zip(covariance, parts, strict=True):
+        inner = np.flatnonzero(alone.support[support])
+        block[np.ix_(inner, inner)] = alone.uncertainty.known_covariance()[0]
     known = parts[0].uncertainty if len(parts) == 1 else law.uncertainty
     provenance = parts[0].provenance if len(parts) == 1 else law.provenance
     return replace(
@@ -494,29 +500,12 @@ def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[
         if name not in held and len(parts[name]) == 1 and not bound.holds(np.array(value)):
             end = bound.low if value < bound.low else bound.high
             if end == 0 and parts[name][0].power < 0:  # It is divided by: zero has no best fit
+                owner, shown = law.objects[0], f"{value:.3g}"
                 raise CommonlawError(
-                    "estimate-out-of-bounds",
-                    name=law.objects[0],
-                    parameter=name,
-                    value=f"{value:.3g}",
-                    bound=bound.text,
+                    "estimate-out-of-bounds", name=owner, parameter=name, value=shown, bound=bound.text
                 )
             result.append((bound, end))
     return result
-
-
-def _held(law: Law, held: Mapping[str, float]) -> Law:
-    """Return the law of one object in which parameters of given values, by name, are known."""
-    coefficients, is_free = law.coefficients.copy(), np.broadcast_to(law.support, law.coefficients.shape).copy()
-    for definition in named_parameters(law).definitions:
-        if definition.name in held:
-            (part,) = definition.parts
-            coefficients[:, part.equation, part.term] = part.factor * held[definition.name] ** float(part.power)
-            is_free[:, part.equation, part.term] = False
-    certain = standard_errors(law) == 0
-    free = (is_free & ~certain)[:, np.any(coefficients != 0, axis=0)].astype(np.float64)
-    uncertainty = Uncertainty(free[:, :, np.newaxis] * np.eye(free.shape[1]))
-    return replace(law, coefficients=coefficients, uncertainty=uncertainty)
 
 
 def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
@@ -532,35 +521,10 @@ def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
     side = 1 if end == bound.low else -1
     reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if error > 0 else np.nan
     within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
+    estimate = with_error(value, error)
     return note(
-        "estimate-at-bound",
-        owner,
-        name=bound.name,
-        end=end,
-        estimate=with_error(value, error),
-        within=within,
-        bound=bound.text,
+        "estimate-at-bound", owner, name=bound.name, end=end, estimate=estimate, within=within, bound=bound.text
     )
-
-
-def _with_latent_states(
-    trials: Trials, asked: Sequence[Equation], initial_values: Mapping[str, Start], initial_time: float | None
-) -> Trials:
-    """Return trials with the latent states of equations, whose initial values are given."""
-    schema, states = trials.schema, [each.state for each in asked]
-    for name in initial_values:
-        check_choice("state of the equations", name, states)
-        if name in schema.inputs:
-            raise CommonlawError("equation-of-input", name=name)
-    missing = [name for name in states if name not in (*schema.states, *schema.inputs, *initial_values)]
-    if initial_values and missing:
-        raise CommonlawError("equation-without-column", name=missing[0])
-    for each in asked:
-        if each.state in initial_values and each.order != 1:
-            raise CommonlawError("latent-of-second-order", state=each.state)
-    if initial_time is not None and not initial_values:
-        raise CommonlawError("initial-time-without-values")
-    return with_starts(trials, initial_values, initial_time)
 
 
 def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:
@@ -568,16 +532,20 @@ def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> 
 
     They have the signs of the text.
     """
-    objects, known = trials.objects, _known(given, trials)
+    known = _known(given, trials)
     signs = np.ones(known.shape[1:])
     for product in given.products:
         signs[product.equation, product.term] = np.sign(product.factor)
     coefficients = np.where(np.isnan(known), signs, known)
-    free = np.isnan(known)[:, np.any(coefficients != 0, axis=0)].astype(np.float64)
-    covariance = free[:, :, np.newaxis] * np.eye(free.shape[1])
+    uncertainty = _unit_uncertainty(np.isnan(known)[:, np.any(coefficients != 0, axis=0)])
     return Law(
-        given.terms, trials.schema, given.order, objects, coefficients, Uncertainty(covariance), provenance=provenance
+        given.terms, trials.schema, given.order, trials.objects, coefficients, uncertainty, provenance=provenance
     )
+
+
+def _unit_uncertainty(free: Bools) -> Uncertainty:
+    """Return a standard error of one for free coefficients, shape (objects, parameters), and of zero for others."""
+    return Uncertainty(free[:, :, np.newaxis] * np.eye(free.shape[1]))
 
 
 def _known(given: GivenEquations, trials: Trials) -> Floats:
