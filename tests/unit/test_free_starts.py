@@ -9,11 +9,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.inference.fit.structural_identifiability import (
-    has_mixing_symmetry,
-    has_scaling_symmetry,
-    has_translation_symmetry,
-)
+from commonlaw.inference.fit.structural_identifiability import has_symmetry
 from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
@@ -128,8 +124,9 @@ def test_the_command_line_asks_for_the_start_of_a_state_without_a_column(tmp_pat
 def test_what_a_state_may_be_exchanged_for(equations, found):
     given = read_equations(equations, Schema(("x", "u")))
     hidden = np.array([False, True])
-    ways = (has_scaling_symmetry, has_translation_symmetry, has_mixing_symmetry)
-    assert tuple(bool(way(given.terms, given.known, hidden, np.full(3, np.nan))[1]) for way in ways) == found
+    sizes = np.full(3, np.nan)
+    kinds = ("scaling", "translation", "mixing")
+    assert tuple(bool(has_symmetry(kind, given.terms, given.known, hidden, sizes)[1]) for kind in kinds) == found
 
 
 @pytest.mark.parametrize(

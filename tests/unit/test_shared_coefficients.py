@@ -9,7 +9,7 @@ from scipy.optimize import curve_fit, least_squares
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
-from commonlaw.inference.fit.structural_identifiability import has_scaling_symmetry
+from commonlaw.inference.fit.structural_identifiability import has_symmetry
 from commonlaw.law import from_json, to_json, to_script
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
@@ -124,7 +124,7 @@ def test_the_command_line_takes_the_time_of_the_starts(tmp_path):
 )
 def test_whether_a_state_may_be_counted_in_another_unit(equations, free):
     given = read_equations(equations, Schema(("conc", "tissue")))
-    found = has_scaling_symmetry(given.terms, given.known, np.array([False, True]), np.full(3, np.nan))
+    found = has_symmetry("scaling", given.terms, given.known, np.array([False, True]), np.full(3, np.nan))
     assert found.tolist() == [False, free]
 
 

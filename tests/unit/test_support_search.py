@@ -12,8 +12,7 @@ from scipy.stats import multivariate_normal
 from commonlaw.formulation import LeastSquaresProblem, law_variables
 from commonlaw.inference.score import evidence
 from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence, rss_with_added_term
-from commonlaw.inference.score.priors import StructurePrior, shifted
-from commonlaw.inference.score.supports import SupportEvidence
+from commonlaw.inference.score.supports import StructurePrior, SupportEvidence, shifted
 from commonlaw.kernel import VARIABLE
 from commonlaw.library import PolynomialLibrary, Terms, parse_term
 from commonlaw.solvers import BestSubset, StepwiseSelection

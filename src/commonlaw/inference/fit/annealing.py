@@ -91,10 +91,7 @@ def fit_supports(problem: SearchProblem, supports: Bools, model_errors: Sequence
     """
     *larger, smallest = model_errors
     first = tuple(larger) if problem.trials.schema.initial_values else (*larger, smallest)
-    fits = _fit_schedules(problem, supports, first, (smallest,))
-    last = [fit for fit in fits if fit.model_error == smallest]
-    compared = [*(fit for fit in fits if fit.model_error != smallest), *sorted(last, key=_objective)[:1]]
-    return min(compared, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, smallest))
+    return min(_fit_schedules(problem, supports, first, smallest))
 
 
 def fit_with(
@@ -110,18 +107,22 @@ def fit_with(
     if start is not None:
         return fitted(problem, start, supports, model_error)
     larger = [error for error in settings.MODEL_ERRORS if error > model_error]
-    fits = _fit_schedules(problem, supports, (*larger, model_error), (model_error,))
-    last = [fit for fit in fits if fit.model_error == model_error]
-    return min(last, key=_objective, default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error))
+    return _fit_schedules(problem, supports, (*larger, model_error), model_error)[-1]
 
 
-def _fit_schedules(problem: SearchProblem, supports: Bools, *schedules: tuple[float, ...]) -> list[Fit]:
-    return [fit for errors in dict.fromkeys(schedules) for fit in _continuation(problem, supports, errors)]
+def _fit_schedules(problem: SearchProblem, supports: Bools, schedule: tuple[float, ...], smallest: float) -> list[Fit]:
+    """Return the fits at the model errors of a schedule, last that at the smallest one, also fitted by itself.
 
-
-def _objective(fit: Fit) -> float:
-    """Return minus twice the log-likelihood of the estimates of all objects."""
-    return sum(estimate.objective for estimate in fit.estimates)
+    Of both that of largest likelihood is taken; it is a failed fit if there is none.
+    """
+    schedules = dict.fromkeys((schedule, (smallest,)))
+    fits = [fit for errors in schedules for fit in _continuation(problem, supports, errors)]
+    last = min(
+        (fit for fit in fits if fit.model_error == smallest),
+        key=lambda fit: sum(estimate.objective for estimate in fit.estimates),
+        default=Fit.failed(problem, supports, Status.NOT_COMPUTABLE, smallest),
+    )
+    return [*(fit for fit in fits if fit.model_error != smallest), last]
 
 
 def fit_solutions(problem: SearchProblem, supports: Bools) -> Fit:

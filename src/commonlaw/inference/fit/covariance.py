@@ -148,7 +148,15 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
                 scatter = whole[0] ** 2  # Of one object, the between-object variance is not identifiable: 100 %
                 if len(whole) > 1:
                     scatter = np.var(whole, axis=0, ddof=1) * (1 + 1 / len(whole))
-                covariance = _with_held(factor, held[free], scatter[held])
+                # With the design matrix [X_f X_h] of free and fixed coefficients, G = -X_f^+ X_h and the variances V of
+                # fixed ones, it has the blocks C_hh = V, C_fh = G V, C_ff = (X_f' X_f)^-1 + G V G'
+                is_fixed, variances = held[free], scatter[held]
+                follow = -np.linalg.pinv(factor[:, ~is_fixed]) @ factor[:, is_fixed]
+                moved = follow * variances
+                covariance[np.ix_(is_fixed, is_fixed)] = np.diag(variances)
+                covariance[np.ix_(~is_fixed, is_fixed)] = moved
+                covariance[np.ix_(is_fixed, ~is_fixed)] = moved.T
+                covariance[np.ix_(~is_fixed, ~is_fixed)] = _inverse(factor[:, ~is_fixed]) + moved @ follow.T
         by_object[o][np.ix_(indices, indices)] = covariance
     return by_object
 
@@ -170,22 +178,6 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
     inverse = np.linalg.pinv(reduced[:, inner, inner], rcond=settings.COLLINEAR)
     estimates = np.matmul(inverse, reduced[:, inner, -1:])[..., 0]
     return np.atleast_2d(np.cov(estimates * (norms[-1] / norms[:-1]), rowvar=False))
-
-
-def _with_held(factor: Floats, held: Bools, variances: Floats) -> Floats:
-    """Return the covariance of coefficients of which some are fixed with given variances, shape (k, k).
-
-    With the design matrix [X_f X_h] of free and fixed coefficients, G = -X_f^+ X_h and V = diag(variances), it has the
-    blocks ``C_hh = V, C_fh = G V, C_ff = (X_f' X_f)^-1 + G V G'``.
-    """
-    covariance, free = np.zeros((len(held), len(held))), ~held
-    follow = -np.linalg.pinv(factor[:, free]) @ factor[:, held]
-    moved = follow * variances
-    covariance[np.ix_(held, held)] = np.diag(variances)
-    covariance[np.ix_(free, held)] = moved
-    covariance[np.ix_(held, free)] = moved.T
-    covariance[np.ix_(free, free)] = _inverse(factor[:, free]) + moved @ follow.T
-    return covariance
 
 
 def _inverse(factor: Floats) -> Floats:

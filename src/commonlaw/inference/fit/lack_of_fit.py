@@ -4,7 +4,7 @@ Proportional noise is estimated from differences of neighbouring samples before 
 interpret large residuals of large states as lack of fit.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -51,14 +51,11 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> Departu
     # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
     return {
-        f"residuals of {name} are {words}": words == _HETEROSCEDASTIC
+        f"residuals of {name} are {words}": words == "heteroscedastic"
         for j, name in enumerate(problem.trials.schema.states)
         if name not in problem.trials.schema.initial_values
         for words in _of_state(problem, estimates, j, bool(measured[j]))
     }
-
-
-_HETEROSCEDASTIC = "heteroscedastic"
 
 
 def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_measured: bool) -> list[str]:
@@ -83,7 +80,7 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
     squared, listed, penalty = np.concatenate(squares), list[str](), np.log(max(count, 2))
     is_logarithmic = problem.trials.schema.states[j] in problem.trials.schema.logarithmic
     if not is_logarithmic and proportional_noise_gain(squared, np.concatenate(sizes))[0] > penalty:
-        listed.append(_HETEROSCEDASTIC)
+        listed.append("heteroscedastic")
     pairs = np.concatenate(lags)
     memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
     if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * penalty:
@@ -110,36 +107,30 @@ def diverges(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
 def is_resolved(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
     """Return whether the mean square discretization error of a step is below the noise variance.
 
-    Steps of collocation are compared with solutions from the same estimated states.
+    Steps of collocation are compared with solutions from the same estimated states: by classical Runge-Kutta steps,
+    halved up to 64 in a step. Errors are infinite where these do not converge.
     """
-    indices = evenly_spaced(len(estimates), settings.MAX_CHECKED_OBJECTS)
-    squares = [errors for i in indices for errors in _squared_errors(problem, i, estimates[i])]
+    squares = list[Floats]()
+    for i in evenly_spaced(len(estimates), settings.MAX_CHECKED_OBJECTS):
+        model = problem.models[i]
+        field, d = model.field(estimates[i].coefficients), model.equations
+        for mesh, states in zip(model.meshes, estimates[i].states, strict=True):
+            z, on = states[:, : model.width], mesh.contiguous
+            std = np.broadcast_to(problem.std_of(mesh), (len(mesh), d))[1:][on]
+            with np.errstate(all="ignore"):
+                linear = jacobians(field, mesh, z)
+                try:  # Where a step without a defect ends, to first order
+                    missed = np.linalg.solve(linear.end[on], linear.defects[on][:, :, np.newaxis])[:, :, 0]
+                except np.linalg.LinAlgError:
+                    missed = np.full_like(linear.defects[on], np.inf)
+                ends = np.full_like(missed, np.inf)
+                for count in (4, 8, 16, 32, 64):  # Stable where rates are up to 180 in a step
+                    ends, before = _followed(field, mesh, z, count)[on], ends
+                    if (np.abs(ends - before)[:, :d] < settings.RESOLVED_NOISE * std).all():
+                        break
+                errors = ((ends - z[1:][on] + missed)[:, :d] / std) ** 2
+            squares.append(np.where(np.isfinite(errors), errors, np.inf).ravel())
     return bool(np.mean(np.concatenate(squares)) < 1)
-
-
-def _squared_errors(problem: SearchProblem, index: int, estimate: Estimate) -> Iterator[Floats]:
-    """Yield squared discretization errors of all steps of an object, mesh by mesh, over the noise variance.
-
-    Solutions are by Runge-Kutta steps, halved up to 64 in a step; errors are infinite where these do not converge.
-    """
-    model = problem.models[index]
-    field, d = model.field(estimate.coefficients), model.equations
-    for mesh, states in zip(model.meshes, estimate.states, strict=True):
-        z, on = states[:, : model.width], mesh.contiguous
-        std = np.broadcast_to(problem.std_of(mesh), (len(mesh), d))[1:][on]
-        with np.errstate(all="ignore"):
-            linear = jacobians(field, mesh, z)
-            try:  # Where a step without a defect ends, to first order
-                missed = np.linalg.solve(linear.end[on], linear.defects[on][:, :, np.newaxis])[:, :, 0]
-            except np.linalg.LinAlgError:
-                missed = np.full_like(linear.defects[on], np.inf)
-            ends = np.full_like(missed, np.inf)
-            for count in (4, 8, 16, 32, 64):  # Stable where rates are up to 180 in a step
-                ends, before = _followed(field, mesh, z, count)[on], ends
-                if (np.abs(ends - before)[:, :d] < settings.RESOLVED_NOISE * std).all():
-                    break
-            squares = ((ends - z[1:][on] + missed)[:, :d] / std) ** 2
-        yield np.where(np.isfinite(squares), squares, np.inf).ravel()
 
 
 def _followed(field: VectorField, mesh: Mesh, states: Floats, count: int) -> Floats:
@@ -211,7 +202,13 @@ def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
     if problem.noise_given:
         return problem
     for j, name in enumerate(schema.states):
-        columns = list(_columns(problem, j)) if name not in schema.initial_values else []
+        columns = list[tuple[Floats, Floats, Floats]]()  # Times, values, and smoothed values of each trial
+        for object_name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
+            for trial, smooth in zip(problem.trials.of_object(object_name), curves, strict=True):
+                seen = np.isfinite(trial.states[:, j])
+                values = trial.states[seen, j]
+                if name not in schema.initial_values and len(values) >= MIN_SAMPLES and np.ptp(values) > 0:
+                    columns.append((trial.times[seen], values, smooth[seen, j]))
         orders = [noise_order(times, values) for times, values, _ in columns]
         if not orders or None in orders:
             continue
@@ -225,16 +222,6 @@ def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
             noise[j], shares[j] = max(constant, floor[j]), share
     errors = ErrorModel({"proportional": shares})
     return problem.with_errors(noise, errors, "by differences of neighbouring samples") if shares.any() else problem
-
-
-def _columns(problem: SearchProblem, j: int) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield times, values and smoothed values of a state in each trial with enough samples of varying values."""
-    for name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
-        for trial, smooth in zip(problem.trials.of_object(name), curves, strict=True):
-            seen = np.isfinite(trial.states[:, j])
-            values = trial.states[seen, j]
-            if len(values) >= MIN_SAMPLES and np.ptp(values) > 0:
-                yield trial.times[seen], values, smooth[seen, j]
 
 
 def _differences(times: Floats, values: Floats, smooth: Floats, order: int) -> tuple[Floats, Floats]:

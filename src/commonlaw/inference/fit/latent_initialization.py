@@ -17,11 +17,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import Curve, gradient_matching, terms_and_rates
 from commonlaw.inference.fit.parameter_grid import factor_powers, grid_product, parameter_values
-from commonlaw.inference.fit.structural_identifiability import (
-    has_mixing_symmetry,
-    has_scaling_symmetry,
-    has_translation_symmetry,
-)
+from commonlaw.inference.fit.structural_identifiability import has_symmetry
 from commonlaw.integration import runge_kutta_step
 from commonlaw.library import Terms, order_of_each, with_rates
 from commonlaw.likelihood import Estimate, TrajectoryModel, fit, interpolate
@@ -51,9 +47,9 @@ def with_initial_condition_noise(trials: Trials, terms: Terms, known: Floats) ->
     at_zero = started & np.all([trial.states[0] == 0 for trial in trials], axis=0)
     guesses = _Guesses(trials, terms, known)
     sizes = guesses.whole(np.where(guesses.largest > 0, guesses.largest, np.nan))
-    rescaled = has_scaling_symmetry(terms, known, at_zero | free, sizes)
-    shifted = has_translation_symmetry(terms, known, free, sizes)
-    mixed = has_mixing_symmetry(terms, known, free, sizes)
+    rescaled = has_symmetry("scaling", terms, known, at_zero | free, sizes)
+    shifted = has_symmetry("translation", terms, known, free, sizes)
+    mixed = has_symmetry("mixing", terms, known, free, sizes)
     for name, any_scale, any_zero, any_share in zip(schema.states, rescaled, shifted, mixed, strict=True):
         if any_scale and schema.initial_values.get(name, 0.0) is not None:
             raise CommonlawError("latent-scale-of-zero", name=name)
@@ -117,10 +113,12 @@ def initial_latent_estimates(
     tolerance = settings.MAX_RELATIVE_DIFFERENCE * np.isnan(known[0]).sum()
     distant = [_distance(estimate.coefficients, typical) > tolerance for estimate, _ in nearest]
     if 2 * sum(distant) < len(distant):
-        nearest = [
-            obj.nearer_to(typical, fitted) if is_distant else fitted
-            for obj, fitted, is_distant in zip(objects, nearest, distant, strict=True)
-        ]
+        for o, (obj, (estimate, _)) in enumerate(zip(objects, nearest, strict=True)):
+            shoots = not free.any() and not obj.model.terms.variables.logarithmic and obj.model.order == 1
+            if distant[o] and shoots:
+                shot = obj.shot(np.where(np.isnan(obj.known), typical, obj.known))
+                if np.isfinite(shot[0].objective) and obj.is_equivalent(shot[0], estimate):
+                    nearest[o] = shot
     different: list[Floats] = []
     for theta in (nearest[0][0].coefficients, *(estimate.coefficients for estimate, _ in best[0])):
         if not any(np.allclose(theta, listed, rtol=settings.MAX_RELATIVE_DIFFERENCE, atol=0.0) for listed in different):
@@ -321,21 +319,13 @@ class _Object:
             coefficients = fitted[0].coefficients
             return -int(np.sum(coefficients * self.signs > 0)), -self.guesses.relative_speed(coefficients)
 
-        return sorted((fit for fit in fits if self._is_equivalent(fit[0], least)), key=sort_key)
+        return sorted((fit for fit in fits if self.is_equivalent(fit[0], least)), key=sort_key)
 
-    def _is_equivalent(self, estimate: Estimate, reference: Estimate) -> bool:
+    def is_equivalent(self, estimate: Estimate, reference: Estimate) -> bool:
         """Return whether ``n log(D / D_ref)`` of the deviances D, with the noise profiled out, is indifferent."""
         count = sum(int(np.isfinite(trial.states).sum()) for trial in self.group)
         ratio = (estimate.objective + settings.ROUNDING) / (reference.objective + settings.ROUNDING)
         return bool(count * np.log(ratio) < settings.INDIFFERENT)
-
-    def nearer_to(self, typical: Floats, fitted: Candidate) -> Candidate:
-        """Return the shooting fit from typical coefficients if it is as good as a fit; else this."""
-        if not self.free.any() and not self.model.terms.variables.logarithmic and self.model.order == 1:
-            shot = self.shot(np.where(np.isnan(self.known), typical, self.known))
-            if np.isfinite(shot[0].objective) and self._is_equivalent(shot[0], fitted[0]):
-                return shot
-        return fitted
 
     def shot(self, coefficients: Floats) -> Candidate:
         """Return the least-squares fit of solutions near some coefficients (single shooting).

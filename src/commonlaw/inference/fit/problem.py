@@ -28,7 +28,7 @@ from commonlaw.inference.fit.latent_initialization import (
     with_initial_condition_noise,
 )
 from commonlaw.inference.score.evidence import NoiseScale
-from commonlaw.inference.score.priors import StructurePrior, shifted
+from commonlaw.inference.score.supports import StructurePrior, shifted
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (

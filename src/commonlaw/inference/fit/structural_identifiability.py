@@ -9,8 +9,8 @@ which is tested for linear dependence at generic points. Scale (xi = x_i), origi
 (xi = x_j) of such a latent state are not identifiable.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -23,32 +23,20 @@ from commonlaw.library import Terms, highest_columns, with_rates
 from commonlaw.library.sizes import likely_sizes
 
 
-def has_scaling_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
-    """Return which of the states to test have a scaling symmetry, shape (states,), alone or with others of them.
+def has_symmetry(
+    kind: Literal["scaling", "translation", "mixing"], terms: Terms, known: Floats, states: Bools, sizes: Floats
+) -> Bools:
+    """Return which of the states to test have a symmetry, shape (states,), alone or with others of them.
 
-    Their initial values are zero or free. Fixed coefficients have shape (equations, terms), NaN for free ones. Sizes of
-    measured variables, shape (variables,), are NaN where they follow from the equations: generic points are where all
-    terms matter, whatever the units.
+    Coefficients undo the addition of a share of the state itself, a constant, or a share of any state or a constant.
+    Initial values of states to be rescaled are zero or free, of others free. Fixed coefficients have shape (equations,
+    terms), NaN for free ones. Sizes of measured variables, shape (variables,), are NaN where they follow from the
+    equations: generic points are where all terms matter, whatever the units.
     """
-    indices = np.flatnonzero(states).tolist()
-    return _has_symmetry(terms, known, [(i, i) for i in indices], sizes)
-
-
-def has_translation_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
-    """Return the states, with free initial values, of arbitrary origin, see `has_scaling_symmetry`."""
-    return _has_symmetry(terms, known, [(i, None) for i in np.flatnonzero(states).tolist()], sizes)
-
-
-def has_mixing_symmetry(terms: Terms, known: Floats, states: Bools, sizes: Floats) -> Bools:
-    """Return the states, with free initial values, to which shares of others could be added."""
-    count = len(terms.variables.states)
-    mixed = [(i, by) for i in np.flatnonzero(states).tolist() for by in (None, *range(count))]
-    return _has_symmetry(terms, known, mixed, sizes)
-
-
-def _has_symmetry(terms: Terms, known: Floats, changes: Sequence[tuple[int, int | None]], sizes: Floats) -> Bools:
-    """Return the states for which coefficients undo the addition of a share of a state, or of a constant (None)."""
-    free, width = np.isnan(known), len(terms.variables.states)
+    free, width, changes = np.isnan(known), len(terms.variables.states), list[tuple[int, int | None]]()
+    for i in np.flatnonzero(states).tolist():
+        added = {"scaling": (i,), "translation": (None,), "mixing": (None, *range(width))}
+        changes += [(i, by) for by in added[kind]]
     invariant = np.zeros(len(known), dtype=np.bool_)
     if not changes:
         return invariant

@@ -39,7 +39,7 @@ Part = Literal[
 ``scatter``
     Marginal deviance of coefficients as random effects, see `commonlaw.hierarchy.marginal_deviance`.
 ``structure``
-    Prior of the supports of all equations, see `priors.StructurePrior`.
+    Prior of the supports of all equations, see `supports.StructurePrior`.
 ``model error``, ``error levels``
     BIC of a random walk and of the levels of reference errors, with the prior of the noise.
 ``outliers``
