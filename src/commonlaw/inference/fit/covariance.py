@@ -25,7 +25,17 @@ from commonlaw.runtime.fit_options import CovarianceKind
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
     """Return the law with the coefficients of a fit, their covariance, the noise and the error model."""
     problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
-    fit, given_starts = with_pooled_coefficients(fit), schema.is_latent & ~schema.with_free_start
+    given_starts, whole = schema.is_latent & ~schema.with_free_start, _fully_measured(fit)
+    if len(whole) not in (0, len(problem.models)):  # Some objects are refitted with coefficients at pooled values
+        last, estimates = fit.fitted_model_error, list(fit.estimates)
+        schedule = (*(error for error in settings.MODEL_ERRORS if error > last), last)
+        for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
+            if not problem.measured_states[o].all():
+                free = fit.supports & ~fixed_at_pooled(problem, o)
+                estimate = fitted_states(model, pooled_start(model, start, whole), free, schedule)
+                if estimate.deviance < settings.MAX_DEVIANCE_RATIO * estimates[o].deviance:
+                    estimates[o] = estimate
+        fit = replace(fit, estimates=tuple(estimates))
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
@@ -194,22 +204,6 @@ def fixed_at_pooled(problem: SearchProblem, index: int) -> Bools:
     of_unmeasured = np.array([any(c in term.columns() for c in np.flatnonzero(~measured)) for term in terms.terms])
     is_known = any(states.all() for states in problem.measured_states)
     return np.asarray(measured[:, np.newaxis] & of_unmeasured & is_known)
-
-
-def with_pooled_coefficients(fit: Fit) -> Fit:
-    """Return the fit with objects refitted of which some coefficients are fixed at pooled values."""
-    whole, problem = _fully_measured(fit), fit.problem
-    if len(whole) in (0, len(problem.models)):
-        return fit
-    errors = (*(error for error in settings.MODEL_ERRORS if error > fit.fitted_model_error), fit.fitted_model_error)
-    estimates = list(fit.estimates)
-    for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
-        if not problem.measured_states[o].all():
-            free = fit.supports & ~fixed_at_pooled(problem, o)
-            estimate = fitted_states(model, pooled_start(model, start, whole), free, errors)
-            if estimate.deviance < settings.MAX_DEVIANCE_RATIO * estimates[o].deviance:
-                estimates[o] = estimate
-    return replace(fit, estimates=tuple(estimates))
 
 
 def _fully_measured(fit: Fit) -> list[Floats]:

@@ -57,7 +57,12 @@ class InitialConditionPrior:
         if not (settings.MIN_OBJECTS <= len(trials) == segments and few) or latent or trials.schema.initial_values:
             return None
         law = self._conditions(self.reference)
-        return None if law is None or law.are_exact else law
+        if law is None:
+            return None
+        # Errors of initial states, given the law, far below their variation over trials
+        states = law.starts.shape[1]
+        errors = np.mean(np.sum(np.linalg.inv(law.triangles[:, :states, :states]) ** 2, axis=2), axis=0)
+        return None if np.all(errors < settings.MIN_NOISE * law.variances) else law
 
     def _conditions(self, fit: Fit) -> "_InitialConditions | None":
         """Return the initial conditions of a fit; None if the likelihood is not computable."""
@@ -106,15 +111,7 @@ class _InitialConditions:
         return cls(fit, deviations, stacked, tuple(counts), total)
 
     @property
-    def are_exact(self) -> bool:
-        """Whether initial states, given the law, have errors far below their standard deviations over trials."""
-        states = self.starts.shape[1]
-        inverse = np.linalg.inv(self.triangles[:, :states, :states])
-        errors = np.mean(np.sum(inverse**2, axis=2), axis=0)
-        return bool(np.all(errors < settings.MIN_NOISE * self._typical))
-
-    @property
-    def _typical(self) -> Floats:
+    def variances(self) -> Floats:
         """The variances of initial states over trials, shape (states,)."""
         return np.asarray(np.maximum(np.mean(self.starts**2, axis=0), np.finfo(float).tiny))
 
@@ -137,11 +134,11 @@ class _InitialConditions:
         supports, states = self.fit.supports, self.starts.shape[1]
         kept = np.concatenate([np.arange(states), states + np.flatnonzero(supports[self.fit.problem.allowed]), [-1]])
         supported = replace(self, triangles=np.asarray(np.linalg.qr(self.triangles[:, :, kept], mode="r")))
-        variances, grid = self._typical, 10.0 ** np.arange(-4, 2)
+        variances, grid = self.variances, 10.0 ** np.arange(-4, 2)
         for _ in range(settings.ALTERNATIONS):
             for j in range(states):
                 tried = np.tile(variances, (len(grid), 1))
-                tried[:, j] = grid * self._typical[j]
+                tried[:, j] = grid * self.variances[j]
                 factors, log_determinants = supported._of_objects(tried)
                 values = log_determinants + [self._evidence(factor, supports, supports) for factor in factors]
                 variances = tried[np.argmin(values)]

@@ -433,7 +433,16 @@ def prepare(
         )
     else:
         initial = known if guess is None else np.where(np.isnan(known) & ~terms.is_factor, guess, known)
-        starts, equivalent_optima = _smoothed_estimates(models, groups, curves, initial), []
+        starts, equivalent_optima, matched, typical = list[Estimate](), [], list[list[Floats]](), typical_states(curves)
+        for group, smoothed, fixed in zip(groups, curves, initial, strict=True):
+            usable = [pair for pair in zip(group, smoothed, strict=True) if np.isfinite(pair[1][0]).all()]
+            coefficients = gradient_matching(terms, usable, fixed) if usable else np.nan_to_num(fixed)
+            states = filled_curves(smoothed, typical)
+            starts.append(Estimate(tuple(interpolate(states)), coefficients))
+            matched.append([coefficients] if usable else [])
+        for o, smoothed in enumerate(curves):
+            if any(np.isnan(states).any() for states, _ in smoothed):
+                starts[o] = pooled_start(models[o], starts[o], matched[o] or [*chain.from_iterable(matched)])
     typical = typical_states(curves)
     measured = tuple(int(sum(trial.counts[:, ~trial.absent].sum() for trial in group)) for group in groups)
     smooth = tuple(tuple(filled_curves(curve, typical)) for curve in curves)
@@ -452,22 +461,3 @@ def prepare(
         equivalent_optima=tuple(equivalent_optima),
     )
     return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
-
-
-def _smoothed_estimates(
-    models: Sequence[TrajectoryModel],
-    groups: Sequence[Sequence[Trial]],
-    curves: Sequence[Sequence[tuple[Floats, Floats]]],
-    known: Floats,
-) -> list[Estimate]:
-    """Return the smoothed states of each object, with coefficients of all allowed terms by gradient matching."""
-    starts, matched, typical = [], list[list[Floats]](), typical_states(curves)
-    for model, group, smoothed, fixed in zip(models, groups, curves, known, strict=True):
-        usable = [pair for pair in zip(group, smoothed, strict=True) if np.isfinite(pair[1][0]).all()]
-        coefficients = gradient_matching(model.terms, usable, fixed) if usable else np.nan_to_num(fixed)
-        starts.append(Estimate(tuple(interpolate(filled_curves(smoothed, typical))), coefficients))
-        matched.append([coefficients] if usable else [])
-    for o, smoothed in enumerate(curves):
-        if any(np.isnan(states).any() for states, _ in smoothed):
-            starts[o] = pooled_start(models[o], starts[o], matched[o] or [*chain.from_iterable(matched)])
-    return starts

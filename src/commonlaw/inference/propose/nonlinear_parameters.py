@@ -149,18 +149,10 @@ def with_initial_parameters(
     progress: ProgressCallback | None = None,
     **_: Any,
 ) -> Law:
-    """Return a law with starting values of its nonlinear parameters for `refine`.
+    """Return a law with starting values of its nonlinear parameters, within bounds of named coefficients, for `refine`.
 
-    Parameters
-    ----------
-    law
-        As stated; its parameters have arbitrary values.
-    bounds
-        Of the named coefficients of the law.
-    guesses
-        Starting values by name, in place of the grid.
-    trials, log_states, input_interpolation, noise, huber_threshold, n_jobs, progress
-        See `refine`; its other settings have no effect here.
+    Before, its parameters have arbitrary values. Guesses, by name, take the place of the grid; settings are those of
+    `refine`, of which others have no effect here.
 
     Raises `CommonlawError` if no values make all terms finite, coefficients are not identifiable, or no fit succeeds.
     """
