@@ -224,20 +224,18 @@ class _IntegralForm:
         """Return minus twice the restricted log-likelihood of each equation by shares and memories of errors."""
         step = float(np.median(np.concatenate([np.diff(row.times) for rows in self.objects for row in rows])))
         memories = [step * steps for steps in settings.CORRELATION_TIMES]
-        few = [rows[: settings.MAX_WINDOWS] for rows in self.objects[: settings.MAX_WINDOWS]]
-        mixed = [(rows, self._mixture(rows)) for rows in few]
+        mixed, count = list[tuple[Sequence[_Rows], Floats]](), len(self.terms)
+        for rows in (rows[: settings.MAX_WINDOWS] for rows in self.objects[: settings.MAX_WINDOWS]):
+            columns = np.concatenate([row.without_start[:, :count] for row in rows])
+            scale = column_scales(columns)
+            _, values, right = np.linalg.svd(columns / scale, full_matrices=False)
+            kept = values > settings.MIN_SINGULAR_VALUE
+            # The mixture of terms that is orthonormal over an object's trials
+            mixed.append((rows, np.asarray(right[kept].T / values[kept] / scale[:, np.newaxis])))
         return [
             (errors, np.sum([self._restricted_deviances(*pair, *errors) for pair in mixed], axis=0))
             for errors in [(0.0, step), *product(settings.CORRELATED_SHARES, memories)]
         ]
-
-    def _mixture(self, rows: Sequence[_Rows]) -> Floats:
-        """Return the mixture of terms that is orthonormal over an object's trials."""
-        columns = np.concatenate([row.without_start[:, : len(self.terms)] for row in rows])
-        scale = column_scales(columns)
-        _, values, right = np.linalg.svd(columns / scale, full_matrices=False)
-        kept = values > settings.MIN_SINGULAR_VALUE
-        return np.asarray(right[kept].T / values[kept] / scale[:, np.newaxis])
 
     def _restricted_deviances(self, rows: Sequence[_Rows], mixture: Floats, share: float, memory: float) -> Floats:
         """Return minus twice the restricted log-likelihoods of an object's trials, given share and memory of errors."""
@@ -273,12 +271,9 @@ def _one_equation(
     if len(sets) < 2:
         return None
     names, concerned = form.terms.variables.names, sorted(set().union(*sets))
+    blocks = np.array([curve.values[0] for curve in curves]), np.concatenate([curve.values for curve in curves])
     starts, visited = (
-        {names[i]: (float(block[:, i].min()), float(block[:, i].max())) for i in concerned}
-        for block in (
-            np.array([curve.values[0] for curve in curves]),
-            np.concatenate([curve.values for curve in curves]),
-        )
+        {names[i]: (float(block[:, i].min()), float(block[:, i].max())) for i in concerned} for block in blocks
     )
     return ConfoundedVariables(
         form.terms.variables.states[equation],

@@ -24,21 +24,19 @@ _ROUNDING = 1e-8
 
 def with_origin_outcomes(outcomes: Iterable[Outcome], law: Law, trials: Trials) -> tuple[Outcome, ...]:
     """Return outcomes with those of a law and its training trials that depend on the origin of a scale."""
-    others = (outcome for outcome in outcomes if outcome.kind not in (OutcomeKind.SCALE, OutcomeKind.START))
-    return (*others, *_scale_outcomes(law), *_equilibrium_outcomes(law, trials))
-
-
-def _scale_outcomes(law: Law) -> Iterator[Outcome]:
-    """Yield the terms of each equation that depend on the conventional zero of the unit of a variable."""
-    variables, units = law.terms.variables, law.schema.units
-    lefts = left_hand_sides(law)
+    others = [outcome for outcome in outcomes if outcome.kind not in (OutcomeKind.SCALE, OutcomeKind.START)]
+    variables, units, lefts = law.terms.variables, law.schema.units, left_hand_sides(law)
     for name in (*law.schema.states, *variables.inputs):
         changes = _changes(law, variables.index(name)) if name in units else []
-        base = _absolute(name, units[name]) if any(changes) else None
-        for equation, terms in zip(lefts, changes, strict=True) if base else ():
-            if terms:
-                verb = "depends" if len(terms) == 1 else "depend"
-                yield note("scale-origin", equation, terms=terms, verb=verb, name=name, unit=units[name], base=base)
+        if not any(changes):
+            continue
+        base = str(registry().get_base_units(parse_unit(units[name]))[1])
+        with suppress(CommonlawError):
+            if Conversion.between(name, units[name], base).offset:  # Its zero is conventional
+                for equation, terms in ((left, terms) for left, terms in zip(lefts, changes, strict=True) if terms):
+                    verb, of_scale = "depends" if len(terms) == 1 else "depend", {"unit": units[name], "base": base}
+                    others.append(note("scale-origin", equation, terms=terms, verb=verb, name=name, **of_scale))
+    return (*others, *_equilibrium_outcomes(law, trials))
 
 
 def _changes(law: Law, column: int) -> list[list[str]]:
@@ -66,14 +64,6 @@ def _changes(law: Law, column: int) -> list[list[str]]:
         sizes = np.max(np.abs(slopes[:, suspects]), axis=0)
         changed.append([terms.names[k] for k in suspects[np.max(np.abs(residuals), axis=0) > 1e2 * _ROUNDING * sizes]])
     return changed
-
-
-def _absolute(name: str, unit: str) -> str | None:
-    """Return the base unit of a variable, if its unit has an offset to that."""
-    base = str(registry().get_base_units(parse_unit(unit))[1])
-    with suppress(CommonlawError):
-        return base if Conversion.between(name, unit, base).offset else None
-    return None
 
 
 def _equilibrium_outcomes(law: Law, trials: Trials) -> Iterator[Outcome]:
@@ -107,7 +97,7 @@ def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
 
 
 def _is_equilibrium(law: Law, trial: Trial) -> bool:
-    inputs = np.nan_to_num(trial.inputs)
-    values = np.column_stack([np.zeros((len(trial.times), len(law.schema.states))), inputs, trial.times])
+    states = np.zeros((len(trial.times), len(law.schema.states)))
     with np.errstate(all="ignore"):
-        return bool(np.all(law.rhs(trial.object, values) == 0))
+        rates = law.rhs(trial.object, np.column_stack([states, np.nan_to_num(trial.inputs), trial.times]))
+    return bool(np.all(rates == 0))

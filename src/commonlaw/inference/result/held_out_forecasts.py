@@ -113,37 +113,29 @@ def standardized_errors(fit: Fit, pooled: Callable[[Law], Law], *, both_ways: bo
     fit to the later half, too.
     """
     whole, trials = fitted_law(fit.problem.law, fit), fit.problem.trials
-    found: dict[tuple[str, str], list[StandardizedErrors]] = {}
+    sizes = np.hypot(whole.coefficients, np.nan_to_num(standard_errors(whole)))
+    of_trials: dict[tuple[str, str], list[StandardizedErrors]] = {}
     for kept, left_out in _folds(trials, both_ways):
         try:
             law = _fitted_to(fit, kept)
-            own, law = law, pooled(law)
+            # Parts of trials, and whole trials whose coefficients the remaining ones identify: trials of two species
+            # alone do not identify their competition, and if that of both is held out, its forecast shows nothing
+            errors, indices = np.nan_to_num(standard_errors(law)), [object_index(whole, name) for name in law.objects]
+            determined = np.all(errors <= settings.MAX_RELATIVE_ERROR * sizes[indices], axis=(1, 2))
+            objects = {name for name, known in zip(law.objects, determined, strict=True) if known}
+            cut = {(trial.object, trial.name) for trial in kept}
+            law = pooled(law)
             for listed, start in left_out:
-                if determined := _well_determined(listed, kept, own, whole):
-                    for key, errors in _standardized_errors(law, trials.with_trials(determined), start):
-                        found.setdefault(key, []).append(errors)
+                usable = [trial for trial in listed if trial.object in objects or (trial.object, trial.name) in cut]
+                for key, standardized in _standardized_errors(law, trials.with_trials(usable), start) if usable else ():
+                    of_trials.setdefault(key, []).append(standardized)
         except CommonlawError:  # Too few or too short trials for this law
             continue
+    names = [part.name for part in fields(StandardizedErrors)]
     return [
-        StandardizedErrors(
-            *(np.concatenate([getattr(each, part.name) for each in own]) for part in fields(StandardizedErrors))
-        )
-        for own in found.values()
+        StandardizedErrors(*(np.concatenate([getattr(errors, name) for errors in listed]) for name in names))
+        for listed in of_trials.values()
     ]
-
-
-def _well_determined(left_out: Sequence[Trial], kept: Sequence[Trial], law: Law, whole: Law) -> list[Trial]:
-    """Return held-out parts of trials, and held-out whole trials whose coefficients the remaining trials identify.
-
-    Trials of two species alone do not identify their competition: if the trial of both is held out, its forecast does
-    not measure how well the law forecasts.
-    """
-    errors, own = np.nan_to_num(standard_errors(law)), [object_index(whole, name) for name in law.objects]
-    sizes = np.hypot(whole.coefficients, np.nan_to_num(standard_errors(whole)))[own]
-    determined = np.all(errors <= settings.MAX_RELATIVE_ERROR * sizes, axis=(1, 2))
-    objects = {name for name, known in zip(law.objects, determined, strict=True) if known}
-    cut = {(trial.object, trial.name) for trial in kept}
-    return [trial for trial in left_out if trial.object in objects or (trial.object, trial.name) in cut]
 
 
 LeftOut = list[tuple[list[Trial], int | None]]
