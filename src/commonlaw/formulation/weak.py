@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.differentiation import AbstractDifferentiator, FiniteDifference, SmoothingSpline, noise_level
+from commonlaw.differentiation import AbstractDifferentiator, FiniteDifference, Rates, SmoothingSpline, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation.base import AbstractFormulation, check_order
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
@@ -334,47 +334,35 @@ class WeakForm(AbstractFormulation):
     def tested(self, trial: Trial, terms: Terms) -> WeakRows:
         """Return the rows of a trial before they are whitened, with what makes their covariance, see `rows`."""
         clock, trial = trial.times, replace(trial, times=since_start(trial.times))
-        noise = self._noise(trial)
-        test_functions = self._test_functions(trial, noise)
-        states, rates = self._smoothed(trial, noise)
-        values = np.concatenate([states, *rates, trial.inputs, clock[:, np.newaxis]], axis=1)
-        terms.check_finite(terms.evaluate(values), values, trial.label)
-        return WeakRows.of(test_functions, trial, terms, values, noise, self.order)
-
-    def _noise(self, trial: Trial) -> Floats:
-        """Return the standard deviation of the noise on each state, shape (states,)."""
-        if self.noise is not None and len(self.noise) != trial.states.shape[1]:
-            raise CommonlawError(
-                "weak-noise-size", where=trial.label, given=len(self.noise), states=trial.states.shape[1]
-            )
+        times, ranges = trial.times, np.ptp(trial.states, axis=0)
+        if self.noise is not None and len(self.noise) != len(ranges):
+            raise CommonlawError("weak-noise-size", where=trial.label, given=len(self.noise), states=len(ranges))
         least = 2 * MIN_RADIUS + 1
         if len(trial) < least:
             raise CommonlawError("weak-too-few-samples", where=trial.label, samples=len(trial), least=least)
-        noise = noise_level(trial.times, trial.states) if self.noise is None else np.array(self.noise)
-        return np.asarray(np.maximum(noise, 1e-9 * np.ptp(trial.states, axis=0)))  # About the errors of integration
-
-    def _test_functions(self, trial: Trial, noise: Floats) -> CompactTestFunctions:
-        radii = (corner_radius(trial.times, trial.states, noise),) if self.radii is None else self.radii
+        noise = noise_level(times, trial.states) if self.noise is None else np.array(self.noise)
+        noise = np.asarray(np.maximum(noise, 1e-9 * ranges))  # About the errors of integration
+        radii = (corner_radius(times, trial.states, noise),) if self.radii is None else self.radii
         # Noise is then worse than the errors of integration of such narrow ones, by which the ends of a trial are used
-        narrowest = 3 if np.all(noise > 1e-4 * np.ptp(trial.states, axis=0)) else MIN_RADIUS
-        by_radius = [CompactTestFunctions.over(trial.times, each, narrowest) for each in radii]
+        narrowest = 3 if np.all(noise > 1e-4 * ranges) else MIN_RADIUS
+        by_radius = [CompactTestFunctions.over(times, radius, narrowest) for radius in radii]
         test_functions = reduce(CompactTestFunctions.joined, by_radius)
         if not len(test_functions.centres):
-            raise CommonlawError(
-                "weak-gaps", where=trial.label, samples=len(trial), radii=", ".join(f"{each:g}" for each in radii)
-            )
-        return test_functions
-
-    def _smoothed(self, trial: Trial, noise: Floats) -> tuple[Floats, list[Floats]]:
-        """Return states that terms are evaluated on, and for order 2 their rates, each of shape (n, states)."""
-        clean = noise <= 1e-7 * np.ptp(trial.states, axis=0)
-        methods = [self.differentiation or (FiniteDifference(8) if exact else SmoothingSpline()) for exact in clean]
-        try:
-            each = [method.differentiate(trial.times, trial.states[:, [i]], 1) for i, method in enumerate(methods)]
-        except CommonlawError as error:
-            raise error.at(trial.label) from None
-        states = np.concatenate([one.states for one in each], axis=1)
-        return states, [np.concatenate([one.derivatives[0] for one in each], axis=1)] * (self.order - 1)
+            shown = ", ".join(f"{radius:g}" for radius in radii)
+            raise CommonlawError("weak-gaps", where=trial.label, samples=len(trial), radii=shown)
+        # States that terms are evaluated on, and for order 2 their rates, each of shape (n, states)
+        rates = list[Rates]()
+        for i, is_exact in enumerate(noise <= 1e-7 * ranges):
+            method = self.differentiation or (FiniteDifference(8) if is_exact else SmoothingSpline())
+            try:
+                rates.append(method.differentiate(times, trial.states[:, [i]], 1))
+            except CommonlawError as error:
+                raise error.at(trial.label) from None
+        columns = [rate.states for rate in rates]
+        columns += [rate.derivatives[0] for rate in rates] * (self.order - 1)
+        values = np.concatenate([*columns, trial.inputs, clock[:, np.newaxis]], axis=1)
+        terms.check_finite(terms.evaluate(values), values, trial.label)
+        return WeakRows.of(test_functions, trial, terms, values, noise, self.order)
 
     def _known(self, trial: Trial, tested: WeakRows) -> Floats:
         """Return the coefficients of a trial's object, shape (equations, terms)."""

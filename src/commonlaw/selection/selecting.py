@@ -107,24 +107,20 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
 
 def fitted_law(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Law:
     """Return the law with the coefficients of a solver and fixed ones, and its outcomes."""
-    result = replace(law, coefficients=_with(law, candidates))
-    outcomes = tuple(_outcomes(result, candidates, solver))
-    return replace(result, provenance=replace(result.provenance, outcomes=outcomes))
+    result, outcomes = replace(law, coefficients=_with(law, candidates)), list[Outcome]()
+    if isinstance(solver, STLSQ) and solver.shared and len(law.objects) == 1:
+        outcomes.append(note("one-object", law.objects[0]))
+    if not all(candidate.converged for candidate in candidates):
+        outcomes.append(note("solver-stopped"))
+    for equation, support, candidate in zip(left_hand_sides(law), result.support, candidates, strict=True):
+        if not support.any():
+            outcomes.append(note("support-empty", equation, largest=candidate.largest))
+    return replace(result, provenance=replace(result.provenance, outcomes=tuple(outcomes)))
 
 
 def _with(law: Law, candidates: Sequence[Candidate]) -> Floats:
     """Return the coefficients of a law with those of a candidate for each equation."""
     return law.coefficients + np.stack([candidate.coefficients for candidate in candidates], axis=1)
-
-
-def _outcomes(law: Law, candidates: Sequence[Candidate], solver: AbstractSolver) -> Iterator[Outcome]:
-    if isinstance(solver, STLSQ) and solver.shared and len(law.objects) == 1:
-        yield note("one-object", law.objects[0])
-    if not all(candidate.converged for candidate in candidates):
-        yield note("solver-stopped")
-    for j, (equation, candidate) in enumerate(zip(left_hand_sides(law), candidates, strict=True)):
-        if not law.support[j].any():
-            yield note("support-empty", equation, largest=candidate.largest)
 
 
 def ill_conditions(law: Law, problems: Sequence[LeastSquaresProblem]) -> Iterator[Outcome]:
