@@ -126,11 +126,20 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
         f"{states[row, state]:.3g} ± {_BAND * std[row, state]:.2g}{units[schema.states[state]]}"
         for states, std in map(_first, (one, other))
     )
+    exchanges, lefts = list[str](), left_hand_sides(schema.states, law.order)
+    supports = [each.support & each.terms.is_factor for each in (law, rival.law)]  # Without nonlinear parameters
+    for side, support, of_rival in zip(lefts, *supports, strict=True):
+        terms = [law.terms.names[k] for k in np.flatnonzero(support)]
+        rivals = [rival.law.terms.names[k] for k in np.flatnonzero(of_rival)]
+        more, fewer = (", ".join(x for x in a if x not in b) for a, b in ((rivals, terms), (terms, rivals)))
+        if more or fewer:
+            change = f"{more} in place of {fewer}" if more and fewer else f"{more} as well" if more else f"no {fewer}"
+            exchanges.append(f"{side} with {change}")
     times = one.trials.trials[0].times
     after = f"{times[row] - times[0]:.3g} {schema.units.get(schema.time, '')}".rstrip()
     return note(
         "rival-plausible",
-        exchange=_exchange(law, rival.law),
+        exchange=", ".join(exchanges),
         probability=rival.probability,
         object=law.objects[0],
         begin=begin,
@@ -139,22 +148,6 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
         after=after,
         other_end=other_end,
     )
-
-
-def _exchange(law: Law, rival: Law) -> str:
-    """Return the difference in terms between a rival and the law, equation by equation."""
-    parts, lefts = [], left_hand_sides(law.schema.states, law.order)
-    for side, own, others in zip(lefts, _names(law), _names(rival), strict=True):
-        more, fewer = (", ".join(x for x in one if x not in other) for one, other in ((others, own), (own, others)))
-        if more or fewer:
-            change = f"{more} in place of {fewer}" if more and fewer else f"{more} as well" if more else f"no {fewer}"
-            parts.append(f"{side} with {change}")
-    return ", ".join(parts)
-
-
-def _names(law: Law) -> list[list[str]]:
-    """Return the terms of each equation, without nonlinear parameters."""
-    return [[law.terms.names[k] for k in np.flatnonzero(own & law.terms.is_factor)] for own in law.support]
 
 
 def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:

@@ -83,12 +83,6 @@ class IntegralRegression:
         """Return the columns of one of the parametric terms."""
         return self.others[:, self._of(a)]
 
-    def columns_of_terms(self, others: Sequence[int]) -> tuple[Indices, Indices]:
-        """Return the column indices of some of the parametric terms, and the number of columns of each."""
-        ranges = [np.arange(columns.start, columns.stop) for columns in map(self._of, others)]
-        counts = np.array([*map(len, ranges)], dtype=np.intp)
-        return np.concatenate([np.empty(0, dtype=np.intp), *ranges]), counts
-
     def is_collinear(self, a: int) -> bool:
         """Return whether a parametric term is collinear with a plain one along the curves, as abs(x) for positive x."""
         columns = self.columns_of(a)

@@ -164,7 +164,10 @@ class _Ranking:
 
     def best(self, objects: int) -> list[CandidateSupport]:
         """Return the best supports of each size up to one parameter more than the optimum of the BIC."""
-        compared = self._with_at_most_one()
+        repeated = np.all([match.grids.redundant for match in self.matches], axis=0)
+        repeated |= np.any([[match.is_collinear(a) for a in range(len(self.others))] for match in self.matches], axis=0)
+        alone, columns = [(a,) for a in np.flatnonzero(~repeated).tolist()], [match.plain for match in self.matches]
+        compared = self._compared(columns, _subsets(self.plain, settings.MAX_SETS[0]), (), [(), *alone])
         compared += self._with_two(compared)
         groups, least = dict[tuple[int, int, int], list[_SumsOfSquares]](), dict[int, float]()
         for each in compared:
@@ -183,13 +186,6 @@ class _Ranking:
                 ranked.append((numbers, sorted((sum(float(r @ r) for _, r in fits[key]), key) for key in fits)))
         kept = sorted(self._criterion.kept(ranked, self.at_most))
         return [self._with_starts(key, parameters[key], objects) for _, key in kept]
-
-    def _with_at_most_one(self) -> list[_SumsOfSquares]:
-        columns = [match.plain for match in self.matches]
-        repeated = np.all([match.grids.redundant for match in self.matches], axis=0)
-        repeated |= np.any([[match.is_collinear(a) for a in range(len(self.others))] for match in self.matches], axis=0)
-        new = [(a,) for a in np.flatnonzero(~repeated).tolist()]
-        return self._compared(columns, _subsets(self.plain, settings.MAX_SETS[0]), (), [(), *new])
 
     def _with_two(self, compared: Sequence[_SumsOfSquares]) -> list[_SumsOfSquares]:
         """Return sums of squares with two of the others: one from the best supports with one, and another one."""
@@ -300,7 +296,8 @@ def _residual_squares(sets: Indices, chosen: Sequence[int], match: IntegralRegre
     whiten = np.linalg.inv(np.linalg.cholesky(own))
     known = np.matmul(whiten, inner[sets][..., np.newaxis])
     alone = match.target @ match.target - np.sum(known[..., 0] ** 2, axis=1)
-    which, counts = match.columns_of_terms(chosen)
+    ranges = [np.arange(*match.grids.offsets[a : a + 2]) for a in chosen]
+    which, counts = np.concatenate([np.empty(0, dtype=np.intp), *ranges]), np.array([*map(len, ranges)], dtype=np.intp)
     others, squares, filled = match.others[:, which], match.squares[which], np.flatnonzero(counts)
     crossed, every, firsts = columns.T @ others, match.target @ others, np.cumsum([0, *counts[filled]])[:-1]
     gained = np.zeros((len(sets), len(chosen)))
