@@ -1,6 +1,6 @@
 """The order of a law: as given, by measured rates, or by evidence."""
 
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from numbers import Integral
@@ -56,25 +56,20 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
         if isinstance(trials, Trials):
             second = [name for name, each in asked.items() if each == 2]
             trials, outcomes = without_measured_rates(trials, second, asked)
-        for name, each in asked.items():
+        for name, order in asked.items():
             check_choice("state", name, trials.schema.states)
-            if not _is_among(each, (1, 2)):
-                raise CommonlawError("order-of-state", order=each, name=name)
+            if not (isinstance(order, Integral) and order in (1, 2)):  # 2.0 is none
+                raise CommonlawError("order-of-state", order=order, name=name)
         if missing := [name for name in trials.schema.states if name not in asked]:
             raise CommonlawError("order-missing", states=missing)
-        own = [asked[name] for name in trials.schema.states]
+        orders = [asked[name] for name in trials.schema.states]
     else:
-        if not _is_among(asked, (0, 1, 2)):
+        if not (isinstance(asked, Integral) and asked in (0, 1, 2)):
             raise CommonlawError("order-not-offered", order=asked)
         if isinstance(trials, Trials):
             trials, outcomes = without_measured_rates(trials, trials.schema.states if asked == 2 else ())
-        own = [asked] * len(trials.schema.states)
-    return Orders(trials, tuple((each,) for each in own), outcomes=outcomes)
-
-
-def _is_among(order: object, known: Container[object]) -> bool:
-    """Whether an order is one of these integers; 2.0 is not."""
-    return isinstance(order, Integral) and order in known
+        orders = [asked] * len(trials.schema.states)
+    return Orders(trials, tuple((order,) for order in orders), outcomes=outcomes)
 
 
 def _orders_from_measured_rates(trials: Trials) -> Orders:
@@ -196,28 +191,26 @@ def is_first_order_possible(fit: Fit) -> bool:
     An oscillator, which passes a state in both directions, or balls that are thrown from one place at two speeds, are
     of higher order. Estimated states are compared between trials, and between times of one trial.
     """
+    from scipy.spatial import cKDTree
+
     states = len(fit.problem.noise)
+    same_state, other_time, other_rate, by_noise = settings.TWO_RATES
     for model, estimate in zip(fit.problem.models, fit.estimates, strict=True):
-        rows = list[Floats]()
+        listed = list[Floats]()  # Times, as shares of trials, states, inputs and rates
         for mesh, curve in zip(model.meshes, estimate.states, strict=True):
             for points in np.split(np.arange(len(mesh.times)), np.flatnonzero(~mesh.contiguous) + 1):
                 if len(points) > 1:
-                    path, own = curve[points, :states], 2 * len(rows) + np.linspace(0, 1, len(points))
+                    path, shares = curve[points, :states], 2 * len(listed) + np.linspace(0, 1, len(points))
                     rates = np.gradient(path, mesh.times[points], axis=0)
-                    rows.append(np.column_stack([own, path, mesh.inputs[points], rates]))
-        if rows and _has_two_rates(np.concatenate(rows), states):
+                    listed.append(np.column_stack([shares, path, mesh.inputs[points], rates]))
+        if not listed:
+            continue
+        rows = np.concatenate(listed)
+        few = rows[np.isfinite(rows).all(axis=1)][:: -(-len(rows) // settings.MAX_PAIRS)]
+        scaled = few[:, 1:] / np.maximum(np.ptp(few[:, 1:], axis=0), np.finfo(float).tiny)
+        first, second = cKDTree(scaled[:, :-states]).query_pairs(same_state, output_type="ndarray").T
+        later = np.abs(few[first, 0] - few[second, 0]) > other_time
+        apart = np.abs(scaled[first[later], -states:] - scaled[second[later], -states:]).max(axis=1)
+        if len(apart) > 0 and bool((apart > other_rate).mean() > by_noise):
             return False
     return True
-
-
-def _has_two_rates(rows: Floats, states: int) -> bool:
-    """Whether rows of times (as shares of trials), states, inputs and rates have two rates at one state and input."""
-    from scipy.spatial import cKDTree
-
-    same_state, other_time, other_rate, by_noise = settings.TWO_RATES
-    few = rows[np.isfinite(rows).all(axis=1)][:: -(-len(rows) // settings.MAX_PAIRS)]
-    scaled = few[:, 1:] / np.maximum(np.ptp(few[:, 1:], axis=0), np.finfo(float).tiny)
-    first, second = cKDTree(scaled[:, :-states]).query_pairs(same_state, output_type="ndarray").T
-    others = np.abs(few[first, 0] - few[second, 0]) > other_time
-    apart = np.abs(scaled[first[others], -states:] - scaled[second[others], -states:]).max(axis=1)
-    return len(apart) > 0 and bool((apart > other_rate).mean() > by_noise)

@@ -50,12 +50,12 @@ def screen_terms(trials: Trials, terms: Terms, known: Floats, needed: Bools) -> 
             factors.append(LeastSquaresProblem.of(library, rates - library @ np.nan_to_num(given).T).factor)
     allowed = np.isnan(known[0])
     kept = needed.copy()
-    ranked = [_ranked(np.array(factors), j, len(terms), own) for j, own in enumerate(allowed)]
+    pursuits = [_matching_pursuit(np.array(factors), j, len(terms), free) for j, free in enumerate(allowed)]
     for _ in range(settings.MAX_TERMS):
         if kept.sum() >= settings.MAX_SCREENED_TERMS:
             break
-        for step in ranked:
-            kept[next(step, [])] = True
+        for pursuit in pursuits:
+            kept[next(pursuit, [])] = True
     return kept
 
 
@@ -71,8 +71,8 @@ def terms_by_score_test(fit: Fit, terms: Terms) -> Bools:
         several = terms.take([*inside, *tried])
 
         def wider(values: Floats, new: float, count: int = len(tried)) -> Floats:
-            own = values[..., is_selected]
-            return np.concatenate([own, np.full((*own.shape[:-1], count), new)], axis=-1)
+            selected = values[..., is_selected]
+            return np.concatenate([selected, np.full((*selected.shape[:-1], count), new)], axis=-1)
 
         models = tuple(replace(model, terms=several) for model in problem.models)
         wide = replace(
@@ -90,7 +90,7 @@ def terms_by_score_test(fit: Fit, terms: Terms) -> Bools:
     return missed
 
 
-def _ranked(factors: Floats, equation: int, terms: int, allowed: Bools) -> Iterator[Indices]:
+def _matching_pursuit(factors: Floats, equation: int, terms: int, allowed: Bools) -> Iterator[Indices]:
     """Yield in each step the terms that reduce the residual sum of squares most; the first is selected."""
     columns = factors[:, :, [*range(terms), terms + equation]]
     norms = np.sum(columns**2, axis=1)
@@ -106,7 +106,8 @@ def _ranked(factors: Floats, equation: int, terms: int, allowed: Bools) -> Itera
             return
         yield best[gains[best] > 0]
         free[best[0]] = False
-        own = rest[:, :, best[0]]
-        sizes = np.linalg.norm(own, axis=1, keepdims=True)
-        basis = np.divide(own, sizes, out=np.zeros_like(own), where=sizes**2 > settings.COLLINEAR * norms[:, best[:1]])
+        column = rest[:, :, best[0]]
+        sizes = np.linalg.norm(column, axis=1, keepdims=True)
+        is_clear = sizes**2 > settings.COLLINEAR * norms[:, best[:1]]
+        basis = np.divide(column, sizes, out=np.zeros_like(column), where=is_clear)
         rest = rest - np.einsum("op,ot->opt", basis, np.einsum("op,opt->ot", basis, rest))
