@@ -34,8 +34,10 @@ def with_origin_outcomes(outcomes: Iterable[Outcome], law: Law, trials: Trials) 
         with suppress(CommonlawError):
             if Conversion.between(name, units[name], base).offset:  # Its zero is conventional
                 for equation, terms in ((left, terms) for left, terms in zip(lefts, changes, strict=True) if terms):
-                    verb, of_scale = "depends" if len(terms) == 1 else "depend", {"unit": units[name], "base": base}
-                    others.append(note("scale-origin", equation, terms=terms, verb=verb, name=name, **of_scale))
+                    verb, unit = "depends" if len(terms) == 1 else "depend", units[name]
+                    others.append(
+                        note("scale-origin", equation, terms=terms, verb=verb, name=name, unit=unit, base=base)
+                    )
     return (*others, *_equilibrium_outcomes(law, trials))
 
 
