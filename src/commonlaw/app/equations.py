@@ -149,10 +149,8 @@ def _with_rates(begun: Beginning) -> Floats:
 def _formulas(begun: Beginning) -> list[list[str]]:
     model = begun.model
     lefts = latex_left_hand_sides(model.schema.states, model.order)
-    second = [model.schema.states[j] for j in with_rates(model.order, len(lefts))]
-    rates = list(zip(second, model.variables.states[len(lefts) :], strict=True))
     others = written_of(model.text.observed, model.text.initial, model.text.events)
-    rows = latex_summands(model.text.equations, model.schema, model.variables, rates, others)
+    rows = latex_summands(model.text.equations, model.schema, model.variables, others)
     lefts = (*lefts, *latex_observed(others))
     try:
         return [[formula(part) for part in parts] for parts in parts_of(aligned(zip(lefts, rows, strict=True)))]

@@ -311,9 +311,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     if order == 0:
         raise CommonlawError("observation-of-discrete-time")
     variables = law_variables(schema, order)
-    second = [states[j] for j in with_rates(order, len(states))]
-    state_rates = list(zip(second, variables.states[len(states) :], strict=False))
-    meanings = meanings_of(schema, order)
+    meanings = meanings_of(schema, order, variables)
 
     for name in measured.states:
         if name not in text.observed and name not in variables.states:
@@ -321,7 +319,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     for name in text.observed:
         check_choice("measured quantity", name, measured.states)
     observed = [observation_equation(name, text.observed.get(name, f"`{name}`")) for name in measured.states]
-    rate_of = {f"{state}'": rate for state, rate in state_rates}
+    rate_of = {f"{state}'": rate for state, rate in meanings.rates.items()}
     given = {rate_of.get(name, name): start for name, start in text.initial.items()}
     for name in given:
         check_choice("state of the equations", name, variables.states)
@@ -330,17 +328,17 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     before = _steady_inputs({starts.pop(name) for name in steady}, measured)
     others = {**{f"{name}(0)": start for name, start in starts.items()}, **before}
     written = [*left, *observed, *(observation_equation(name, right) for name, right in others.items())]
-    occurring = event_equations(text.events, rate_of)
+    occurring = event_equations(text.events, meanings)
     for (name, own), (condition, changes) in zip(text.events.items(), occurring, strict=True):
         if any(_DELAYED.search(each) for each in (name, *own.values())):
             raise CommonlawError("equation-event-delay", text=name)
         for changed in changes:
             check_choice("state of the equations", changed, variables.states)
         written += [condition, *changes.values()]
-    found = dict.fromkeys(name for each in written for name in each.expression(variables, state_rates, meanings)[1])
+    found = dict.fromkeys(name for each in written for name in each.expression(variables, meanings)[1])
     found |= dict.fromkeys(delay for *_, delay in delays)
     variables = replace(variables, parameters=tuple(found))
-    expressions = [each.expression(variables, state_rates, meanings)[0] for each in written]
+    expressions = [each.expression(variables, meanings)[0] for each in written]
     second_order = with_rates(order, len(states)).tolist()
     rows = [""] * len(variables.states)
     for i, j in enumerate(second_order):
@@ -348,7 +346,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     for j, expression in zip(highest_columns(order, len(states)), expressions, strict=False):
         rows[j] = expression
     texts = dict(zip((*starts, *before), expressions[len(left) + len(observed) :], strict=False))
-    events = event_expressions(occurring, variables, state_rates, meanings)
+    events = event_expressions(occurring, variables, meanings)
     for name, event in zip(text.events, events, strict=True):
         _check_endless(name, event, variables)
     parameters, first = variables.parameters, len(variables.measured)

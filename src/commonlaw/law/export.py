@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law, only_object
-from commonlaw.law.parameters import followed_coefficients, named_parameters, state_rates
+from commonlaw.law.parameters import followed_coefficients, named_parameters
 from commonlaw.law.parse import event_equations, event_expressions, meanings_of
 from commonlaw.library import highest_columns, with_rates
 from commonlaw.library.grammar import Algebra, evaluate
@@ -71,16 +71,16 @@ class _System:
         if self.law.observation is None:
             return []
         law, values = self.law, dict(zip(named_parameters(self.law).names, parameters, strict=True))
-        pairs, variables = state_rates(law), law.terms.variables
-        given = event_equations(self.law.observation.events, {f"{state}'": rate for state, rate in pairs})
-        meanings = meanings_of(law.schema, law.order)._replace(unclear={})
+        variables = law.terms.variables
+        meanings = meanings_of(law.schema, law.order, variables, are_clear=True)
+        given = event_equations(self.law.observation.events, meanings)
         columns = [*states, *inputs, time, *(values[name] for name in variables.parameters)]
         return [
             (
                 evaluate(decided, columns, algebra),
                 {j: evaluate(new, columns, algebra) for j, new in enumerate(after) if new != f"v{j}"},
             )
-            for decided, after in event_expressions(given, variables, pairs, meanings)
+            for decided, after in event_expressions(given, variables, meanings)
         ]
 
     def rates(

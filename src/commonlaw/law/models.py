@@ -85,9 +85,9 @@ class NamedModel:
         schema = Schema(self.states, (*self.inputs, *lagged, *self.properties))
         order = one_order([equation.order for equation in equations])
         variables = law_variables(schema, order)
-        rates = [(name, f"{name}'") for name in self.states] if order == 2 else []
-        variables = replace(variables, states=(*self.states, *(rate for _, rate in rates)))
-        rows = latex_summands([equation.text for equation in equations], schema, variables, rates, initial)
+        rates = [f"{name}'" for name in self.states] if order == 2 else []
+        variables = replace(variables, states=(*self.states, *rates))
+        rows = latex_summands([equation.text for equation in equations], schema, variables, initial)
         lefts = (*latex_left_hand_sides(self.states, order), *(f"{latex_name(each[:-3])}(0)" for each in initial))
         written = aligned(zip(lefts, rows, strict=True))
         return reduce(lambda text, name: text.replace(latex_name(name), name), lagged, written)

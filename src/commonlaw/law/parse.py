@@ -137,15 +137,12 @@ def read_equations(
         raise CommonlawError("equations-of-other-states", equations=(*by_state,), states=schema.states, remedy=remedy)
     ordered = tuple(by_state[state] for state in schema.states)
     order = one_order([each.order for each in ordered])
-    meanings = meanings_of(schema, order)
-    if variables is not None:  # Those of a law that was read before, perhaps by an earlier version
-        meanings = meanings._replace(unclear={})
-    variables = variables or replace(law_variables(schema, order), functions=functions)
-    second = [schema.states[j] for j in with_rates(order, len(schema.states))]
-    state_rates = list(zip(second, variables.states[len(schema.states) :], strict=False))
-    variables = with_parameters(variables, ordered, state_rates, meanings)
+    plain = variables or replace(law_variables(schema, order), functions=functions)
+    # Those of a law that was read before, perhaps by an earlier version, are clear
+    meanings = meanings_of(schema, order, plain, are_clear=variables is not None)
+    variables = with_parameters(plain, ordered, meanings)
     while True:
-        rows = [each.summands(variables, state_rates, meanings) for each in ordered]
+        rows = [each.summands(variables, meanings) for each in ordered]
         listed = list(dict.fromkeys(each.term for row in rows for each in row)) or [parse_term("1", variables)]
         products = [
             Product(j, listed.index(each.term), each.factor, each.coefficients)
@@ -165,10 +162,10 @@ def read_equations(
         shared = [name for name in dict.fromkeys(names) if names.count(name) > 1 and len(products) > len({*names})]
         if not shared:
             for equation, row in zip(ordered, rows, strict=True):
-                equation.check_apart(row, variables, state_rates)
+                equation.check_apart(row, variables, meanings)
             product = next(each for each in products if len(each.coefficients) > 1)
             problem = only_product(product.coefficients)
-            ordered[product.equation].refuse(product.coefficients[1][0], problem, variables, state_rates)
+            ordered[product.equation].refuse(product.coefficients[1][0], problem, variables, meanings)
         variables = replace(variables, parameters=(*variables.parameters, *shared))
     known = np.zeros((len(rows), len(listed)))
     for j, row in enumerate(rows):
@@ -190,23 +187,20 @@ def read_equations(
 
 
 def latex_summands(
-    given: Sequence[str],
-    schema: Schema,
-    variables: Variables,
-    state_rates: Sequence[tuple[str, str]],
-    observed: Mapping[str, str],
+    given: Sequence[str], schema: Schema, variables: Variables, observed: Mapping[str, str]
 ) -> tuple[tuple[Addend, ...], ...]:
     """Return the summands of the equations of a law in LaTeX, as they are written.
 
     Those of observation equations, by name, follow.
     """
     equations = split_equations(given)
-    meanings = meanings_of(schema, one_order([equation.order for equation in equations]))._replace(unclear={})
+    order = one_order([equation.order for equation in equations])
+    meanings = meanings_of(schema, order, variables, are_clear=True)
     written = (*equations, *(observation_equation(name, right) for name, right in observed.items()))
     rows = (
         ((False, rf"\text{{{each.right_hand_side}}}"),)
         if STEADY.fullmatch(each.right_hand_side)
-        else each.latex(variables, state_rates, meanings)
+        else each.latex(variables, meanings)
         for each in written
     )
     return tuple(tuple(Addend(negative, "", latex) for negative, latex in row) for row in rows)
@@ -218,12 +212,10 @@ def observation_equation(name: str, right: str) -> Equation:
 
 
 def event_equations(
-    events: Mapping[str, Mapping[str, str]], rate_of: Mapping[str, str]
+    events: Mapping[str, Mapping[str, str]], meanings: Meanings
 ) -> tuple[tuple[Equation, Mapping[str, Equation]], ...]:
-    """Return of each event the equation that is one where its condition is true, and those of new values by state.
-
-    Events are as in `Observation`; `rate_of` has the names of rates by those that are written, such as ``x'``.
-    """
+    """Return of each event, see `Observation`, the equation that is one where its condition is true, and new values."""
+    rate_of = {f"{state}'": rate for state, rate in meanings.rates.items()}
     return tuple(
         (
             observation_equation("event", with_steps(f"event = {condition}").partition("=")[2].strip()),
@@ -234,10 +226,7 @@ def event_equations(
 
 
 def event_expressions(
-    events: Sequence[tuple[Equation, Mapping[str, Equation]]],
-    variables: Variables,
-    state_rates: Sequence[tuple[str, str]],
-    meanings: Meanings,
+    events: Sequence[tuple[Equation, Mapping[str, Equation]]], variables: Variables, meanings: Meanings
 ) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Return what is positive where the condition of each event is true, and the states and rates after it.
 
@@ -245,9 +234,9 @@ def event_expressions(
     """
     found = list[tuple[str, tuple[str, ...]]]()
     for condition, changes in events:
-        match ast.parse(condition.expression(variables, state_rates, meanings)[0], mode="eval").body:
+        match ast.parse(condition.expression(variables, meanings)[0], mode="eval").body:
             case ast.UnaryOp(ast.UAdd(), ast.Call(ast.Name("step"), [decided])):
-                new = {name: each.expression(variables, state_rates, meanings)[0] for name, each in changes.items()}
+                new = {name: each.expression(variables, meanings)[0] for name, each in changes.items()}
                 after = tuple(new.get(name, f"v{j}") for j, name in enumerate(variables.states))
                 found.append((write(decided), after))
             case _:
@@ -255,18 +244,20 @@ def event_expressions(
     return tuple(found)
 
 
-def meanings_of(schema: Schema, order: Order) -> Meanings:
-    """Return what names in equations mean that are no variables, and which could mean two things."""
+def meanings_of(schema: Schema, order: Order, variables: Variables, are_clear: bool = False) -> Meanings:
+    """Return what names in equations mean that are no variables, and, unless all are clear, which mean two things."""
+    second = with_rates(order, len(schema.states)).tolist()
+    rates = dict(zip((schema.states[j] for j in second), variables.states[len(schema.states) :], strict=False))
     others = {name: schema.time for name in ("t", "time") if name not in (schema.time, *schema.states, *schema.inputs)}
     measured, unclear = (*schema.states, *schema.inputs), dict[str, Diagnostic]()
     if "e" not in (*measured, schema.time):
         unclear["e"] = Diagnostic("letter-e")
     plain = plain_rates(schema)
-    for j in with_rates(order, len(schema.states)):
+    for j in second:
         if plain[j] in measured:
             names = {"name": plain[j], "state": schema.states[j], "quoted": f"`{plain[j]}`"}
             unclear[plain[j]] = Diagnostic("rate-or-column", names)
-    return Meanings(others, unclear)
+    return Meanings(others, {} if are_clear else unclear, rates)
 
 
 def _solved(products: Sequence[Product]) -> tuple[Coefficient, ...] | None:

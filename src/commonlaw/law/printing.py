@@ -62,7 +62,7 @@ def latex_structure(law: Law) -> tuple[tuple[Addend, ...], ...]:
     variables = law.terms.variables
     if law.provenance.equations:
         observed = {} if law.observation is None else law.observation.written
-        return latex_summands(law.provenance.equations, law.schema, variables, state_rates(law), observed)
+        return latex_summands(law.provenance.equations, law.schema, variables, observed)
     factors = zip(law.terms.names, law.terms.latex_factors(variables.names), strict=True)
     return _with_names(law, ["1" if name == "1" else latex for name, latex in factors], LATEX)
 

@@ -45,10 +45,17 @@ class InsideError(Exception):
 
 
 class Meanings(NamedTuple):
-    """What names mean that are neither variables nor coefficients, and names that mean two things, with the reason."""
+    """What names mean in equations besides variables and coefficients.
+
+    Other names of variables, names that mean two things, with the reason, and rates by their states: ``x'``.
+    """
 
     others: Mapping[str, str] = {}
     unclear: Mapping[str, Diagnostic] = {}
+    rates: Mapping[str, str] = {}
+
+
+_PLAIN = Meanings()
 
 
 CONSTANTS = {"pi": math.pi}
@@ -70,32 +77,24 @@ class Equation:
         """What stands on the right."""
         return self.text[self.right :].strip()
 
-    def summands(
-        self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
-    ) -> tuple[Summand, ...]:
+    def summands(self, variables: Variables, meanings: Meanings = _PLAIN) -> tuple[Summand, ...]:
         """Return the summands of the right-hand side: multiplied out, and collected by their coefficients.
 
         However it is spelled, ``k a - k T`` is ``k (a - T)``, and ``-(p + X) G + 92 p`` is ``-p (G - 92) - X G``. Names
-        that are no variables (or nonlinear parameters among them) are coefficients, factors of terms. `state_rates`
-        pairs states with their rates: ``x'`` is the rate of x. `meanings` has other names of variables, and names that
-        are refused.
+        that are no variables (or nonlinear parameters among them) are coefficients, factors of terms.
 
         Raises `CommonlawError` if the text cannot be read, with the character, and `InsideError` if another name stands
         inside a term.
         """
-        return _Reader(self, variables, dict(state_rates), meanings or Meanings()).summands()
+        return _Reader(self, variables, meanings).summands()
 
-    def latex(
-        self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
-    ) -> tuple[tuple[bool, str], ...]:
+    def latex(self, variables: Variables, meanings: Meanings = _PLAIN) -> tuple[tuple[bool, str], ...]:
         """Return the summands of the right-hand side in LaTeX, and whether they are subtracted, see `summands`."""
-        return _Reader(self, variables, dict(state_rates), meanings or Meanings()).latex()
+        return _Reader(self, variables, meanings).latex()
 
-    def expression(
-        self, variables: Variables, state_rates: Sequence[tuple[str, str]] = (), meanings: Meanings | None = None
-    ) -> tuple[str, tuple[str, ...]]:
+    def expression(self, variables: Variables, meanings: Meanings = _PLAIN) -> tuple[str, tuple[str, ...]]:
         """Return the right-hand side over ``v<i>``, and the names that are no variables, whose columns come last."""
-        reader = _Reader(self, variables, dict(state_rates), meanings or Meanings())
+        reader = _Reader(self, variables, meanings)
         return reader.expression(), reader.coefficients
 
     def with_numbers(self, write: Mapping[str, Callable[[bool], tuple[bool, str]]]) -> str:
@@ -127,22 +126,18 @@ class Equation:
             parts[i][1] = number
         return self.text[: self.right] + "".join(chain.from_iterable(parts))
 
-    def refuse(
-        self, name: str, problem: Diagnostic, variables: Variables, state_rates: Sequence[tuple[str, str]]
-    ) -> NoReturn:
+    def refuse(self, name: str, problem: Diagnostic, variables: Variables, meanings: Meanings) -> NoReturn:
         """Raise the error for a problem with a coefficient, see `summands`."""
-        _Reader(self, variables, dict(state_rates), Meanings()).refuse(name, problem)
+        _Reader(self, variables, meanings).refuse(name, problem)
 
-    def check_apart(
-        self, found: Sequence[Summand], variables: Variables, state_rates: Sequence[tuple[str, str]]
-    ) -> None:
+    def check_apart(self, found: Sequence[Summand], variables: Variables, meanings: Meanings) -> None:
         """Refuse equal terms: only the sum of their coefficients could be found."""
         for i, each in enumerate(found):
             for other in found[:i]:
                 if each.term == other.term:
                     for names in (each.coefficients, other.coefficients):
                         if len(names) > 1:
-                            self.refuse(names[1][0], only_product(names), variables, state_rates)
+                            self.refuse(names[1][0], only_product(names), variables, meanings)
                     name = each.term.text(variables.names)
                     hint = ", and products with '*' or a space" if name == "1" else ""
                     raise CommonlawError("term-twice", text=self.text, term=name, hint=hint)
@@ -177,12 +172,7 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     return result
 
 
-def with_parameters(
-    variables: Variables,
-    equations: Sequence[Equation],
-    state_rates: Sequence[tuple[str, str]] = (),
-    meanings: Meanings | None = None,
-) -> Variables:
+def with_parameters(variables: Variables, equations: Sequence[Equation], meanings: Meanings = _PLAIN) -> Variables:
     """Return variables with the nonlinear parameters of equations, in the order of the text.
 
     >>> with_parameters(Variables(("s",)), split_equations("s' = -V s/(K + s)")).parameters
@@ -191,7 +181,7 @@ def with_parameters(
     while True:
         try:
             for equation in equations:
-                equation.summands(variables, state_rates, meanings)
+                equation.summands(variables, meanings)
         except InsideError as error:
             variables = replace(variables, parameters=(*variables.parameters, error.args[0]))
         else:
@@ -228,8 +218,8 @@ class _Written(NamedTuple):
 class _Reader:
     """Reads one right-hand side from left to right."""
 
-    def __init__(self, equation: Equation, variables: Variables, rates: dict[str, str], meanings: Meanings) -> None:
-        self.equation, self.variables, self.rates, self.meanings = equation, variables, rates, meanings
+    def __init__(self, equation: Equation, variables: Variables, meanings: Meanings) -> None:
+        self.equation, self.variables, self.meanings = equation, variables, meanings
         self.tokens = [*self._tokens(), _Token("end", "", len(equation.text))]
         names = [token.text for token in self.tokens if token.kind == "name" and token.text not in variables.names]
         self.coefficients = tuple(dict.fromkeys(names))
@@ -347,9 +337,9 @@ class _Reader:
         if name in self.meanings.unclear and name == token.text and not mark:
             self._fail(token, self.meanings.unclear[name])
         if mark == "'":
-            if name not in self.rates:
+            if name not in self.meanings.rates:
                 self._fail(token, Diagnostic("rate-unknown", {"name": name}))
-            return _Token("name", self.rates[name], token.position)
+            return _Token("name", self.meanings.rates[name], token.position)
         if name in self.variables.names:
             if _DELAYED.match(rest):
                 self._fail(token, Diagnostic("equation-with-delay", {"name": name}))
