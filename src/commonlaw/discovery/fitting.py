@@ -14,8 +14,8 @@ from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation import fit_model, needs_model
-from commonlaw.estimation.fitting import InitialGiven, check_white
+from commonlaw.estimation import needs_model
+from commonlaw.estimation.fitting import InitialGiven, begin, check_white
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -345,16 +345,15 @@ def _of_model(
     else:
         tried = ["linear", *(each for each in BETWEEN if each != "linear")]
     laws = [
-        fit_model(
+        begin(
             text,
             replace(trials, schema=replace(trials.schema, input_interpolation=each)),
             **given | {"initial_values": given["initial_values"] or {}},
             log_states=settings.get("log_states") or (),
             noise=settings.get("noise"),
-            seed=settings.get("seed", 0),
-            progress=settings.get("progress") or on_terminal(),
-            calls=calls,
         )
+        .fitted(settings.get("seed", 0), settings.get("progress") or on_terminal())
+        .law(calls)
         for each in tried
     ]
     likelihoods = np.array([each.observation.log_likelihood for each in laws if each.observation is not None])

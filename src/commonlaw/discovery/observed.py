@@ -19,7 +19,7 @@ from commonlaw.differentiation import SmoothingSpline, noise_level
 from commonlaw.discovery.known_physics import Base, with_base
 from commonlaw.discovery.method import ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation.fitting import Beginning, begin, fit_model
+from commonlaw.estimation.fitting import Beginning, begin
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import TrialData
 from commonlaw.estimation.search import first_values
@@ -378,21 +378,10 @@ def discover_observed(
         progress(f"fitting law {i + 1} of {len(near)}")
         try:
             equations, first, shared = _equations(search, begun, trials, candidate)
-            law = fit_model(
-                ModelText.of(equations, observe),
-                trials,
-                initial_values={},
-                initial_time=None,
-                shared=dict.fromkeys(shared, ALL),
-                guesses=None,
-                priors=None,
-                log_states=(),
-                noise=noise,
-                seed=seed,
-                progress=progress,
-                calls=calls,
-                first=first,
-            )
+            text = ModelText.of(equations, observe)
+            whole = begin(text, trials, {}, shared=dict.fromkeys(shared, ALL), noise=noise)
+            whole = replace(whole, first=np.array([first[label] for label in whole.unknowns.labels]))
+            law = whole.fitted(seed, progress, draws=1).law(calls)
         except CommonlawError as error:
             refused.append(error)
             continue

@@ -4,8 +4,8 @@ Solutions are computed from their initial values (single shooting) with exact de
 nonlinear least squares from several first values.
 """
 
-from commonlaw.estimation.fitting import fit_model, needs_model
+from commonlaw.estimation.fitting import needs_model
 from commonlaw.estimation.prediction import predict_observed, simulate_observed
 from commonlaw.estimation.profile import Profile, likelihood_profile
 
-__all__ = ["Profile", "fit_model", "likelihood_profile", "needs_model", "predict_observed", "simulate_observed"]
+__all__ = ["Profile", "likelihood_profile", "needs_model", "predict_observed", "simulate_observed"]

@@ -105,30 +105,6 @@ class Unknowns:
         return shares, np.mean([self.values[i] for i in own], axis=0)
 
 
-def fit_model(
-    text: ModelText,
-    trials: Trials,
-    *,
-    initial_values: Mapping[str, InitialGiven],
-    initial_time: float | None,
-    shared: Mapping[str, str],
-    guesses: Mapping[str, float] | None,
-    priors: Mapping[str, tuple[float, float]] | None,
-    log_states: Sequence[str],
-    noise: Mapping[str, float | str] | None,
-    seed: int,
-    progress: ProgressCallback,
-    calls: tuple[str, ...],
-    first: Mapping[str, float] | None = None,
-) -> Law:
-    """Return the law of largest likelihood, see `commonlaw.fit`; from one first value by label, if these are given."""
-    begun = begin(text, trials, initial_values, initial_time, shared, guesses, priors, log_states, noise)
-    if first is None:
-        return begun.fitted(seed, progress).law(calls)
-    begun = replace(begun, first=np.array([first[label] for label in begun.unknowns.labels]))
-    return begun.fitted(seed, progress, draws=1).law(calls)
-
-
 def refit(
     law: Law,
     trials: Trials,
@@ -307,9 +283,24 @@ class Beginning:
         return Fitted(self, optimum, lacking)
 
     def _lack_of_fit(self, optimum: Optimum) -> list[str]:
-        """Return the quantities whose residuals exceed their noise, with both."""
-        noise = dict(zip(self.problem.model.observables, optimum.noise.tolist(), strict=True))
-        return _lack_of_fit(self.trials, {name: noise[name] for name in noise if name not in self.logarithmic})
+        """Return the quantities whose residuals exceed the noise by differences of neighbouring samples, with both.
+
+        Residuals are three times as large, and more than a fiftieth of the standard deviation of the measurements.
+        """
+        listed, schema = list[str](), self.trials.schema
+        for name, residual in zip(self.problem.model.observables, optimum.noise.tolist(), strict=True):
+            if name in self.logarithmic or name not in schema.states or name in schema.noise_columns:
+                continue
+            columns = [(trial.times, trial.states[:, schema.states.index(name)]) for trial in self.trials]
+            seen = [
+                (times[kept], column[kept]) for times, column in columns if (kept := np.isfinite(column)).sum() >= 20
+            ]
+            if not seen:
+                continue
+            level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
+            if residual > max(3 * level, 0.02 * float(np.std(np.concatenate([column for _, column in seen])))):
+                listed.append(f"{name}: {residual:.2g} (noise {level:.2g})")
+        return listed
 
 
 def begin(
@@ -323,10 +314,14 @@ def begin(
     log_states: Sequence[str] = (),
     noise: Mapping[str, NoiseGiven] | None = None,
 ) -> Beginning:
-    """Return a model and trials as a fit begins with them; the arguments are those of `fit_model`."""
+    """Return a model and trials as a fit begins with them, see `commonlaw.fit`."""
     properties, shared, priors = property_names(trials.properties), shared or {}, priors or {}
     model = read_model(with_initial(text, initial_values, trials), trials.schema, properties)
-    _check_latent(model, initial_values)
+    for j, state in enumerate(model.schema.states):
+        is_free = model.initial[j] is None and j not in model.known
+        # Nothing is said of it, and no observation equation may determine it
+        if is_free and state not in (*model.observables, *initial_values) and not model.text.observed:
+            raise CommonlawError("equation-without-column", name=state)
     unknowns = _unknowns(model, trials, properties, shared)
     known, groups = _checked_noise(trials, noise or {})
     shown = with_logarithms(trials, log_states)
@@ -378,14 +373,6 @@ def _finite(state: str, value: float, owner: str) -> float:
     if not np.isfinite(value):
         raise CommonlawError("initial-value-not-finite", state=state, value=value, object=owner)
     return float(value)
-
-
-def _check_latent(model: Model, given: Mapping[str, InitialGiven]) -> None:
-    """Refuse a latent state of which nothing is said where no observation equation may determine it."""
-    for j, name in enumerate(model.schema.states):
-        is_free = model.initial[j] is None and j not in model.known
-        if is_free and name not in (*model.observables, *given) and not model.text.observed:
-            raise CommonlawError("equation-without-column", name=name)
 
 
 def _unknowns(model: Model, trials: Trials, properties: Sequence[str], shared: Mapping[str, str]) -> Unknowns:
@@ -557,19 +544,14 @@ def _sizes(
     for i, name in enumerate(unknowns.names):
         if name in guesses:
             sizes[i] = guesses[name]
-    _begin_as_measured(model, trials, unknowns, sizes, guessed)
-    return sizes, found[: model.width], guessed
-
-
-def _begin_as_measured(model: Model, trials: Trials, unknowns: Unknowns, sizes: Floats, guessed: Bools) -> None:
-    """Begin free initial values of measured states at their first measurements."""
     for trial, indices in zip(trials, unknowns.initial, strict=True):
         for name, k in zip(model.variables.states, indices, strict=True):
             if k >= 0 and name in model.observables and name not in model.text.observed:
                 seen = trial.states[:, model.observables.index(name)]
                 seen = seen[np.isfinite(seen)]
-                if len(seen) and seen[0] != 0:
+                if len(seen) and seen[0] != 0:  # Measured states begin at their first measurements
                     sizes[k], guessed[k] = seen[0], True
+    return sizes, found[: model.width], guessed
 
 
 def _bounds(model: Model, trials: Trials, unknowns: Unknowns) -> Bounds:
@@ -630,101 +612,99 @@ class Fitted:
 
     def law(self, calls: tuple[str, ...]) -> Law:
         """Return the law, which records the calls."""
-        return _law(self, calls)
-
-
-def _law(fitted: Fitted, calls: tuple[str, ...]) -> Law:
-    begun, optimum = fitted.begun, fitted.optimum
-    model, trials, problem, unknowns = begun.model, begun.trials, begun.problem, begun.unknowns
-    groups = begun.groups
-    given = read_equations(model.text.equations, model.schema, properties=property_names(trials.properties))
-    inside = {coefficient.name for coefficient in given.coefficients}
-    extra = [name for name in model.parameters if name not in inside]
-    variables = replace(given.terms.variables, parameters=(*given.terms.variables.parameters, *extra))
-    own = tuple(Term(parameter=variables.index(name)) for name in extra)
-    terms = Terms(variables, (*given.terms.terms, *own))
-    products = (*given.products, *(Product(0, len(given.terms) + i, 1.0, ((n, 1),)) for i, n in enumerate(extra)))
-    known = np.nan_to_num(np.pad(given.known, ((0, 0), (0, len(extra)))))
-    coefficients = np.tile(known, (len(trials.objects), 1, 1))
-    for owner, whole in zip(trials.objects, coefficients, strict=True):
-        values = _values(model, unknowns, optimum.unknowns, trials, owner)
-        for product in products:
-            whole[product.equation, product.term] = float(product.value(values))
-    support = np.any(coefficients != 0, axis=0)
-    covariance, shared = _covariance(model, trials, unknowns, optimum, products, support)
-    noise = dict(zip(problem.model.observables, _typical_noise(problem, optimum).tolist(), strict=True))
-    noise_of = {
-        name: {owner: noise[f"{name} of {group}"] for owner, group in own.items()} for name, own in groups.items()
-    }
-    noise = {name: noise.get(name) or float(np.median(list(noise_of[name].values()))) for name in model.observables}
-    largest = [np.abs(problem.predicted(trial, optimum.unknowns, False).states).max(axis=0) for trial in problem.trials]
-    # A state may always be zero
-    sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), 1e-300).tolist(), strict=True))
-    errors = np.sqrt(np.diagonal(optimum.covariance))
-    apart = [by_trial(begun.restrictions.shared.get(name, OBJECT), trials.schema) for name in model.parameters]
-    estimated = tuple(
-        TrialEstimate(trial.object, trial.name, unknowns.names[k], float(optimum.unknowns[k]), float(errors[k]))
-        for trial, parameter, indices in zip(trials, unknowns.parameters, unknowns.initial, strict=True)
-        for k in [*np.array(parameter, dtype=int)[apart].tolist(), *indices]
-        if k >= 0
-    )
-    initial = dict(model.text.initial)
-    schema = replace(trials.schema, logarithmic=begun.logarithmic)
-    observation = Observation(
-        schema,
-        dict(model.text.observed),
-        initial,
-        begun.start,
-        noise,
-        sizes,
-        estimated,
-        optimum.log_likelihood,
-        noise_of,
-        begun.restrictions,
-        model.text.events,
-        model.text.functions,
-    )
-    steps = (
-        Step("equations", "; ".join(given.texts), "as given"),
-        *(Step("observation", f"{name} = {right}", "as given") for name, right in model.text.observed.items()),
-        *(
-            Step("event" if ": " in line else "start" if "(0) = " in line else "parameters", line, "as given")
-            for line in observation.lines[len(model.text.observed) :]
-        ),
-        Step(
-            "fit",
-            f"-log L = {-optimum.log_likelihood:.6g}",
-            f"maximum likelihood of {counted(len(unknowns.names), 'parameter')} by least squares of trajectories; "
-            f"{optimum.starts_alike} of the best starts end there",
-        ),
-    )
-    vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
-    names = [unknowns.labels[i] for i in vague[:8]]
-    limitless = (note("parameters-without-limits", parameters=names),) if names else ()
-    provenance = Provenance(
-        outcomes=(
-            *_at_bounds(model, unknowns, begun.bounds, optimum),
-            *limitless,
-            *((note("residuals-exceed-noise", residuals=fitted.lack_of_fit),) if fitted.lack_of_fit else ()),
-            *((note("trials-differ", objects=shown(differing)),) if (differing := _differing_trials(fitted)) else ()),
-        ),
-        history=steps,
-        equations=given.texts,
-        calls=calls,
-        domain=Domain.of(trials, ()),
-    )
-    properties = {owner: values for owner, values in trials.properties.items() if owner in trials.objects}
-    return Law(
-        terms,
-        model.schema,
-        model.order,
-        trials.objects,
-        coefficients,
-        Uncertainty(covariance=covariance, shared_factor=shared),
-        provenance=provenance,
-        properties=properties,
-        observation=observation,
-    )
+        begun, optimum = self.begun, self.optimum
+        model, trials, problem, unknowns = begun.model, begun.trials, begun.problem, begun.unknowns
+        groups = begun.groups
+        given = read_equations(model.text.equations, model.schema, properties=property_names(trials.properties))
+        inside = {coefficient.name for coefficient in given.coefficients}
+        extra = [name for name in model.parameters if name not in inside]
+        variables = replace(given.terms.variables, parameters=(*given.terms.variables.parameters, *extra))
+        own = tuple(Term(parameter=variables.index(name)) for name in extra)
+        terms = Terms(variables, (*given.terms.terms, *own))
+        products = (*given.products, *(Product(0, len(given.terms) + i, 1.0, ((n, 1),)) for i, n in enumerate(extra)))
+        known = np.nan_to_num(np.pad(given.known, ((0, 0), (0, len(extra)))))
+        coefficients = np.tile(known, (len(trials.objects), 1, 1))
+        for owner, whole in zip(trials.objects, coefficients, strict=True):
+            values = _values(model, unknowns, optimum.unknowns, trials, owner)
+            for product in products:
+                whole[product.equation, product.term] = float(product.value(values))
+        support = np.any(coefficients != 0, axis=0)
+        covariance, shared = _covariance(model, trials, unknowns, optimum, products, support)
+        noise = dict(zip(problem.model.observables, _typical_noise(problem, optimum).tolist(), strict=True))
+        noise_of = {
+            name: {owner: noise[f"{name} of {group}"] for owner, group in own.items()} for name, own in groups.items()
+        }
+        noise = {name: noise.get(name) or float(np.median(list(noise_of[name].values()))) for name in model.observables}
+        largest = [
+            np.abs(problem.predicted(trial, optimum.unknowns, False).states).max(axis=0) for trial in problem.trials
+        ]
+        # A state may always be zero
+        sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), 1e-300).tolist(), strict=True))
+        errors = np.sqrt(np.diagonal(optimum.covariance))
+        apart = [by_trial(begun.restrictions.shared.get(name, OBJECT), trials.schema) for name in model.parameters]
+        estimated = tuple(
+            TrialEstimate(trial.object, trial.name, unknowns.names[k], float(optimum.unknowns[k]), float(errors[k]))
+            for trial, parameter, indices in zip(trials, unknowns.parameters, unknowns.initial, strict=True)
+            for k in [*np.array(parameter, dtype=int)[apart].tolist(), *indices]
+            if k >= 0
+        )
+        initial = dict(model.text.initial)
+        schema = replace(trials.schema, logarithmic=begun.logarithmic)
+        observation = Observation(
+            schema,
+            dict(model.text.observed),
+            initial,
+            begun.start,
+            noise,
+            sizes,
+            estimated,
+            optimum.log_likelihood,
+            noise_of,
+            begun.restrictions,
+            model.text.events,
+            model.text.functions,
+        )
+        steps = (
+            Step("equations", "; ".join(given.texts), "as given"),
+            *(Step("observation", f"{name} = {right}", "as given") for name, right in model.text.observed.items()),
+            *(
+                Step("event" if ": " in line else "start" if "(0) = " in line else "parameters", line, "as given")
+                for line in observation.lines[len(model.text.observed) :]
+            ),
+            Step(
+                "fit",
+                f"-log L = {-optimum.log_likelihood:.6g}",
+                f"maximum likelihood of {counted(len(unknowns.names), 'parameter')} by least squares of trajectories; "
+                f"{optimum.starts_alike} of the best starts end there",
+            ),
+        )
+        vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
+        names = [unknowns.labels[i] for i in vague[:8]]
+        limitless = (note("parameters-without-limits", parameters=names),) if names else ()
+        provenance = Provenance(
+            outcomes=(
+                *_at_bounds(model, unknowns, begun.bounds, optimum),
+                *limitless,
+                *((note("residuals-exceed-noise", residuals=self.lack_of_fit),) if self.lack_of_fit else ()),
+                *((note("trials-differ", objects=shown(differing)),) if (differing := _differing_trials(self)) else ()),
+            ),
+            history=steps,
+            equations=given.texts,
+            calls=calls,
+            domain=Domain.of(trials, ()),
+        )
+        properties = {owner: values for owner, values in trials.properties.items() if owner in trials.objects}
+        return Law(
+            terms,
+            model.schema,
+            model.order,
+            trials.objects,
+            coefficients,
+            Uncertainty(covariance=covariance, shared_factor=shared),
+            provenance=provenance,
+            properties=properties,
+            observation=observation,
+        )
 
 
 def _differing_trials(fitted: Fitted) -> list[str]:
@@ -752,25 +732,6 @@ def _differing_trials(fitted: Fitted) -> list[str]:
         if factors:
             p_values[owner] = heterogeneity_p_value(factors, measurements)
     return [owner for owner, each in p_values.items() if each < HETEROGENEITY_LEVEL / len(p_values)]
-
-
-def _lack_of_fit(trials: Trials, noise: Mapping[str, float]) -> list[str]:
-    """Return the quantities whose residuals exceed the noise by differences of neighbouring samples, with both.
-
-    Residuals are three times as large, and more than a fiftieth of the standard deviation of the measurements.
-    """
-    listed = list[str]()
-    for name, residual in noise.items():
-        if name not in trials.schema.states or name in trials.schema.noise_columns:
-            continue
-        columns = [(trial.times, trial.states[:, trials.schema.states.index(name)]) for trial in trials]
-        seen = [(times[kept], column[kept]) for times, column in columns if (kept := np.isfinite(column)).sum() >= 20]
-        if not seen:
-            continue
-        level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
-        if residual > max(3 * level, 0.02 * float(np.std(np.concatenate([column for _, column in seen])))):
-            listed.append(f"{name}: {residual:.2g} (noise {level:.2g})")
-    return listed
 
 
 def _typical_noise(problem: Problem, optimum: Optimum) -> Floats:
