@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ from commonlaw.forecast.initial_state import (
     with_times,
 )
 from commonlaw.forecast.population import with_objects_of
-from commonlaw.integration import Event, InitialValueProblem, Inputs, Trajectory, simulate
+from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.integration.vector_field import InputFunction
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, matched_times
@@ -38,20 +38,14 @@ def simulate_law(
     times: ArrayLike,
     initial: "ArrayLike | Mapping[str, ArrayLike]",
     *,
-    method: str = "auto",
-    tolerance: float = 1e-8,
-    events: Sequence[Event] = (),
-    dense: bool = False,
-    sensitivities: bool = False,
-    doses: Mapping[str, Mapping[float, float]] | None = None,
-    inputs: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction] | None" = None,
+    tolerance: float,
+    doses: Mapping[str, Mapping[float, float]] | None,
+    inputs: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction] | None",
+    **options: Any,
 ) -> dict[str, Trajectory]:
     """Integrate a law for every object, see `Law.simulate`."""
     problems = initial_value_problems(law, times, initial, doses, inputs, tolerance)
-    found = simulate(
-        problems.values(), method=method, tolerance=tolerance, events=events, dense=dense, sensitivities=sensitivities
-    )
-    return dict(zip(problems, found, strict=True))
+    return dict(zip(problems, simulate(problems.values(), tolerance=tolerance, **options), strict=True))
 
 
 def initial_value_problems(

@@ -60,7 +60,13 @@ def matched(
     for kind, wanted, given in kinds:
         if wanted != given:
             raise CommonlawError("columns-differ", kind=kind, expected=wanted or ["none"], given=given or ["none"])
-    converted = with_doses(in_units(trials, _units(law, trials.schema)), schema.doses)
+    wider, explanation = law.provenance.with_discrepancy, law.uncertainty.explanation
+    used = {*schema.states, *schema.inputs, *(explanation.properties if explanation else ())}
+    used |= {*wider.schema.inputs} if wider else set()
+    used |= {start for start in schema.initial_values.values() if isinstance(start, str)}
+    units = {name: unit for name, unit in schema.units.items() if name in used}
+    units |= {trials.schema.time: schema.units[schema.time]} if schema.time in schema.units else {}
+    converted = with_doses(in_units(trials, units), schema.doses)
     return with_starts(converted, starts, schema.initial_time)
 
 
@@ -97,16 +103,6 @@ def matched_noise(law: Law, trials: Trials, noise: Mapping[str, float] | None) -
         turn = Conversion() if is_share else Conversion.between(name, given.units.get(name), own.units.get(name))
         result[name] = abs(turn.scale) * level
     return result
-
-
-def _units(law: Law, given: Schema) -> dict[str, str]:
-    """Return the units of what a law takes, properties among them, by the names that trials have for it."""
-    own, wider = measured_schema(law), law.provenance.with_discrepancy
-    used = {*own.states, *own.inputs, *(law.uncertainty.explanation.properties if law.uncertainty.explanation else ())}
-    used |= {*wider.schema.inputs} if wider else set()
-    used |= {start for start in own.initial_values.values() if isinstance(start, str)}
-    units = {name: unit for name, unit in own.units.items() if name in used}
-    return units | ({given.time: own.units[own.time]} if own.time in own.units else {})
 
 
 def with_parameters_of(other: Law, law: Law) -> Law:

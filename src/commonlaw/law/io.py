@@ -524,19 +524,15 @@ def law_file(law: Law, path: str) -> tuple[str, bytes]:
         if len(content) <= LARGEST_JSON:
             return path, content
         path += ".parquet"
-    return path, _as_parquet(law, document, path)
+    columns: dict[str, Any] = {_OBJECTS: law.objects}
+    rest = _without_objects(document, "", law.objects, columns)
+    check_size(path, len(law.objects), len(columns))
+    return path, parquet_bytes(columns, {_METADATA: json.dumps(rest).encode()})
 
 
 def decoded_file(content: bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
     """Return the law of a file, which may call these functions of Python."""
     return (_of_parquet if content.startswith(_PARQUET) else from_json)(content, functions)
-
-
-def _as_parquet(law: Law, document: dict[str, Any], path: str) -> bytes:
-    columns: dict[str, Any] = {_OBJECTS: law.objects}
-    rest = _without_objects(document, "", law.objects, columns)
-    check_size(path, len(law.objects), len(columns))
-    return parquet_bytes(columns, {_METADATA: json.dumps(rest).encode()})
 
 
 def _without_objects(value: Any, path: str, objects: Sequence[str], columns: dict[str, Any]) -> Any:

@@ -174,19 +174,14 @@ def _largest(function: Function, size: int, reach: float) -> float:
             point = radius * slope / length
         segment = before + np.linspace(0.0, 1.0, 5)[:, np.newaxis] * (point - before)
         values = function(segment)
-        end = _first_break(values)
+        far = np.abs(values) >= np.abs(values[0])
+        turned = (values[:-1] > 0) & (values[1:] < 0) & far[:-1]
+        breaks = np.flatnonzero(~np.isfinite(values[1:]) | turned) + 1
+        end = int(breaks[0]) if len(breaks) else None
         if end is not None:
             return _at_break(function, segment[end - 1], segment[end], max(largest, float(np.nanmax(values[:end]))))
         largest = max(largest, float(values.max()))
     return largest
-
-
-def _first_break(values: Floats) -> int | None:
-    """Return the first point at which a function has no value, or has changed its sign as it does at a pole."""
-    far = np.abs(values) >= np.abs(values[0])
-    turned = (values[:-1] > 0) & (values[1:] < 0) & far[:-1]
-    breaks = np.flatnonzero(~np.isfinite(values[1:]) | turned) + 1
-    return int(breaks[0]) if len(breaks) else None
 
 
 def _at_break(function: Function, inside: Floats, outside: Floats, largest: float) -> float:

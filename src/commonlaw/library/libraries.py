@@ -554,10 +554,6 @@ class AutoLibrary(AbstractLibrary):
         # Positions and velocities may be vectors
         if len(variables.states) >= 4:
             yield Offer(ParametricLibrary("central").parametric(variables))
-        yield Offer(self._families(variables))
-        yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
-
-    def _families(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         alone = [ParametricLibrary(name) for name in ("power", "reciprocal", "root", "sigmoid", "polar")]
         of_states = [ParametricLibrary(name, variables.states) for name in ("friction", "morse")]
         factors = [
@@ -566,7 +562,8 @@ class AutoLibrary(AbstractLibrary):
         ]
         driven = ParametricLibrary("periodic", (variables.time,))
         several = (*alone, *(PolynomialLibrary(1) * factor for factor in factors), *of_states, driven)
-        return tuple(dict.fromkeys(term for each in several for term in each.parametric(variables)))
+        yield Offer(tuple(dict.fromkeys(term for each in several for term in each.parametric(variables))))
+        yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
 
     @property
     def seeks_latent_states(self) -> bool:
