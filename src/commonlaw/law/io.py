@@ -525,7 +525,17 @@ def law_file(law: Law, path: str) -> tuple[str, bytes]:
             return path, content
         path += ".parquet"
     columns: dict[str, Any] = {_OBJECTS: law.objects}
-    rest = _without_objects(document, "", law.objects, columns)
+
+    def as_columns(key: str, each: dict[str, Any], name: str) -> dict[str, Any]:
+        if key == "properties":
+            kinds = list(dict.fromkeys(kind for own in each.values() for kind in own))
+            columns.update({f"{name}{kind}": [each.get(own, {}).get(kind) for own in law.objects] for kind in kinds})
+            return {"names": kinds}
+        array = np.array([each[own] for own in law.objects])
+        columns.update({_column(name, index): array[:, *index] for index in np.ndindex(*array.shape[1:])})
+        return {"shape": array.shape[1:]}
+
+    rest = _walked(document, "", as_columns)
     check_size(path, len(law.objects), len(columns))
     return path, parquet_bytes(columns, {_METADATA: json.dumps(rest).encode()})
 
@@ -535,27 +545,18 @@ def decoded_file(content: bytes, functions: Iterable[Callable[..., Any]] = ()) -
     return (_of_parquet if content.startswith(_PARQUET) else from_json)(content, functions)
 
 
-def _without_objects(value: Any, path: str, objects: Sequence[str], columns: dict[str, Any]) -> Any:
-    """Return a document without what is by object; that becomes columns, whose names begin with the path to it."""
+def _walked(value: Any, path: str, change: Callable[[str, dict[str, Any], str], Any]) -> Any:
+    """Return a document with what is by object changed, given its key and the path to it."""
     if isinstance(value, list):
-        return [_without_objects(each, f"{path}{i} ", objects, columns) for i, each in enumerate(value)]
+        return [_walked(each, f"{path}{i} ", change) for i, each in enumerate(value)]
     if not isinstance(value, dict):
         return value
-    rest = dict[str, Any]()
-    for key, each in value.items():
-        name = f"{path}{key} "
-        if key == "properties" and isinstance(each, dict):
-            rest[key] = {"names": list(dict.fromkeys(kind for own in each.values() for kind in own))}
-            columns |= {
-                f"{name}{kind}": [each.get(own, {}).get(kind) for own in objects] for kind in rest[key]["names"]
-            }
-        elif key in _BY_OBJECT and isinstance(each, dict):
-            array = np.array([each[own] for own in objects])
-            rest[key] = {"shape": array.shape[1:]}
-            columns |= {_column(name, index): array[:, *index] for index in np.ndindex(*array.shape[1:])}
-        else:
-            rest[key] = _without_objects(each, name, objects, columns)
-    return rest
+    return {
+        key: change(key, each, f"{path}{key} ")
+        if key in _BY_OBJECT and isinstance(each, dict)
+        else _walked(each, f"{path}{key} ", change)
+        for key, each in value.items()
+    }
 
 
 def _of_parquet(content: bytes, functions: Iterable[Callable[..., Any]]) -> Law:
@@ -563,39 +564,27 @@ def _of_parquet(content: bytes, functions: Iterable[Callable[..., Any]]) -> Law:
     if _METADATA not in metadata or _OBJECTS not in columns:
         raise CommonlawError("not-a-law-but-measurements")
     objects = columns[_OBJECTS]
+
+    def of_columns(key: str, each: dict[str, Any], name: str) -> dict[str, Any]:
+        if key != "properties":
+            return dict(zip(objects, _nested(each["shape"], name, len(objects), columns), strict=True))
+        cells = {kind: columns[f"{name}{kind}"] for kind in each["names"]}
+        return {
+            own: {kind: column[i] for kind, column in cells.items() if column[i] is not None}
+            for i, own in enumerate(objects)
+        }
+
     try:
         if len({*objects}) < len(objects):
             raise ValueError("an object stands in two rows")
         rest = read_json(metadata[_METADATA], dict[str, Any])
-        raw = _with_objects(rest, "", objects, columns)
+        raw = _walked(rest, "", of_columns)
     except KeyError as error:
         raise not_a_law(ValueError(f"it lacks {error}")) from None
     except (CommonlawError, TypeError, ValueError) as error:
         raise not_a_law(error) from None
     assert isinstance(raw, dict)
     return decode_document(raw, functions)
-
-
-def _with_objects(value: Any, path: str, objects: Sequence[str], columns: Mapping[str, list[Any]]) -> Any:
-    """Return a document with what is by object taken from columns again."""
-    if isinstance(value, list):
-        return [_with_objects(each, f"{path}{i} ", objects, columns) for i, each in enumerate(value)]
-    if not isinstance(value, dict):
-        return value
-    whole = dict[str, Any]()
-    for key, each in value.items():
-        name = f"{path}{key} "
-        if key == "properties" and isinstance(each, dict):
-            kinds = {kind: columns[f"{name}{kind}"] for kind in each["names"]}
-            cells = {own: {kind: kinds[kind][i] for kind in kinds} for i, own in enumerate(objects)}
-            whole[key] = {
-                own: {kind: cell for kind, cell in row.items() if cell is not None} for own, row in cells.items()
-            }
-        elif key in _BY_OBJECT and isinstance(each, dict):
-            whole[key] = dict(zip(objects, _nested(each["shape"], name, len(objects), columns), strict=True))
-        else:
-            whole[key] = _with_objects(each, name, objects, columns)
-    return whole
 
 
 def _nested(shape: list[int], name: str, rows: int, columns: Mapping[str, list[Any]]) -> list[Any]:
