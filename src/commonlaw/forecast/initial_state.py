@@ -97,41 +97,29 @@ def unit_of_errors(law: Law, noise: Floats, trial: Trial) -> Floats:
     return np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
 
 
-def filtered_start(law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise: Floats) -> FilteredStart | None:
-    """Return the states at the samples of a trial under a law with errors, at fixed coefficients.
+def _fitted_states(
+    law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise: Floats
+) -> tuple[TrajectoryModel, Estimate, float]:
+    """Return the states at the samples of a trial, from a guess of shape (k, D), under a law at fixed coefficients.
 
-    The guess has shape (k, D); None if the likelihood cannot be computed.
+    With them the model, and the last model error; raises `CommonlawError` if the states are not finite.
     """
     errors, own = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
     (mesh,) = meshes([trial], MESH_POINTS, len(trial))
-    (states,) = interpolate([guess], MESH_POINTS, len(trial))
-    if errors.walk is None:
-        unit = unit_of_errors(law, noise, trial)
-    else:
-        unit = errors.walk * np.sqrt(np.median(mesh.steps))
-    mesh, found = mesh.with_inputs(inputs), Estimate((states,), own)
-    model_errors = MODEL_ERRORS if errors.walk is None else (1.0,)
+    model_errors: tuple[float, ...] = MODEL_ERRORS
+    unit = unit_of_errors(law, noise, trial)
+    if errors.walk is not None:
+        unit, model_errors = errors.walk * np.sqrt(np.median(mesh.steps)), (1.0,)
+    mesh, found = mesh.with_inputs(inputs), Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), own)
     for _ in range(errors.rounds):
         white = errors.white_std(found.states[0][:, : len(noise)], with_typical(mesh.noise, noise)) * mesh.averaging
         mesh = replace(mesh, scale=white / noise)
         model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
         model, start = model.with_latent(errors.latent, replace(found, states=(found.states[0][:, : len(unit)],)))
         found = fit(model, start, np.zeros(own.shape, dtype=np.bool_), model_errors)
-    try:
-        (reduced,) = eliminate_states_of_meshes(model, found, law.support, model_errors[-1])
-        variances, last = reduced.state_covariances()
-    except NotPositiveError:
-        return None
     if not np.isfinite(found.objective):
-        return None
-    inner = slice(0, model.width)
-    return FilteredStart(
-        trial.times,
-        found.states[0][::MESH_POINTS, inner],
-        np.sqrt(variances[::MESH_POINTS, inner]),
-        last[inner, inner],
-        reduced.state_sensitivity[-1, inner],
-    )
+        raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
+    return model, found, model_errors[-1]
 
 
 def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> Floats:
@@ -260,31 +248,25 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     for name in unmeasured:
         states[:, law.schema.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
     guess = _curve(trial.times, states, with_rates(law.order, len(law.schema.states)))
-    if law.uncertainty.error_model:
-        filtered = filtered_start(law, trial, inputs, guess, noise)
-        if filtered is None:
-            raise _not_finite(trial)
-        return filtered
-    observation_model = ObservationModel(noise, HUBER_THRESHOLD)
-    (mesh,) = meshes([trial], MESH_POINTS, len(trial))
-    mesh = replace(mesh.with_inputs(inputs), scale=with_typical(mesh.noise, noise) * mesh.averaging / noise)
-    model = TrajectoryModel(law.terms, (mesh,), observation_model, unit_of_errors(law, noise, trial))
-    own = law.coefficients[object_index(law, trial.object)]
-    found = fit(
-        model,
-        Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), own),
-        np.zeros(own.shape, dtype=np.bool_),
-        MODEL_ERRORS,
+    model, found, model_error = _fitted_states(law, trial, inputs, guess, noise)
+    if not law.uncertainty.error_model:
+        start = found.states[0][0]
+        # At rest, with no scale of its own
+        start = np.where(np.abs(start) < np.finfo(float).eps * model.unit, 0.0, start)
+        return FittedInitialState(start, trial, model.observation)
+    try:
+        (reduced,) = eliminate_states_of_meshes(model, found, law.support, model_error)
+        variances, last = reduced.state_covariances()
+    except NotPositiveError:
+        raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial)) from None
+    inner = slice(0, model.width)
+    return FilteredStart(
+        trial.times,
+        found.states[0][::MESH_POINTS, inner],
+        np.sqrt(variances[::MESH_POINTS, inner]),
+        last[inner, inner],
+        reduced.state_sensitivity[-1, inner],
     )
-    if not np.isfinite(found.objective):
-        raise _not_finite(trial)
-    start = found.states[0][0]
-    start = np.where(np.abs(start) < np.finfo(float).eps * model.unit, 0.0, start)  # At rest, with no scale of its own
-    return FittedInitialState(start, trial, observation_model)
-
-
-def _not_finite(trial: Trial) -> CommonlawError:
-    return CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
 
 
 def can_fit_initial_state(law: Law) -> bool:
