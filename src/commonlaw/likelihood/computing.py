@@ -25,7 +25,7 @@ def fit(
     Free coefficients are those of `support`, shape (equations, terms). Model errors are standard deviations in each
     step, relative to the noise, from large to small; each has at most `steps` iterations.
     """
-    return _fit_each([model], [start], support, model_errors, steps)[0]
+    return fit_each([model], [start], support, model_errors, steps)[0]
 
 
 def linearize(
@@ -36,25 +36,41 @@ def linearize(
     Columns are the coefficients in `columns`, shape (equations, terms), by default all. Raises `NotPositiveError` if
     numbers are not finite, or too far apart.
     """
-    return _linearize_each([model], [estimate], model_error, columns)[0]
+    return linearize_each([model], [estimate], model_error, columns)[0]
 
 
 def fit_each(
-    models: Sequence[TrajectoryModel], starts: Sequence[Estimate], support: Bools, model_errors: Sequence[float]
+    models: Sequence[TrajectoryModel],
+    starts: Sequence[Estimate],
+    support: Bools,
+    model_errors: Sequence[float],
+    steps: int = 12,
 ) -> tuple[Estimate, ...]:
     """Return the estimate of largest likelihood of each of several objects, see `fit`."""
-    if threads_are_worthwhile(models):
-        return tuple(in_parallel(lambda model, start: fit(model, start, support, model_errors), models, starts))
-    return tuple(_fit_each(models, starts, support, model_errors))
+    if len(models) > 1 and threads_are_worthwhile(models):
+        return tuple(in_parallel(lambda model, start: fit(model, start, support, model_errors, steps), models, starts))
+    prepared = _compiled(models)
+    if prepared is not None:
+        return tuple(compiled.fit_each(prepared[0], models, prepared[1], starts, support, model_errors, steps))
+    pairs = zip(models, starts, strict=True)
+    return tuple(fitting.fit(model, start, support, model_errors, steps) for model, start in pairs)
 
 
 def linearize_each(
-    models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], model_error: float
+    models: Sequence[TrajectoryModel],
+    estimates: Sequence[Estimate],
+    model_error: float,
+    columns: Bools | None = None,
 ) -> list[Linearization]:
     """Return the linearized likelihood of each of several objects, see `linearize`."""
-    if threads_are_worthwhile(models):
-        return in_parallel(lambda model, estimate: linearize(model, estimate, model_error), models, estimates)
-    return _linearize_each(models, estimates, model_error, None)
+    if len(models) > 1 and threads_are_worthwhile(models):
+        return in_parallel(lambda model, estimate: linearize(model, estimate, model_error, columns), models, estimates)
+    prepared = _compiled(models)
+    if prepared is not None:
+        free = _free(estimates[0], columns)
+        return compiled.linearize_each(prepared[0], models, prepared[1], estimates, model_error, free)
+    pairs = zip(models, estimates, strict=True)
+    return [linearization.linearize(model, estimate, model_error, columns) for model, estimate in pairs]
 
 
 def whitened(
@@ -75,34 +91,6 @@ def threads_are_worthwhile(models: Sequence[TrajectoryModel]) -> bool:
     """Return whether one linearization of these objects takes milliseconds, so that threads pay off."""
     points = sum(len(mesh) for model in models for mesh in model.meshes)
     return points * models[0].equations * len(models[0].terms) > 50_000
-
-
-def _fit_each(
-    models: Sequence[TrajectoryModel],
-    starts: Sequence[Estimate],
-    support: Bools,
-    model_errors: Sequence[float],
-    steps: int = 12,
-) -> list[Estimate]:
-    prepared = _compiled(models)
-    if prepared is not None:
-        library, structures = prepared
-        return compiled.fit_each(library, models, structures, starts, support, model_errors, steps)
-    pairs = zip(models, starts, strict=True)
-    return [fitting.fit(model, start, support, model_errors, steps) for model, start in pairs]
-
-
-def _linearize_each(
-    models: Sequence[TrajectoryModel], estimates: Sequence[Estimate], model_error: float, columns: Bools | None
-) -> list[Linearization]:
-    prepared = _compiled(models)
-    if prepared is not None:
-        library, structures = prepared
-        return compiled.linearize_each(
-            library, models, structures, estimates, model_error, _free(estimates[0], columns)
-        )
-    pairs = zip(models, estimates, strict=True)
-    return [linearization.linearize(model, estimate, model_error, columns) for model, estimate in pairs]
 
 
 def _free(estimate: Estimate, columns: Bools | None) -> Bools:
