@@ -202,8 +202,8 @@ def _described(fitted: FunctionFit, basis: SmoothBasis, names: list[str], column
     rows = fitted.rows
     factors, _, _, _ = np.linalg.lstsq(columns, rows.target, rcond=None)
     squares = np.array(rows.rest + np.sum((rows.target - columns @ factors) ** 2))
-    price = len(names) * np.log(rows.numbers)
-    value = float(rows.deviance(squares, fitted.noise_measurements)) + price
+    penalty = len(names) * np.log(rows.numbers)
+    value = float(rows.deviance(squares, fitted.noise_measurements)) + penalty
     variance = float(rows.variance(squares, fitted.noise_measurements))
     errors = np.sqrt(variance) * np.linalg.norm(np.linalg.pinv(columns), axis=1)
     of = basis.coordinate if basis.coordinate.isidentifier() else f"({basis.coordinate})"

@@ -187,7 +187,7 @@ class FunctionModel:
 class FunctionFit:
     """Trajectories at one model error, relative to the noise, and the posterior about them.
 
-    The first estimate of the noise counts as so many measurements; the price is the penalty of the model error, and the
+    The first estimate of the noise counts as so many measurements; the penalty is that of the model error, and the
     deviance is what the measurements are off the trajectories, in units of the noise. Trajectories of observed laws
     follow from the posterior, and have no estimates.
     """
@@ -198,13 +198,13 @@ class FunctionFit:
     rows: SharedRows
     noise_measurements: float
     posterior: Posterior
-    price: float
+    penalty: float
     deviance: float
 
     @property
     def value(self) -> float:
         """Minus twice the log-evidence, but for a constant."""
-        return self.posterior.value + self.price
+        return self.posterior.value + self.penalty
 
     @property
     def has_model_error(self) -> bool:
@@ -275,10 +275,10 @@ def fit_about(
     numbers = max(sum(problem.measured) - starts - own * len(factors), 1)
     worth = np.inf if problem.noise_given else NOISE_MEASUREMENTS * len(problem.noise)
     rows = SharedRows.of(factors, own, numbers, constant)
-    price = float(np.log(sum(problem.measured))) if model_error else 0.0
+    penalty = float(np.log(sum(problem.measured))) if model_error else 0.0
     found = posterior(rows, model.factors, model.size, worth)
     deviance = sum(estimate.deviance for estimate in estimates)
-    return FunctionFit(model, estimates, model_error, rows, worth, found, price, deviance)
+    return FunctionFit(model, estimates, model_error, rows, worth, found, penalty, deviance)
 
 
 def best(found: Sequence[FunctionFit]) -> FunctionFit:

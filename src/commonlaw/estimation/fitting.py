@@ -273,14 +273,14 @@ class Beginning:
             maximize, self.problem, self.first, self.guessed, self.bounds, None, seed, progress, draws=draws
         )
         optimum = search(shares=EVENT_SHARES if self.problem.events_move and draws > 1 else (1.0,))
-        lacking = self._lack_of_fit(optimum)
-        if draws > 1 and lacking:
+        lack_of_fit = self._lack_of_fit(optimum)
+        if draws > 1 and lack_of_fit:
             optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood)
-            lacking = self._lack_of_fit(optimum)
+            lack_of_fit = self._lack_of_fit(optimum)
         lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
         if len(lost):
             raise CommonlawError("parameters-not-identified", names=[self.unknowns.labels[i] for i in lost[:8]])
-        return Fitted(self, optimum, lacking)
+        return Fitted(self, optimum, lack_of_fit)
 
     def _lack_of_fit(self, optimum: Optimum) -> list[str]:
         """Return the quantities whose residuals exceed the noise by differences of neighbouring samples, with both.

@@ -458,8 +458,8 @@ def _inverse(slopes: Floats) -> Floats:
         return np.zeros((0, 0))
     scale = np.sqrt(np.sum(slopes**2, axis=0))
     scale = np.where(scale == 0, 1.0, scale)
-    lacking = max(0, len(scale) - len(slopes))
-    _, sizes, turned = np.linalg.svd(np.pad(slopes / scale, ((0, lacking), (0, 0))), full_matrices=False)
+    missing = max(0, len(scale) - len(slopes))
+    _, sizes, turned = np.linalg.svd(np.pad(slopes / scale, ((0, missing), (0, 0))), full_matrices=False)
     least = np.finfo(float).eps * len(slopes) * 10
     with np.errstate(divide="ignore"):
         inverse = np.where(sizes > least * sizes.max(initial=0.0), 1 / sizes**2, np.inf)

@@ -122,13 +122,13 @@ def design(
     plausible = _plausible([law] if isinstance(law, Law) else list(law))
     first, prior = plausible[0].law, np.array([each.probability for each in plausible])
     settings = Settings.of(first, vary or {}, usual(first, trials) if trials is not None else {})
-    prices = {"trial": 1.0} if cost is None else cost
-    priced = [name for name in settings.options if name not in ("object", "times", "repeats")]
-    priced = ["trial", "sample", "duration", *priced, *first.objects]
-    for name, price in prices.items():
-        if name not in priced:
-            raise unknown("price", name, dict.fromkeys(priced))
-        check_amount(f"the price of {name} is", price)
+    unit_costs = {"trial": 1.0} if cost is None else cost
+    chargeable = [name for name in settings.options if name not in ("object", "times", "repeats")]
+    chargeable = ["trial", "sample", "duration", *chargeable, *first.objects]
+    for name, unit_cost in unit_costs.items():
+        if name not in chargeable:
+            raise unknown("price", name, dict.fromkeys(chargeable))
+        check_amount(f"the price of {name} is", unit_cost)
     hypotheses = tuple(Hypothesis.of(each.law, settings.objects) for each in plausible)
     aim = Aim.of(about, prior, hypotheses)
     known = start_std or {}
@@ -149,9 +149,8 @@ def design(
             if name in visited and min(values) < max(values):
                 found[name] = Range(min(values), max(values))
         limits = found | limits
-    search = Search(first, hypotheses, aim, settings, limits, prices, known, seed, points)
+    search = Search(first, hypotheses, aim, settings, limits, unit_costs, known, seed, points)
     chosen = search.chosen(experiments, budget, on_terminal() if progress is None else progress)
-    in_doubt = len(plausible) > 1
     steps = [search.evidence(chosen[: i + 1]) for i in range(len(chosen))]
     repeats = search.repeats(chosen) if aim.of_law else None
     return Design(
@@ -160,9 +159,9 @@ def design(
             Planned(
                 each.experiment,
                 each.experiment.described(first),
-                evidence.chance(prior) if evidence and in_doubt else 1.0,
-                aim.bits(evidence) if evidence else 0.0,
-                aim.quantity.expected_std(prior, evidence) if evidence and aim.quantity else None,
+                evidence.chance(prior) if len(plausible) > 1 else 1.0,
+                aim.bits(evidence),
+                aim.quantity.expected_std(prior, evidence) if aim.quantity else None,
                 Forecasts.of(each.experiment, hypotheses),
             )
             for each, evidence in zip(chosen, steps, strict=True)
@@ -174,10 +173,8 @@ def design(
     )
 
 
-def _gains(law: Law, hypotheses: Sequence[Hypothesis], prior: Floats, evidence: Evidence | None) -> tuple[Gain, ...]:
+def _gains(law: Law, hypotheses: Sequence[Hypothesis], prior: Floats, evidence: Evidence) -> tuple[Gain, ...]:
     """Return what is expected to be gained of each coefficient, the largest share first."""
-    if evidence is None:
-        return ()
     units = [unit or "" for unit in named_parameters(law).units for _ in hypotheses[0].objects]
     result = [
         Gain(each.name, unit, each.std(prior), each.expected_std(prior, evidence))

@@ -99,9 +99,9 @@ class Settings:
                     if not properties:
                         raise CommonlawError("setting-without-properties", name=name)
                     raise CommonlawError("setting-not-a-property", name=name, properties=properties)
-            lacking = [f"object.{attribute}" for attribute in properties if f"object.{attribute}" not in options]
-            if lacking:
-                raise CommonlawError("setting-properties-missing", properties=lacking)
+            missing = [f"object.{attribute}" for attribute in properties if f"object.{attribute}" not in options]
+            if missing:
+                raise CommonlawError("setting-properties-missing", properties=missing)
             objects = _some(law.objects)
         else:
             named = tuple(dict.fromkeys(_words_of(options.get("object", law.objects))))
@@ -235,15 +235,15 @@ def _some(names: tuple[str, ...]) -> tuple[str, ...]:
 def _check_complete(options: Mapping[str, Options], law: Law) -> None:
     """Refuse settings that leave open what every experiment needs, or have values that it cannot have."""
     known, schema = {*options, *given_starts(law)}, measured_schema(law)
-    lacking = [name for name in (*law.terms.variables.states, *schema.inputs) if name not in known]
+    missing = [name for name in (*law.terms.variables.states, *schema.inputs) if name not in known]
     if "times" not in options:
-        lacking += [name for name in ("duration",) if name not in options]
-        lacking += ["rate"] if not {"rate", "samples"} & {*options} else []
-    if lacking:
+        missing += [name for name in ("duration",) if name not in options]
+        missing += ["rate"] if not {"rate", "samples"} & {*options} else []
+    if missing:
         visited = law.provenance.domain.visited
         shown = {"duration": "1..5", "rate": "10..100"}
-        shown |= {name: f"{visited[name][0]:.3g}..{visited[name][1]:.3g}" for name in lacking if name in visited}
-        ways = ", ".join(f"{name}={shown.get(name, '0..1')}" for name in lacking)
+        shown |= {name: f"{visited[name][0]:.3g}..{visited[name][1]:.3g}" for name in missing if name in visited}
+        ways = ", ".join(f"{name}={shown.get(name, '0..1')}" for name in missing)
         raise CommonlawError("setting-missing", settings=ways)
     above = {"duration": 0.0, "rate": 0.0, "samples": 1.0, "repeats": 0.0}
     above |= {f"{name}.every": 0.0 for name in schema.doses}
@@ -288,7 +288,7 @@ class Experiment:
         Of a new object.
     repeats
         How often every trial is made.
-    prices
+    unit_costs
         Of a ``trial``, a ``sample``, a unit of any numeric setting, and a trial of an object by its name.
     """
 
@@ -300,7 +300,7 @@ class Experiment:
     inputs: Inputs | None
     properties: Mapping[str, float]
     repeats: int
-    prices: Mapping[str, float]
+    unit_costs: Mapping[str, float]
 
     @classmethod
     def of(
@@ -308,10 +308,10 @@ class Experiment:
         law: Law,
         every: tuple[str, ...],
         settings: Mapping[str, Value],
-        prices: Mapping[str, float],
+        unit_costs: Mapping[str, float],
         start_std: Mapping[str, float] | None = None,
     ) -> "Experiment":
-        """Return the experiment with these settings, prices and standard deviations of initial conditions."""
+        """Return the experiment with these settings, unit_costs and standard deviations of initial conditions."""
         times = _times(settings)
         properties = {name.removeprefix("object."): _number(settings, name) for name in settings if "object." in name}
         chosen = str(settings.get("object", NEW))
@@ -326,7 +326,7 @@ class Experiment:
         elif names:
             columns = np.column_stack([_course(settings, name, times) for name in names])
             inputs = Inputs.of(times, columns, measured_schema(law).input_interpolation)
-        return cls(dict(settings), objects, times, start, known, inputs, properties, repeats, prices)
+        return cls(dict(settings), objects, times, start, known, inputs, properties, repeats, unit_costs)
 
     def until(self, time: float) -> "Experiment":
         """Return the same with the samples up to a time, of which two stay."""
@@ -342,8 +342,8 @@ class Experiment:
         """What all of its trials cost."""
         numbers = {name: own for name, own in self.settings.items() if isinstance(own, float) and name != "repeats"}
         numbers |= {"trial": 1.0, "sample": len(self.times), "duration": float(self.times[-1] - self.times[0])}
-        each = sum(self.prices.get(name, 0.0) * abs(own) for name, own in numbers.items())
-        return self.repeats * sum(each + self.prices.get(name, 0.0) for name in self.objects)
+        each = sum(self.unit_costs.get(name, 0.0) * abs(own) for name, own in numbers.items())
+        return self.repeats * sum(each + self.unit_costs.get(name, 0.0) for name in self.objects)
 
     def described(self, law: Law) -> str:
         """Return the experiment in plain words."""

@@ -206,7 +206,7 @@ class Design(ShownInNotebooks):
         few = len(self.experiments) == 1
         lines += ["Most informative next experiment:" if few else "Most informative next experiments:"]
         costs = [f": cost {experiment.experiment.cost:.4g}" for experiment in self.experiments]
-        costs = [""] * len(costs) if {*costs} == {": cost 1"} else costs  # Without prices all cost the same
+        costs = [""] * len(costs) if {*costs} == {": cost 1"} else costs  # Without unit costs all cost the same
         texts = [f"{experiment.text}{cost}" for experiment, cost in zip(self.experiments, costs, strict=True)]
         lines += [f"  {i}. {text}" for i, text in enumerate(texts, 1)]
         return "\n".join([*lines, "", *self.sentences])

@@ -68,8 +68,8 @@ Chosen = Sequence[Candidate | None]
 class Search:
     """All that experiments are chosen by.
 
-    For `settings`, `limits` of states and rates, where trials end, `prices` and `start_std` see `design`. The seed is
-    that of the draws and of the places that are examined, `points` all over the ranges, besides their corners.
+    For `settings`, `limits` of states and rates, where trials end, `unit_costs` and `start_std` see `design`. The seed
+    is that of the draws and of the places that are examined, `points` all over the ranges, besides their corners.
     """
 
     law: Law
@@ -77,7 +77,7 @@ class Search:
     aim: Aim
     settings: Settings
     limits: Mapping[str, Range]
-    prices: Mapping[str, float]
+    unit_costs: Mapping[str, float]
     start_std: Mapping[str, float]
     seed: int
     points: int = POINTS
@@ -125,12 +125,13 @@ class Search:
         In place of a first one its cost counts only as a limit.
         """
         place = chosen.index(None)
-        others = {draws: self.evidence(chosen, draws) for draws in (_MIN_DRAWS, _DRAWS)}
+        evidences = {draws: self._evidences(chosen, draws) for draws in (_MIN_DRAWS, _DRAWS)}
+        others = {draws: [_sum(found)] if found else [] for draws, found in evidences.items()}
 
         def worth(each: Candidate) -> float:
             draws = each.simulated or _DRAWS
             base, own = others[draws], self._evidence_of(each, draws, place)
-            bits = self.aim.bits(base + own) - self.aim.bits(base) if base else self.aim.bits(own)
+            bits = self.aim.bits(_sum([*base, own])) - (self.aim.bits(base[0]) if base else 0.0)
             return bits if first else bits / (each.experiment.cost or 1.0)
 
         enough = 1 + MIN_RELATIVE_GAIN if self.aim.of_law else 1.0
@@ -157,7 +158,7 @@ class Search:
     def candidates(self, points: Floats) -> list[Candidate]:
         """Return the experiments at points of the settings, but those in which a hypothesis diverges."""
         experiments = [
-            Experiment.of(self.law, self.settings.objects, self.settings.at(point), self.prices, self.start_std)
+            Experiment.of(self.law, self.settings.objects, self.settings.at(point), self.unit_costs, self.start_std)
             for point in points
         ]
         experiments = self.hypotheses[0].within(experiments, self.limits)
@@ -180,13 +181,11 @@ class Search:
 
     def chance(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> float:
         """Return how probable it is that the right law is the most probable after these experiments."""
-        found = self.evidence(chosen, draws)
-        return float(self.aim.prior.max()) if found is None else found.chance(self.aim.prior)
+        return self.evidence(chosen, draws).chance(self.aim.prior)
 
-    def evidence(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> Evidence | None:
-        """Return what experiments say together; nothing if there is none."""
-        found = self._evidences(chosen, draws)
-        return _sum(found) if found else None
+    def evidence(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> Evidence:
+        """Return what experiments, one or more, say together."""
+        return _sum(self._evidences(chosen, draws))
 
     def _evidences(self, chosen: Chosen, draws: int) -> list[Evidence]:
         return [self._evidence_of(each, draws, place) for place, each in enumerate(chosen) if each is not None]

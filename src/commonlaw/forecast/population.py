@@ -99,10 +99,10 @@ def _by_pooled(law: Law) -> Law:
 
 def is_typical(law: Law, name: str, trials: Trials) -> bool:
     """Whether a law takes an object for the typical one: it does not know it, nor what relations take."""
-    return name not in law.objects and (law.uncertainty.explanation is None or bool(_lacking(law, name, trials)))
+    return name not in law.objects and (law.uncertainty.explanation is None or bool(_unknown(law, name, trials)))
 
 
-def _lacking(law: Law, name: str, trials: Trials) -> list[str]:
+def _unknown(law: Law, name: str, trials: Trials) -> list[str]:
     values = trials.properties.get(name, {})
     wanted = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
     return [each for each in wanted if not isinstance(values.get(each), float)]
@@ -111,8 +111,8 @@ def _lacking(law: Law, name: str, trials: Trials) -> list[str]:
 def _drawn(law: Law, name: str, trials: Trials) -> Population:
     """Return what is known of the coefficients of an object that the law has not seen."""
     if is_typical(law, name, trials):
-        lacking = _lacking(law, name, trials)
-        why = f", as its {' and '.join(lacking)} is not known" if lacking else ""
+        missing = _unknown(law, name, trials)
+        why = f", as its {' and '.join(missing)} is not known" if missing else ""
         return _typical(law, f"{name} is not in the law: it has the mean coefficients of the others{why}")
     explanation, values = law.uncertainty.explanation, trials.properties.get(name, {})
     assert explanation is not None

@@ -45,7 +45,7 @@ class RelationChoice:
     """A relation of one coefficient, with the model that follows from it; properties are indices in the table.
 
     `score` is the logarithm of prior times evidence, but for what all relations share; `gain` its lead over
-    object-specific coefficients, and `log_price` the part of the score that is not the evidence of its model: prior,
+    object-specific coefficients, and `log_weight` the part of the score that is not the evidence of its model: prior,
     and possible scatters.
     """
 
@@ -58,7 +58,7 @@ class RelationChoice:
     score: float
     probability: float = 1.0
     gain: float = 0.0
-    log_price: float = 0.0
+    log_weight: float = 0.0
 
     @property
     def form(self) -> tuple[object, ...]:
@@ -94,8 +94,8 @@ class RelationComparison:
         chosen = max(own, key=lambda each: each.score)
         probability = float(np.exp(score - np.logaddexp.reduce(list(totals.values()))))
         each_its_own = _total([each for each in every if each.kind is RelationKind.OWN])
-        price = chosen.score - float(self._evidence(chosen.model.alone)[0])
-        return replace(chosen, probability=probability, gain=totals[best] - each_its_own, log_price=price)
+        weight = chosen.score - float(self._evidence(chosen.model.alone)[0])
+        return replace(chosen, probability=probability, gain=totals[best] - each_its_own, log_weight=weight)
 
     @cached_property
     def _points(self) -> Floats:
@@ -328,7 +328,7 @@ def _score(own: Estimates, choices: Sequence[RelationChoice]) -> float:
     measured, _ = _pointed(own, models)
     logs = np.array([model.in_logs for model in models])
     density = JointModel.of(measured, models).log_evidence(np.concatenate([model.precision for model in models]))
-    return density - float(np.log(abs(measured.points[:, logs])).sum()) + sum(choice.log_price for choice in choices)
+    return density - float(np.log(abs(measured.points[:, logs])).sum()) + sum(choice.log_weight for choice in choices)
 
 
 def _pointed(own: Estimates, models: Sequence[CoefficientModel]) -> tuple[Estimates, Floats]:

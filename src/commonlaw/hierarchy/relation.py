@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _MAX_BITS = (9, 12, 10)
-"""Largest price of the exponents of one, of two and of three properties together; more properties are not tried."""
+"""Largest cost in bits of the exponents of one, two and three properties together; more properties are not tried."""
 
 MAX_DENOMINATOR = 4
 """Of exponents."""
@@ -48,8 +48,8 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
     properties share one probability, whichever these are: the more properties are offered, the less probable is each.
     """
     found = {Fraction(p, q) for q in range(1, MAX_DENOMINATOR + 1) for p in range(1, 4 * q + 1)}
-    priced = [(each.numerator + each.denominator, float(each)) for each in sorted(found)]
-    signed = [(bits, sign * value) for bits, value in priced if bits <= _MAX_BITS[0] for sign in (1, -1)]
+    costs = [(each.numerator + each.denominator, float(each)) for each in sorted(found)]
+    signed = [(bits, sign * value) for bits, value in costs if bits <= _MAX_BITS[0] for sign in (1, -1)]
     bits, values = np.array(signed).T
     norm = np.log2(np.sum(2.0**-bits))
     exponents, log_prior = [np.empty((0, properties))], [np.empty(0)]
@@ -57,8 +57,8 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
         limit = _MAX_BITS[size - 1]
         few = bits <= limit - 2 * (size - 1)
         indices = np.array(list(product(np.flatnonzero(few), repeat=size)))
-        price = bits[indices].sum(axis=1)
-        indices, price = indices[price <= limit], price[price <= limit]
+        cost = bits[indices].sum(axis=1)
+        indices, cost = indices[cost <= limit], cost[cost <= limit]
         chosen = list(combinations(range(properties), size))
         if len(chosen) * len(indices) > 200_000:  # Three of more than ten properties, or two of more than 25
             break
@@ -66,7 +66,7 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
             own = np.zeros((len(indices), properties))
             own[:, columns] = values[indices]
             exponents.append(own)
-            log_prior.append(np.log(2) * -(price + size * norm) + (size - 1) * np.log(ONE_MORE) - np.log(len(chosen)))
+            log_prior.append(np.log(2) * -(cost + size * norm) + (size - 1) * np.log(ONE_MORE) - np.log(len(chosen)))
     weights = np.concatenate(log_prior)
     total = np.logaddexp.reduce(weights) if len(weights) else 0.0
     return ExponentSets(np.concatenate(exponents), weights - total)

@@ -49,8 +49,8 @@ def matched(
     schema = measured_schema(law)
     trials = without_states(without_rates(trials, schema.rates), law.provenance.domain.constant)
     known = property_names(trials.properties)
-    lacking = [name for name in schema.inputs if name not in trials.schema.inputs]
-    trials = with_property_inputs(trials, [name for name in lacking if name in known])
+    missing = [name for name in schema.inputs if name not in trials.schema.inputs]
+    trials = with_property_inputs(trials, [name for name in missing if name in known])
     if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
         trials = without_objects(trials, tuple(name for name in objects_at_rest(trials) if name in resting))
     starts = {name: start for name, start in schema.initial_values.items() if name not in trials.schema.states}

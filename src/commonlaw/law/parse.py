@@ -301,8 +301,8 @@ def stated_law(
     for name in parameters:
         given_values = values[name]
         numbers = given_values if isinstance(given_values, Mapping) else dict.fromkeys(objects, given_values)
-        if lacking := [each for each in objects if each not in numbers]:
-            raise CommonlawError("parameter-value-of-objects", name=name, objects=lacking)
+        if missing := [each for each in objects if each not in numbers]:
+            raise CommonlawError("parameter-value-of-objects", name=name, objects=missing)
         own[name] = np.array([numbers[each] for each in objects], dtype=np.float64)
     for product in given.products:
         coefficients[:, product.equation, product.term] = product.value(own)
