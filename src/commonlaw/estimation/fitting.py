@@ -630,7 +630,12 @@ class Fitted:
                 whole[product.equation, product.term] = float(product.value(values))
         support = np.any(coefficients != 0, axis=0)
         covariance, shared = _covariance(model, trials, unknowns, optimum, products, support)
-        noise = dict(zip(problem.model.observables, _typical_noise(problem, optimum).tolist(), strict=True))
+        levels = optimum.noise.copy()
+        for k in np.flatnonzero(problem.known_noise):  # Where each measurement has its own, the median
+            of_each = np.concatenate([(data.trial.std(levels) / data.trial.averaging)[:, k] for data in problem.trials])
+            known_each = np.concatenate([np.isfinite(data.trial.noise[:, k]) for data in problem.trials])
+            levels[k] = np.median(of_each[known_each])
+        noise = dict(zip(problem.model.observables, levels.tolist(), strict=True))
         noise_of = {
             name: {owner: noise[f"{name} of {group}"] for owner, group in own.items()} for name, own in groups.items()
         }
@@ -732,16 +737,6 @@ def _differing_trials(fitted: Fitted) -> list[str]:
         if factors:
             p_values[owner] = heterogeneity_p_value(factors, measurements)
     return [owner for owner, each in p_values.items() if each < HETEROGENEITY_LEVEL / len(p_values)]
-
-
-def _typical_noise(problem: Problem, optimum: Optimum) -> Floats:
-    """Return the noise of each observable, the median where each measurement has its own, shape (m,)."""
-    result = optimum.noise.copy()
-    for k in np.flatnonzero(problem.known_noise):
-        own = np.concatenate([(trial.trial.std(result) / trial.trial.averaging)[:, k] for trial in problem.trials])
-        seen = np.concatenate([np.isfinite(trial.trial.noise[:, k]) for trial in problem.trials])
-        result[k] = np.median(own[seen])
-    return result
 
 
 def _values(model: Model, unknowns: Unknowns, found: Floats, trials: Trials, owner: str) -> dict[str, Floats]:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.array_types import Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialData
@@ -267,7 +267,12 @@ class _Curve:
         place = {index: k for k, index in enumerate(free)}
         indices = [place.get(index, -1) for index in range(count + model.width)]
         whole = TrialData.of(trial, model, observation.initial_time, indices[:count], values.tolist(), indices[count:])
-        used = _used(trial, start, from_time)
+        used = np.asarray((np.isfinite(trial.states) | np.isfinite(trial.below)).any(axis=1))
+        if from_time is not None:
+            used = used & (trial.times < from_time)
+        if start is not None and start != "all":
+            numbers = np.flatnonzero(used)
+            used = np.isin(np.arange(len(trial)), numbers[-start:] if from_time is not None else numbers[:start])
         if free and not used.any():
             raise CommonlawError("trial-without-samples", trial=trial.label)
         seen = whole.seen(used) if used.any() else whole
@@ -314,17 +319,6 @@ class _Curve:
             variance = np.einsum("nmp,pq,nmq->nm", by_parameters, self.parameter_covariance, by_parameters)
             variance += np.einsum("nmp,pq,nmq->nm", by_initial, self.covariance, by_initial)
             return found.values, np.sqrt(np.maximum(variance, 0.0)), found.states, found.is_endless
-
-
-def _used(trial: Trial, start: int | Literal["all"] | None, from_time: float | None) -> Bools:
-    """Return which samples determine initial values, shape (n,)."""
-    used = (np.isfinite(trial.states) | np.isfinite(trial.below)).any(axis=1)
-    if from_time is not None:
-        used = used & (trial.times < from_time)
-    if start is not None and start != "all":
-        rows = np.flatnonzero(used)
-        used = np.isin(np.arange(len(trial)), rows[-start:] if from_time is not None else rows[:start])
-    return np.asarray(used)
 
 
 def simulate_observed(

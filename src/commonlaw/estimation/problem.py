@@ -151,7 +151,21 @@ class Problem:
         start_by = np.hstack([model.starts.jacobian(unit)[0][:, first:], np.eye(width)]) if slopes else None
         if model.steady:
             initial, start_by = self._steady(data, parameters, initial, start_by)
-        solution = self._solution(data, parameters, initial, slopes)
+        if np.isfinite(initial).all() and np.isfinite(parameters).all():
+            solution = shoot(
+                model.switched,
+                parameters,
+                initial,
+                data.times,
+                self.sizes,
+                data.inputs,
+                derivatives=slopes,
+                tolerance=self.tolerance,
+            )
+        else:
+            shape = len(data.times), width
+            wide = np.full((*shape, count + width), np.nan) if slopes else None
+            solution = Solution(np.full(shape, np.nan), wide)
         states = solution.states[data.rows]
         times = data.times[data.rows]
         point = model.point(states, data.inputs.at(times, parameters), times, parameters)
@@ -224,22 +238,6 @@ class Problem:
         right[:, :count] += jacobian[:, columns] @ model.before.jacobian(unit)[0, given, first : first + count]
         result[own] = -np.linalg.solve(jacobian[:, own], right)
         return result
-
-    def _solution(self, data: TrialData, parameters: Floats, initial: Floats, slopes: bool) -> Solution:
-        if not np.isfinite(initial).all() or not np.isfinite(parameters).all():
-            shape = len(data.times), len(initial)
-            wide = np.full((*shape, len(parameters) + len(initial)), np.nan) if slopes else None
-            return Solution(np.full(shape, np.nan), wide)
-        return shoot(
-            self.model.switched,
-            parameters,
-            initial,
-            data.times,
-            self.sizes,
-            data.inputs,
-            derivatives=slopes,
-            tolerance=self.tolerance,
-        )
 
     @cached_property
     def events_move(self) -> bool:

@@ -145,7 +145,9 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
         gaps = np.stack([unknowns - bounds.low, bounds.high - unknowns])
         gradient = objective.jacobian(unknowns).T @ objective.residuals(unknowns)
         size = np.minimum(np.abs(unknowns), bounds.high - bounds.low)
-        near = gaps <= np.maximum(1e-3 * size, _reach(objective, unknowns))
+        with np.errstate(divide="ignore"):  # So near to a bound there is no difference to the residuals
+            reach = np.minimum(1e-3 / np.sqrt(np.sum(objective.jacobian(unknowns) ** 2, axis=0)), 1e300)
+        near = gaps <= np.maximum(1e-3 * size, reach)
         held |= (near[0] & (gradient > 0)) | (near[1] & (gradient < 0))
         start = np.where(held, np.where(gaps[0] <= gaps[1], bounds.low, bounds.high), unknowns)
         free = ~held
@@ -204,13 +206,6 @@ def _by_levenberg_marquardt(objective: _Objective, start: Floats, free: Bools, l
     except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
         return start
     return whole(found.x) if 2 * found.cost <= float(before @ before) else start
-
-
-def _reach(objective: _Objective, unknowns: Floats) -> Floats:
-    """Return how far each unknown may be from a bound without a difference to the residuals, shape (p,)."""
-    size = np.sqrt(np.sum(objective.jacobian(unknowns) ** 2, axis=0))
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.minimum(1e-3 / size, 1e300))
 
 
 def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Floats:

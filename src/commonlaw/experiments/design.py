@@ -18,7 +18,6 @@ from commonlaw.experiments.experiment import (
     read,
     rounded_to,
 )
-from commonlaw.experiments.gaussian import Evidence
 from commonlaw.experiments.plan import Design, Forecasts, Gain, Planned
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, SETTLED, Search
@@ -153,6 +152,11 @@ def design(
     chosen = search.chosen(experiments, budget, on_terminal() if progress is None else progress)
     steps = [search.evidence(chosen[: i + 1]) for i in range(len(chosen))]
     repeats = search.repeats(chosen) if aim.of_law else None
+    units = [unit or "" for unit in named_parameters(first).units for _ in hypotheses[0].objects]
+    gains = [
+        Gain(each.name, unit, each.std(prior), each.expected_std(prior, steps[-1]))
+        for each, unit in zip(coefficients(hypotheses), units, strict=True)
+    ]
     return Design(
         plausible,
         tuple(
@@ -169,18 +173,8 @@ def design(
         repeats,
         search.limit(chosen) if aim.of_law and repeats is None else None,
         aim,
-        _gains(first, hypotheses, prior, steps[-1]),
+        tuple(sorted(gains, key=lambda each: each.then / each.now if each.now > 0 else 1.0)),
     )
-
-
-def _gains(law: Law, hypotheses: Sequence[Hypothesis], prior: Floats, evidence: Evidence) -> tuple[Gain, ...]:
-    """Return what is expected to be gained of each coefficient, the largest share first."""
-    units = [unit or "" for unit in named_parameters(law).units for _ in hypotheses[0].objects]
-    result = [
-        Gain(each.name, unit, each.std(prior), each.expected_std(prior, evidence))
-        for each, unit in zip(coefficients(hypotheses), units, strict=True)
-    ]
-    return tuple(sorted(result, key=lambda each: each.then / each.now if each.now > 0 else 1.0))
 
 
 def usual(law: Law, trials: Trials) -> dict[str, Options]:
@@ -262,25 +256,20 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> dict[str, Design]:
     }
     vary: dict[str, Options] = {**usual(law, trials), **ranges}
     result = dict[str, Design]()
-    for purpose, about in _purposes(law):
+    purposes = [("To find out which law is right", LAW)] if law.models[0].probability < SETTLED else []
+    purposes.append(("To know all coefficients better", COEFFICIENTS))
+    parameters = named_parameters(law)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(parameters.errors > 0, parameters.errors / np.abs(parameters.values), 0.0)
+    if relative.size > 1 and np.nanmax(relative) > 0:
+        owner, column = np.unravel_index(int(np.nanargmax(relative)), relative.shape)
+        name = parameters.names[int(column)]
+        about = name if len(law.objects) == 1 else f"{name} of {law.objects[int(owner)]}"
+        purposes.append((f"To know {about} better, the coefficient that is known worst", about))
+    for purpose, about in purposes:
         settings: dict[str, Any] = {"experiments": most, "about": about, "points": POINTS // 4}
         try:
             result[purpose] = design(law, vary, within=ranges, progress=lambda _: None, **settings)
         except CommonlawError:  # Forecasts may diverge from everywhere
             continue
     return result
-
-
-def _purposes(law: Law) -> list[tuple[str, str]]:
-    purposes = [("To find out which law is right", LAW)] if law.models[0].probability < SETTLED else []
-    purposes.append(("To know all coefficients better", COEFFICIENTS))
-    parameters = named_parameters(law)
-    values, errors = parameters.values, parameters.errors
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(errors > 0, errors / np.abs(values), 0.0)
-    if len(relative) * relative.shape[1] > 1 and np.nanmax(relative) > 0:
-        owner, column = np.unravel_index(int(np.nanargmax(relative)), relative.shape)
-        name = parameters.names[int(column)]
-        about = name if len(law.objects) == 1 else f"{name} of {law.objects[int(owner)]}"
-        purposes.append((f"To know {about} better, the coefficient that is known worst", about))
-    return purposes

@@ -477,8 +477,11 @@ def start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Floats
         return np.diag(np.append(noise[0] ** 2, np.full(len(second), np.nan)))
     states, samples = noise.shape[1], _samples(method, len(trial))
     covariance = np.diag(np.append(noise[0] ** 2, np.zeros(len(second))))
+    white = np.random.default_rng(seed).standard_normal((_DRAWS, samples))
+    if samples < _DRAWS:  # Centred and uncorrelated
+        white = np.sqrt(_DRAWS) * np.linalg.qr(np.column_stack([np.ones(_DRAWS), white]))[0][:, 1:]
     for k, j in enumerate(second):
-        draws = noise[:samples, j : j + 1] * _white(samples, seed)
+        draws = noise[:samples, j : j + 1] * white.T
         noisy = np.repeat(trial.states[:, j : j + 1], _DRAWS, axis=1)
         noisy[:samples] += draws
         indices = np.ix_((j, states + k), (j, states + k))
@@ -490,11 +493,3 @@ def _samples(differentiation: AbstractDifferentiator, count: int) -> int:
     """Return how many of the first samples the first rate can depend on; formulas at the ends reach twice as far."""
     reach = differentiation.reach(1)
     return count if reach is None else min(count, 2 * (reach + 1))
-
-
-def _white(samples: int, seed: int) -> Floats:
-    """Return draws of standard white noise, shape (samples, draws), centred and uncorrelated if there are enough."""
-    draws = np.random.default_rng(seed).standard_normal((_DRAWS, samples))
-    if samples < _DRAWS:
-        draws = np.sqrt(_DRAWS) * np.linalg.qr(np.column_stack([np.ones(_DRAWS), draws]))[0][:, 1:]
-    return np.asarray(draws.T)

@@ -15,7 +15,6 @@ from commonlaw.hierarchy.random_effects import JITTER
 from commonlaw.hierarchy.relation import (
     MAX_DENOMINATOR,
     ONE_MORE,
-    ExponentSets,
     PropertyTable,
     Relation,
     RelationKind,
@@ -126,7 +125,12 @@ class RelationComparison:
         logs = np.log(self.properties.values[:, usable])
         sets = exponent_sets(len(usable), min(_MAX_PROPERTIES, len(logs) - _MORE_OBJECTS))
         exponents = np.concatenate([np.zeros((1, len(usable))), sets.exponents])
-        log_prior = np.append(0.0, self._log_prior(sets, usable) + np.log(_ODDS[RelationKind.POWER_LAW] / 2))
+        weights, dimensions = sets.log_prior, self.properties.dimensions
+        if dimensions is not None and len(weights):
+            names = [self.properties.names[i] for i in usable]
+            weights = weights + dimensions.log_odds(self.index, names, sets.exponents)
+            weights = weights - np.logaddexp.reduce(weights)
+        log_prior = np.append(0.0, weights + np.log(_ODDS[RelationKind.POWER_LAW] / 2))
         shapes = exponents @ (logs - logs.mean(axis=0)).T
 
         def scattered(rows: Indices | slice, scatter: float) -> CoefficientModel:
@@ -151,15 +155,6 @@ class RelationComparison:
             score = float(summed[i] + log_prior[row])
             scatter, error = float(sizes[i] * self._unit), float(errors[i] * self._unit)
             yield RelationChoice(kinds[1], columns, powers, scatter, error, own, score)
-
-    def _log_prior(self, sets: ExponentSets, usable: Sequence[int]) -> Floats:
-        """Return the logarithms of how probable sets of exponents of some properties are beforehand, shape (sets,)."""
-        dimensions = self.properties.dimensions
-        if dimensions is None or not len(sets.log_prior):
-            return sets.log_prior
-        names = [self.properties.names[i] for i in usable]
-        weights = sets.log_prior + dimensions.log_odds(self.index, names, sets.exponents)
-        return np.asarray(weights - np.logaddexp.reduce(weights))
 
     def _affine(self) -> Iterator[RelationChoice]:
         """Yield affine functions, with scatter and without, where coefficient or properties are not of one sign."""

@@ -350,6 +350,15 @@ def _matlab(system: _System, stem: str) -> bytes:
 def _modelica(system: _System, stem: str) -> bytes:
     package, *models = _plain_names([stem, "Equations", *system.objects])
     rates = system.rates(_MODELICA, system.states, system.inputs, "time", system.parameters)
+    conditions, changed = (
+        system.events(_MODELICA, states, system.inputs, "time", system.parameters)
+        for states in (system.states, [f"pre({name})" for name in system.states])
+    )
+    # One clause, as in several of them a state could not take new values
+    clauses = ["    end when;"] if conditions else []
+    for k, ((condition, _), (_, new)) in reversed([*enumerate(zip(conditions, changed, strict=True))]):
+        reset = (f"      reinit({system.states[j]}, {each});" for j, each in new.items())
+        clauses = [f"    {'elsewhen' if k else 'when'} {condition} > 0 then", *reset, *clauses]
     lines = [
         f"package {package}",
         *(f"  // {each}" for each in _comment(system.law)),
@@ -362,7 +371,7 @@ def _modelica(system: _System, stem: str) -> bytes:
         ),
         "  equation",
         *(f"    der({name}) = {rate};" for name, rate in zip(system.states, rates, strict=True)),
-        *_modelica_events(system),
+        *clauses,
         f"  end {models[0]};",
         "",
     ]
@@ -373,21 +382,6 @@ def _modelica(system: _System, stem: str) -> bytes:
         lines += [f"  model {name} {_quoted(title)}", f"    extends {models[0]}{f'({given})' if given else ''};"]
         lines += [f"  end {name};"]
     return _joined([*lines, f"end {package};"])
-
-
-def _modelica_events(system: _System) -> list[str]:
-    """Return the events as one clause, as in several of them a state could not take new values."""
-    decided, new, lines = (
-        *(
-            system.events(_MODELICA, states, system.inputs, "time", system.parameters)
-            for states in (system.states, [f"pre({name})" for name in system.states])
-        ),
-        list[str](),
-    )
-    for k, ((condition, _), (_, changes)) in enumerate(zip(decided, new, strict=True)):
-        lines.append(f"    {'elsewhen' if k else 'when'} {condition} > 0 then")
-        lines += [f"      reinit({system.states[j]}, {each});" for j, each in changes.items()]
-    return [*lines, "    end when;"] if lines else []
 
 
 def _sbml(system: _System, stem: str) -> bytes:
