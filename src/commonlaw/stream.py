@@ -19,13 +19,10 @@ from commonlaw.discrepancy.residual_tests import (
     StateSums,
     correlation_of_neighbours,
     neighbours,
-    noise_of,
-    noise_squares,
     patterns_of,
-    refuse_discrete_time,
     size_over_noise,
-    untested,
 )
+from commonlaw.discrepancy.residuals import noise_of, noise_squares, refuse_discrete_time, untested
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.forecast.population import is_typical

@@ -7,7 +7,7 @@ from itertools import compress
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.discrepancy.residual_tests import untested
+from commonlaw.discrepancy.residuals import untested
 from commonlaw.discrepancy.setting import AbstractSetting, Visited
 from commonlaw.discrepancy.trajectories import (
     CONVERGED,

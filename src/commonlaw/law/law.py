@@ -20,6 +20,7 @@ from commonlaw.law.deprecated import DeprecatedClassMembers, Structure, deprecat
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
+from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import ObjectEstimates, PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from commonlaw.discrepancy.residual_tests import Residuals
     from commonlaw.forecast.forecast import Forecast, Metric
     from commonlaw.integration.vector_field import InputFunction
-    from commonlaw.law.simplify import Simplification
     from commonlaw.law.verdict import LawVerdict
     from commonlaw.report.page import Page
 
@@ -663,7 +663,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         return cast("Law", _call("inference:adapt", self, trials))
 
-    def simplify(self, tolerance: float = 2.0) -> "Simplification":
+    def simplify(self, tolerance: float = 2.0) -> "Simplification[Law]":
         """Return the simplest form of the law that is consistent with the coefficients and their errors.
 
         A number is replaced by zero, a ratio of small integers, or plus or minus another number of the law, if that is
@@ -683,7 +683,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         >>> print(cl.fit("x'' = -g - c v + b v^2", drops).simplify().equations[0])
         x'' = -(c*v + g)
         """
-        return cast("Simplification", _call("law.simplify:simplified", self, tolerance))
+        return cast("Simplification[Law]", _call("law.simplify:simplified", self, tolerance))
 
     def explain(self, properties: Any = None) -> "Law":
         """Return the law with coefficients that are shared or functions of properties of the objects.

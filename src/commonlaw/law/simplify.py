@@ -5,103 +5,24 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.deprecated import renamed, warn_deprecated
 from commonlaw.law.law import Law, average_law, shares_terms
 from commonlaw.law.parameters import Parameters, left_hand_sides, named_parameters
 from commonlaw.law.parse import read_equations
-from commonlaw.law.text import coefficient_table, rounded, with_error
+from commonlaw.law.simplification import Replacement, Simplification, p_value
+from commonlaw.law.text import rounded
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library.equation import split_equations
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.packages import optional_import
-from commonlaw.trials import Trials
 
 if TYPE_CHECKING:
     import sympy
-
-
-class Replacement(NamedTuple):
-    """Replacement of a number of a law, by its name in `Law.structure`.
-
-    The estimate is its mean over objects, with its standard error; `off` are standard errors between both.
-    """
-
-    parameter: str
-    estimate: float
-    error: float
-    form: str
-    off: float
-
-    @property
-    def letter(self) -> str:
-        """Deprecated name of `parameter`."""
-        warn_deprecated("Replacement.letter", "Replacement.parameter", stacklevel=2)
-        return self.parameter
-
-    def __str__(self) -> str:
-        number = with_error(self.estimate, self.error)
-        return f"{self.parameter} = {number} by {self.form}, {self.off:.1f} standard errors off"
-
-
-@dataclass(frozen=True, eq=False)
-class Simplification:
-    """Simplest form of a law, from `Law.simplify`: equations, replacements and their chi-square test.
-
-    Parameters
-    ----------
-    equations
-        Shortest form of each equation, with parameters for the remaining numbers.
-    replaced
-        The replaced numbers.
-    chi_square, degrees_of_freedom
-        Of all replacements of all objects together: the squared distance of the estimates from the nearest that obey
-        them, in units of their covariance.
-    objects, parameters
-        Of the law, and for the numbers that remain.
-    values, errors
-        Estimates of the parameters, given the replacements, and standard errors, shape (objects, parameters).
-    """
-
-    equations: tuple[str, ...]
-    replaced: tuple[Replacement, ...]
-    chi_square: float
-    degrees_of_freedom: int
-    objects: tuple[str, ...]
-    parameters: tuple[str, ...]
-    values: Floats
-    errors: Floats
-    letters = renamed("Simplification", "letters", "parameters")
-
-    @property
-    def p_value(self) -> float:
-        """P-value of the chi-square test of all replacements."""
-        return p_value(self.chi_square, self.degrees_of_freedom)
-
-    def fit(self, trials: Trials, **settings: Any) -> Law:
-        """Return this form fitted to trials, see `commonlaw.fit`; refused if no parameter remains."""
-        return cast(Law, resolve_name("commonlaw.discovery:fit")(self.equations, trials, **settings))
-
-    def __str__(self) -> str:
-        said = [f"replaced: {each}" for each in self.replaced] or ["nothing could be replaced"]
-        if self.replaced:
-            freedom = f"{self.degrees_of_freedom} degree{'s' if self.degrees_of_freedom > 1 else ''} of freedom"
-            said += [f"together: chi-square {self.chi_square:.3g} with {freedom}, p = {self.p_value:.2g}"]
-        table = coefficient_table(self.objects, self.parameters, self.values, self.errors) if self.parameters else []
-        return "\n".join([*self.equations, "", *said, *([""] if table else []), *table])
-
-
-def p_value(chi_square: float, degrees_of_freedom: int) -> float:
-    """Return the probability of a chi-square at least so large."""
-    from scipy.special import chdtrc
-
-    return float(chdtrc(degrees_of_freedom, chi_square)) if degrees_of_freedom else 1.0
 
 
 def symbolic() -> Any:
@@ -242,7 +163,7 @@ _BIT = 2 * np.log(2)
 """What a bit is worth in squared standard errors."""
 
 
-def simplified(law: Law, tolerance: float) -> Simplification:
+def simplified(law: Law, tolerance: float) -> Simplification[Law]:
     """Return the simplest form of a law, see `Law.simplify`."""
     if not tolerance > 0:
         raise CommonlawError("simplify-tolerance", tolerance=tolerance)
