@@ -33,7 +33,7 @@ def with_origin_outcomes(outcomes: Iterable[Outcome], law: Law, trials: Trials) 
         base = str(registry().get_base_units(parse_unit(units[name]))[1])
         with suppress(CommonlawError):
             if Conversion.between(name, units[name], base).offset:  # Its zero is conventional
-                for equation, terms in ((left, terms) for left, terms in zip(lefts, changes, strict=True) if terms):
+                for equation, terms in ((side, terms) for side, terms in zip(lefts, changes, strict=True) if terms):
                     verb, unit = "depends" if len(terms) == 1 else "depend", units[name]
                     others.append(
                         note("scale-origin", equation, terms=terms, verb=verb, name=name, unit=unit, base=base)

@@ -204,15 +204,15 @@ class Integrals:
             measured = points[mesh.observed[points, equation]]
             std = problem.std_of(mesh)[measured, equation]
             first, last = np.searchsorted(every, before + points[0], "right") - 1, before + points[-1]
-            own = np.arange(first, np.searchsorted(every, last) + 1)
-            times, at = mesh.times[every[own] - before], np.searchsorted(every[own], before + measured)
+            window = np.arange(first, np.searchsorted(every, last) + 1)
+            times, at = mesh.times[every[window] - before], np.searchsorted(every[window], before + measured)
             rows = integrated(times, np.eye(len(times)), order)[at]  # Cardinal splines
             if variables.states[equation] in variables.logarithmic:
-                rows = rows / values[own, equation]
+                rows = rows / values[window, equation]
             rows = np.column_stack([rows, mesh.measured[measured, equation]]) / std[:, np.newaxis]
             initial = np.vander((times - times[0])[at], order, increasing=True) / std[:, np.newaxis]
             rows = outside_span(initial, rows)
-            indices.append(own)
+            indices.append(window)
             operators.append(rows[:, :-1])
             targets.append(rows[:, -1])
         return cls(indices, operators), np.concatenate(targets)

@@ -41,14 +41,14 @@ class CandidateSupport:
     @property
     def numbers(self) -> int:
         """The number of coefficients and parameters of each object."""
-        return len(self.plain) + sum(other.size + len(other.shared_parameters) for other in self.others)
+        return len(self.plain) + sum(term.size + len(term.shared_parameters) for term in self.others)
 
     def columns_of(self, k: int) -> list[int]:
         """Return the columns of starting values that belong to the k-th term, plain ones first."""
         if k < len(self.plain):
             return [k]
-        sizes = [len(self.plain), *(other.size for other in self.others)]
-        sizes += [len(other.shared_parameters) for other in self.others]
+        sizes = [len(self.plain), *(term.size for term in self.others)]
+        sizes += [len(term.shared_parameters) for term in self.others]
         ends, m = np.cumsum(sizes).tolist(), k - len(self.plain)
         parameters = m + len(self.others)
         return [*range(ends[m], ends[m + 1]), *range(ends[parameters], ends[parameters + 1])]
@@ -57,7 +57,7 @@ class CandidateSupport:
         """Return the support without its k-th term, plain ones first."""
         starts = tuple(np.delete(start, self.columns_of(k), axis=1) for start in self.starts)
         plain = tuple(term for i, term in enumerate(self.plain) if i != k)
-        others = tuple(other for i, other in enumerate(self.others, start=len(self.plain)) if i != k)
+        others = tuple(candidate for i, candidate in enumerate(self.others, start=len(self.plain)) if i != k)
         return CandidateSupport(plain, others, starts)
 
 
@@ -124,9 +124,9 @@ class InformationCriterion:
             least[numbers] = min(listed[0][0], least.get(numbers, np.inf))
         enough = self.enough(least)
         return [
-            (self(numbers, squares), each)
+            (self(numbers, squares), support)
             for numbers, listed in ranked
-            for place, (squares, each) in enumerate(listed[: settings.MAX_KEPT])
+            for place, (squares, support) in enumerate(listed[: settings.MAX_KEPT])
             if numbers <= min(enough + 1, at_most)
             and (not place or squares <= settings.MAX_SQUARES_RATIO * least[enough])
         ]
@@ -170,18 +170,18 @@ class _Ranking:
         compared = self._compared(columns, _subsets(self.plain, settings.MAX_SETS[0]), (), [(), *alone])
         compared += self._with_two(compared)
         groups, least = dict[tuple[int, int, int], list[_SumsOfSquares]](), dict[int, float]()
-        for each in compared:
-            squares, key = each.best
+        for sums in compared:
+            squares, key = sums.best
             if numbers := self._numbers(key):
-                nonlinear = sum(len(self.others[a].shared_parameters) for a in each.others)
-                groups.setdefault((numbers, len(each.others), nonlinear), []).append(each)
+                nonlinear = sum(len(self.others[a].shared_parameters) for a in sums.others)
+                groups.setdefault((numbers, len(sums.others), nonlinear), []).append(sums)
                 least[numbers] = min(squares, least.get(numbers, np.inf))
         most, parameters = self._criterion.enough(least), dict[_Key, list[tuple[Floats, ...]]]()
         ranked = list[tuple[int, list[tuple[float, _Key]]]]()
         for (numbers, *_), listed in sorted(groups.items(), key=lambda pair: pair[0]):
             if numbers <= most + 1:
                 closest = self._closest(self._distinct(listed))
-                fits = {key: self._fitted(key, each) for key, each in closest.items()}
+                fits = {key: self._fitted(key, optimum) for key, optimum in closest.items()}
                 parameters |= closest
                 ranked.append((numbers, sorted((sum(float(r @ r) for _, r in fits[key]), key) for key in fits)))
         kept = sorted(self._criterion.kept(ranked, self.at_most))
@@ -190,10 +190,10 @@ class _Ranking:
     def _with_two(self, compared: Sequence[_SumsOfSquares]) -> list[_SumsOfSquares]:
         """Return sums of squares with two of the others: one from the best supports with one, and another one."""
         best: dict[tuple[int, ...], tuple[float, _Key]] = {}
-        for each in compared:
-            squares, key = each.best
+        for sums in compared:
+            squares, key = sums.best
             value = self._criterion(self._numbers(key), squares), key
-            best[each.others] = min(value, best.get(each.others, value))
+            best[sums.others] = min(value, best.get(sums.others, value))
         best.pop((), None)
         result, sets = list[_SumsOfSquares](), _subsets(self.plain, settings.MAX_SETS[1])
         for _, (plain, others) in sorted(best.values())[: settings.MAX_KEPT]:
@@ -201,7 +201,7 @@ class _Ranking:
                 np.column_stack([match.plain, match.columns_at(others, match.grid_search(plain, others))])
                 for match in self.matches
             ]
-            result += self._compared(columns, sets, others, [each for each in best if each != others])
+            result += self._compared(columns, sets, others, [chosen for chosen in best if chosen != others])
         return result
 
     def _compared(
@@ -216,13 +216,13 @@ class _Ranking:
         last = range(columns[0].shape[1] - len(added), columns[0].shape[1])
         for size, group in groupby(sets, len):
             listed = list(group)
-            few = [each for each in more if size + self._numbers(((), (*added, *each))) <= self.at_most]
+            few = [extra for extra in more if size + self._numbers(((), (*added, *extra))) <= self.at_most]
             if few:
-                indices = np.array([(*each, *last) for each in listed], dtype=int)
-                sums = partial(_residual_squares, indices, [a for each in few for a in each])
+                indices = np.array([(*plain, *last) for plain in listed], dtype=int)
+                sums = partial(_residual_squares, indices, [a for extra in few for a in extra])
                 squares = np.sum(in_parallel(sums, self.matches, columns), axis=0)
-                for each, own in zip(few, squares.T if () in few else squares.T[1:], strict=True):
-                    result.append(_SumsOfSquares(listed, tuple(sorted((*added, *each))), own))
+                for extra, sums_of_squares in zip(few, squares.T if () in few else squares.T[1:], strict=True):
+                    result.append(_SumsOfSquares(listed, tuple(sorted((*added, *extra))), sums_of_squares))
         return result
 
     def _numbers(self, key: _Key) -> int:
@@ -235,12 +235,12 @@ class _Ranking:
     def _distinct(self, listed: Sequence[_SumsOfSquares]) -> list[_Key]:
         """Return supports of least squares, few with the same parametric terms and none with equal sums of squares."""
         result, before, alike = dict[_Key, None](), 0.0, Counter[tuple[int, ...]]()
-        squares = np.concatenate([each.squares for each in listed])
-        keys = [(each, place) for each in listed for place in range(len(each.sets))]
+        squares = np.concatenate([sums.squares for sums in listed])
+        keys = [(sums, place) for sums in listed for place in range(len(sums.sets))]
         for k in np.argsort(squares, kind="stable").tolist():
-            each, place = keys[k]
-            key = each.sets[place], each.others
-            inside = tuple(a for a in each.others if self.others[a].parameters)
+            sums, place = keys[k]
+            key = sums.sets[place], sums.others
+            inside = tuple(a for a in sums.others if self.others[a].parameters)
             few = alike[inside] < (settings.MAX_KEPT if inside else settings.MAX_REFINED)
             if few and key not in result and squares[k] > before * (1 + settings.COLLINEAR):
                 result[key] = None
@@ -258,7 +258,7 @@ class _Ranking:
             return [(match.linearized_rss(*key, value), value) for key, value in zip(keys, values, strict=True)]
 
         of_keys = list(zip(*in_parallel(nearby, self.matches), strict=True))
-        squares = [sum(left for left, _ in of_key) for of_key in of_keys]
+        squares = [sum(rss for rss, _ in of_key) for of_key in of_keys]
         result = dict[_Key, list[tuple[Floats, ...]]]()
         for k in np.argsort(squares, kind="stable")[: settings.MAX_REFINED]:
             plain, others = keys[k]
@@ -269,22 +269,27 @@ class _Ranking:
     def _fitted(self, key: _Key, parameters: Sequence[Sequence[Floats]]) -> list[tuple[Floats, Floats]]:
         """Return the coefficients and residuals of a support in each object, at given parameters."""
         parts = [part for a in key[1] for part in self.others[a].parts]
-        shared = [[self._shared(a, own) for a, own in zip(key[1], parameter, strict=True)] for parameter in parameters]
-        inside = [[own for a, own in zip(key[1], each, strict=True) for _ in self.others[a].parts] for each in shared]
-        return [match.fitted(key[0], parts, own) for match, own in zip(self.matches, inside, strict=True)]
+        shared = [
+            [self._shared(a, numbers) for a, numbers in zip(key[1], parameter, strict=True)] for parameter in parameters
+        ]
+        inside = [
+            [numbers for a, numbers in zip(key[1], by_term, strict=True) for _ in self.others[a].parts]
+            for by_term in shared
+        ]
+        return [match.fitted(key[0], parts, numbers) for match, numbers in zip(self.matches, inside, strict=True)]
 
     def _shared(self, a: int, parameters: Floats) -> Floats:
-        other = self.others[a]
-        return parameters[[other.parameters.index(name) for name in other.shared_parameters]]
+        term = self.others[a]
+        return parameters[[term.parameters.index(name) for name in term.shared_parameters]]
 
     def _with_starts(self, key: _Key, alone: Sequence[tuple[Floats, ...]], objects: int) -> CandidateSupport:
         """Return a support with starting values: the parameters of each object, and their medians."""
-        typical = tuple(np.median(own, axis=0) for own in zip(*alone, strict=True))
+        typical = tuple(np.median(numbers, axis=0) for numbers in zip(*alone, strict=True))
         starts = []
         for parameters in (alone, [typical] * len(alone)) if any(map(len, typical)) and len(alone) > 1 else (alone,):
             fits = [coefficients for coefficients, _ in self._fitted(key, parameters)]
             of_each = zip(key[1], zip(*parameters, strict=True), strict=True)
-            inside = (np.array([self._shared(a, own) for own in every]) for a, every in of_each)
+            inside = (np.array([self._shared(a, numbers) for numbers in every]) for a, every in of_each)
             starts.append(expand_to_objects(np.column_stack([fits, *inside]), objects))
         return CandidateSupport(key[0], tuple(self.others[a] for a in key[1]), tuple(starts))
 
@@ -292,8 +297,8 @@ class _Ranking:
 def _residual_squares(sets: Indices, chosen: Sequence[int], match: IntegralRegression, columns: Floats) -> Floats:
     """Return sums of squares of sets of one size, alone and with each chosen other, shape (sets, 1 + chosen)."""
     gram, inner = columns.T @ columns, columns.T @ match.target
-    own = gram[sets[:, :, np.newaxis], sets[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(sets.shape[1])
-    whiten = np.linalg.inv(np.linalg.cholesky(own))
+    subgrams = gram[sets[:, :, np.newaxis], sets[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(sets.shape[1])
+    whiten = np.linalg.inv(np.linalg.cholesky(subgrams))
     known = np.matmul(whiten, inner[sets][..., np.newaxis])
     alone = match.target @ match.target - np.sum(known[..., 0] ** 2, axis=1)
     ranges = [np.arange(*match.grids.offsets[a : a + 2]) for a in chosen]
@@ -303,9 +308,9 @@ def _residual_squares(sets: Indices, chosen: Sequence[int], match: IntegralRegre
     gained = np.zeros((len(sets), len(chosen)))
     for part in np.array_split(np.arange(len(sets)), -(-len(sets) // 50)) if filled.size else ():
         inside = np.matmul(whiten[part], crossed[sets[part]])
-        left = every - np.sum(known[part] * inside, axis=1)
-        each = rss_reductions(left, squares - np.sum(inside**2, axis=1))
-        gained[np.ix_(part, filled)] = np.maximum.reduceat(each, firsts, axis=1)
+        residual_inner = every - np.sum(known[part] * inside, axis=1)
+        reductions = rss_reductions(residual_inner, squares - np.sum(inside**2, axis=1))
+        gained[np.ix_(part, filled)] = np.maximum.reduceat(reductions, firsts, axis=1)
     return np.asarray(np.maximum(np.column_stack([alone, alone[:, np.newaxis] - gained]), np.finfo(float).tiny))
 
 

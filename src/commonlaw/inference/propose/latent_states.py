@@ -102,7 +102,9 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
         return pool.with_best(replace(without, steps=(step,))).joined(others)
     (model, chosen), *same = equivalent
     why = f"{model.description}; without it -2 log evidence is {without.score - best.score:.3g} more"
-    alternatives = "; or ".join(f"{'; '.join(_structure(fit))}, in which it {each.description}" for each, fit in same)
+    alternatives = "; or ".join(
+        f"{'; '.join(_structure(fit))}, in which it {alternative.description}" for alternative, fit in same
+    )
     chosen = replace(
         chosen.with_score(best.score),
         steps=(Step(LATENT_STATE, _structure(chosen)[-1], why),),
@@ -116,11 +118,11 @@ def _structure(fit: Fit) -> tuple[str, ...]:
     coefficients = np.array([estimate.coefficients for estimate in fit.estimates])
     law, known = replace(fit.problem.law, coefficients=coefficients), fit.problem.known[0]
     rows: list[list[Addend]] = [[] for _ in law.schema.states]
-    for each in named_parameters(law).definitions:
-        if law.terms.is_factor[each.term]:
-            number = known[each.equation, each.term]
-            label = each.name if np.isnan(number) else f"{number:g}"
-            rows[each.equation].append(Addend(False, label, law.terms.factors[each.term]))
+    for definition in named_parameters(law).definitions:
+        if law.terms.is_factor[definition.term]:
+            number = known[definition.equation, definition.term]
+            label = definition.name if np.isnan(number) else f"{number:g}"
+            rows[definition.equation].append(Addend(False, label, law.terms.factors[definition.term]))
     return written_equations(left_hand_sides(law), rows)
 
 
@@ -165,10 +167,10 @@ class _LatentStateModel:
     def restarted(self, trials: Trials, most_samples: int, fit: Fit) -> Fit:
         """Return the law of a search restarted from the terms of the last one while the evidence increases."""
         for _ in range(settings.ALTERNATIONS):
-            other = self._run_search(trials, fit.supports, most_samples)
-            if not fit.score - other.score > settings.MIN_GAIN:
+            better = self._run_search(trials, fit.supports, most_samples)
+            if not fit.score - better.score > settings.MIN_GAIN:
                 break
-            fit = other
+            fit = better
         return fit
 
     def _run_search(self, trials: Trials, few: Bools, most_samples: int) -> Fit:

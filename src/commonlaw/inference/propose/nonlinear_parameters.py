@@ -73,13 +73,13 @@ class _Profile:
             return np.inf
         floors = [np.finfo(float).eps * np.std(target) + np.finfo(float).tiny for target in self.targets]
         pairs = zip(residuals, floors, strict=True)
-        return float(sum(2 * len(own) * np.log(max(_rms(own), floor)) for own, floor in pairs))
+        return float(sum(2 * len(errors) * np.log(max(_rms(errors), floor)) for errors, floor in pairs))
 
     def has_pole(self, parameters: Floats) -> bool:
         """Return whether a denominator changes its sign along the trials."""
-        found = np.nan_to_num(self.known)
-        found[self.inside] = parameters
-        columns = self.terms.at(self.values, found).T
+        coefficients = np.nan_to_num(self.known)
+        coefficients[self.inside] = parameters
+        columns = self.terms.at(self.values, coefficients).T
         with np.errstate(all="ignore"):
             return any(np.ptp(np.sign(evaluate(code, columns))) for code in self.divisors)
 
@@ -88,18 +88,22 @@ class _Profile:
 
         They are NaN unless all parameters are factors of terms.
         """
-        found, factors = np.nan_to_num(self.known), self.terms.is_factor
-        found[self.inside] = 1.0
-        library = self.terms.evaluate(self.terms.at(self.values, found))
+        coefficients, factors = np.nan_to_num(self.known), self.terms.is_factor
+        coefficients[self.inside] = 1.0
+        library = self.terms.evaluate(self.terms.at(self.values, coefficients))
         columns = [self.terms.parameters.index(k) for k in np.argwhere(self.inside)[:, 1]]
         powers, rows, logarithms = factor_powers(self.terms)[:, columns], list[Floats](), list[float]()
         if not (np.isfinite(powers[factors]).all() and np.isfinite(library).all()):
             return np.full(len(columns), np.nan)
         for j, (target, regressors) in enumerate(zip(self.targets, self.regressors, strict=True)):
-            free, given = np.isnan(self.known[j]) & factors, (found[j] != 0) & factors
+            free, given = np.isnan(self.known[j]) & factors, (coefficients[j] != 0) & factors
             bound = np.flatnonzero(given & powers.any(axis=1))
             given[bound] = False
-            parts = [library[:, given] @ found[j, given], library[:, bound] * found[j, bound], library[:, free]]
+            parts = [
+                library[:, given] @ coefficients[j, given],
+                library[:, bound] * coefficients[j, bound],
+                library[:, free],
+            ]
             sides = regressors(np.column_stack(parts))
             numbers = least_squares(sides[:, 1:], target - sides[:, 0])[0][: len(bound)]
             weights = np.abs(numbers) * np.linalg.norm(sides[:, 1 : len(bound) + 1], axis=0)
@@ -112,8 +116,8 @@ class _Profile:
         """Return the derivatives of rates by all estimated coefficients, of unit norm, shape (m, parameters)."""
         plain = replace(self.terms, variables=replace(self.terms.variables, logarithmic=()))
         field = VectorField(plain, self.fitted(parameters)[0], order, free=np.isnan(self.known))
-        found = field.linearize(self.values).by_parameters
-        columns = found.reshape(-1, found.shape[2])
+        linear = field.linearize(self.values).by_parameters
+        columns = linear.reshape(-1, linear.shape[2])
         return np.asarray(columns / column_scales(columns))
 
     def fitted(self, parameters: Floats) -> tuple[Floats, list[Floats]]:
@@ -200,17 +204,17 @@ def outcomes_of_parameters(law: Law) -> tuple[Outcome, ...]:
     """
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
-    first, found = len(law.terms.variables.measured), dict[str, list[str]]()
+    first, inseparable = len(law.terms.variables.measured), dict[str, list[str]]()
     terms = [law.terms.terms[definition.term] for definition in parameters.definitions]
     is_nonlinear = np.array([any(column >= first for column in term.columns()) for term in terms], dtype=bool)
-    for name, own, known in zip(law.objects, values, errors, strict=True):
-        unsure = np.flatnonzero(is_nonlinear & (settings.SIGNIFICANT * known > np.abs(own)))
+    for name, estimates, known in zip(law.objects, values, errors, strict=True):
+        unsure = np.flatnonzero(is_nonlinear & (settings.SIGNIFICANT * known > np.abs(estimates)))
         lost = [parameters.names[i] for i in unsure]
         if len(lost) > 1 and {*lost} & {*law.terms.variables.parameters}:
-            found.setdefault(" and ".join(lost), []).append(name)
+            inseparable.setdefault(" and ".join(lost), []).append(name)
     return tuple(
         note("parameters-not-separable", ", ".join(objects), parameters=names, limit=settings.SIGNIFICANT)
-        for names, objects in found.items()
+        for names, objects in inseparable.items()
     )
 
 
@@ -223,7 +227,7 @@ def _rate_profiles(setup: FitSetup) -> list[_Profile]:
         if not complete:
             raise CommonlawError("parameters-without-trials", where=name)
         along = [values_and_rates(law.terms.variables, *pair) for pair in complete]
-        values, rates = (np.concatenate(each) for each in zip(*along, strict=True))
+        values, rates = (np.concatenate(arrays) for arrays in zip(*along, strict=True))
         few = evenly_spaced(len(values), settings.MAX_CURVE_POINTS)
         result.append(
             _Profile(law.terms, known, values[few], list(rates[few].T), [lambda terms: terms] * rates.shape[1])
@@ -259,8 +263,8 @@ class _Grid:
             banks.append(np.array([guesses[name]]) if name in guesses else within)
         values = grid_product(banks)
         if not guesses:
-            each = np.array([profile.by_factors() for profile in profiles])
-            more = np.vstack([np.exp(np.log(each).mean(axis=0)), each])
+            by_object = np.array([profile.by_factors() for profile in profiles])
+            more = np.vstack([np.exp(np.log(by_object).mean(axis=0)), by_object])
             values = np.vstack([more[np.isfinite(more).all(axis=1)], values])
         return cls(law, names, bounds, banks, values)
 
@@ -272,8 +276,8 @@ class _Grid:
         swept, swept_alone = list[Floats](), [list[Floats]() for _ in profiles]
         if np.prod([len(bank) for bank in self.banks], dtype=float) > settings.MAX_COMBINATIONS:
             best = self.values[np.argsort(deviances.sum(axis=0), kind="stable")[: settings.MAX_KEPT]]
-            swept = [self._swept(profiles, each) for each in best]
-            swept_alone = in_parallel(lambda profile: [self._swept([profile], own) for own in swept[:1]], profiles)
+            swept = [self._swept(profiles, parameters) for parameters in best]
+            swept_alone = in_parallel(lambda profile: [self._swept([profile], start) for start in swept[:1]], profiles)
         together = self._best(profiles, deviances.sum(axis=0), swept)[: settings.MAX_KEPT]
         alone = in_parallel(
             lambda profile, deviance, more: self._best([profile], deviance, [*swept, *more])[:1],
@@ -283,9 +287,9 @@ class _Grid:
         )
         if not all(alone):
             raise CommonlawError("terms-nowhere-finite", parameters=self.names)
-        starts = [*([each] * len(profiles) for each in together), [each for (each,) in alone]]
+        starts = [*([parameters] * len(profiles) for parameters in together), [parameters for (parameters,) in alone]]
         return [
-            np.array([profile.fitted(own)[0] for profile, own in zip(profiles, start, strict=True)]) for start in starts
+            np.array([profile.fitted(row)[0] for profile, row in zip(profiles, start, strict=True)]) for start in starts
         ]
 
     def _swept(self, profiles: Sequence[_Profile], begin: Floats) -> Floats:
@@ -304,7 +308,7 @@ class _Grid:
             for i, bank in enumerate(self.banks):
                 tried = np.tile(now, (len(bank), 1))
                 tried[:, i] = bank
-                values = [deviance(each) for each in tried]
+                values = [deviance(row) for row in tried]
                 best = int(np.argmin(values))
                 if values[best] < value:
                     now, value = tried[best], values[best]
@@ -326,36 +330,36 @@ class _Grid:
             return all(bound.holds(definitions[bound.name].of(coefficient)) for bound, coefficient in pairs)
 
         def preference(parameters: Floats) -> tuple[int, float]:
-            found = [profile.fitted(parameters)[0] for profile in profiles]
-            named = [each.of(coefficients) for coefficients in found for each in definitions.values()]
+            fitted = [profile.fitted(parameters)[0] for profile in profiles]
+            named = [definition.of(coefficients) for coefficients in fitted for definition in definitions.values()]
             return int(np.sum(np.array(named) < 0)), float(np.sum(np.abs(parameters)))
 
         listed = [self.values[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
         low, high = np.array([limits_of(name, self.bounds) for name in self.names]).reshape(-1, 2).T
         begun, wanted = list[Floats](), holds
         # Linear coefficients may end at their bounds: if those of no value are within, the fit starts outside
-        for wanted in (holds, lambda own: bool(np.all((low <= own) & (own <= high)))):
+        for wanted in (holds, lambda start: bool(np.all((low <= start) & (start <= high)))):
             first = islice(filter(wanted, listed), settings.MAX_REFINED)
             begun = [*filter(wanted, swept), *first, *_distinct(listed, wanted)]
             if begun:
                 break
-        found = [*begun, *filter(wanted, (_refined(profiles, each, np.stack([low, high])) for each in begun))]
-        values = [sum(profile.deviance(own) for profile in profiles) for own in found]
-        ordered = [found[k] for k in np.argsort(values, kind="stable")]
+        ends = [*begun, *filter(wanted, (_refined(profiles, start, np.stack([low, high])) for start in begun))]
+        values = [sum(profile.deviance(end) for profile in profiles) for end in ends]
+        ordered = [ends[k] for k in np.argsort(values, kind="stable")]
         same = [k for k, value in enumerate(values) if value <= min(values) + settings.SAME_DEVIANCE]
-        return _distinct([*sorted((found[k] for k in same), key=preference), *ordered])
+        return _distinct([*sorted((ends[k] for k in same), key=preference), *ordered])
 
 
 def _distinct(listed: Sequence[Floats], holds: Callable[[Floats], bool] = lambda _: True) -> list[Floats]:
     """Return the first few distinct parameters, which differ in a sign or by a step of the grid."""
     result = list[Floats]()
-    for each in listed:
+    for parameters in listed:
         if len(result) == settings.MAX_REFINED:
             break
         with np.errstate(divide="ignore", invalid="ignore"):
-            distances = [np.abs(np.log(each / other)).max() for other in result]
-        if all(not distance < np.log(10) / settings.PER_DECADE[1] for distance in distances) and holds(each):
-            result.append(each)
+            distances = [np.abs(np.log(parameters / kept)).max() for kept in result]
+        if all(not distance < np.log(10) / settings.PER_DECADE[1] for distance in distances) and holds(parameters):
+            result.append(parameters)
     return result
 
 
@@ -364,12 +368,14 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
     from scipy.optimize import least_squares
 
     tiny = np.finfo(float).tiny
-    units = [[max(_rms(own), tiny) for own in profile.fitted(begin)[1]] for profile in profiles]
+    units = [[max(_rms(errors), tiny) for errors in profile.fitted(begin)[1]] for profile in profiles]
 
     def residuals(relative: Floats) -> Floats:
         listed = [profile.fitted(begin * relative)[1] for profile in profiles]
-        pairs = [pair for own, sizes in zip(listed, units, strict=True) for pair in zip(own, sizes, strict=True)]
-        whole = np.concatenate([own / size for own, size in pairs])
+        pairs = [
+            pair for of_object, sizes in zip(listed, units, strict=True) for pair in zip(of_object, sizes, strict=True)
+        ]
+        whole = np.concatenate([errors / size for errors, size in pairs])
         return np.where(np.isfinite(whole), whole, 1 / settings.ROUNDING)
 
     low, high = np.sort(limits / begin, axis=0)
@@ -386,9 +392,9 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequ
             return
         listed.append(np.abs(directions[-1]))
     part = np.mean(listed, axis=0) > settings.MAX_RELATIVE_DIFFERENCE
-    found = np.zeros(profiles[0].known.shape, dtype=np.bool_)
-    found[np.isnan(profiles[0].known)] = part
-    _refuse_combination(law, found)
+    unidentified = np.zeros(profiles[0].known.shape, dtype=np.bool_)
+    unidentified[np.isnan(profiles[0].known)] = part
+    _refuse_combination(law, unidentified)
 
 
 def _refuse_combination(law: Law, part: Bools) -> None:
@@ -396,7 +402,7 @@ def _refuse_combination(law: Law, part: Bools) -> None:
     if not part.any():
         return
     before = [product for product in named_parameters(law).products if part[product.equation, product.term]]
-    names = ", ".join(dict.fromkeys(name for each in before for name, _ in each.coefficients))
+    names = ", ".join(dict.fromkeys(name for combined in before for name, _ in combined.coefficients))
     variables = ", ".join(law.terms.variables.measured)
     raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure, variables=variables)
 

@@ -358,14 +358,14 @@ def reflected(terms: Terms, row: CandidateSupport) -> Iterator[CandidateSupport]
     """Yield supports whose constant is absorbed by a sigmoid s with parameters p: 1 - s(p) = s(-p)."""
     first = len(terms.variables.measured)
     for less in (row.without(k) for k, i in enumerate(row.plain) if terms.names[i] == "1"):
-        for m, other in enumerate(less.others):
-            if not isinstance(other, ParametricTerm) or other.tied or not other.parameters:
+        for m, candidate in enumerate(less.others):
+            if not isinstance(candidate, ParametricTerm) or candidate.tied or not candidate.parameters:
                 continue
-            shape = settings.GENERIC_POINTS, first + len(other.parameters)
+            shape = settings.GENERIC_POINTS, first + len(candidate.parameters)
             points = np.random.default_rng(0).uniform(0.5, 2.0, shape)
             opposite = points * np.where(np.arange(shape[1]) < first, 1.0, -1.0)
             with np.errstate(all="ignore"):
-                total = other.term.evaluate(points) + other.term.evaluate(opposite)
+                total = candidate.term.evaluate(points) + candidate.term.evaluate(opposite)
             if (np.abs(total - 1) < settings.ROUNDING).all():
                 signs = np.ones(less.numbers)
                 signs[less.columns_of(len(less.plain) + m)] = -1.0
@@ -426,11 +426,11 @@ def _assembled(problem: SearchProblem, rows: Rows) -> tuple[Terms, Floats, list[
     for row in rows:
         written.append([])
         before = len(names)
-        for other in row.others:
+        for candidate in row.others:
             first = len(names)
-            for parameter in other.shared_parameters:
+            for parameter in candidate.shared_parameters:
                 names.append(free_name(parameter, (*variables.measured, *names)))
-            written[-1] += other.expressions(variables, names[first:])
+            written[-1] += candidate.expressions(variables, names[first:])
         inside.append(range(before, len(names)))
     texts = list(dict.fromkeys(text for expressions in written for text in expressions))
     texts = [*(whole.terms[i].expression(whole.variables.names) for i in plain), *texts]

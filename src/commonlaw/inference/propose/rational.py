@@ -50,11 +50,11 @@ def rank_ratios(
     result = dict[int, list[CandidateSupport]]()
     for equation, numbers in most.items():
         scored = list[tuple[float, CandidateSupport]]()
-        for each in offered:
-            sides = [_Sides.of(course, equation, each) for course in courses]
+        for ratios in offered:
+            sides = [_Sides.of(course, equation, ratios) for course in courses]
             sides = [side for side in sides if len(side.target)]
-            scored += _Ranking(problem, equation, each, sides, numbers).best() if sides else []
-        result[equation] = [each for _, each in sorted(scored, key=lambda pair: pair[0])]
+            scored += _Ranking(problem, equation, ratios, sides, numbers).best() if sides else []
+        result[equation] = [support for _, support in sorted(scored, key=lambda pair: pair[0])]
     return result
 
 
@@ -78,7 +78,7 @@ class _Sides:
     def of(cls, course: CurveData, equation: int, offered: Ratios) -> "_Sides":
         match, values = course.regression(equation), course.grids.values
         variables = course.problem.models[course.index].terms.variables
-        added, above, below = (Terms(variables, each) for each in (offered.added, offered.above, offered.below))
+        added, above, below = (Terms(variables, terms) for terms in (offered.added, offered.above, offered.below))
         return cls(
             match.target,
             match.integrals,
@@ -115,11 +115,11 @@ class _Sides:
             inside = gram[:, subset[:, :, np.newaxis], subset[:, np.newaxis, :]] + settings.COLLINEAR * np.eye(
                 subset.shape[1]
             )
-            found = np.linalg.solve(inside, inner[:, subset][..., np.newaxis])[..., 0]
-            gained.append(np.sum(inner[:, subset] * found, axis=2))
-        left = self.target @ self.target - np.concatenate(gained, axis=1)
-        left[~self.has_no_pole(below, coefficients)] = np.inf
-        return np.asarray(np.maximum(left, np.finfo(float).tiny))
+            solutions = np.linalg.solve(inside, inner[:, subset][..., np.newaxis])[..., 0]
+            gained.append(np.sum(inner[:, subset] * solutions, axis=2))
+        squares = self.target @ self.target - np.concatenate(gained, axis=1)
+        squares[~self.has_no_pole(below, coefficients)] = np.inf
+        return np.asarray(np.maximum(squares, np.finfo(float).tiny))
 
     def fitted(self, below: Sequence[int], coefficients: Floats, terms: Sequence[int]) -> tuple[Floats, Floats]:
         """Return coefficients of numerator and added terms, and residuals; the target if the denominator vanishes."""
@@ -173,28 +173,28 @@ class _Ranking:
 
     def best(self) -> list[tuple[float, CandidateSupport]]:
         """Return the best shapes of each size with their BIC."""
-        found = self._all()
+        scores = self._all()
         groups: dict[int, list[tuple[float, _Shape]]] = {}
-        for shape, score in found.items():
+        for shape, score in scores.items():
             groups.setdefault(shape.numbers, []).append((score.squares, shape))
         least = {numbers: min(listed)[0] for numbers, listed in groups.items()}
         most = min(self._criterion.enough(least), self.at_most)
         optimized: dict[int, list[tuple[float, _Shape]]] = {}
         for numbers in range(most + 2):
             for _, shape in sorted(groups.get(numbers, []))[: settings.MAX_REFINED]:
-                found[shape] = self._optimized(shape, found[shape])
-                optimized.setdefault(numbers, []).append((found[shape].squares, shape))
+                scores[shape] = self._optimized(shape, scores[shape])
+                optimized.setdefault(numbers, []).append((scores[shape].squares, shape))
         for numbers in range(most + 1, 1, -1):
             for _, shape in sorted(optimized.get(numbers, []))[:1]:
-                for less, score in self._without_one(shape, found[shape]):
+                for less, score in self._without_one(shape, scores[shape]):
                     listed = optimized.setdefault(less.numbers, [])
-                    if less not in {own for _, own in listed} or score.squares < found[less].squares:
-                        found[less] = score
-                        optimized[less.numbers] = [(score.squares, less), *(each for each in listed if each[1] != less)]
+                    if less not in {kept_shape for _, kept_shape in listed} or score.squares < scores[less].squares:
+                        scores[less] = score
+                        optimized[less.numbers] = [(score.squares, less), *(pair for pair in listed if pair[1] != less)]
         ranked = [(numbers, sorted(listed)) for numbers, listed in optimized.items()]
         kept = self._criterion.kept(ranked, self.at_most)
-        pairs = ((value, self._with_starts(shape, found[shape])) for value, shape in kept)
-        return [(value, each) for value, each in pairs if each is not None]
+        pairs = ((value, self._with_starts(shape, scores[shape])) for value, shape in kept)
+        return [(value, support) for value, support in pairs if support is not None]
 
     def _all(self) -> dict[_Shape, _Score]:
         result = dict[_Shape, _Score]()
@@ -225,7 +225,7 @@ class _Ranking:
 
     def _add(self, found: dict[_Shape, _Score], below: tuple[int, ...], coefficients: Floats) -> None:
         """Add the scores of all shapes with this denominator; coefficients are of all its terms but the last."""
-        sets = [each for each in self._by_size if each.shape[1] + len(below) - 1 <= self.at_most + 1]
+        sets = [subset for subset in self._by_size if subset.shape[1] + len(below) - 1 <= self.at_most + 1]
         if not sets:
             return
         order, ordered = np.argsort(below), tuple(sorted(below))
@@ -238,9 +238,9 @@ class _Ranking:
             here = np.sqrt(np.mean((side.below[:, below[:-1]] @ coefficient) ** 2))
             new = tried * here / (size[below[-1]] or 1.0)  # An input may be zero in all trials of an object
             banks.append(np.column_stack([np.tile(coefficient, (len(new), 1)), new])[:, order])
-        left = in_parallel(lambda side, bank: side.left(ordered, bank, sets), self.sides, banks)
-        places = [np.argmin(each, axis=0) for each in left]
-        squares = np.sum([np.min(each, axis=0) for each in left], axis=0)
+        squares_by_side = in_parallel(lambda side, bank: side.left(ordered, bank, sets), self.sides, banks)
+        places = [np.argmin(of_side, axis=0) for of_side in squares_by_side]
+        squares = np.sum([np.min(of_side, axis=0) for of_side in squares_by_side], axis=0)
         count, reduced = len(self.offered.above), self.offered.is_reduced((), ordered)  # So is any ratio then
         for k, terms in enumerate(chain.from_iterable(subset.tolist() for subset in sets)):
             shape = _Shape(tuple(k for k in terms if k < count), ordered, tuple(k - count for k in terms if k >= count))
@@ -259,19 +259,19 @@ class _Ranking:
         """The sets of numerator and added terms, shape (sets, size) for each size."""
         plain, count = self.problem.models[0].terms.terms, len(self.offered.above)
         free = self.problem.allowed[self.equation]
-        added = [count + k for k, each in enumerate(self.offered.added) if each in plain and free[plain.index(each)]]
+        added = [count + k for k, term in enumerate(self.offered.added) if term in plain and free[plain.index(term)]]
         result, total = list[Indices](), 0
         for size in range(1, settings.MAX_SUM_TERMS[1] + settings.MAX_SUM_TERMS[3] + 1):
-            own = [
+            of_size = [
                 (*above, *others)
                 for many in range(max(1, size - settings.MAX_SUM_TERMS[3]), min(size, settings.MAX_SUM_TERMS[1]) + 1)
                 for above in combinations(range(count), many)
                 for others in combinations(added, size - many)
             ]
-            total += len(own)
-            if not own or (size > 1 and total > settings.MAX_SETS[2]):
+            total += len(of_size)
+            if not of_size or (size > 1 and total > settings.MAX_SETS[2]):
                 break
-            result.append(np.array(own))
+            result.append(np.array(of_size))
         return result
 
     @property
@@ -281,10 +281,13 @@ class _Ranking:
     def _optimized(self, shape: _Shape, score: _Score) -> _Score:
         """Return the score at denominator coefficients optimized for each object, starting from given ones."""
         terms = self._terms(shape)
-        below = [side.closest(shape.below, own, terms) for side, own in zip(self.sides, score.below, strict=True)]
+        below = [
+            side.closest(shape.below, coefficients, terms)
+            for side, coefficients in zip(self.sides, score.below, strict=True)
+        ]
         pairs = zip(self.sides, below, strict=True)
-        left = [side.fitted(shape.below, own, terms)[1] for side, own in pairs]
-        return _Score(sum(float(each @ each) for each in left), np.array(below))
+        residuals = [side.fitted(shape.below, coefficients, terms)[1] for side, coefficients in pairs]
+        return _Score(sum(float(residual @ residual) for residual in residuals), np.array(below))
 
     def _with_starts(self, shape: _Shape, score: _Score) -> CandidateSupport | None:
         """Return a shape with starting values: those of each object, and with the median denominator."""
@@ -299,7 +302,10 @@ class _Ranking:
             parameters = [values for row in below if (values := ratio.values_of_parameters(row)) is not None]
             if len(parameters) < len(below):
                 continue
-            fits = [side.fitted(shape.below, own, terms)[0] for side, own in zip(self.sides, below, strict=True)]
+            fits = [
+                side.fitted(shape.below, coefficients, terms)[0]
+                for side, coefficients in zip(self.sides, below, strict=True)
+            ]
             ordered = np.roll(np.array(fits), len(shape.added), axis=1)
             starts.append(expand_to_objects(np.column_stack([ordered, parameters]), objects))
         added = tuple(plain.index(self.offered.added[k]) for k in shape.added)

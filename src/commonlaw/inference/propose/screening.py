@@ -79,7 +79,9 @@ def terms_by_score_test(fit: Fit, terms: Terms) -> Bools:
             fit,
             problem=replace(problem, models=models, known=wider(problem.known, np.nan)),
             supports=wider(fit.supports.astype(np.float64), 0.0) > 0,
-            estimates=tuple(replace(each, coefficients=wider(each.coefficients, 0.0)) for each in fit.estimates),
+            estimates=tuple(
+                replace(estimate, coefficients=wider(estimate.coefficients, 0.0)) for estimate in fit.estimates
+            ),
             alternatives=(),
         )
         for listed in wide.neighbours():

@@ -43,15 +43,15 @@ def choose_deterministic(pool: Pool, progress: ProgressCallback, pooled: Callabl
     forecasts of held-out data diverge: then the best forecaster among all of them and laws of fewer terms. `pooled`
     pools the coefficients of the objects for forecasts; None if the terms are given.
     """
-    rivals = [each for each in _without_process_noise(pool) if each.size]
+    rivals = [fit for fit in _without_process_noise(pool) if fit.size]
     if not pool.best.has_process_noise or not rivals:
         return pool
     progress("comparing residuals of whole trials")
     references = _residuals_of_trials(pool.best), _constants(pool.best.problem.trials)
 
     def explaining(listed: Iterable[Fit]) -> list[Fit]:
-        pairs = [(_log_bayes_factor(each, references), each) for each in listed]
-        return [each for value, each in sorted(pairs, key=lambda pair: -pair[0]) if value > settings.STRONG]
+        pairs = [(_log_bayes_factor(fit, references), fit) for fit in listed]
+        return [fit for value, fit in sorted(pairs, key=lambda pair: -pair[0]) if value > settings.STRONG]
 
     listed = explaining(rivals)
     if not listed:
@@ -60,11 +60,13 @@ def choose_deterministic(pool: Pool, progress: ProgressCallback, pooled: Callabl
     if pooled is not None and np.isneginf(score_of_forecasts(best, pooled)):
         chosen = [rival for rival in rivals if rival.problem.solver is not None]  # Among plain terms: try fewer of them
         pairs = [
-            (each, own) for each in chosen for own in best_of_each_size(Pool((each,), each.alternatives), each.size - 1)
+            (fit, supports)
+            for fit in chosen
+            for supports in best_of_each_size(Pool((fit,), fit.alternatives), fit.size - 1)
         ]
-        fewer = [fit_solutions(each.problem, own) for each, own in pairs]
-        smaller = explaining(each for each in fewer if each.is_usable)
-        scores = [(score_of_forecasts(each, pooled), each) for each in (*listed[1:], *smaller)]
+        fewer = [fit_solutions(fit.problem, supports) for fit, supports in pairs]
+        smaller = explaining(fit for fit in fewer if fit.is_usable)
+        scores = [(score_of_forecasts(fit, pooled), fit) for fit in (*listed[1:], *smaller)]
         most, first = max(scores, key=lambda pair: pair[0], default=(-np.inf, best))
         best = best if np.isneginf(most) else scored_by_forecasts(first, 0.0)
     return replace(resolved(Pool((best,), pool.explored), progress), is_approximation=True)
@@ -90,10 +92,10 @@ def index_of_best_fit_to_whole_trials(ranked: Sequence[Pool]) -> int:
     references = _residuals_of_trials(first), _constants(first.problem.trials)
     evidences = [
         max(
-            (_log_bayes_factor(rival, references) for rival in _without_process_noise(each) if rival.size),
+            (_log_bayes_factor(rival, references) for rival in _without_process_noise(pool) if rival.size),
             default=-np.inf,
         )
-        for each in ranked
+        for pool in ranked
     ]
     best = int(np.argmax(evidences))
     return best if evidences[best] > max(evidences[0], 0.0) + settings.STRONG else 0
@@ -103,7 +105,7 @@ def _log_bayes_factor(rival: Fit, others: Iterable[Sequence[Series]]) -> float:
     """Return the least 2 log B of a law over other residuals, with the BIC penalty for its coefficients."""
     residuals, count = _residuals_of_trials(rival), sum(rival.problem.measured)
     penalty = rival.size * len(rival.problem.models) * float(np.log(count))
-    return min(log_likelihood_gain(residuals, other) for other in others) - penalty
+    return min(log_likelihood_gain(residuals, series) for series in others) - penalty
 
 
 def _without_process_noise(pool: Pool) -> list[Fit]:
@@ -116,7 +118,7 @@ def with_approximation(pool: Pool, outcomes: Sequence[Outcome]) -> tuple[Outcome
         return tuple(outcomes)
     problem = pool.best.problem
     schema, noise = problem.trials.schema, problem.noise_estimate
-    residuals = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in _residuals_of_trials(pool.best)]
+    residuals = [np.sqrt(np.mean(np.concatenate(series) ** 2)) for series in _residuals_of_trials(pool.best)]
     parts = [
         f"{value:.3g} {schema.units.get(name, '')}".rstrip() + f" in {name} (noise {level:.2g})"
         for name, value, level in zip(schema.measured, residuals, noise[~schema.is_latent], strict=True)

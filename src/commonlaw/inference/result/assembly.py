@@ -99,14 +99,14 @@ def compared_terms(pool: Pool) -> list[Compared]:
     best, laws = pool.best, [(rival.score - pool.best.score, rival.model.equations) for rival in pool.rivals]
     template, first, compared = best.problem.law, best.model.equations, []
     near = best.neighbours() if best.problem.solver is not None else [[] for _ in first]
-    for j, (own, given) in enumerate(zip(first, template.support, strict=True)):
-        listed = {own: 0.0}
+    for j, (chosen, given) in enumerate(zip(first, template.support, strict=True)):
+        listed = {chosen: 0.0}
         for difference, support in near[j]:
             listed.setdefault(names_in(template, support | given), difference)
         for difference, of_rival in laws:
             if of_rival[:j] == first[:j] and of_rival[j + 1 :] == first[j + 1 :]:
                 listed.setdefault(of_rival[j], difference)
-        ranked = sorted(listed.items(), key=lambda pair: (pair[1], pair[0] != own))
+        ranked = sorted(listed.items(), key=lambda pair: (pair[1], pair[0] != chosen))
         compared.append({names: difference for names, difference in ranked if difference >= 0})
     return compared
 
@@ -126,9 +126,9 @@ def plausible_laws(pool: Pool, law: Law) -> tuple[PlausibleLaw[Law], ...]:
 
     plausible = list[PlausibleLaw[Law]]()
     if pool.best.problem.solver is not None:
-        (own, _), *others = weighted(pool.best)
+        (chosen_share, _), *others = weighted(pool.best)
         kept = [(share, fit) for share, fit in others if share > settings.MIN_PROBABILITY][: settings.MAX_MODELS - 1]
-        total = own + sum(share for share, _ in kept)
+        total = chosen_share + sum(share for share, _ in kept)
         for share, fit in kept:
             alternative = fitted_law(law, replace(fit, problem=pool.best.problem))
             plausible.append(PlausibleLaw(share / total, as_stored(alternative)))
@@ -136,17 +136,17 @@ def plausible_laws(pool: Pool, law: Law) -> tuple[PlausibleLaw[Law], ...]:
     for rival in pool.rivals:
         if not any(_is_same(rival, fit) for fit in (pool.best, *different)):
             different.append(rival)
-    own = 1.0 - sum(alternative.probability for alternative in plausible)
+    chosen_share = 1.0 - sum(alternative.probability for alternative in plausible)
     structures = {alternative.law.structure for alternative in plausible} | {law.structure}
     for above, fit in sorted(((fit.score - pool.best.score, fit) for fit in different), key=lambda pair: pair[0]):
-        share = own * float(np.exp(-max(0.0, above) / 2))
+        share = chosen_share * float(np.exp(-max(0.0, above) / 2))
         if share <= settings.MIN_PROBABILITY or len(plausible) == settings.MAX_MODELS - 1:
             break
         alternative = with_parameters_of(as_stored(fitted_law(fit.problem.law, fit)), law)
         if alternative.schema == law.schema and alternative.structure not in structures:
             structures.add(alternative.structure)
             plausible.append(PlausibleLaw(share, alternative))
-    total = own + sum(alternative.probability for alternative in plausible)
+    total = chosen_share + sum(alternative.probability for alternative in plausible)
     plausible = [alternative._replace(probability=alternative.probability / total) for alternative in plausible]
     return tuple(sorted(plausible, key=lambda alternative: -alternative.probability))
 

@@ -69,13 +69,13 @@ def interval_inflation(found: Sequence[StandardizedErrors]) -> IntervalInflation
     errors, with a prior of mean one that counts as two trials. Factors are at least one, because other conditions are
     seldom forecast better than the training data, and do not decrease with the horizon.
     """
-    longest = max((float(each.ahead.max()) for each in found if len(each.ahead)), default=0.0)
+    longest = max((float(errors.ahead.max()) for errors in found if len(errors.ahead)), default=0.0)
     if not longest > 0:
         return None
     horizons, factors, width = [], [], longest / settings.HORIZONS
     for middle in width * (np.arange(settings.HORIZONS) + 0.5):
-        near = [each.sizes[abs(each.ahead - middle) <= width] for each in found]
-        trials = [known for each in near if len(known := each[np.isfinite(each)])]
+        near = [errors.sizes[abs(errors.ahead - middle) <= width] for errors in found]
+        trials = [known for errors in near if len(known := errors[np.isfinite(errors)])]
         if trials:
             horizons.append(middle)
             factors.append(_factor(trials))
@@ -151,7 +151,7 @@ def _folds(trials: Trials, both_ways: bool) -> Iterator[tuple[list[Trial], LeftO
         for share in settings.FITTED_SHARES:
             cut = [(trial, int(np.ceil(share * len(trial)))) for group in groups for trial in group]
             counts = sorted({count for _, count in cut})
-            alike = [([trial for trial, own in cut if own == count], count) for count in counts]
+            alike = [([trial for trial, number in cut if number == count], count) for count in counts]
             yield [trial.cut(count) for trial, count in cut], list[tuple[list[Trial], int | None]](alike)
         if both_ways:
             whole = [(trial, len(trial) // 2) for group in groups for trial in group]
@@ -162,7 +162,7 @@ def _folds(trials: Trials, both_ways: bool) -> Iterator[tuple[list[Trial], LeftO
         return
     for fold in range(min(settings.MAX_FOLDS, max(map(len, repeated)))):
         left_out = [group[fold] for group in repeated if fold < len(group)]
-        rest = [trial for group in groups for trial in group if not any(trial is each for each in left_out)]
+        rest = [trial for group in groups for trial in group if not any(trial is held_out for held_out in left_out)]
         yield rest, [(left_out, None)]
 
 
@@ -215,21 +215,21 @@ def best_forecaster(
     many measurements. If another one is chosen, laws of larger evidence under the same errors become its rivals.
     `pooled` pools the coefficients of the objects.
     """
-    own = standardized_errors(pool.best, pooled)
-    if pool.is_approximation or not _are_forecasts_off(pool.best, own):
-        return pool, own
+    errors_of_best = standardized_errors(pool.best, pooled)
+    if pool.is_approximation or not _are_forecasts_off(pool.best, errors_of_best):
+        return pool, errors_of_best
     progress("comparing forecasts of held-out data")
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))
     scored = [(_score(errors_of(pool.best)), pool.best)]
     for fit in _others(pool, kinds, progress):
         errors = errors_of(fit)
-        if len(errors) == len(own):
+        if len(errors) == len(errors_of_best):
             scored.append((_score(errors), fit))
-    most, best = max(scored, key=lambda each: each[0])
+    most, best = max(scored, key=lambda pair: pair[0])
     if best is pool.best:
-        return pool, own
+        return pool, errors_of_best
     preferred = [(score, fit) for score, fit in scored if fit.errors == best.errors and fit < best]
-    others = [scored_by_forecasts(fit, most - score) for score, fit in sorted(preferred, key=lambda each: -each[0])]
+    others = [scored_by_forecasts(fit, most - score) for score, fit in sorted(preferred, key=lambda pair: -pair[0])]
     return replace(pool, fits=(scored_by_forecasts(best, 0.0), *others)), standardized_errors(best, pooled)
 
 
@@ -261,7 +261,7 @@ def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
     finite = [known for error in errors if len(known := error.standardized[np.isfinite(error.sizes)])]
     if min(count, len(finite)) < 2:
         return False
-    squares = [np.median(each**2) for each in finite]  # Robust to outliers of the measurements
+    squares = [np.median(errors_of_trial**2) for errors_of_trial in finite]  # Robust to outliers of the measurements
     return float(np.mean(squares)) > 1 + settings.SIGNIFICANT * float(np.sqrt(2 / count))
 
 
@@ -297,7 +297,7 @@ def _others(pool: Pool, kinds: Sequence[ErrorKind], progress: ProgressCallback) 
     problem, supports = pool.plain.problem.under_white_noise, dict[bytes, Bools]()
     plain = replace(pool.plain, problem=problem)
     for under_errors in search_each_group(plain, kinds, progress):
-        supports |= {each.tobytes(): each for each in best_of_each_size(under_errors, largest)}
+        supports |= {proposed.tobytes(): proposed for proposed in best_of_each_size(under_errors, largest)}
     for support in supports.values():
         fits = fit_each_kind(problem, support, kinds)
         for group in GROUPS:
@@ -309,8 +309,8 @@ def _others(pool: Pool, kinds: Sequence[ErrorKind], progress: ProgressCallback) 
 
 def best_of_each_size(pool: Pool, largest: int) -> Iterable[Bools]:
     """Return the most probable support of each size among those that a pool proposes."""
-    proposed = [each for each in pool.proposals() if 0 < each.sum() <= largest]
-    best, values = dict[int, Bools](), [pool.best.evidence.value(each) for each in proposed]
+    proposed = [support for support in pool.proposals() if 0 < support.sum() <= largest]
+    best, values = dict[int, Bools](), [pool.best.evidence.value(support) for support in proposed]
     for i in np.argsort(values):
         best.setdefault(int(proposed[i].sum()), proposed[i])
     return best.values()

@@ -107,8 +107,8 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
     if fit.has_process_noise:
         of = ", the best in its library," if chosen else ""
         result.append(note("model-error", library=of, error=model_error_step(fit).choice))
-    elif left := _left(fit):
-        result.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=left))
+    elif lack := _left(fit):
+        result.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=lack))
     if fit.problem.samples:
         result.append(note("samples-fitted", samples=fit.problem.samples))
     return tuple(result)
@@ -258,17 +258,17 @@ def model_error_step(fit: Fit) -> Step:
     """Return what error the law itself has."""
     why, errors, schema = _LEVELS, fit.problem.errors, fit.problem.trials.schema
     if errors.force is not None:
-        levels = (f"{name}: {each:.3g}" for name, each in zip(schema.states, errors.force, strict=True))
+        levels = (f"{name}: {level:.3g}" for name, level in zip(schema.states, errors.force, strict=True))
         time = f"{errors.force_time:.3g} {schema.units.get(schema.time, '')}".rstrip()
         return Step("model error", f"a smooth force on {', '.join(levels)}; over {time}", why)
     if fit.has_model_error:
         return Step("model error", f"a random walk with steps of {fit.model_error:.3g} times the noise", why)
-    left = _left(fit)
+    lack = _left(fit)
     fine = "no lack of fit: residuals are within the noise"
     return Step(
         "model error",
         "none",
-        f"no model error was included, although the residuals are not white noise: {left}" if left else fine,
+        f"no model error was included, although the residuals are not white noise: {lack}" if lack else fine,
     )
 
 

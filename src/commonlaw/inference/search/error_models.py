@@ -100,7 +100,7 @@ def search_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCa
     starts, pools = fit_each_kind(fit.problem, fit.supports, kinds), list[Pool]()
     for number, group in enumerate(GROUPS, start=1):
         show = part(progress, number / (len(GROUPS) + 1), (number + 1) / (len(GROUPS) + 1))
-        of_group = [each for each in starts if ERRORS[each.errors].group == group]
+        of_group = [begun for begun in starts if ERRORS[begun.errors].group == group]
         if of_group:
             start = min(of_group)
             show(f"searching for a law with {ERRORS[start.errors].label}")
@@ -129,8 +129,8 @@ def _alternate(fit: Fit, progress: ProgressCallback) -> Pool:
             explored = [refine_support(fit.problem, fit.supports, fit.estimates, fit.model_error)]
         else:
             fits = sorted(anneal(fit.problem, progress, settings.SCHEDULES[:1]))
-            explored = [each for each in fits if not each.has_model_error]
-        others = [each for each in explored if not np.array_equal(each.supports, fit.supports)]
+            explored = [candidate for candidate in fits if not candidate.has_model_error]
+        others = [candidate for candidate in explored if not np.array_equal(candidate.supports, fit.supports)]
         changed = estimate_error_model(others[0], kind) if others else fit
         if not changed < fit:
             break
@@ -143,11 +143,13 @@ def _fit_all_pairs(pools: Sequence[Pool], others: Sequence[Bools]) -> list[Fit]:
     """Return fits under each error model of the most probable among the supports found under any of them."""
     listed = [*(supports for pool in pools for supports in pool.proposals()), *others]
     most = max((pool.best.problem.most_terms for pool in pools[:1]), default=0)
-    distinct = list({each.tobytes(): each for each in listed if each.sum(axis=1).max() <= most}.values())
+    distinct = list(
+        {proposed.tobytes(): proposed for proposed in listed if proposed.sum(axis=1).max() <= most}.values()
+    )
     fits = list[Fit]()
     for pool in pools:
         best = pool.best
-        values = [best.evidence.value(each) for each in distinct]
+        values = [best.evidence.value(proposed) for proposed in distinct]
         for supports in (distinct[i] for i in np.argsort(values)[: settings.MAX_PROPOSED]):
             fit = fit_with(best.problem, supports, best.model_error)
             fits.append(rescale_noise(fit) if best.errors == "white" else estimate_error_model(fit, best.errors))

@@ -86,7 +86,9 @@ class Pool:
         yield from (fit.supports for fit in self.explored[: settings.MAX_PROPOSED])
         near = [[support for _, support in listed[: settings.MAX_PROPOSED]] for listed in best.neighbours()]
         paths = [best.evidence.path(best.supports, j, solver) for j in range(len(best.supports))]
-        for j, support in ((j, each) for group in (near, paths) for j, listed in enumerate(group) for each in listed):
+        for j, support in (
+            (j, proposed) for group in (near, paths) for j, listed in enumerate(group) for proposed in listed
+        ):
             supports = best.supports.copy()
             supports[j] = support
             yield supports
@@ -123,10 +125,10 @@ def score_of_order(fit: Fit) -> Score:
     score = fit.score if "Laplace correction" in fit.score.parts else fit.score_at_estimates
     if not len(with_rates(problem.order, states)):
         return score
-    rates = np.concatenate([each[:, states:] for own in problem.smoothed for each in own])
+    rates = np.concatenate([smoothed[:, states:] for of_object in problem.smoothed for smoothed in of_object])
     variances, penalty = np.nanmean(rates**2, axis=0), 0.0
     for model, estimate in zip(problem.models, fit.estimates, strict=True):
-        for mesh, found, _ in model.parts(estimate):
-            starts = found[mesh.first, states : model.width]
+        for mesh, states_of_mesh, _ in model.parts(estimate):
+            starts = states_of_mesh[mesh.first, states : model.width]
             penalty += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
     return score.plus("initial conditions", penalty)

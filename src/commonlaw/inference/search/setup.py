@@ -136,7 +136,7 @@ def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[Er
 
     Raises `CommonlawError` if the noise of a logarithmic state is to be heteroscedastic.
     """
-    grown = [kind for kind, each in ERRORS.items() if isinstance(each, Heteroscedastic)] if schema.logarithmic else []
+    grown = [kind for kind, model in ERRORS.items() if isinstance(model, Heteroscedastic)] if schema.logarithmic else []
     if errors in grown:
         raise CommonlawError("log-states-with-errors", states=schema.logarithmic)
     return tuple(kind for kind in (ERRORS if errors == "auto" else (errors,)) if kind not in grown)

@@ -160,11 +160,11 @@ def bounds(
     along = [np.column_stack([state, trial.inputs, trial.times]) for trial, state in pairs_of_trials]
     values = law.terms.variables.natural(np.concatenate(along))
     values = values[np.isfinite(values).all(axis=1)]
-    found: list[Bound] = []
+    limits: list[Bound] = []
     for i, (equation, name) in enumerate(pairs):
         progress(Stage(f"fitting the law with {name}", i / len(pairs)))
-        found += _of_term(law, trials, equation, name, values, level)
-    return Bounds(tuple(found), level)
+        limits += _of_term(law, trials, equation, name, values, level)
+    return Bounds(tuple(limits), level)
 
 
 def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
@@ -186,14 +186,14 @@ def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
 
 def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats, level: float) -> Iterator[Bound]:
     """Yield the limits of an object's coefficient of a term, from values of all variables, shape (n, variables)."""
-    wider, left = _with_term(law, name), left_hand_sides(law)[equation]
+    wider, side = _with_term(law, name), left_hand_sides(law)[equation]
     term = wider.terms.terms[wider.terms.index(name)]
     if law.observation is None:
         support = wider.support.copy()
         support[equation, wider.terms.index(name)] = True
         estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
         fitted = candidate_law(wider, trials, support, own_noise=estimated).law
-        place, unit = fitted.terms.index(name), coefficient_units(fitted).get((left, name), "")
+        place, unit = fitted.terms.index(name), coefficient_units(fitted).get((side, name), "")
         coefficients, errors = fitted.coefficients[:, equation, place], standard_errors(fitted)[:, equation, place]
     else:  # Noise that was given stays, too
         given = (law.observation.restrictions or Restrictions()).noise
@@ -217,7 +217,7 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
         at_most = float(upper_bound(coefficient, error, degrees, level))
         ends = coefficient - reach * error, coefficient + reach * error
         effect = at_most * float(sizes.max())
-        yield Bound(left, name, owner, coefficient, error, *ends, at_most, effect, unit)
+        yield Bound(side, name, owner, coefficient, error, *ends, at_most, effect, unit)
 
 
 def _with_term(law: Law, name: str) -> Law:
@@ -226,7 +226,7 @@ def _with_term(law: Law, name: str) -> Law:
     )
     if name in law.terms.names:
         return bare
-    own, parameters = law.terms.terms, len(law.terms.parameters)
-    at = len(own) - parameters
-    terms = Terms(law.terms.variables, (*own[:at], parse_term(name, law.terms.variables), *own[at:]))
+    terms_of_law, parameters = law.terms.terms, len(law.terms.parameters)
+    at = len(terms_of_law) - parameters
+    terms = Terms(law.terms.variables, (*terms_of_law[:at], parse_term(name, law.terms.variables), *terms_of_law[at:]))
     return replace(bare, terms=terms, coefficients=np.insert(law.coefficients, at, 0.0, axis=2))

@@ -38,14 +38,14 @@ def fitted_by_parts(
 
     Raises `CommonlawError` if an object is in two parts.
     """
-    found = done_in_parts(_fitted, list(zip(fits, parts, strict=True)), "fitting objects", progress)
-    laws = [law for law, _ in found]
+    fitted = done_in_parts(_fitted, list(zip(fits, parts, strict=True)), "fitting objects", progress)
+    laws = [law for law, _ in fitted]
     objects = tuple(name for law in laws for name in law.objects)
     twice = [name for name, count in Counter(objects).items() if count > 1]
     if twice:
         raise CommonlawError("object-in-two-files", object=twice[0])
-    weights, known = np.array([samples for _, samples in found], dtype=np.float64), [law.uncertainty for law in laws]
-    degrees = [each.degrees_of_freedom for each in known if each.degrees_of_freedom is not None]
+    weights, known = np.array([samples for _, samples in fitted], dtype=np.float64), [law.uncertainty for law in laws]
+    degrees = [uncertainty.degrees_of_freedom for uncertainty in known if uncertainty.degrees_of_freedom is not None]
     ranges = [law.provenance.domain.visited for law in laws]
     visited = {
         name: (min(interval[name][0] for interval in ranges), max(interval[name][1] for interval in ranges))
@@ -57,9 +57,11 @@ def fitted_by_parts(
         objects=objects,
         coefficients=np.concatenate([law.coefficients for law in laws]),
         uncertainty=Uncertainty(
-            np.concatenate([each.known_covariance() for each in known]),
-            noise=_root_mean_square(weights, [unknown if each.noise is None else each.noise for each in known]),
-            error_model=_errors(weights, [each.error_model for each in known]),
+            np.concatenate([uncertainty.known_covariance() for uncertainty in known]),
+            noise=_root_mean_square(
+                weights, [unknown if uncertainty.noise is None else uncertainty.noise for uncertainty in known]
+            ),
+            error_model=_errors(weights, [uncertainty.error_model for uncertainty in known]),
             degrees_of_freedom=np.sum(degrees, axis=0) if len(degrees) == len(laws) else None,
         ),
         provenance=replace(laws[0].provenance, domain=Domain(visited), outcomes=(), alternatives=()),
@@ -73,13 +75,13 @@ def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> tuple[Law, in
     with unannounced():
         law = fit(trials)
     known = law.uncertainty
-    own = Uncertainty(
+    uncertainty = Uncertainty(
         known.known_covariance(),
         noise=known.noise,
         error_model=known.error_model,
         degrees_of_freedom=known.degrees_of_freedom,
     )
-    return replace(law, uncertainty=own, properties=trials.properties), sum(map(len, trials))
+    return replace(law, uncertainty=uncertainty, properties=trials.properties), sum(map(len, trials))
 
 
 def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:

@@ -122,8 +122,8 @@ def compare(
     several = len({law.order for law in laws.values()}) > 1
     score: Callable[[Fit], Score] = score_of_order if several else lambda fit: fit.score
     same = [written_alike(law, trials.schema) for law in laws.values()]
-    found = matched(same[0], trials)
-    if any(matched(law, found) is not found for law in same[1:]):
+    converted = matched(same[0], trials)
+    if any(matched(law, converted) is not converted for law in same[1:]):
         raise CommonlawError("laws-in-other-units")
     with threads(n_jobs):
         fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
@@ -143,7 +143,7 @@ def compare(
         [fit.size for fit in fits],
         [ERRORS[fit.errors].label for fit in fits],
         [fit.has_process_noise for fit in fits],
-        np.array([each - min(scores) for each in scores]),
+        np.array([value - min(scores) for value in scores]),
     )
 
 
@@ -181,10 +181,10 @@ def _of_observations(
         raise CommonlawError("not-refined-file-by-file", what="observation equations")
     units = dict[str, str]()
     for law in laws.values():
-        own = measured_schema(law).units
-        if any(units.get(name, unit) != unit for name, unit in own.items()):
+        units_of_law = measured_schema(law).units
+        if any(units.get(name, unit) != unit for name, unit in units_of_law.items()):
             raise CommonlawError("laws-in-other-units")
-        units |= own
+        units |= units_of_law
     progress, fits = on_terminal(), list[Fitted]()
     for name, law in laws.items():
         own_progress = part(progress, len(fits) / len(laws), (len(fits) + 1) / len(laws))
@@ -227,8 +227,8 @@ def written_alike(law: Law, schema: Schema) -> Law:
     used |= (np.arange(used.size) == 0) & ~used.any()  # A law has a term, if only with a coefficient of zero
     wider = {*law.schema.inputs} <= {*schema.inputs}
     after = replace(before, inputs=schema.inputs) if wider else before
-    own = law.terms.take(np.flatnonzero(used).tolist()).terms
-    terms = parse_terms([each.expression(before.names) for each in own], after)
+    used_terms = law.terms.take(np.flatnonzero(used).tolist()).terms
+    terms = parse_terms([term.expression(before.names) for term in used_terms], after)
     return replace(
         law,
         terms=terms,

@@ -67,7 +67,7 @@ def candidate_laws(
     ["x'' = a", "x'' = a + b v", "x'' = a + b x + c v"]
     """
     result = iterate_candidates(law, trials, most, progress)
-    return tuple(sorted(result, key=lambda each: (each.size, -(each.evidence or 0.0), each.chosen)))
+    return tuple(sorted(result, key=lambda candidate: (candidate.size, -(candidate.evidence or 0.0), candidate.chosen)))
 
 
 def iterate_candidates(law: Law, trials: Trials, most: int, progress: Callable[[str], None]) -> Iterator[CandidateLaw]:
@@ -159,7 +159,7 @@ def _supports(law: Law, most: int) -> list[Bools]:
 
 def _along_path(law: Law) -> Iterator[Bools]:
     """Yield supports from few terms to many, in each step growing the equation that gains most."""
-    paths = [_path(law, left) or [(law.support[j], 0.0)] for j, left in enumerate(left_hand_sides(law))]
+    paths = [_path(law, side) or [(law.support[j], 0.0)] for j, side in enumerate(left_hand_sides(law))]
     at = [0] * len(paths)
     while True:
         yield np.array([path[i][0] for path, i in zip(paths, at, strict=True)])
@@ -172,18 +172,25 @@ def _along_path(law: Law) -> Iterator[Bools]:
 def _path(law: Law, left: str) -> list[tuple[Bools, float]]:
     """Return the best support of each size of an equation, shape (terms,), the smallest first, and its criterion."""
     listed = [alternative for alternative in law.provenance.alternatives if alternative.equation == left]
-    name = next((name for name in _MEASURES if all(each.measures.get(name) is not None for each in listed)), "")
+    name = next(
+        (name for name in _MEASURES if all(candidate.measures.get(name) is not None for candidate in listed)), ""
+    )
     best: dict[int, Alternative] = {}
-    for alternative in sorted(listed, key=lambda each: (not each.chosen, each.measures.get(name) or 0.0)):
+    for alternative in sorted(
+        listed, key=lambda candidate: (not candidate.chosen, candidate.measures.get(name) or 0.0)
+    ):
         best.setdefault(len(alternative.terms), alternative)
     ordered = (best[size] for size in sorted(best))
-    return [(np.isin(law.terms.names, each.terms), each.measures.get(name) or 0.0) for each in ordered]
+    return [(np.isin(law.terms.names, candidate.terms), candidate.measures.get(name) or 0.0) for candidate in ordered]
 
 
 def _evidence(law: Law, support: Bools) -> float | None:
     """Return 2 log B of a support relative to the most probable one, summed over equations; None if not computed."""
     terms, listed = np.array(law.terms.names, dtype=object), law.provenance.alternatives
-    measures = {(each.equation, frozenset(each.terms)): each.measures.get("2 log B") for each in reversed(listed)}
+    measures = {
+        (alternative.equation, frozenset(alternative.terms)): alternative.measures.get("2 log B")
+        for alternative in reversed(listed)
+    }
     pairs = zip(left_hand_sides(law), support, strict=True)
-    known = [measures.get((left, frozenset(terms[own]))) for left, own in pairs]
-    return None if any(each is None for each in known) else float(sum(each or 0.0 for each in known))
+    known = [measures.get((side, frozenset(terms[of_equation]))) for side, of_equation in pairs]
+    return None if any(value is None for value in known) else float(sum(value or 0.0 for value in known))

@@ -184,7 +184,7 @@ class _Fit:
         if alike and setup.law.terms.parameters and not trials.schema.initial_values:
             setup = replace(setup, priors=empirical_priors(setup.problem(), setup.law.coefficients))
         pool, steps = choose_interpolation(
-            lambda own, _: fit_terms(replace(setup, trials=own)),
+            lambda varied, _: fit_terms(replace(setup, trials=varied)),
             setup.trials,
             input_interpolation=setup.input_interpolation,
             progress=progress,
@@ -228,7 +228,7 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
     names = objects_of_parts(parts, part(progress, 0.0, 0.1))
     laws = [light.select(name) if known.issuperset(name) else typical(law, name) for name in names]
-    fits = [partial(how.refined, own, alike=False, progress=silent) for own in laws]
+    fits = [partial(how.refined, law_of_part, alike=False, progress=silent) for law_of_part in laws]
     result = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
     step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
     return replace(result, provenance=replace(result.provenance, history=(*law.history, step)))
