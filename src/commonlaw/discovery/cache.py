@@ -60,10 +60,10 @@ def digest(value: object) -> str:
 
     Raises `_NotHashableError` if a value is of another class, or of a subclass.
     """
-    found = hashlib.sha256()
-    for each in _parts(value):
-        found.update(len(each).to_bytes(8, "little") + each)
-    return found.hexdigest()
+    hashed = hashlib.sha256()
+    for content in _parts(value):
+        hashed.update(len(content).to_bytes(8, "little") + content)
+    return hashed.hexdigest()
 
 
 def _path(trials: Trials, question: Mapping[str, object]) -> Path | None:
@@ -99,7 +99,7 @@ def _write(path: Path, law: Law) -> None:
         return
     make_folder(path.parent)
     write_whole(path, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
-    remove_longest_unused((each for each in path.parent.iterdir() if len(each.name) == len(path.name)), LARGEST)
+    remove_longest_unused((file for file in path.parent.iterdir() if len(file.name) == len(path.name)), LARGEST)
 
 
 @cache
@@ -108,7 +108,7 @@ def _version() -> str:
     import scipy
 
     root = Path(commonlaw.__file__).parent
-    files = sorted(each for kind in ("*.py", "*.so", "*.pyd", "*.dylib") for each in root.rglob(kind))
+    files = sorted(path for kind in ("*.py", "*.so", "*.pyd", "*.dylib") for path in root.rglob(kind))
     known = [(str(file.relative_to(root)), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
     return digest((commonlaw.__version__, np.__version__, scipy.__version__, known))
 
@@ -122,7 +122,7 @@ def _parts(value: object) -> Iterator[bytes]:
         yield f"{type(value).__name__} {value!r}".encode()
     elif isinstance(value, Mapping):
         yield f"mapping {len(value)}".encode()
-        inside = [each for pair in value.items() for each in pair]
+        inside = [part for pair in value.items() for part in pair]
     elif isinstance(value, list | tuple):
         yield f"sequence {len(value)}".encode()
         inside = value
@@ -132,8 +132,8 @@ def _parts(value: object) -> Iterator[bytes]:
         and type(value).__module__.split(".")[0] == commonlaw.__name__
     ):
         yield f"{type(value).__module__} {type(value).__qualname__}".encode()
-        inside = [getattr(value, each.name) for each in fields(value) if each.compare]
+        inside = [getattr(value, field.name) for field in fields(value) if field.compare]
     else:
         raise _NotHashableError
-    for each in inside:
-        yield from _parts(each)
+    for part in inside:
+        yield from _parts(part)

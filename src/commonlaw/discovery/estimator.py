@@ -160,17 +160,17 @@ class LawDiscovery:
             raise CommonlawError("observed-order", order=self.order)
         if refused or isinstance(self.library, Mapping):
             raise CommonlawError("not-with-observation", settings=refused)
-        own = parse_library(self.library)
-        if own.functions:
-            raise CommonlawError("function-with-observation", function=own.functions[0].text)
-        trials = with_properties_in([own], trials)
+        library = parse_library(self.library)
+        if library.functions:
+            raise CommonlawError("function-with-observation", function=library.functions[0].text)
+        trials = with_properties_in([library], trials)
         is_text = isinstance(self.known, Mapping | str | None)  # Laws and functions are none
         with one_blas_thread():
             return discover_observed(
                 trials,
                 observe,
                 latent,
-                None if self.library == "auto" else own,
+                None if self.library == "auto" else library,
                 self.known or {},
                 noise=settings.get("noise"),
                 seed=settings.get("seed", 0),
@@ -206,14 +206,14 @@ class LawDiscovery:
             constant = states_at_rest(trials) if isinstance(order, str) or order in (1, 2) else ()
             trials = without_states(trials, constant)
         asked = self.library.values() if isinstance(self.library, Mapping) else [self.library]
-        libraries = [parse_library(each) for each in asked]
-        functions = functions_in(f for each in libraries for f in each.functions)
+        libraries = [parse_library(library) for library in asked]
+        functions = functions_in(f for library in libraries for f in library.functions)
         if isinstance(trials, Trials):
             trials = with_properties_in(libraries, trials)
         trials, possible, steps, rates = possible_orders(trials, order)
         absent: Known = {}
         if isinstance(self.library, Mapping):
-            first = one_order([each[0] for each in possible])
+            first = one_order([orders[0] for orders in possible])
             library, absent = of_each_equation(self.library, trials.schema, first)
         else:
             (library,) = libraries
@@ -224,18 +224,20 @@ class LawDiscovery:
             if isinstance(known, Law) and known.schema.states == trials.schema.states:
                 trials = matched(replace(known, observation=None), trials, inputs="any")
             if self.order == "auto" and not by_equation:
-                own = order_of_base(known, trials)
-                possible = tuple((each,) for each in order_of_each(own, len(trials.schema.states)))
-            library, known = with_base(library, known, one_order([each[0] for each in possible]), trials)
+                order_of_known = order_of_base(known, trials)
+                possible = tuple(
+                    (order_of_state,) for order_of_state in order_of_each(order_of_known, len(trials.schema.states))
+                )
+            library, known = with_base(library, known, one_order([orders[0] for orders in possible]), trials)
         has_evidence = isinstance(method, TrajectoryLikelihood) and isinstance(trials, Trials)
-        if not has_evidence and any(len(each) > 1 for each in possible):
+        if not has_evidence and any(len(orders) > 1 for orders in possible):
             is_discrete = method.orders == (0,)
-            possible = tuple((0,) if is_discrete else each[:1] for each in possible)
+            possible = tuple((0,) if is_discrete else orders[:1] for orders in possible)
             if not is_discrete:
                 what = "in a stream" if isinstance(trials, TrialStream) else f"by {type(method).__name__}"
-                order = one_order([each for (each,) in possible])
+                order = one_order([order_of_state for (order_of_state,) in possible])
                 instead = (*instead, note("order-without-evidence", order=order, what=what))
-        first = one_order([each[0] for each in possible])
+        first = one_order([orders[0] for orders in possible])
         structure = ModelStructure(first, library, {**absent, **known}, self.shared, derivatives)
         copies, resting = tuple[Outcome, ...](), tuple[str, ...]()
         if isinstance(trials, Trials):
@@ -256,8 +258,8 @@ class LawDiscovery:
             else:
                 law = method.find(trials, structure, progress)
         # Laws, functions and derivatives are no text
-        said = isinstance(self.known, Mapping | str | None) and derivatives is None and not functions
-        made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if said else ()
+        is_text = isinstance(self.known, Mapping | str | None) and derivatives is None and not functions
+        made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if is_text else ()
         left_out = *copies, *outcome_of_constants(constant), *outcome_of_rest(resting)
         outcomes = (*law.diagnostics, *rates, *left_out, *instead)
         provenance = replace(law.provenance, calls=made, outcomes=outcomes, history=(*steps, *law.history))
@@ -294,9 +296,9 @@ class LawDiscovery:
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Return the parameters by name; if `deep` those of the method too, ``method__solver__threshold``."""
-        own = {name: getattr(self, name) for name in _PARAMETERS}
-        inner = (pair for name, value in own.items() for pair in _nested_parameters(name, value))
-        return own | dict(inner) if deep else own
+        parameters = {name: getattr(self, name) for name in _PARAMETERS}
+        inner = (pair for name, value in parameters.items() for pair in _nested_parameters(name, value))
+        return parameters | dict(inner) if deep else parameters
 
     def set_params(self, **parameters: Any) -> Self:
         """Set parameters by name, also those of the method (``method__trim=5``), and return the estimator.
@@ -348,14 +350,14 @@ def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
     """
     copies = exact_copies(trials)
     names = dict.fromkeys(trial.object for trial, _ in copies)
-    own = [trial for name in names for trial, _ in exact_copies(trials.of_object(name))]
-    kept = [trial for trial in trials if not any(trial is copy for copy in own)]
-    left_out = [(trial, before) for trial, before in copies if any(trial is each for each in own)]
+    redundant = [trial for name in names for trial, _ in exact_copies(trials.of_object(name))]
+    kept = [trial for trial in trials if not any(trial is copy for copy in redundant)]
+    left_out = [(trial, before) for trial, before in copies if any(trial is copy for copy in redundant)]
     counted, outcomes = [pair for pair in copies if pair not in left_out], list[Outcome]()
     for what, pairs in (("copies-of-trials", left_out), ("copies-of-objects", counted)):
         if pairs:
             outcomes.append(note(what, trials=shown([f"{trial.label} of {before.label}" for trial, before in pairs])))
-    return trials.with_trials([each.measured() for each in kept]), tuple(outcomes)
+    return trials.with_trials([trial.measured() for trial in kept]), tuple(outcomes)
 
 
 @with_renamed_arguments
@@ -462,9 +464,9 @@ def _nested_parameters(name: str, value: object) -> Iterator[tuple[str, object]]
     """Yield the fields of a value that is a dataclass, and of its fields, as ``method__solver__threshold``."""
     if is_dataclass(value):
         for field in fields(value):
-            full, own = f"{name}__{field.name}", getattr(value, field.name)
-            yield full, own
-            yield from _nested_parameters(full, own)
+            full, field_value = f"{name}__{field.name}", getattr(value, field.name)
+            yield full, field_value
+            yield from _nested_parameters(full, field_value)
 
 
 def _with_parameter(name: str, value: Any, path: str, new: object) -> Any:
@@ -474,5 +476,5 @@ def _with_parameter(name: str, value: Any, path: str, new: object) -> Any:
     first, _, rest = path.partition("__")
     known = [field.name for field in fields(value) if field.init]
     check_choice(f"parameter of {name}", first, known)
-    own = _with_parameter(f"{name}__{first}", getattr(value, first), rest, new) if rest else new
-    return replace(value, **{first: own})
+    changed = _with_parameter(f"{name}__{first}", getattr(value, first), rest, new) if rest else new
+    return replace(value, **{first: changed})

@@ -214,7 +214,7 @@ def fit(
     shared = (shared,) if isinstance(shared, str) else shared
     groups = shared if isinstance(shared, Mapping) else dict.fromkeys(shared, ALL)
     model = ModelText.of(equations, observe)
-    own = {
+    model_settings = {
         "initial_values": initial_values,
         "initial_time": initial_time,
         "shared": shared,
@@ -223,9 +223,9 @@ def fit(
     }
     changed = changed_settings("fit", settings)
     whole = equations if isinstance(equations, str) else "; ".join(equations)
-    asked_of = {"observe": observe, "doses": doses, **own, **changed}
+    asked_of = {"observe": observe, "doses": doses, **model_settings, **changed}
     calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
-    jointly = partial(_of_model, model, with_doses(trials, doses), calls, own | {"shared": groups}, changed)
+    jointly = partial(_of_model, model, with_doses(trials, doses), calls, model_settings | {"shared": groups}, changed)
     if needs_model(model, trials, initial_values or {}, shared, priors) or any(
         isinstance(v, str) for v in (noise or {}).values()
     ):
@@ -233,8 +233,8 @@ def fit(
             raise CommonlawError("function-with-observation", function=called[0].text)
         return jointly()
     asked = split_equations(equations)
-    second = [each.state for each in asked if each.order == 2]
-    trials, rates = without_measured_rates(trials, second, [each.state for each in asked])
+    second = [equation.state for equation in asked if equation.order == 2]
+    trials, rates = without_measured_rates(trials, second, [equation.state for equation in asked])
     initial_values = {name: None if start == "free" else start for name, start in (initial_values or {}).items()}
     shared = tuple(shared)
     resting = () if shared or initial_values else objects_at_rest(trials)
@@ -302,7 +302,7 @@ def fit(
     for name, value in (guesses or {}).items():
         check_choice("coefficient", name, parameters.names)
         within = [bound for bound in given.bounds if bound.name == name]
-        if not np.isfinite(value) or value == 0 or not all(each.holds(np.array(value)) for each in within):
+        if not np.isfinite(value) or value == 0 or not all(bound.holds(np.array(value)) for bound in within):
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
     if guesses and initial_values:
         raise CommonlawError("guess-with-latent-states")
@@ -343,20 +343,20 @@ def _of_model(
     if between != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
         tried = [between.replace("auto", trials.schema.input_interpolation)]
     else:
-        tried = ["linear", *(each for each in BETWEEN if each != "linear")]
+        tried = ["linear", *(interpolation for interpolation in BETWEEN if interpolation != "linear")]
     laws = [
         begin(
             text,
-            replace(trials, schema=replace(trials.schema, input_interpolation=each)),
+            replace(trials, schema=replace(trials.schema, input_interpolation=interpolation)),
             **given | {"initial_values": given["initial_values"] or {}},
             log_states=settings.get("log_states") or (),
             noise=settings.get("noise"),
         )
         .fitted(settings.get("seed", 0), settings.get("progress") or on_terminal())
         .law(calls)
-        for each in tried
+        for interpolation in tried
     ]
-    likelihoods = np.array([each.observation.log_likelihood for each in laws if each.observation is not None])
+    likelihoods = np.array([law.observation.log_likelihood for law in laws if law.observation is not None])
     gains = 2 * (likelihoods - likelihoods[0])
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
     if len(tried) == 1:
@@ -370,7 +370,11 @@ def _of_model(
         at = named.names.index(name)
         value, error = named.values[0, at], named.errors[0, at]
         delays = {tried[i]: named_parameters(laws[i]).values[0, at] for i in plausible if i != best}
-        if apart := [f"{delay:.4g} ({each})" for each, delay in delays.items() if abs(delay - value) > 2 * error]:
+        if apart := [
+            f"{delay:.4g} ({interpolation})"
+            for interpolation, delay in delays.items()
+            if abs(delay - value) > 2 * error
+        ]:
             where = "" if np.ptp(named.values[:, at]) == 0 else law.objects[0]
             outcomes.append(
                 note("delay-by-interpolation", where, name=name, value=value, between=tried[best], others=apart)
@@ -380,7 +384,7 @@ def _of_model(
 
 def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
     """Return which errors were chosen in place of white noise, and what they change, if there are any."""
-    steps = {each.stage: each.choice for each in law.history if each.choice != "none"}
+    steps = {step.stage: step.choice for step in law.history if step.choice != "none"}
     chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
     parameters = named_parameters(law)
     if not chosen or not parameters.names:
@@ -420,17 +424,17 @@ def _of_stream(
 
 def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
     """Return objects and the bounds that a coefficient is outside of, pooled or by the object alone, and its value."""
-    unpooled, own, result = law.uncertainty.unpooled, law.coefficients.copy(), list[tuple[str, Bound, str]]()
+    unpooled, coefficients, result = law.uncertainty.unpooled, law.coefficients.copy(), list[tuple[str, Bound, str]]()
     if unpooled is not None:
-        own[:, law.support] = unpooled.coefficients
+        coefficients[:, law.support] = unpooled.coefficients
     parameters = named_parameters(law)
     definitions = {definition.name: definition for definition in parameters.definitions}
     for bound in bounds:
         index = parameters.names.index(bound.name)
-        values, errors = (each[:, index] for each in (parameters.values, parameters.errors))
-        for name, value, error, alone in zip(law.objects, values, errors, own, strict=True):
+        values, errors = (numbers[:, index] for numbers in (parameters.values, parameters.errors))
+        for name, value, error, alone in zip(law.objects, values, errors, coefficients, strict=True):
             both = value, definitions[bound.name].of(alone)
-            outside = next((each for each in both if not bound.holds(each)), None)
+            outside = next((estimate for estimate in both if not bound.holds(estimate)), None)
             if outside is not None:
                 as_found = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
                 result.append((name, bound, as_found))
@@ -516,7 +520,7 @@ def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
 
     parameters = named_parameters(law)
     index = parameters.names.index(bound.name)
-    value, error = (float(each[0, index]) for each in (parameters.values, parameters.errors))
+    value, error = (float(numbers[0, index]) for numbers in (parameters.values, parameters.errors))
     side = 1 if end == bound.low else -1
     reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if error > 0 else np.nan
     within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""

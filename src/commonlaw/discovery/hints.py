@@ -43,14 +43,14 @@ def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     within the visited ranges, forecasts of the two may differ by more than the sum of their bands: a trial there
     discriminates.
     """
-    own = 1.0 - sum(each.probability for each in law.uncertainty.other_laws)
-    rivals = [each for each in law.uncertainty.other_laws if each.probability > own * np.exp(-STRONG / 2)][:2]
+    share = 1.0 - sum(rival.probability for rival in law.uncertainty.other_laws)
+    rivals = [rival for rival in law.uncertainty.other_laws if rival.probability > share * np.exp(-STRONG / 2)][:2]
     if not rivals or law.order == 0 or law.schema.inputs or not law.uncertainty.has_std:
         return ()
     lasting = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))
     times = trials.trials[0].times[0] + np.linspace(0, lasting, 25)
     starts = ((rival, _discriminating_start(law, rival.law, times)) for rival in rivals)
-    return tuple(_outcome(law, rival, found) for rival, found in starts if found is not None)
+    return tuple(_outcome(law, rival, start) for rival, start in starts if start is not None)
 
 
 def _discriminating_start(law: Law, rival: Law, times: Floats) -> _Found | None:
@@ -62,16 +62,16 @@ def _discriminating_start(law: Law, rival: Law, times: Floats) -> _Found | None:
     limit = max(max(abs(low), abs(high)) + _MAX_EXCESS_SHARE * (high - low) for low, high in ends)
     for start in _starts(law):
         with suppress(CommonlawError):
-            alone = (with_other_laws(each, ()) for each in (law, rival))
+            alone = (with_other_laws(either, ()) for either in (law, rival))
             bound = None if law.schema.logarithmic else limit
-            one, other = (forecast_from(each, law.objects[0], times, start, bound) for each in alone)
-            (a, first), (b, second) = _first(one), _first(other)
+            one, of_rival = (forecast_from(either, law.objects[0], times, start, bound) for either in alone)
+            (a, first), (b, second) = _first(one), _first(of_rival)
             with np.errstate(all="ignore"):
                 apart = np.abs(a - b) / (_BAND * (first + second))  # In the sum of their bands
             apart = np.where(np.isfinite(apart), apart, 0.0) * _within(law, one)
             if apart.max(initial=0.0) > best:
                 row, state = np.unravel_index(int(apart.argmax()), apart.shape)
-                best, result = float(apart.max()), (start, one, other, (int(row), int(state)))
+                best, result = float(apart.max()), (start, one, of_rival, (int(row), int(state)))
     return result
 
 
@@ -100,7 +100,8 @@ def _within(law: Law, forecast: Forecast) -> Floats:
     visited, (states, _) = law.provenance.domain.visited, _first(forecast)
     pairs = zip(law.schema.states, states.T, strict=True)
     near = np.all(
-        [_beyond(np.nan_to_num(own, nan=np.inf), visited[name]) <= _MAX_EXCESS_SHARE for name, own in pairs], axis=0
+        [_beyond(np.nan_to_num(values, nan=np.inf), visited[name]) <= _MAX_EXCESS_SHARE for name, values in pairs],
+        axis=0,
     )
     return np.logical_and.accumulate(near)[:, np.newaxis].astype(np.float64)
 
@@ -116,7 +117,7 @@ def _first(forecast: Forecast) -> tuple[Floats, Floats]:
 
 
 def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
-    start, one, other, (row, state) = found
+    start, one, forecast_of_rival, (row, state) = found
     variables, schema = law.terms.variables.states, law.schema
     units = {name: f" {schema.units.get(name, '')}".rstrip() for name in schema.states}
     begin = " and ".join(
@@ -124,10 +125,10 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
     )
     one_end, other_end = (
         f"{states[row, state]:.3g} ± {_BAND * std[row, state]:.2g}{units[schema.states[state]]}"
-        for states, std in map(_first, (one, other))
+        for states, std in map(_first, (one, forecast_of_rival))
     )
     exchanges, lefts = list[str](), left_hand_sides(schema.states, law.order)
-    supports = [each.support & each.terms.is_factor for each in (law, rival.law)]  # Without nonlinear parameters
+    supports = [either.support & either.terms.is_factor for either in (law, rival.law)]  # Without nonlinear parameters
     for side, support, of_rival in zip(lefts, *supports, strict=True):
         terms = [law.terms.names[k] for k in np.flatnonzero(support)]
         rivals = [rival.law.terms.names[k] for k in np.flatnonzero(of_rival)]
@@ -165,7 +166,7 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     """
     times = [trial.times for trial in trials]
     steps = np.unique(np.concatenate([np.diff(time) for time in times]))
-    whole = len(steps) == 1 and all(np.array_equal(each, np.round(each)) for each in (steps, *times))
+    whole = len(steps) == 1 and all(np.array_equal(numbers, np.round(numbers)) for numbers in (steps, *times))
     if not whole or not (regressions := [*_regressions(trials)]):
         return ()
     equations = dict(zip(law.schema.states, left_hand_sides(law.schema.states, law.order), strict=True))
@@ -174,10 +175,10 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     with suppress(CommonlawError):  # They may diverge
         solutions = np.concatenate([trajectory.states[1:] for trajectory in fitted(law, trials).trajectories])
     for regression in regressions:
-        own = solutions[regression.rows, law.schema.states.index(regression.state)]
-        squares = float(np.sum((regression.target - own) ** 2)) if np.isfinite(own).all() else np.inf
+        solution = solutions[regression.rows, law.schema.states.index(regression.state)]
+        squares = float(np.sum((regression.target - solution) ** 2)) if np.isfinite(solution).all() else np.inf
         if regression.evidence_against(squares) > VERY_STRONG:
-            both = [100 * max(0.0, 1 - left / regression.about_means) for left in (squares, regression.squares)]
+            both = [100 * max(0.0, 1 - rss / regression.about_means) for rss in (squares, regression.squares)]
             where, state = equations[regression.state], regression.state
             result.append(note("discrete-time-plausible", where, state=state, by_law=both[0], by_regression=both[1]))
     return tuple(result)
@@ -204,7 +205,7 @@ def _regressions(trials: Trials) -> Iterator[_Regression]:
     """Yield regressions of states that samples do not resolve, if their evidence against means is very strong."""
     terms = PolynomialLibrary(2, constant=False).bind(law_variables(trials.schema, 0))
     samples = [np.column_stack([trial.states, trial.inputs, trial.times]) for trial in trials]
-    present, following = (np.concatenate([sample[own] for sample in samples]) for own in (slice(-1), slice(1, None)))
+    present, following = (np.concatenate([sample[part] for sample in samples]) for part in (slice(-1), slice(1, None)))
     objects = np.repeat([trials.objects.index(trial.object) for trial in trials], [len(trial) - 1 for trial in trials])
     for j, state in enumerate(trials.schema.states):
         rows = np.isfinite(present).all(axis=1) & np.isfinite(following[:, j])
@@ -217,10 +218,10 @@ def _regressions(trials: Trials) -> Iterator[_Regression]:
         norms = np.linalg.norm(matrix, axis=0)
         matrix = matrix / np.where(norms > 0, norms, 1.0)
         coefficients, _, rank, _ = np.linalg.lstsq(matrix, varied, rcond=None)
-        left = varied - matrix @ coefficients
-        found = _Regression(state, rows, target, int(rank), float(left @ left), about_means)
-        if found.evidence_against(about_means) > VERY_STRONG:
-            yield found
+        residuals = varied - matrix @ coefficients
+        regression = _Regression(state, rows, target, int(rank), float(residuals @ residuals), about_means)
+        if regression.evidence_against(about_means) > VERY_STRONG:
+            yield regression
 
 
 def _about_means(values: Floats, objects: Indices) -> Floats:
@@ -248,13 +249,17 @@ def confounded_variables(
     asked, _ = without_measured_rates(trials, trials.schema.states if order == 2 else ())
     given = None if library is None else parse_library(library)
     asked = with_properties_in([given] if given else [], asked)
-    noted = [(each, _note(each, asked, order)) for each in confounded_sets(asked, order, given)]
-    return tuple(Finding(f"{note.where}: {note.text}; {note.remedy}", column=each.state) for each, note in noted)
+    noted = [(confounded, _note(confounded, asked, order)) for confounded in confounded_sets(asked, order, given)]
+    return tuple(
+        Finding(f"{note.where}: {note.text}; {note.remedy}", column=confounded.state) for confounded, note in noted
+    )
 
 
 def outcomes_of_confounding(trials: Trials, order: Order, library: AbstractLibrary) -> tuple[Outcome, ...]:
     """Return notes on variables that the training trials confound."""
-    return tuple(_note(each, trials, order) for each in (confounded_sets(trials, order, library) if order else ()))
+    return tuple(
+        _note(confounded, trials, order) for confounded in (confounded_sets(trials, order, library) if order else ())
+    )
 
 
 def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:

@@ -35,21 +35,21 @@ def with_base(library: AbstractLibrary, base: Base, order: Order, trials: Trials
     if isinstance(base, Mapping):
         return library, base
     if isinstance(base, Law):
-        found = _of_law(base, order, trials)
+        numbers = _of_law(base, order, trials)
     elif callable(base):
-        found = _of_function(base, order, trials)
+        numbers = _of_function(base, order, trials)
     else:
-        found = _of_text(base, order, trials)
-    texts = list(dict.fromkeys(term for _, term in found))
+        numbers = _of_text(base, order, trials)
+    texts = list(dict.fromkeys(term for _, term in numbers))
     if not texts:
         raise CommonlawError("known-physics-empty")
     variables = law_variables(trials.schema, order)
     whole = Numbers()
-    for (state, text), values in found.items():
+    for (state, text), values in numbers.items():
         (term,) = ExpressionLibrary(text).bind(variables).names
-        own = whole.setdefault((state, term), dict.fromkeys(trials.objects, 0.0))
+        by_object = whole.setdefault((state, term), dict.fromkeys(trials.objects, 0.0))
         for name, value in values.items():
-            own[name] += value
+            by_object[name] += value
     return library + ExpressionLibrary(*texts), dict(whole.items())
 
 
@@ -68,9 +68,9 @@ def order_of_base(base: str | Law | Callable[..., Any], trials: Trials) -> Order
 def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
     states = trials.schema.states
     if law.order != order or law.schema.states != states:
-        own, sought = order_in_words(law.order, law.schema.states), order_in_words(order, states)
+        known_order, sought = order_in_words(law.order, law.schema.states), order_in_words(order, states)
         raise CommonlawError(
-            "known-physics-order", order=own, known_states=law.schema.states, sought=sought, states=states
+            "known-physics-order", order=known_order, known_states=law.schema.states, sought=sought, states=states
         )
     rates = [k for k, term in enumerate(law.terms.terms) if law.observation is None or term.parameter is None]
     if any(column >= len(law.terms.variables.measured) for k in rates for column in law.terms.terms[k].columns()):
@@ -98,11 +98,11 @@ def _of_text(text: str, order: Order, trials: Trials) -> Numbers:
             variables=given.terms.variables.measured,
         )
     if given.order != order:
-        both = [order_in_words(each, schema.states) for each in (given.order, order)]
+        both = [order_in_words(stated, schema.states) for stated in (given.order, order)]
         raise CommonlawError("known-physics-order-given", order=both[0], sought=both[1])
     names, result = given.terms.variables.names, Numbers()
-    texts = [each.expression(names) for each in given.terms.terms]
-    products = {(each.equation, each.term): each for each in given.products}
+    texts = [term.expression(names) for term in given.terms.terms]
+    products = {(product.equation, product.term): product for product in given.products}
     for j, state in enumerate(schema.states):
         for k, term in enumerate(texts):
             product = products.get((j, k))
@@ -117,15 +117,15 @@ def _of_text(text: str, order: Order, trials: Trials) -> Numbers:
 
 def _of_function(function: Callable[..., Any], order: Order, trials: Trials) -> Numbers:
     schema, names = trials.schema, law_variables(trials.schema, order).names
-    found = Numbers()
+    numbers = Numbers()
     for owner in trials.objects:
         wanted = inspect.signature(function).parameters
         values = {name: None if name in names else property_of(trials, owner, name) for name in wanted}
         for state, result in zip(schema.states, _by_state(traced(function, values), schema.states), strict=True):
             for number, term in summands(result, names):
-                own = found.setdefault((state, term), {})
-                own[owner] = own.get(owner, 0.0) + number
-    return found
+                by_object = numbers.setdefault((state, term), {})
+                by_object[owner] = by_object.get(owner, 0.0) + number
+    return numbers
 
 
 def _by_state(result: Any, states: Sequence[str]) -> Iterable[Any]:

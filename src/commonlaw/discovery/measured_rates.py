@@ -27,8 +27,8 @@ def without_measured_rates(
 
     Columns of `states`, which have separate equations, are kept.
     """
-    found = measured_rates(trials) if second and len(trials.schema.states) > 1 else {}
-    rates = {state: rate for state, rate in found.items() if state in second and rate not in states}
+    measured = measured_rates(trials) if second and len(trials.schema.states) > 1 else {}
+    rates = {state: rate for state, rate in measured.items() if state in second and rate not in states}
     if not rates:
         return trials, ()
     return without_rates(trials, rates), (note("rate-of-column", rates=rates_in_words(rates)),)
@@ -71,15 +71,15 @@ def is_computed(trials: Trials, state: str, rate: str) -> bool:
     """
     j, k = trials.schema.states.index(state), trials.schema.states.index(rate)
     both = [trial.states[np.isfinite(trial.states[:, [j, k]]).all(axis=1)][:, [j, k]] for trial in trials]
-    fourth = [np.diff(each, 4, axis=0).T for each in both if len(each) > 5]
-    noisy = [each for each in fourth if (each[0, 1:] * each[0, :-1] > 0).mean() < 1 / 3]
+    fourth = [np.diff(pair, 4, axis=0).T for pair in both if len(pair) > 5]
+    noisy = [pair for pair in fourth if (pair[0, 1:] * pair[0, :-1] > 0).mean() < 1 / 3]
     for lags in (10, 5):
         width = 2 * lags + 1
-        long = [each for each in noisy if each.shape[1] >= width]
-        if sum(each.shape[1] - width + 1 for each in long) < 2 * width:
+        long = [pair for pair in noisy if pair.shape[1] >= width]
+        if sum(pair.shape[1] - width + 1 for pair in long) < 2 * width:
             continue
-        windows = np.concatenate([sliding_window_view(each[0], width) for each in long])
-        target = np.concatenate([each[1, lags : each.shape[1] - lags] for each in long])
+        windows = np.concatenate([sliding_window_view(pair[0], width) for pair in long])
+        target = np.concatenate([pair[1, lags : pair.shape[1] - lags] for pair in long])
         rest = target - windows @ np.linalg.lstsq(windows, target)[0]
         return bool(rest @ rest / (1 - width / len(target)) < (1 - 0.9) * (target @ target))
     return False
@@ -102,16 +102,16 @@ def _is_rate(trials: Trials, state: str, rate: str) -> bool:
     both = [trial for trial in trials if np.isfinite(trial.states[:, [j, k]]).all(axis=1).sum() >= 20]
     chosen = both[:: max(1, -(-len(both) // 20))]
     sums = list[_Sums]()
-    for each in _sums(chosen, j, k, factor):
-        if not _agrees(each):
+    for part in _sums(chosen, j, k, factor):
+        if not _agrees(part):
             return False
-        sums.append(each)
+        sums.append(part)
     if not sums:
         return False
     whole = _Sums(*map(np.concatenate, zip(*sums, strict=True)))
-    own, steps = whole.integrals, whole.steps
+    integrals, steps = whole.integrals, whole.steps
     # Not counting what noise adds to the integrals
-    is_told = own @ own - (own @ steps) ** 2 / (steps @ steps) - len(own) >= 10**2
+    is_told = integrals @ integrals - (integrals @ steps) ** 2 / (steps @ steps) - len(integrals) >= 10**2
     return bool(is_told) and _agrees(whole)
 
 
@@ -120,9 +120,9 @@ def _factor(schema: Schema, state: str, rate: str) -> float | None:
     units = [schema.units.get(name) for name in (state, schema.time, rate)]
     if None in units:
         return 1.0
-    of_state, of_time, own = units
+    of_state, of_time, of_rate = units
     try:
-        turn = Conversion.between(rate, own, f"({of_state}) / ({of_time})")
+        turn = Conversion.between(rate, of_rate, f"({of_state}) / ({of_time})")
     except CommonlawError:
         return None
     return None if turn.offset else turn.scale
@@ -132,12 +132,12 @@ def _agrees(sums: _Sums) -> bool:
     """Whether slope and intercept are 1 and 0, and the residuals are within the noise."""
     from scipy.special import chdtri
 
-    left = sums.increments - sums.integrals
+    differences = sums.increments - sums.integrals
     design = np.column_stack([sums.integrals, sums.steps])
-    fitted = design @ np.linalg.lstsq(design, left)[0]
-    rest = left - fitted
+    fitted = design @ np.linalg.lstsq(design, differences)[0]
+    rest = differences - fitted
     sizes = np.array([fitted @ fitted, rest @ rest])
-    return bool((sizes <= 2 * chdtri(np.array([2, len(left) - 2]), 1e-3)).all())
+    return bool((sizes <= 2 * chdtri(np.array([2, len(differences) - 2]), 1e-3)).all())
 
 
 def _sums(trials: list[Trial], state: int, rate: int, factor: float) -> Iterator[_Sums]:
@@ -186,15 +186,18 @@ def with_derivatives(trials: Trials | TrialStream, given: GivenDerivatives) -> t
         if missing := [name for name in states if name not in by_state]:
             raise CommonlawError("derivatives-missing", states=missing)
         listed = [
-            np.column_stack(each) for each in zip(*(_of_each(by_state[name], trials) for name in states), strict=True)
+            np.column_stack(arrays)
+            for arrays in zip(*(_of_each(by_state[name], trials) for name in states), strict=True)
         ]
     else:
         listed = _of_each(given, trials)
     result = TrialDerivatives()
-    for trial, own in zip(trials, listed, strict=True):
-        values = own.reshape(len(own), -1)
+    for trial, array in zip(trials, listed, strict=True):
+        values = array.reshape(len(array), -1)
         if values.shape != (len(trial), len(states)):
-            raise CommonlawError("derivatives-shape", trial.label, shape=own.shape, expected=(len(trial), len(states)))
+            raise CommonlawError(
+                "derivatives-shape", trial.label, shape=array.shape, expected=(len(trial), len(states))
+            )
         used = np.isfinite(values).all(axis=1)
         if not used.all():
             raise CommonlawError("derivatives-not-finite", trial.label, sample=int(np.argmin(used)) + 1)
@@ -209,4 +212,4 @@ def _of_each(given: Any, trials: Trials) -> list[Floats]:
     listed = list(given) if isinstance(given, list | tuple) else [given]
     if len(listed) != len(trials):
         raise CommonlawError("derivatives-of-trials", count=len(listed), trials=len(trials))
-    return [np.asarray(each, dtype=np.float64) for each in listed]
+    return [np.asarray(array, dtype=np.float64) for array in listed]

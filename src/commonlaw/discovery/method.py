@@ -130,8 +130,8 @@ def of_each_equation(
         if library == "auto" or parsed[-1].parametric(variables) or parsed[-1].ratios(variables):
             raise CommonlawError("library-of-equation-parametric", state=name)
     whole = reduce(add, parsed)
-    terms, own = whole.bind(variables), [{*each.bind(variables).terms} for each in parsed]
-    pairs = product(zip(schema.states, own, strict=True), zip(terms.names, terms.terms, strict=True))
+    terms, terms_of_states = whole.bind(variables), [{*library.bind(variables).terms} for library in parsed]
+    pairs = product(zip(schema.states, terms_of_states, strict=True), zip(terms.names, terms.terms, strict=True))
     return whole, {(state, name): 0.0 for (state, offered), (name, term) in pairs if term not in offered}
 
 
@@ -160,10 +160,10 @@ def with_properties_in(libraries: Iterable[AbstractLibrary], trials: Trials) -> 
     names = [name for name in property_names(trials.properties) if name not in variables.names]
     for library in libraries if names else ():
         called = [function.name for function in library.functions]
-        own = tuple(name for name in names if name not in called)
-        wide = replace(variables, parameters=own, functions=library.functions)
-        terms = [*library.bind(wide).terms, *(each.term for each in library.parametric(wide))]
-        terms += [term for each in library.ratios(wide) for term in (*each.above, *each.below)]
+        properties = tuple(name for name in names if name not in called)
+        wide = replace(variables, parameters=properties, functions=library.functions)
+        terms = [*library.bind(wide).terms, *(parametric.term for parametric in library.parametric(wide))]
+        terms += [term for ratios in library.ratios(wide) for term in (*ratios.above, *ratios.below)]
         used |= {name for term in terms for name in (wide.names[i] for i in term.columns() if i < len(wide.names))}
     return with_property_inputs(trials, [name for name in names if name in used])
 
@@ -207,13 +207,13 @@ def check_supported(method: AbstractMethod, trials: Trials | TrialStream, struct
     if isinstance(order, tuple) and not method.takes_mixed_orders:
         raise CommonlawError("mixed-orders-unsupported", method=name)
     if not {*order_of_each(order, 1)} <= {*method.orders}:
-        other = "DiscreteTimeRegression" if order == 0 else "DerivativeRegression"
-        raise CommonlawError("order-of-method", order=order, method=name, alternative=other)
+        alternative = "DiscreteTimeRegression" if order == 0 else "DerivativeRegression"
+        raise CommonlawError("order-of-method", order=order, method=name, alternative=alternative)
     if isinstance(trials, TrialStream) and not method.takes_streams:
         raise CommonlawError("stream-unsupported", method=name)
     if structure.derivatives is not None and not (method.takes_derivatives and order == 1):
         raise CommonlawError("derivatives-unsupported", method=name, order=order)
-    nonlinear = [each.text(law_variables(trials.schema, order)) for each in structure.parametric(trials.schema)]
+    nonlinear = [term.text(law_variables(trials.schema, order)) for term in structure.parametric(trials.schema)]
     nonlinear += ["ratios of sums"] if structure.ratios(trials.schema) else []
     others = [] if order == 0 else [Diagnostic("use-trajectory-likelihood")]
     if nonlinear and not method.takes_parameters:

@@ -90,7 +90,7 @@ class _Rows:
             noise = np.where(np.isfinite(known).all(axis=0), known.mean(axis=0), noise_level(times, states))
         noise = np.maximum(noise, _LEAST_NOISE * np.ptp(states, axis=0))
         tests = CompactTestFunctions.over(times, corner_radius(times, states, noise), _NARROWEST)
-        tested, slopes = (each.toarray() for each in tests.weights(times, 1))
+        tested, slopes = (weights.toarray() for weights in tests.weights(times, 1))
         smooth = SmoothingSpline().differentiate(times, states, 1).states
         return cls(data, times, smooth, trial.inputs[rows], noise, tested, -slopes @ states, -slopes)
 
@@ -188,11 +188,13 @@ class _WeakSearch:
             squares, coefficients, _ = self.fitted(p, self.open)
             if not np.isfinite(squares):
                 return False
-            own = np.repeat(coefficients.reshape(self.objects, self.model.width, -1)[self.owners], self.lengths, axis=0)
+            of_rows = np.repeat(
+                coefficients.reshape(self.objects, self.model.width, -1)[self.owners], self.lengths, axis=0
+            )
             slopes = np.empty((len(self.values), size, size))
             for k, step in enumerate(_STEP * self.ranges):
                 low, high = (
-                    np.einsum("nmdt,ndt->nm", self.columns(self.values + side * step * np.eye(size)[k], p), own)
+                    np.einsum("nmdt,ndt->nm", self.columns(self.values + side * step * np.eye(size)[k], p), of_rows)
                     for side in (-1, 1)
                 )
                 slopes[:, :, k] = (high - low) / (2 * step)
@@ -273,24 +275,24 @@ class _WeakSearch:
         """Return where searches for few terms end, the best first, and whiten rows there."""
         if not self.free:
             return list(starts[:1])
-        found = sorted((_least(self.steps, start, self.sizes) for start in starts), key=lambda end: end[0])
-        apart = [end[1] for i, end in enumerate(found) if not i or end[0] - found[i - 1][0] > _SAME]
+        minima = sorted((_least(self.steps, start, self.sizes) for start in starts), key=lambda end: end[0])
+        apart = [end[1] for i, end in enumerate(minima) if not i or end[0] - minima[i - 1][0] > _SAME]
         self.whiten(apart[0])
         return apart[:_SOUGHT]
 
     def candidates(self, ends: Sequence[Floats]) -> list[_Candidate]:
         """Return supports with their parameters, the best first."""
-        found = dict[tuple[bool, ...], _Candidate]()
+        by_support = dict[tuple[bool, ...], _Candidate]()
 
         def add(p: Floats, support: Bools) -> _Candidate:
             """Return the law with these terms, its parameters improved."""
             key = tuple(support.tolist())
             if len(p):
                 p = _least(lambda q: self.score(q, support), p, self.sizes)[1]
-            own = _Candidate(key, tuple(p.tolist()), self.score(p, support))
-            if key not in found or own.score < found[key].score:
-                found[key] = own
-            return own
+            candidate = _Candidate(key, tuple(p.tolist()), self.score(p, support))
+            if key not in by_support or candidate.score < by_support[key].score:
+                by_support[key] = candidate
+            return candidate
 
         for p in ends:
             best = add(p, min(self.path(p)[0], key=lambda support: self.score(p, support)))
@@ -298,18 +300,18 @@ class _WeakSearch:
                 # What is left out may change the parameters, so each is tried
                 support, parameters = np.array(best.support), np.array(best.parameters)
                 fewer = [support & (np.arange(len(support)) != i) for i in np.flatnonzero(support)]
-                less = min((add(parameters, each) for each in fewer), key=lambda each: each.score)
+                less = min((add(parameters, subset) for subset in fewer), key=lambda candidate: candidate.score)
                 if less.score >= best.score:
                     break
                 best = less
-        return sorted(found.values(), key=lambda each: each.score)
+        return sorted(by_support.values(), key=lambda candidate: candidate.score)
 
 
 def _apart(starts: Sequence[Floats]) -> list[Floats]:
     """Return starts without those near to one before, each number within a factor."""
     result = list[Floats]()
     for start in starts:
-        if not any(np.all((start / each > 1 / _NEIGHBOUR) & (start / each < _NEIGHBOUR)) for each in result):
+        if not any(np.all((start / kept > 1 / _NEIGHBOUR) & (start / kept < _NEIGHBOUR)) for kept in result):
             result.append(start)
     return result
 
@@ -322,8 +324,8 @@ def _least(function: Callable[[Floats], float], start: Floats, sizes: Floats) ->
         return function(unit * sizes)
 
     options: Any = {"xatol": 1e-6, "fatol": 1e-3, "maxfev": 100 * len(start)}
-    found = minimize(scaled, start / sizes, method="Nelder-Mead", options=options)
-    return float(found.fun), np.asarray(found.x * sizes)
+    optimum = minimize(scaled, start / sizes, method="Nelder-Mead", options=options)
+    return float(optimum.fun), np.asarray(optimum.x * sizes)
 
 
 def discover_observed(
@@ -357,8 +359,8 @@ def discover_observed(
         for name in trials.objects
     ]
     of_states = Trials(tuple(rests), schema, trials.properties)
-    for each in (PolynomialLibrary(2), PolynomialLibrary(3)) if library is None else (library,):
-        structure = ModelStructure(1, *with_base(each, known, 1, of_states))
+    for offered in (PolynomialLibrary(2), PolynomialLibrary(3)) if library is None else (library,):
+        structure = ModelStructure(1, *with_base(offered, known, 1, of_states))
         search = _WeakSearch(begun, trials, structure)
         if (search.fixed != search.fixed[0]).any():
             raise CommonlawError("known-by-object-with-observation", objects=trials.objects)
@@ -371,8 +373,10 @@ def discover_observed(
             ends = search.ends(ends)
         if search.scale < _LACK_OF_FIT:
             break
-    found = search.candidates(ends)
-    near = [each for each in found[:_FITTED] if each.score - found[0].score < _MAX_SCORE_DIFFERENCE]
+    candidates = search.candidates(ends)
+    near = [
+        candidate for candidate in candidates[:_FITTED] if candidate.score - candidates[0].score < _MAX_SCORE_DIFFERENCE
+    ]
     laws, refused = list[tuple[float, Law]](), list[CommonlawError]()
     for i, candidate in enumerate(near):
         progress(f"fitting law {i + 1} of {len(near)}")
@@ -390,11 +394,11 @@ def discover_observed(
     if not laws:
         raise refused[0]
     law = min(laws, key=lambda pair: pair[0])[1]
-    others = [each for each in found if each.support != found[0].support]
-    apart = f"; the score of the next law is {others[0].score - found[0].score:.3g} larger" if others else ""
+    others = [candidate for candidate in candidates if candidate.support != candidates[0].support]
+    apart = f"; the score of the next law is {others[0].score - candidates[0].score:.3g} larger" if others else ""
     step = Step(
         "terms",
-        f"{sum(found[0].support)} of {search.open.sum()}",
+        f"{sum(candidates[0].support)} of {search.open.sum()}",
         f"the fewest for any parameters of observations{apart}",
     )
     return replace(law, provenance=replace(law.provenance, history=(step, *law.history)))
@@ -422,7 +426,7 @@ def _equations(
     parameters = free_parameter_names(int(support.sum()), used)
     coefficients, rates = search.fitted(p, support)[1][:, support], dict[int, str]()
     signs, states = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0), search.model.schema.states
-    numbers, sides = [f"{abs(each)!r}" for each in fixed.tolist()], np.where(fixed < 0, -1.0, 1.0)
+    numbers, sides = [f"{abs(number)!r}" for number in fixed.tolist()], np.where(fixed < 0, -1.0, 1.0)
     for place, parameter, sign in zip(np.flatnonzero(support).tolist(), parameters, signs, strict=True):
         numbers[place], sides[place] = parameter, sign
     for place in np.flatnonzero(support | (fixed != 0)).tolist():

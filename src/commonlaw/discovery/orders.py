@@ -54,7 +54,7 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
         asked = dict(zip(trials.schema.states, asked, strict=True))
     if isinstance(asked, Mapping):
         if isinstance(trials, Trials):
-            second = [name for name, each in asked.items() if each == 2]
+            second = [name for name, order in asked.items() if order == 2]
             trials, outcomes = without_measured_rates(trials, second, asked)
         for name, order in asked.items():
             check_choice("state", name, trials.schema.states)
@@ -86,7 +86,7 @@ def _orders_from_measured_rates(trials: Trials) -> Orders:
     first = {name for pair in rates.items() if pair[0] not in left_out for name in pair}
     trials = without_rates(trials, left_out)
     of_each = tuple((2,) if name in second else (1,) if name in first else (1, 2) for name in trials.schema.states)
-    known = {name: own[0] for name, own in zip(trials.schema.states, of_each, strict=True) if len(own) == 1}
+    known = {name: orders[0] for name, orders in zip(trials.schema.states, of_each, strict=True) if len(orders) == 1}
     missing = [name for name in trials.schema.states if name not in known]
     why = rates_in_words(rates) + (f"; the rate of {', '.join(missing)} was not measured" if missing else "")
     is_one = not missing and len(set(known.values())) == 1
@@ -110,10 +110,10 @@ def search_orders(
     listed, best, simple = [lowest], tuple[int, ...](), None
     while True:
         for orders in listed:
-            found, failed = attempt_each(partial(find, one_order(orders)), [simple])
-            tried |= {orders: found[0] if found else None}
+            laws, failed = attempt_each(partial(find, one_order(orders)), [simple])
+            tried |= {orders: laws[0] if laws else None}
             failures += failed
-        every = {orders: each for orders, each in tried.items() if each is not None}
+        every = {orders: law for orders, law in tried.items() if law is not None}
         if highest not in tried and not (every and every[lowest].suffices):
             listed, simple = [highest], every[lowest] if every and every[lowest].is_simple else None
             continue
@@ -121,8 +121,13 @@ def search_orders(
             raise failures[-1]
         before, best = best, min(every, key=every.__getitem__)
         simple = every[best] if every[best].is_simple else None
-        near = [(*best[:j], each, *best[j + 1 :]) for j, own in enumerate(possible) for each in own if each != best[j]]
-        listed = [each for each in near if each not in tried]
+        near = [
+            (*best[:j], order, *best[j + 1 :])
+            for j, of_state in enumerate(possible)
+            for order in of_state
+            if order != best[j]
+        ]
+        listed = [orders for orders in near if orders not in tried]
         if highest not in tried or best == before or not listed or (best == lowest and simple):
             return list(every.values()), failures
 
@@ -130,9 +135,9 @@ def search_orders(
 def attempt_each(find: Callable[[Given], Found], given: Iterable[Given]) -> tuple[list[Found], list[CommonlawError]]:
     """Return the results of a function, and the errors where it fails."""
     result, failures = list[Found](), list[CommonlawError]()
-    for each in given:
+    for argument in given:
         try:
-            result.append(find(each))
+            result.append(find(argument))
         except CommonlawError as error:
             failures.append(error)
     return result, failures
@@ -152,20 +157,20 @@ def with_order_step(law: Law, others: Sequence[tuple[Order, float]], failures: S
     They contain 2 log B of the law against the best ones of other orders, or why there is none.
     """
     states = law.schema.states
-    named = [(order_in_words(order, states), each) for order, each in others]
+    named = [(order_in_words(order, states), evidence) for order, evidence in others]
     against = [
-        f"2 log B is {each:.3g} against the best law of order {order}"
-        if each >= 0
-        else f"solutions fit whole trials, unlike those of order {order}, of larger evidence (2 log B {each:.3g})"
-        for order, each in named
+        f"2 log B is {evidence:.3g} against the best law of order {order}"
+        if evidence >= 0
+        else f"solutions fit whole trials, unlike those of order {order}, of larger evidence (2 log B {evidence:.3g})"
+        for order, evidence in named
     ]
     choice = order_in_words(law.order, states)
     reasons = [*against, *(f"no law of another order was found: {failure}" for failure in failures)]
     step = Step("order", choice, "; ".join(reasons) or "a law of this order fits within the noise")
-    close = [f"{order} (2 log B is {each:.2g})" for order, each in named if 0 <= each < settings.STRONG]
-    said = tuple(note("order-not-identifiable", choice=choice, other=each) for each in close)
+    close = [f"{order} (2 log B is {evidence:.2g})" for order, evidence in named if 0 <= evidence < settings.STRONG]
+    notes = tuple(note("order-not-identifiable", choice=choice, other=evidence) for evidence in close)
     provenance = law.provenance
-    provenance = replace(provenance, history=(step, *provenance.history), outcomes=(*provenance.outcomes, *said))
+    provenance = replace(provenance, history=(step, *provenance.history), outcomes=(*provenance.outcomes, *notes))
     return replace(law, provenance=provenance)
 
 

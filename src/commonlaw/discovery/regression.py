@@ -131,7 +131,7 @@ class AbstractRegression(AbstractMethod):
             listed: tuple[AbstractSolver, ...] = (solver,) if solver else (STLSQ(normalize=True), BestSubset())
             if solver is None and len(terms) > 60:
                 listed = StepwiseSelection(direction="forward"), StepwiseSelection(direction="backward")
-            solvers = [_sharing(each, shared) for each in listed]
+            solvers = [_sharing(offered, shared) for offered in listed]
             accuracy = Accuracy(formulation, terms, data.samples)
             choose = partial(
                 select, data, known, solvers, accuracy, rule=self.rule, n_resamples=self.n_resamples, seed=self.seed
@@ -282,7 +282,7 @@ def suitable_differentiation(trials: Trials | TrialStream | None, order: Order) 
     """Return the default differentiation, by the lengths and gaps of trials."""
     given = trials if isinstance(trials, Trials) else ()
     method = default_differentiation(highest_order(order), min(map(len, given), default=np.inf))
-    suits = all(method.takes(each.times, each.states) for each in given)
+    suits = all(method.takes(trial.times, trial.states) for trial in given)
     return method if suits else parse_differentiation("robust")
 
 

@@ -167,8 +167,8 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possib
 
     Raises `CommonlawError` if no law of any order can be fitted: the last reason.
     """
-    several = any(len(each) > 1 for each in possible)
-    lowest = one_order([each[0] for each in possible])
+    several = any(len(orders) > 1 for orders in possible)
+    lowest = one_order([orders[0] for orders in possible])
 
     def of_order(order: Order, simple: Candidate | None) -> Candidate:
         if several:
@@ -205,20 +205,20 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
     the states.
     """
     candidates = [(attempt_each(search.with_first_offer, [candidate])[0] or [candidate])[0] for candidate in candidates]
-    left, done = sorted(candidates), list[Candidate]()
-    while left:
-        best = min([*done, *left])
-        lowest = min(left, key=lambda each: each.total_order)
+    waiting, done = sorted(candidates), list[Candidate]()
+    while waiting:
+        best = min([*done, *waiting])
+        lowest = min(waiting, key=lambda candidate: candidate.total_order)
         is_lower = lowest.total_order < best.total_order
         may_be_lower = is_lower and is_first_order_possible(best.pool.best)
         implied = is_lower and is_implied_by_lower_order(best.pool)
         if best.is_simple and not implied and not (may_be_lower and best.most_terms > MAX_TERMS_OF_HIGHER_ORDER):
             break
-        chosen = lowest if implied or may_be_lower else left[0]
-        left = [each for each in left if each is not chosen]
-        found, _ = attempt_each(search.richer, [chosen])
-        done += found or [replace(chosen, has_richer=True)]
-    return [*done, *left]
+        chosen = lowest if implied or may_be_lower else waiting[0]
+        waiting = [candidate for candidate in waiting if candidate is not chosen]
+        richer, _ = attempt_each(search.richer, [chosen])
+        done += richer or [replace(chosen, has_richer=True)]
+    return [*done, *waiting]
 
 
 def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[list[Candidate], list[CommonlawError]]:
@@ -238,10 +238,12 @@ def _fitting_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> t
     best, *others = ranked
     if not others or search.options.errors != "auto" or fits_whole_trials(best.pool.best):
         return ranked, best
-    without_deterministic = [each for each in others if each.pool.best.has_model_error and not each.pool.approximations]
-    found, _ = attempt_each(search.with_errors, without_deterministic)
-    ranked = [best, *(each for each in others if each not in without_deterministic), *found]
-    return ranked, ranked[index_of_best_fit_to_whole_trials([each.pool for each in ranked])]
+    without_deterministic = [
+        candidate for candidate in others if candidate.pool.best.has_model_error and not candidate.pool.approximations
+    ]
+    with_errors, _ = attempt_each(search.with_errors, without_deterministic)
+    ranked = [best, *(candidate for candidate in others if candidate not in without_deterministic), *with_errors]
+    return ranked, ranked[index_of_best_fit_to_whole_trials([candidate.pool for candidate in ranked])]
 
 
 def _law(search: CandidateSearch, best: Candidate) -> Law:
