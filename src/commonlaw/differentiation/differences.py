@@ -179,9 +179,9 @@ def _lagrange(offsets: list[Floats], values: list[Floats], order: int) -> Floats
     for k, value in enumerate(values):
         powers = np.zeros((order + 1, value.shape[1]))  # of the node's Lagrange polynomial, as far as they are wanted
         powers[0] = 1
-        for other in offsets[:k] + offsets[k + 1 :]:
-            powers[1:], powers[0] = powers[:-1] - other * powers[1:], -other * powers[0]
-            powers /= offsets[k] - other
+        for offset in offsets[:k] + offsets[k + 1 :]:
+            powers[1:], powers[0] = powers[:-1] - offset * powers[1:], -offset * powers[0]
+            powers /= offsets[k] - offset
         derivative += factorial(order) * powers[order] * value
     return derivative
 

@@ -71,7 +71,7 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
         raise CommonlawError("times-not-increasing", sample=late[0] + 2)
     highest = min(_MAX_ORDER, len(t) // 4)
     by_order = enumerate(differences(t, x, highest), start=1)
-    estimates = np.array([[_scale(column, order) for column in each.T] for order, each in by_order])
+    estimates = np.array([[_scale(column, order) for column in of_order.T] for order, of_order in by_order])
     orders = _smallest_that_agrees(estimates, len(t) - highest)
     return estimates[orders - 1, range(len(orders))]
 
@@ -83,11 +83,11 @@ def noise_order(times: Floats, values: Floats) -> int | None:
     squares tell that vary so; None if no two orders agree.
     """
     highest = min(_MAX_ORDER, len(times) // 4)
-    listed = [each[:, 0] for each in differences(times, values[:, np.newaxis], highest)]
+    listed = [difference[:, 0] for difference in differences(times, values[:, np.newaxis], highest)]
     squares = listed[-1] ** 2
     count = 3 * float(np.sum(squares) ** 2 / max(np.sum(squares**2), np.finfo(float).tiny))
-    usual = [_scale(each, order) for order, each in enumerate(listed, start=1)]
-    whole = [float(np.sqrt(np.mean(each**2))) for each in listed]
+    usual = [_scale(difference, order) for order, difference in enumerate(listed, start=1)]
+    whole = [float(np.sqrt(np.mean(difference**2))) for difference in listed]
     orders = _smallest_that_agrees(np.column_stack([whole, usual]), max(count, 1.0))
     return int(orders.max()) if orders[0] < highest else None
 

@@ -30,8 +30,8 @@ def slope_bands(steps: Floats) -> Floats:
     bands[3] = 1
     bands[3, INNER] = 0
     multipliers = np.arange(bands.shape[1])[INNER]
-    left, right = 1 / steps[:-1], 1 / steps[1:]
-    for shift, slope in ((-3, left), (-1, -(left + right)), (1, right)):
+    before, after = 1 / steps[:-1], 1 / steps[1:]
+    for shift, slope in ((-3, before), (-1, -(before + after)), (1, after)):
         bands[3 - shift, multipliers + shift] = bands[3 + shift, multipliers] = slope
     return bands
 
@@ -166,7 +166,8 @@ def cross_validated(steps: Floats, state: Floats) -> float:
 
         systems, grid = _Systems.of(steps), _grid(len(state))
         traces = _traces(steps.tobytes())
-        best = int(np.argmin([_score(each, systems, state, trace) for each, trace in zip(grid, traces, strict=True)]))
+        scores = [_score(strength, systems, state, trace) for strength, trace in zip(grid, traces, strict=True)]
+        best = int(np.argmin(scores))
         bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
         result = float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
         while len(_strengths) >= 4096:  # Of some hundred bytes each
@@ -185,7 +186,7 @@ def _grid(samples: int) -> Floats:
 def _traces(steps: bytes) -> tuple[float, ...]:
     """Return the traces on the grid, which are the same for all states that are measured at the same times."""
     systems = _Systems.of(np.frombuffer(steps))
-    return tuple(systems.trace(each) for each in _grid(len(systems.diagonal) + 2))
+    return tuple(systems.trace(strength) for strength in _grid(len(systems.diagonal) + 2))
 
 
 def _score(logarithm: float, systems: _Systems, state: Floats, trace: float | None = None) -> float:

@@ -75,7 +75,7 @@ class RobustSpline(AbstractDifferentiator):
         kept = kept[~self._outliers(known[kept], values[kept])]
         rates = SmoothingSpline(self.strength).differentiate(known[kept], values[kept, np.newaxis], order)
         if len(kept) == len(times):
-            return [each[:, 0] for each in (rates.states, *rates.derivatives)]
+            return [column[:, 0] for column in (rates.states, *rates.derivatives)]
         return _natural(known[kept], rates.states[:, 0], times, order)
 
     def _outliers(self, times: Floats, values: Floats) -> Bools:
@@ -176,7 +176,10 @@ def _differences(times: Floats, values: Floats) -> tuple[dict[int, Floats], int,
 
 
 def _sizes(times: Floats, values: Floats, highest: int) -> dict[int, Floats]:
-    return {k: np.abs(each[:, 0]) for k, each in enumerate(differences(times, values[:, np.newaxis], highest), 1)}
+    return {
+        k: np.abs(difference[:, 0])
+        for k, difference in enumerate(differences(times, values[:, np.newaxis], highest), 1)
+    }
 
 
 def _scales(sizes: Floats, ordinary: Floats) -> Floats:

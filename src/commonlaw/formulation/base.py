@@ -61,7 +61,7 @@ class AbstractFormulation(ABC):
 
     def problem(self, trials: Sequence[Trial], terms: Terms) -> LeastSquaresProblem:
         """Return the rows of several trials, compressed together."""
-        return merge(each for trial in trials for each in self.problems(trial, terms))
+        return merge(of_trial for trial in trials for of_trial in self.problems(trial, terms))
 
 
 class AbstractSampledForm(AbstractFormulation):

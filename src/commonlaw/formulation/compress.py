@@ -53,7 +53,7 @@ class ObjectRows:
                 groups.append(group)
             else:
                 slot = index % MAX_GROUPS
-                groups[slot] = tuple(one + other for one, other in zip(groups[slot], group, strict=True))
+                groups[slot] = tuple(before + added for before, added in zip(groups[slot], group, strict=True))
         (least, most), (low, high) = self.extremes, later.extremes
         extremes = np.stack([np.minimum(least, low), np.maximum(most, high)])
         samples = (*self.samples, *later.samples)[:_TRIALS_FOR_ACCURACY]
@@ -71,14 +71,18 @@ class CompressedTrials:
     @classmethod
     def of(cls, found: dict[str, ObjectRows], schema: Schema) -> "CompressedTrials":
         """Return the rows of all objects; raises `CommonlawError` if a state of an object never changes."""
-        refuse_constant_states({name: each.extremes for name, each in found.items()}, schema)
-        each = found.values()
-        return cls(tuple(found), tuple(own.groups for own in each), tuple(own.samples for own in each))
+        refuse_constant_states({name: rows.extremes for name, rows in found.items()}, schema)
+        return cls(
+            tuple(found), tuple(rows.groups for rows in found.values()), tuple(rows.samples for rows in found.values())
+        )
 
     def subtract(self, coefficients: Floats) -> "CompressedTrials":
         """Return the problems with targets that coefficients, shape (objects, equations, terms), do not explain."""
         pairs = zip(self.groups, coefficients, strict=True)
-        groups = tuple(tuple(tuple(block.subtract(own) for block in trial) for trial in each) for each, own in pairs)
+        groups = tuple(
+            tuple(tuple(block.subtract(solution) for block in trial) for trial in of_object)
+            for of_object, solution in pairs
+        )
         return replace(self, groups=groups)
 
     @cached_property
@@ -148,8 +152,8 @@ def merged_rows(parts: Iterable[dict[str, ObjectRows]]) -> dict[str, ObjectRows]
 
 
 def _add(found: dict[str, ObjectRows], part: dict[str, ObjectRows]) -> None:
-    for name, own in part.items():
-        found[name] = found[name] + own if name in found else own
+    for name, rows in part.items():
+        found[name] = found[name] + rows if name in found else rows
 
 
 def some_trials(trials: Trials, objects: Sequence[str]) -> tuple[tuple[Trial, ...], ...]:

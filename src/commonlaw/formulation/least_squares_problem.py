@@ -26,11 +26,13 @@ def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = Fa
     basis, _ = np.linalg.qr(factors[:, :, inside])
     rest = factors - np.matmul(basis, np.matmul(basis.transpose(0, 2, 1), factors))
     before, after = np.sum(factors**2, axis=1), np.sum(rest**2, axis=1)
-    inner, left = np.einsum("opt,op->ot", rest, rest[..., -1]), after[:, -1:]
+    inner, residual = np.einsum("opt,op->ot", rest, rest[..., -1]), after[:, -1:]
     clear = after > near * before
     clear[:, inside] = False
-    found = np.where(clear, np.divide(inner**2, after, out=np.zeros_like(inner), where=clear), left if bound else 0.0)
-    return np.asarray(np.append(found[:, :-1].sum(axis=0), left.sum()))
+    reductions = np.where(
+        clear, np.divide(inner**2, after, out=np.zeros_like(inner), where=clear), residual if bound else 0.0
+    )
+    return np.asarray(np.append(reductions[:, :-1].sum(axis=0), residual.sum()))
 
 
 def _compiled(library: CDLL, factors: Floats, inside: Indices, near: float, bound: bool) -> Floats:
@@ -274,9 +276,9 @@ def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
         return reduce(add, listed)
     together = max(1, BLOCK // columns)
     stacks = (listed[i : i + together] for i in range(0, len(listed), together))
-    blocks = (np.concatenate([each.factor.T for each in stack], axis=1).T for stack in stacks)
+    blocks = (np.concatenate([problem.factor.T for problem in stack], axis=1).T for stack in stacks)
     factor = LeastSquaresProblem.of_blocks(blocks, terms, columns).factor
-    return LeastSquaresProblem(factor, terms, sum(each.rows for each in listed))
+    return LeastSquaresProblem(factor, terms, sum(problem.rows for problem in listed))
 
 
 def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[LeastSquaresProblem]:
@@ -294,8 +296,10 @@ def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[Lea
     grams = np.matmul(mixed.transpose(0, 2, 1), mixed).reshape(len(problems), -1)
     factors = (_factor_of(gram, factor, problems[0].terms) for gram in (counts @ grams).reshape(-1, *factor.shape))
     return [
-        _merged_as_drawn(problems, count) if each is None else LeastSquaresProblem(each, problems[0].terms, int(number))
-        for count, number, each in zip(counts, rows, factors, strict=True)
+        _merged_as_drawn(problems, count)
+        if drawn is None
+        else LeastSquaresProblem(drawn, problems[0].terms, int(number))
+        for count, number, drawn in zip(counts, rows, factors, strict=True)
     ]
 
 
@@ -311,19 +315,19 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
     if not can_precondition(factor):
         return [LeastSquaresProblem.of(library, targets, count) for count in counts]
     inverse, size = np.triu(lapack.dtrtri(factor)[0]), len(factor)
-    (left, right), together = np.triu_indices(size), 128  # Rows whose products are held at a time
-    sums, products = np.zeros((len(left), len(counts)), order="F"), np.empty((len(left), together))
+    (upper_rows, upper_columns), together = np.triu_indices(size), 128  # Rows whose products are held at a time
+    sums, products = np.zeros((len(upper_rows), len(counts)), order="F"), np.empty((len(upper_rows), together))
     for begin in range(0, len(library), together):
         some = slice(begin, begin + together)
         mixed = inverse.T @ np.concatenate([library[some].T, targets[some].T])
-        own, first = products[:, : mixed.shape[1]], 0
+        block, first = products[:, : mixed.shape[1]], 0
         for column in range(size):
-            np.multiply(mixed[column:], mixed[column], out=own[first : first + size - column])
+            np.multiply(mixed[column:], mixed[column], out=block[first : first + size - column])
             first += size - column
-        sums = blas.dgemm(1.0, own.T, counts[:, some].T, 1.0, sums, trans_a=True, overwrite_c=True)
+        sums = blas.dgemm(1.0, block.T, counts[:, some].T, 1.0, sums, trans_a=True, overwrite_c=True)
     gram, result = np.zeros((size, size), order="F"), list[LeastSquaresProblem]()
-    for each, drawn in zip(sums.T, counts, strict=True):
-        gram[left, right] = each
+    for packed, drawn in zip(sums.T, counts, strict=True):
+        gram[upper_rows, upper_columns] = packed
         drawn_factor = _factor_of(gram, factor, terms)
         if drawn_factor is None:
             result.append(LeastSquaresProblem.of(library, targets, drawn))
@@ -356,7 +360,7 @@ def leave_one_out(problems: Sequence[LeastSquaresProblem]) -> list[LeastSquaresP
     before = [None, *accumulate(problems[:-1], add)]
     after = [*reversed([None, *accumulate(reversed(problems[1:]), add)])]
     pairs = zip(before, after, strict=True)
-    return [merge(each for each in pair if each is not None) for pair in pairs]
+    return [merge(problem for problem in pair if problem is not None) for pair in pairs]
 
 
 def _absorb(factor: Floats, rows: Floats, *, triangular: bool = False, workspace: bool = False) -> Floats:

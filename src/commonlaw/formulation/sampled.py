@@ -43,8 +43,8 @@ class StrongForm(AbstractSampledForm):
     trim: int = 0
 
     def __post_init__(self) -> None:
-        for each in order_of_each(self.order, 1):
-            check_order(each)
+        for order in order_of_each(self.order, 1):
+            check_order(order)
         if self.library_states not in ("smoothed", "measured"):
             raise CommonlawError("library-states", library_states=self.library_states)
         if not isinstance(self.trim, int | np.integer) or self.trim < 0:
@@ -175,8 +175,8 @@ def effective_share(form: StrongForm, trial: Trial) -> float:
     pushed[len(states) // 2] += 1e-3 * states.std(axis=0)  # Methods may be linear only locally
     try:
         before, after = (
-            split_derivatives(form.differentiation.differentiate(times, each, highest).derivatives, form.order)[1]
-            for each in (states, pushed)
+            split_derivatives(form.differentiation.differentiate(times, values, highest).derivatives, form.order)[1]
+            for values in (states, pushed)
         )
     except CommonlawError as error:
         raise error.at(trial.label) from None

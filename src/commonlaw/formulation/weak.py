@@ -65,12 +65,12 @@ class CompactTestFunctions:
         centres = np.interp((np.arange(int(passed[-1]) + 1) + passed[-1] % 1 / 2), passed, grid)
         radii = np.minimum(radius, np.minimum(centres, last - centres))
         step = (times[-1] - times[0]) / last
-        found, steps = cls(times[0] + step * centres, step * radii), np.diff(times)
+        functions, steps = cls(times[0] + step * centres, step * radii), np.diff(times)
         # No step that a test function takes is longer than half of its radius
-        first = np.maximum(np.searchsorted(times, found.centres - found.radii, side="right") - 1, 0)
-        after = np.minimum(np.searchsorted(times, found.centres + found.radii), len(steps))
+        first = np.maximum(np.searchsorted(times, functions.centres - functions.radii, side="right") - 1, 0)
+        after = np.minimum(np.searchsorted(times, functions.centres + functions.radii), len(steps))
         widest = np.array([steps[i:j].max() for i, j in zip(first, after, strict=True)])
-        return found._take(widest <= found.radii / 2)
+        return functions._take(widest <= functions.radii / 2)
 
     def joined(self, other: "CompactTestFunctions") -> "CompactTestFunctions":
         """Return the test functions of both."""
@@ -92,7 +92,7 @@ class CompactTestFunctions:
         even = bool(np.abs(np.diff(times) - step).max() <= _UNEVEN * step)
         wide = (self.radii > (MIN_RADIUS - _UNEVEN) * step) & even
         steps = np.full(len(times), step)
-        summed = [self._take(wide)._values(times, steps, each) for each in range(highest + 1)]
+        summed = [self._take(wide)._values(times, steps, order) for order in range(highest + 1)]
         if wide.all():
             return summed
         nodes, gauss = np.polynomial.legendre.leggauss(8)
@@ -100,7 +100,7 @@ class CompactTestFunctions:
         points = times[:-1, np.newaxis] + halves * (1 + nodes)
         fit = _interpolation(times, points, _DEGREE + 1 if even else 16)
         narrow, factors = self._take(~wide), (halves * gauss).ravel()
-        fitted = [narrow._values(points.ravel(), factors, each) @ fit for each in range(highest + 1)]
+        fitted = [narrow._values(points.ravel(), factors, order) @ fit for order in range(highest + 1)]
         indices = np.argsort(np.append(np.flatnonzero(wide), np.flatnonzero(~wide)))
         return [vstack(pair, format="csr")[indices] for pair in zip(summed, fitted, strict=True)]
 
@@ -163,7 +163,9 @@ def _interpolation(times: Floats, points: Floats, size: int) -> "csr_array":
     near = times[indices]
     middle, half = (near[:, [-1]] + near[:, [0]]) / 2, (near[:, [-1]] - near[:, [0]]) / 2
     powers = np.arange(min(_DEGREE, size - 1) + 1)
-    samples, wanted = (((each - middle) / half)[:, :, np.newaxis] ** powers for each in (near, points))
+    samples, wanted = (
+        ((points_of_step - middle) / half)[:, :, np.newaxis] ** powers for points_of_step in (near, points)
+    )
     weights = wanted @ np.linalg.pinv(samples)
     columns = np.broadcast_to(indices[:, np.newaxis, :], weights.shape)
     starts = np.arange(0, weights.size + 1, size)
@@ -308,9 +310,11 @@ class WeakForm(AbstractFormulation):
 
     def __post_init__(self) -> None:
         check_order(self.order)
-        if self.radii is not None and not (self.radii and all(np.isfinite(each) and each >= 2 for each in self.radii)):
+        if self.radii is not None and not (
+            self.radii and all(np.isfinite(number) and number >= 2 for number in self.radii)
+        ):
             raise CommonlawError("weak-radii", radii=self.radii)
-        if self.noise is not None and not all(np.isfinite(each) and each >= 0 for each in self.noise):
+        if self.noise is not None and not all(np.isfinite(number) and number >= 0 for number in self.noise):
             raise CommonlawError("weak-noise", noise=self.noise)
 
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
@@ -402,14 +406,14 @@ def reweight(trials: Trials, terms: Terms, form: WeakForm) -> tuple[WeakForm, di
 
 def _coefficients(tested: Sequence[WeakRows], equations: int) -> Floats:
     """Return the coefficients of one object, shape (equations, terms)."""
-    plain = merge(LeastSquaresProblem.of(each.library, each.targets) for each in tested)
+    plain = merge(LeastSquaresProblem.of(rows.library, rows.targets) for rows in tested)
     used = np.ones(plain.terms, dtype=np.bool_)
     result = np.array([plain.least_squares(used, j) for j in range(equations)])
     for j in range(equations):
         for _ in range(30):
-            problem = merge(LeastSquaresProblem.of(*each.whitened(result, (j,))) for each in tested)
+            problem = merge(LeastSquaresProblem.of(*rows.whitened(result, (j,))) for rows in tested)
             before, result[j] = result[j].copy(), problem.least_squares(used, j)
-            change, size = (np.linalg.norm(problem.norms * each) for each in (result[j] - before, result[j]))
+            change, size = (np.linalg.norm(problem.norms * row) for row in (result[j] - before, result[j]))
             if change <= 1e-6 * size:  # Further steps change no digit that noise leaves
                 break
     return result

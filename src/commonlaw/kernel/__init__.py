@@ -119,7 +119,7 @@ def _loaded() -> ctypes.CDLL | None:
             library.commonlaw_sizes(sizes)
         except (OSError, AttributeError):  # Made for another platform, or by another version
             continue
-        if list(sizes) == [ctypes.sizeof(each) for each in _STRUCTURES]:
+        if list(sizes) == [ctypes.sizeof(structure) for structure in _STRUCTURES]:
             library.commonlaw_sources.restype = ctypes.c_char_p
             return _declared(library)
     return None

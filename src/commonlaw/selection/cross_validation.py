@@ -50,9 +50,9 @@ def make_folds(groups: ProblemGroups, count: int = 10) -> tuple[Fold, ...]:
             raise CommonlawError("one-segment-to-hold-out")
         used = min(count, len(units))
         held = [merge(units[k::used]) for k in range(used)]
-        for k, (own, rest) in enumerate(zip(held, leave_one_out(held), strict=True)):
+        for k, (part, rest) in enumerate(zip(held, leave_one_out(held), strict=True)):
             out = tuple(range(k, len(units), used)) if several else ()
-            folds.append(Fold(index, own, rest, out, 1 / (used * len(groups))))
+            folds.append(Fold(index, part, rest, out, 1 / (used * len(groups))))
     return tuple(folds)
 
 
@@ -144,8 +144,8 @@ class ForecastError:
         name = self.law.objects[fold.object]
         coefficients = np.where(self.free, 0.0, self.law.coefficients[fold.object])
         for j in range(len(coefficients)):
-            own = support if j == self.target else (self.law.coefficients[fold.object, j] != 0) & self.free[j]
-            coefficients[j] += fold.rest.least_squares(own, j)
+            used = support if j == self.target else (self.law.coefficients[fold.object, j] != 0) & self.free[j]
+            coefficients[j] += fold.rest.least_squares(used, j)
         law = replace(self.law.select([name]), coefficients=coefficients[np.newaxis])
         trials = self.trials.of_object(name)
         errors = law.predict(self.trials.with_trials([trials[i] for i in fold.trials])).errors()
@@ -200,8 +200,8 @@ def stability(
     at_once = min(5, max(1, 2**24 // sum(block[0].factor.size for block in blocks)))
     parts = [drawn[i : i + at_once] for i in range(0, n_resamples, at_once)]
     work, size = partial(_supports, blocks, path), sum(len(block) * block[0].factor.size for block in blocks)
-    found = done_in_parts(work, parts, "resampling") if size <= 2**20 else map(work, parts)  # 8 MB go to workers
-    return Stability(tuple(support for each in found for support in each))
+    listed = done_in_parts(work, parts, "resampling") if size <= 2**20 else map(work, parts)  # 8 MB go to workers
+    return Stability(tuple(support for supports in listed for support in supports))
 
 
 def _supports(
@@ -210,4 +210,4 @@ def _supports(
     """Return the supports on the path of each of some resamples, which say how often objects draw their blocks."""
     by_object = zip(*drawn, strict=True)
     problems = [redrawn(block, np.array(counts)) for block, counts in zip(blocks, by_object, strict=True)]
-    return [tuple(each.support for each in path(some)) for some in zip(*problems, strict=True)]
+    return [tuple(candidate.support for candidate in path(some)) for some in zip(*problems, strict=True)]

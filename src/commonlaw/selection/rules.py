@@ -50,10 +50,10 @@ def aicc(fit: FitStatistics) -> float:
 
     Hurvich and Tsai (1989), "Regression and time series model selection in small samples"; the variance is counted.
     """
-    left = fit.rows - fit.terms - 2
-    if np.any(left <= 0):
+    freedom = fit.rows - fit.terms - 2
+    if np.any(freedom <= 0):
         return np.inf
-    return fit.deviance + float(np.sum(2 * (fit.terms + 1) * fit.rows / left))
+    return fit.deviance + float(np.sum(2 * (fit.terms + 1) * fit.rows / freedom))
 
 
 def bic(fit: FitStatistics) -> float:
@@ -182,7 +182,7 @@ def choose(
         raise CommonlawError("no-candidate")
     measure = score or ResidualError(make_folds(groups), target)
     scored = sorted(
-        ((each, values, measure(each.support)) for each, values in _distinct(candidates)),
+        ((candidate, values, measure(candidate.support)) for candidate, values in _distinct(candidates)),
         key=lambda row: (int(row[0].support.sum()), row[2].mean),
     )
     problems = [merge(segment for trial in trials for segment in trial) for trials in groups]
@@ -190,11 +190,17 @@ def choose(
     best = min(scored, key=lambda row: row[2].mean)[0]
     bias = _ROUNDING * sizes + (0.0 if differentiation_bias is None else differentiation_bias(best.coefficients))
     effective = np.array([problem.rows for problem in problems], dtype=float) if rows is None else rows
-    criteria = _criteria([each for each, _, _ in scored], problems, target, int(allowed.sum()), effective, bias)
-    certainties = [np.nan if stability is None else stability.certainty(each.support) for each, _, _ in scored]
+    criteria = _criteria(
+        [candidate for candidate, _, _ in scored], problems, target, int(allowed.sum()), effective, bias
+    )
+    certainties = [
+        np.nan if stability is None else stability.certainty(candidate.support) for candidate, _, _ in scored
+    ]
     table = [
-        ScoredCandidate(each, own, errors, certainty, hyperparameters)
-        for (each, hyperparameters, errors), own, certainty in zip(scored, criteria, certainties, strict=True)
+        ScoredCandidate(candidate, of_candidate, errors, certainty, hyperparameters)
+        for (candidate, hyperparameters, errors), of_candidate, certainty in zip(
+            scored, criteria, certainties, strict=True
+        )
     ]
     share = float(np.mean(bias / np.where(sizes > 0, sizes, 1.0)))  # In the unit of a `ResidualError`
     return Selection(tuple(table), *_by_rule(table, rule, share if score is None else _ROUNDING))
@@ -203,20 +209,20 @@ def choose(
 def _by_rule(table: Sequence[ScoredCandidate], rule: str, bias: float) -> tuple[int, str, str]:
     """Return the index of the chosen candidate, the rule, and why; `bias` is a held-out error that means nothing."""
     if rule in CRITERIA:
-        values = [each.criteria[rule] for each in table]
+        values = [candidate.criteria[rule] for candidate in table]
         index = int(np.argmin(values))
         return index, rule, f"its {_LABELS[rule]}, {values[index]:.4g}, is the smallest of {len(table)} candidates"
-    best = min(table, key=lambda each: each.held_out.mean)
+    best = min(table, key=lambda candidate: candidate.held_out.mean)
     if not np.isfinite(best.held_out.mean):
         raise CommonlawError("candidates-diverge")
-    excesses = (each.held_out.excess(best.held_out) for each in table)
+    excesses = (candidate.held_out.excess(best.held_out) for candidate in table)
     weight, slack = 0.0, "the accuracy of the derivatives"
     if rule == "one-standard-error":
         weight, slack = 1.0, f"one standard error and {slack}"
     index = next(i for i, (excess, error) in enumerate(excesses) if excess <= bias + weight * error)
-    each = table[index]
-    text = f"its held-out error is {each.held_out.mean:.3g}"
-    if each is best:
+    candidate = table[index]
+    text = f"its held-out error is {candidate.held_out.mean:.3g}"
+    if candidate is best:
         return index, rule, f"{text}, and that of every smaller candidate is larger by more than {slack}"
     smallest = f"the smallest is {best.held_out.mean:.3g} with {best.terms} terms"
     return index, rule, f"{text}, {smallest}, and no smaller candidate is within {slack} of that"
@@ -227,7 +233,9 @@ def _criteria(
 ) -> list[dict[str, float]]:
     """Return the information criteria of each candidate; fits as good as the best but for `bias` are equal."""
     fits = [zip(problems, least_squares(problems, target, candidate.support), strict=True) for candidate in candidates]
-    variances = np.array([[problem.rss(own, target) / problem.rows for problem, own in pairs] for pairs in fits])
+    variances = np.array(
+        [[problem.rss(coefficients, target) / problem.rows for problem, coefficients in pairs] for pairs in fits]
+    )
     variances = np.maximum(variances, variances.min(axis=0) + np.maximum(bias, np.finfo(float).tiny))
     result = []
     for candidate, variance in zip(candidates, variances, strict=True):
@@ -239,9 +247,12 @@ def _criteria(
 
 def _distinct(candidates: Sequence[Candidate]) -> list[tuple[Candidate, tuple[float, ...]]]:
     """Return one candidate of each support, a proven one if there is one, and the hyperparameters that give it."""
-    found: dict[bytes, list[Candidate]] = {}
+    by_support: dict[bytes, list[Candidate]] = {}
     for candidate in candidates:
-        found.setdefault(candidate.support.tobytes(), []).append(candidate)
-    chosen = [max(same, key=lambda each: each.proven) for same in found.values()]
-    values = [[each.hyperparameter for each in same if np.isfinite(each.hyperparameter)] for same in found.values()]
-    return [(each, tuple(sorted(value))) for each, value in zip(chosen, values, strict=True)]
+        by_support.setdefault(candidate.support.tobytes(), []).append(candidate)
+    chosen = [max(same, key=lambda candidate: candidate.proven) for same in by_support.values()]
+    values = [
+        [candidate.hyperparameter for candidate in same if np.isfinite(candidate.hyperparameter)]
+        for same in by_support.values()
+    ]
+    return [(candidate, tuple(sorted(value))) for candidate, value in zip(chosen, values, strict=True)]

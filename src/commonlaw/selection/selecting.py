@@ -48,7 +48,9 @@ class Accuracy:
         if not isinstance(self.form, StrongForm):
             return np.zeros(len(self.samples))
         pairs = zip(self.samples, coefficients, strict=True)
-        return np.array([differentiation_bias(self.form, self.terms, trials, target, own) for trials, own in pairs])
+        return np.array(
+            [differentiation_bias(self.form, self.terms, trials, target, of_equation) for trials, of_equation in pairs]
+        )
 
 
 def select(
@@ -76,13 +78,13 @@ def select(
         paths = [partial(solver.path, target=target, allowed=free[target]) for solver in solvers]
         listed = [candidate for path in paths for candidate in path(rest.problems)]
         return choose(
-            listed if len(solvers) == 1 else [replace(each, hyperparameter=np.nan) for each in listed],
+            listed if len(solvers) == 1 else [replace(candidate, hyperparameter=np.nan) for candidate in listed],
             rest.groups,
             target,
             free[target],
             rule=rule,
             rows=rows,
-            differentiation_bias=lambda own: accuracy.differentiation_bias(target, own + given[:, target]),
+            differentiation_bias=lambda fitted: accuracy.differentiation_bias(target, fitted + given[:, target]),
             score=None if scores is None else scores[target],
             stability=stability(rest.groups, paths[0], n_resamples, seed) if n_resamples else None,
         )
@@ -95,11 +97,11 @@ def chosen_law(law: Law, selections: Sequence[Selection]) -> Law:
     outcomes, alternatives = [], []
     for equation, selection in zip(left_hand_sides(law), selections, strict=True):
         outcomes.append(note("chosen-from-path", equation, reason=selection.reason))
-        for i, each in enumerate(selection.table):
-            names = tuple(law.terms.names[k] for k in np.flatnonzero(each.candidate.support.any(axis=0)))
+        for i, scored in enumerate(selection.table):
+            names = tuple(law.terms.names[k] for k in np.flatnonzero(scored.candidate.support.any(axis=0)))
             chosen = i == selection.index
             alternatives.append(
-                Alternative(equation, names, each.measures(), each.candidate.proven, chosen, each.hyperparameters)
+                Alternative(equation, names, scored.measures(), scored.candidate.proven, chosen, scored.hyperparameters)
             )
     provenance = replace(law.provenance, outcomes=tuple(outcomes), alternatives=tuple(alternatives))
     return replace(law, coefficients=_with(law, [selection.chosen for selection in selections]), provenance=provenance)

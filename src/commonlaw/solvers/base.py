@@ -124,8 +124,8 @@ class Directions:
         axis = self.units[:, index]
         others = np.delete(self.units, index, axis=1)
         others -= np.matmul(others, axis[..., np.newaxis]) * axis[:, np.newaxis]
-        left = self.left - np.sum(self.left * axis, axis=1, keepdims=True) * axis
-        return Directions.of(others, left, np.delete(self.indices, index))
+        residuals = self.left - np.sum(self.left * axis, axis=1, keepdims=True) * axis
+        return Directions.of(others, residuals, np.delete(self.indices, index))
 
     def drop(self, index: int) -> "Directions":
         """Return the others as they are."""
@@ -138,13 +138,13 @@ class Directions:
         """
         cosines = np.matmul(self.units, self.units.transpose(0, 2, 1))
         projections = np.matmul(self.units, self.left[..., np.newaxis])[..., 0]
-        own, other = projections[:, :, np.newaxis], projections[:, np.newaxis]
+        rows, columns = projections[:, :, np.newaxis], projections[:, np.newaxis]
         total = np.zeros(cosines.shape[1:])
         for sign in (1.0, -1.0):
             squares = 2 + 2 * sign * cosines
             near = np.nonzero(squares < 1e-6)
             squares[near] = np.sum((self.units[near[0], near[1]] + sign * self.units[near[0], near[2]]) ** 2, axis=-1)
-            both = (own + sign * other) ** 2
+            both = (rows + sign * columns) ** 2
             total += np.divide(both, squares, out=np.zeros_like(both), where=squares > _MIN_NORM**2).sum(axis=0)
         return total
 
@@ -241,7 +241,7 @@ class AbstractSolver(ABC):
         value = self.hyperparameter
         if value is None:
             raise CommonlawError("solver-without-value", hyperparameter=self.hyperparameter_name)
-        return tuple(self.path(problems, target, own, [value])[0] for target, own in enumerate(allowed))
+        return tuple(self.path(problems, target, terms, [value])[0] for target, terms in enumerate(allowed))
 
 
 def groups(problems: Problems, shared: bool) -> list[Problems]:
@@ -265,7 +265,7 @@ def threshold_path(candidate_at: Callable[[float], Candidate], values: Values) -
 
 def each_support_once(path: Candidates) -> Candidates:
     """Return a path without the candidates that have the support of the one before."""
-    changed = [each for last, each in pairwise(path) if not np.array_equal(last.support, each.support)]
+    changed = [candidate for last, candidate in pairwise(path) if not np.array_equal(last.support, candidate.support)]
     return (path[0], *changed)
 
 
@@ -301,11 +301,11 @@ def fixed_cardinality(
     def candidate(group: Problems, size: int, chosen: Subset) -> Candidate:
         support = np.zeros((len(group), len(allowed)), dtype=bool)
         support[:, np.flatnonzero(allowed)[chosen.indices]] = True
-        found = least_squares(group, target, support)
-        return Candidate(support, found, float(size), chosen.proven, chosen.converged, float(most))
+        coefficients = least_squares(group, target, support)
+        return Candidate(support, coefficients, float(size), chosen.proven, chosen.converged, float(most))
 
     by_group = [candidates(group) for group in groups(problems, shared)]
-    return tuple(Candidate.join(own) for own in zip(*by_group, strict=True))
+    return tuple(Candidate.join(of_size) for of_size in zip(*by_group, strict=True))
 
 
 def check_shared(shared: object) -> None:

@@ -65,14 +65,14 @@ class ConstrainedSolver(AbstractSolver):
         if target != self.equation:
             return path
         refitted = []
-        for each in path:
-            support, (matrix, right) = each.support, self._constraints(each.support)
+        for candidate in path:
+            support, (matrix, right) = candidate.support, self._constraints(candidate.support)
             if values is None and _solutions(matrix[:, support.ravel()], right) is None:
                 continue
             variance = StandardizedProblem.of(problems, self.equation, np.asarray(support.any(axis=0))).variance
             weighted = [problem.weighted(weight) for problem, weight in zip(problems, 1 / variance, strict=True)]
             coefficients = constrained_least_squares(weighted, support, self.equation, matrix, right)
-            refitted.append(replace(each, coefficients=coefficients, proven=False))
+            refitted.append(replace(candidate, coefficients=coefficients, proven=False))
         return tuple(refitted)
 
     def _constraints(self, support: Bools) -> tuple[Floats, Floats]:
@@ -140,9 +140,9 @@ def _unit_rows(matrix: Floats, right: Floats) -> tuple[Floats, Floats]:
 def _solutions(matrix: Floats, right: Floats) -> tuple[Floats, Floats] | None:
     """Return one solution of ``matrix @ x = right``, if any, and an orthonormal basis of the ways to move from it."""
     matrix, right = _unit_rows(matrix, right)
-    left, values, rows = np.linalg.svd(matrix)
+    columns, values, rows = np.linalg.svd(matrix)
     rank = int(np.sum(values > _RANK * max(matrix.shape, default=1)))
-    point = rows[:rank].T @ ((left[:, :rank].T @ right) / values[:rank])
+    point = rows[:rank].T @ ((columns[:, :rank].T @ right) / values[:rank])
     if np.abs(matrix @ point - right).max(initial=0.0) > 1e-9 * np.abs(right).max(initial=0.0):
         return None
     return point, rows[rank:].T

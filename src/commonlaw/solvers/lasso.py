@@ -66,8 +66,10 @@ class Lasso(AbstractSolver):
         # Larger penalties come first: the minimum of each is where the search for the next begins
         penalties = sorted({*_PENALTIES[min(wanted) < _PENALTIES], *wanted}, reverse=True)
         by_group = [self._candidates(group, target, allowed, penalties) for group in groups(problems, self.shared)]
-        found = {own[0].hyperparameter: Candidate.join(own) for own in zip(*by_group, strict=True)}
-        path = tuple(found[value] for value in wanted)
+        by_penalty = {
+            of_objects[0].hyperparameter: Candidate.join(of_objects) for of_objects in zip(*by_group, strict=True)
+        }
+        path = tuple(by_penalty[value] for value in wanted)
         return each_support_once(path) if values is None else path
 
     def _candidates(self, problems: Problems, target: int, allowed: Bools, penalties: Sequence[float]) -> Candidates:

@@ -128,12 +128,12 @@ class BestSubset(AbstractSolver):
 
         def choose(problem: StandardizedProblem, sizes: Sequence[int]) -> dict[int, Subset]:
             searched, stays = [size for size in sizes if size <= largest], backward_order(problem)
-            found = {size: Subset(stays[:size], size == problem.size) for size in sizes if size > largest}
+            subsets = {size: Subset(stays[:size], size == problem.size) for size in sizes if size > largest}
             enters = forward_order(problem, max(searched))
             # The work of a node grows with the third power of the terms
             nodes = int(np.ceil(self.nodes * min(1.0, (60 / max(problem.size, 1)) ** 3)))
             searches = {size: _Search(problem, size, [stays[:size], enters[:size]]) for size in searched}
-            return found | {size: search.run(nodes) for size, search in searches.items()}
+            return subsets | {size: search.run(nodes) for size, search in searches.items()}
 
         return fixed_cardinality(choose, self.shared, problems, target, allowed, values)
 
