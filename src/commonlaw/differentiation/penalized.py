@@ -166,8 +166,7 @@ def cross_validated(steps: Floats, state: Floats) -> float:
 
         systems, grid = _Systems.of(steps), _grid(len(state))
         traces = _traces(steps.tobytes())
-        scores = [_score(strength, systems, state, trace) for strength, trace in zip(grid, traces, strict=True)]
-        best = int(np.argmin(scores))
+        best = int(np.argmin([_score(point, systems, state, trace) for point, trace in zip(grid, traces, strict=True)]))
         bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
         result = float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
         while len(_strengths) >= 4096:  # Of some hundred bytes each

@@ -72,9 +72,8 @@ class CompressedTrials:
     def of(cls, found: dict[str, ObjectRows], schema: Schema) -> "CompressedTrials":
         """Return the rows of all objects; raises `CommonlawError` if a state of an object never changes."""
         refuse_constant_states({name: rows.extremes for name, rows in found.items()}, schema)
-        return cls(
-            tuple(found), tuple(rows.groups for rows in found.values()), tuple(rows.samples for rows in found.values())
-        )
+        listed = found.values()
+        return cls(tuple(found), tuple(rows.groups for rows in listed), tuple(rows.samples for rows in listed))
 
     def subtract(self, coefficients: Floats) -> "CompressedTrials":
         """Return the problems with targets that coefficients, shape (objects, equations, terms), do not explain."""
