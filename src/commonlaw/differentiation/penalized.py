@@ -166,7 +166,9 @@ def cross_validated(steps: Floats, state: Floats) -> float:
 
         systems, grid = _Systems.of(steps), _grid(len(state))
         traces = _traces(steps.tobytes())
-        best = int(np.argmin([_score(point, systems, state, trace) for point, trace in zip(grid, traces, strict=True)]))
+        best = int(
+            np.argmin([_score(logarithm, systems, state, trace) for logarithm, trace in zip(grid, traces, strict=True)])
+        )
         bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
         result = float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
         while len(_strengths) >= 4096:  # Of some hundred bytes each
@@ -185,7 +187,7 @@ def _grid(samples: int) -> Floats:
 def _traces(steps: bytes) -> tuple[float, ...]:
     """Return the traces on the grid, which are the same for all states that are measured at the same times."""
     systems = _Systems.of(np.frombuffer(steps))
-    return tuple(systems.trace(strength) for strength in _grid(len(systems.diagonal) + 2))
+    return tuple(systems.trace(logarithm) for logarithm in _grid(len(systems.diagonal) + 2))
 
 
 def _score(logarithm: float, systems: _Systems, state: Floats, trace: float | None = None) -> float:
