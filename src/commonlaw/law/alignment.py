@@ -87,8 +87,8 @@ def has_bands(law: Law) -> bool:
 
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:
     """Return times that were given with trials, in the unit of their time, in that of the law."""
-    own, time = trials.schema.units.get(trials.schema.time), law.schema.units.get(law.schema.time)
-    turn = Conversion.between(trials.schema.time, own, time)
+    unit, time = trials.schema.units.get(trials.schema.time), law.schema.units.get(law.schema.time)
+    turn = Conversion.between(trials.schema.time, unit, time)
     return times if times is None or not turn else turn.of(as_numbers(times))
 
 
@@ -96,11 +96,11 @@ def matched_noise(law: Law, trials: Trials, noise: Mapping[str, float] | None) -
     """Return standard deviations by state, given in the units of the trials, in those of the law."""
     if noise is None:
         return None
-    given, own, result = trials.schema, measured_schema(law), {}
+    given, measured, result = trials.schema, measured_schema(law), {}
     for key, level in noise.items():
         name = find_name(key, given.states, "state")
-        is_share = name in own.logarithmic or name in given.logarithmic
-        turn = Conversion() if is_share else Conversion.between(name, given.units.get(name), own.units.get(name))
+        is_share = name in measured.logarithmic or name in given.logarithmic
+        turn = Conversion() if is_share else Conversion.between(name, given.units.get(name), measured.units.get(name))
         result[name] = abs(turn.scale) * level
     return result
 

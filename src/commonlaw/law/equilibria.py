@@ -182,14 +182,14 @@ def fixed_points(
     usual = np.where(largest > 0, largest, np.inf)
     reached = system.newton(coefficients, starts, span)
     reached = reached[np.isfinite(reached).all(axis=1) & np.all((reached >= low) & (reached <= high), axis=1)]
-    found = list[Floats]()
-    for each in reached:
-        slopes = system.at(coefficients, each[np.newaxis])[1][0, :, : system.states]
-        known = any(np.allclose(each, other, rtol=1e-6, atol=1e-9 * np.max(span)) for other in found)
+    isolated = list[Floats]()
+    for state in reached:
+        slopes = system.at(coefficients, state[np.newaxis])[1][0, :, : system.states]
+        known = any(np.allclose(state, point, rtol=1e-6, atol=1e-9 * np.max(span)) for point in isolated)
         # Up to this singular value, relative to the size nearby, equilibria are not isolated
         if not known and np.linalg.norm(slopes * span / usual[:, np.newaxis], -2) > 1e-10:
-            found.append(each)
-    points = np.array(found).reshape(-1, system.states)
+            isolated.append(state)
+    points = np.array(isolated).reshape(-1, system.states)
     for point in points[np.lexsort(points.T[::-1])]:
         yield point, system.eigenvalues(coefficients, point)
 
@@ -221,7 +221,7 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
     system, variables = _System(law, {}), law.terms.variables
     dynamic = {*range(len(variables.states))}
     used = [law.terms.terms[k] for k in np.flatnonzero(law.support.any(axis=0) & law.terms.is_factor)]
-    of_states = [[pair for pair in each.powers if columns_in(pair[0]) & dynamic] for each in used]
+    of_states = [[pair for pair in term.powers if columns_in(pair[0]) & dynamic] for term in used]
     of_states = [powers for powers in of_states if powers]
     if not of_states or any(
         len(powers) > 1 or powers[0][0].column is None or powers[0][1] != 1 for powers in of_states
@@ -230,16 +230,16 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
     origin, unit = np.zeros(system.states), law.schema.units.get(law.schema.time, "")
 
     def eigenvalues(row: Floats) -> Complexes:
-        found = system.eigenvalues(system.coefficients(row), origin)
-        return found[np.lexsort((found.imag, np.abs(found.real)))]
+        values = system.eigenvalues(system.coefficients(row), origin)
+        return values[np.lexsort((values.imag, np.abs(values.real)))]
 
     here = eigenvalues(parameters)
     for i, eigenvalue in enumerate(here.tolist()):
 
         def of(change: Callable[[Complexes], Floats], i: int = i, oscillates: bool = eigenvalue.imag != 0) -> Function:
             def value(rows: Floats) -> Floats:
-                found = np.array([eigenvalues(row)[i] for row in rows])
-                return np.where((found.imag != 0) == oscillates, change(found), np.nan)
+                values = np.array([eigenvalues(row)[i] for row in rows])
+                return np.where((values.imag != 0) == oscillates, change(values), np.nan)
 
             return value
 
@@ -247,10 +247,10 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
         if abs(eigenvalue) == 0 or eigenvalue.imag < 0:
             continue
         if eigenvalue.imag > 0:
-            yield Quantity(f"period of {label}", "T", of(lambda each: 2 * np.pi / each.imag), unit)
-            yield Quantity(f"damping ratio of {label}", "ζ", of(lambda each: -each.real / np.abs(each)), "")
+            yield Quantity(f"period of {label}", "T", of(lambda values: 2 * np.pi / values.imag), unit)
+            yield Quantity(f"damping ratio of {label}", "ζ", of(lambda values: -values.real / np.abs(values)), "")
         elif eigenvalue.real < 0:
-            yield Quantity(f"time constant of {label}", "τ", of(lambda each: -1 / each.real), unit)
-            yield Quantity(f"half-life of {label}", "t½", of(lambda each: -np.log(2) / each.real), unit)
+            yield Quantity(f"time constant of {label}", "τ", of(lambda values: -1 / values.real), unit)
+            yield Quantity(f"half-life of {label}", "t½", of(lambda values: -np.log(2) / values.real), unit)
         else:
-            yield Quantity(f"doubling time of {label}", "T2", of(lambda each: np.log(2) / each.real), unit)
+            yield Quantity(f"doubling time of {label}", "T2", of(lambda values: np.log(2) / values.real), unit)

@@ -91,7 +91,7 @@ class _System:
         values = dict(zip(known.names, parameters, strict=True))
         inner = [values[name] for name in law.terms.variables.parameters]
         columns, count = [*states, *inputs, time, *inner], len(law.schema.states)
-        products = {(each.equation, each.term): each for each in known.products}
+        products = {(product.equation, product.term): product for product in known.products}
         times, over = algebra.operations["multiply"], algebra.operations["divide"]
         rates = [*states]
         for i, j in enumerate(with_rates(law.order, count).tolist()):
@@ -114,15 +114,15 @@ class _System:
 def _system(law: Law, name: str | None, initial: ArrayLike | None) -> _System:
     """Return a law in plain names, of one object or of all."""
     delayed = [signal for signal in law.schema.inputs if "(" in signal]
-    for problem, found in (
+    for problem, is_present in (
         ("discrete time", law.order == 0),
         ("doses", bool(law.schema.doses)),
         ("dead times", bool(delayed)),
     ):
-        if found:
+        if is_present:
             raise CommonlawError("export-unsupported", problem=problem)
     objects = law.objects if name is None else (only_object(law, name),)
-    coefficients = np.stack([followed_coefficients(law, each) for each in objects])
+    coefficients = np.stack([followed_coefficients(law, owner) for owner in objects])
     known, variables = named_parameters(law), law.terms.variables
     names = _plain_names([*variables.states, *variables.inputs, *known.names])
     count, end = len(variables.states), len(variables.states) + len(variables.inputs)
@@ -234,7 +234,7 @@ _MATHML = Algebra(
 
 def _comment(law: Law) -> list[str]:
     """Return the law in lines without what could end a comment."""
-    return [in_line(each).replace("*/", "* /") for each in law.structure]
+    return [in_line(line).replace("*/", "* /") for line in law.structure]
 
 
 def _quoted(name: str) -> str:
@@ -265,14 +265,14 @@ def _c(system: _System, _: str) -> bytes:
         ", ".join(f"{place} is {name}" for place, name in zip(places, names, strict=True)) or f"no {kind}"
         for kind, places, names in zip("xup", (x, u, p), groups, strict=True)
     )
-    rows = [", ".join(_number(each) for each in row) or "0.0" for row in system.values]
+    rows = [", ".join(_number(number) for number in row) or "0.0" for row in system.values]
     events, changes = system.events(_C, x, u, "t", p), list[str]()
     for k, (_, new) in enumerate(events):
-        changes += [f"    if (event == {k}) {{", *(f"        y[{i}] = {each};" for i, each in new.items()), "    }"]
+        changes += [f"    if (event == {k}) {{", *(f"        y[{i}] = {value};" for i, value in new.items()), "    }"]
     conditions = [f"    on[{k}] = {decided} > 0;" for k, (decided, _) in enumerate(events)]
     lines = _filled(
         "law.c",
-        comment=[f"// {each}" for each in _comment(system.law)],
+        comment=[f"// {line}" for line in _comment(system.law)],
         names="; ".join(named),
         states=len(x),
         inputs=len(u),
@@ -281,7 +281,7 @@ def _c(system: _System, _: str) -> bytes:
         titles=", ".join(map(_quoted, system.objects)),
         width=max(len(p), 1),
         values=", ".join(f"{{{row}}}" for row in rows),
-        rates=[f"    dx[{i}] = {each};" for i, each in enumerate(system.rates(_C, x, u, "t", p))],
+        rates=[f"    dx[{i}] = {rate};" for i, rate in enumerate(system.rates(_C, x, u, "t", p))],
         step="static void step" if events else "void advance",
         events=_filled("events.c", count=len(events), conditions=conditions, changes=changes) if events else [],
     )
@@ -297,7 +297,7 @@ def _python(system: _System, _: str) -> bytes:
     pairs = zip(system.objects, system.values.tolist(), strict=True)
     lines = _filled(
         "law.py",
-        comment=[re.sub(r'[\\"]', "_", each) for each in _comment(system.law)],
+        comment=[re.sub(r'[\\"]', "_", line) for line in _comment(system.law)],
         imports=["import numpy as np"] if events else [],
         states=str([*system.states]),
         inputs=str([*system.inputs]),
@@ -311,7 +311,7 @@ def _python(system: _System, _: str) -> bytes:
             "events.py",
             unpacked=unpacked,
             conditions=", ".join(decided for decided, _ in events),
-            changes=[f"        [{each}]," for each in changed],
+            changes=[f"        [{values}]," for values in changed],
         )
         if events
         else [],
@@ -324,22 +324,22 @@ def _matlab(system: _System, stem: str) -> bytes:
     x, u, p = _indexed("{}({})", 1, system.states, system.inputs, system.parameters)
     events, changes = system.events(_MATLAB, x, u, "t", p), list[str]()
     for k, (_, new) in enumerate(events, 1):
-        changes += [f"        case {k}", *(f"            y({i + 1}) = {each};" for i, each in new.items())]
+        changes += [f"        case {k}", *(f"            y({i + 1}) = {value};" for i, value in new.items())]
     lines = _filled(
         "law.m",
         function=function,
         title=function.upper(),
-        comment=[f"%   {each}" for each in _comment(system.law)],
+        comment=[f"%   {line}" for line in _comment(system.law)],
         states=", ".join(system.states),
         inputs=", ".join(system.inputs) or "none",
         parameters=", ".join(system.parameters) or "none",
         titles=", ".join("'" + _quoted(name)[1:-1].replace("'", "''") + "'" for name in system.objects),
-        values="; ".join(" ".join(_number(each) for each in row) for row in system.values),
+        values="; ".join(" ".join(_number(number) for number in row) for row in system.values),
         initial=" ".join(map(_number, system.initial)),
         count=max(len(u), 1),
         simulation=_filled("simulation_with_events.m" if events else "simulation.m"),
         width=len(x),
-        rates=[f"    dx({i}) = {each};" for i, each in enumerate(system.rates(_MATLAB, x, u, "t", p), 1)],
+        rates=[f"    dx({i}) = {rate};" for i, rate in enumerate(system.rates(_MATLAB, x, u, "t", p), 1)],
         events=_filled("events.m", conditions="; ".join(decided for decided, _ in events), changes=changes)
         if events
         else [],
@@ -357,11 +357,11 @@ def _modelica(system: _System, stem: str) -> bytes:
     # One clause, as in several of them a state could not take new values
     clauses = ["    end when;"] if conditions else []
     for k, ((condition, _), (_, new)) in reversed([*enumerate(zip(conditions, changed, strict=True))]):
-        reset = (f"      reinit({system.states[j]}, {each});" for j, each in new.items())
+        reset = (f"      reinit({system.states[j]}, {value});" for j, value in new.items())
         clauses = [f"    {'elsewhen' if k else 'when'} {condition} > 0 then", *reset, *clauses]
     lines = [
         f"package {package}",
-        *(f"  // {each}" for each in _comment(system.law)),
+        *(f"  // {line}" for line in _comment(system.law)),
         f"  partial model {models[0]}",
         *(f"    parameter Real {name};" for name in system.parameters),
         *(f"    input Real {name};" for name in system.inputs),
@@ -377,7 +377,7 @@ def _modelica(system: _System, stem: str) -> bytes:
     ]
     for name, title, row in zip(models[1:], system.objects, system.values, strict=True):
         given = ", ".join(
-            f"{parameter} = {_number(each)}" for parameter, each in zip(system.parameters, row, strict=True)
+            f"{parameter} = {_number(number)}" for parameter, number in zip(system.parameters, row, strict=True)
         )
         lines += [f"  model {name} {_quoted(title)}", f"    extends {models[0]}{f'({given})' if given else ''};"]
         lines += [f"  end {name};"]
@@ -390,7 +390,7 @@ def _sbml(system: _System, stem: str) -> bytes:
     symbols = {name: f"<ci>{name}</ci>" for name in (*system.states, *system.inputs, *system.parameters)}
     time = '<csymbol encoding="text" definitionURL="http://www.sbml.org/sbml/symbols/time">t</csymbol>'
     states, inputs, parameters = (
-        [symbols[name] for name in own] for own in (system.states, system.inputs, system.parameters)
+        [symbols[name] for name in names] for names in (system.states, system.inputs, system.parameters)
     )
     rates = system.rates(_MATHML, states, inputs, time, parameters)
     fixed = dict(zip(system.parameters, system.values[0].tolist(), strict=True))
@@ -418,8 +418,8 @@ def _sbml(system: _System, stem: str) -> bytes:
             "        </trigger>",
             "        <listOfEventAssignments>",
             *(
-                f'          <eventAssignment variable="{system.states[j]}">{_math(each)}</eventAssignment>'
-                for j, each in new.items()
+                f'          <eventAssignment variable="{system.states[j]}">{_math(value)}</eventAssignment>'
+                for j, value in new.items()
             ),
             "        </listOfEventAssignments>",
             "      </event>",

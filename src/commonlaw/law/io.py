@@ -139,16 +139,16 @@ _ALTERNATIVES = {"settings": "hyperparameters", "evidence lost": _BAYES_FACTOR}
 
 def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
     """Return a document of an earlier version, which need not be valid, by the names of version 6."""
-    found = _with_interval_inflation(_renamed(document) if version < 3 else {**document, "version": VERSION})
-    if version < 5 and isinstance(found.get("observation"), dict):
-        found |= {"observation": _with_trial_estimates(found["observation"])}
-    others = found.get("other_laws")
+    current = _with_interval_inflation(_renamed(document) if version < 3 else {**document, "version": VERSION})
+    if version < 5 and isinstance(current.get("observation"), dict):
+        current |= {"observation": _with_trial_estimates(current["observation"])}
+    others = current.get("other_laws")
     if isinstance(others, list):
-        found |= {"other_laws": [_with_interval_inflation(each) if isinstance(each, dict) else each for each in others]}
-    wider = found.get("with_discrepancy")
+        current |= {"other_laws": [_with_interval_inflation(law) if isinstance(law, dict) else law for law in others]}
+    wider = current.get("with_discrepancy")
     if isinstance(wider, dict):
-        found |= {"with_discrepancy": _with_interval_inflation({**wider, "version": VERSION})}
-    return found
+        current |= {"with_discrepancy": _with_interval_inflation({**wider, "version": VERSION})}
+    return current
 
 
 def _with_trial_estimates(observation: dict[str, Any]) -> dict[str, Any]:
@@ -157,10 +157,10 @@ def _with_trial_estimates(observation: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(estimated, list):
         return observation
     named = [
-        {**{key: value for key, value in each.items() if key != "state"}, "name": f"{each['state']}(0)"}
-        if isinstance(each, dict) and "state" in each
-        else each
-        for each in estimated
+        {**{key: value for key, value in estimate.items() if key != "state"}, "name": f"{estimate['state']}(0)"}
+        if isinstance(estimate, dict) and "state" in estimate
+        else estimate
+        for estimate in estimated
     ]
     return observation | {"estimated": named}
 
@@ -187,8 +187,10 @@ def _renamed(document: dict[str, Any]) -> dict[str, Any]:
     provenance = {key: document[key] for key in _PROVENANCE if key in document}
     if isinstance(provenance.get("outcomes"), list):
         provenance["outcomes"] = [
-            each | {"kind": "model error"} if isinstance(each, dict) and each.get("kind") == "not obeyed" else each
-            for each in provenance["outcomes"]
+            outcome | {"kind": "model error"}
+            if isinstance(outcome, dict) and outcome.get("kind") == "not obeyed"
+            else outcome
+            for outcome in provenance["outcomes"]
         ]
     if isinstance(provenance.get("alternatives"), list):
         provenance["alternatives"] = list(map(_alternative, provenance["alternatives"]))
@@ -203,13 +205,15 @@ def _renamed(document: dict[str, Any]) -> dict[str, Any]:
 def compared_with_the_best(alternatives: Sequence[Alternative]) -> tuple[Alternative, ...]:
     """Return alternatives whose Bayes factors are against the best of their equation, no more against the chosen."""
     result, least = list[Alternative](), dict[str, float]()
-    for each in alternatives:
-        if (value := each.measures.get(_BAYES_FACTOR)) is not None:
-            least[each.equation] = min(value, least.get(each.equation, value))
-    for each in alternatives:
-        if (value := each.measures.get(_BAYES_FACTOR)) is not None:
-            each = replace(each, measures={**each.measures, _BAYES_FACTOR: value - least[each.equation]})
-        result.append(each)
+    for alternative in alternatives:
+        if (value := alternative.measures.get(_BAYES_FACTOR)) is not None:
+            least[alternative.equation] = min(value, least.get(alternative.equation, value))
+    for alternative in alternatives:
+        if (value := alternative.measures.get(_BAYES_FACTOR)) is not None:
+            alternative = replace(
+                alternative, measures={**alternative.measures, _BAYES_FACTOR: value - least[alternative.equation]}
+            )
+        result.append(alternative)
     return tuple(result)
 
 
@@ -217,7 +221,7 @@ def _alternative(value: Any) -> Any:
     """Return an alternative, or the measures in it, by the present names."""
     if not isinstance(value, dict):
         return value
-    return {_ALTERNATIVES.get(key, key): _alternative(each) for key, each in value.items()}
+    return {_ALTERNATIVES.get(key, key): _alternative(entry) for key, entry in value.items()}
 
 
 def to_json(law: Law) -> str:
@@ -244,7 +248,7 @@ def document_of(law: Law) -> LawDocument:
         properties={name: {**values} for name, values in law.properties.items()},
         explanation=law.uncertainty.explanation,
         with_discrepancy=None if wider is None else document_of(wider),
-        other_laws=[_saved_other(each.probability, each.law, terms) for each in law.uncertainty.other_laws],
+        other_laws=[_saved_other(model.probability, model.law, terms) for model in law.uncertainty.other_laws],
         observation=law.observation,
     )
 
@@ -255,24 +259,24 @@ def _saved_terms(terms: Terms) -> list[str]:
 
 def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
     """Return the document of what else a law of these terms could be."""
-    support, own = np.any(law.coefficients != 0, axis=0), law.terms != terms
+    support, has_own_terms = np.any(law.coefficients != 0, axis=0), law.terms != terms
     return OtherDocument(
         probability=probability,
-        support=[np.flatnonzero(own).tolist() for own in support],
+        support=[np.flatnonzero(row).tolist() for row in support],
         coefficients=dict(zip(law.objects, law.coefficients[:, support].tolist(), strict=True)),
         uncertainty=_saved_uncertainty(law.objects, law.uncertainty),
         explanation=law.uncertainty.explanation,
-        terms=_saved_terms(law.terms) if own else None,
-        constants=list(law.terms.variables.parameters) if own else [],
+        terms=_saved_terms(law.terms) if has_own_terms else None,
+        constants=list(law.terms.variables.parameters) if has_own_terms else [],
     )
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> UncertaintyDocument:
     covariance = uncertainty.covariance
     levels = {**vars(uncertainty.error_model)}
-    grown = {kind: each.tolist() for kind, each in levels.pop("heteroscedastic").items()}
+    grown = {kind: level.tolist() for kind, level in levels.pop("heteroscedastic").items()}
     given = {name: np.asarray(level) for name, level in levels.items() if level is not None}
-    errors: dict[str, Any] = {name: each.tolist() for name, each in given.items() if np.isfinite(each).all()}
+    errors: dict[str, Any] = {name: level.tolist() for name, level in given.items() if np.isfinite(level).all()}
     if grown:
         errors |= {"proportional": grown.pop("proportional", None), "heteroscedastic": grown}
     arrays = ("noise", "inclusion_probabilities", "degrees_of_freedom")
@@ -359,7 +363,7 @@ def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]]
         raise CommonlawError("law-nested-discrepancy")
     called = functions_in(functions)
     law = _read_law(document, called)
-    others = tuple(PlausibleLaw(each.probability, _read_other(each, law)) for each in document.other_laws)
+    others = tuple(PlausibleLaw(saved.probability, _read_other(saved, law)) for saved in document.other_laws)
     provenance = replace(law.provenance, with_discrepancy=None if wider is None else _read_law(wider, called))
     return with_other_laws(replace(law, provenance=provenance), others)
 
@@ -446,7 +450,7 @@ def _read_uncertainty(
     errors: dict[str, Any] = {
         name: np.array(level) if isinstance(level, list) else level for name, level in levels.items()
     }
-    errors["heteroscedastic"] = {kind: np.array(each) for kind, each in grown.items() if each is not None}
+    errors["heteroscedastic"] = {kind: np.array(level) for kind, level in grown.items() if level is not None}
     if saved.shared_factor is not None:
         columns = max((len(row) for rows in saved.shared_factor.values() for row in rows), default=parameters)
         matrices = [
@@ -479,10 +483,10 @@ def _covariance(saved: Mapping[str, list[float]], objects: tuple[str, ...], para
     rows, columns = np.tril_indices(parameters)
     result = np.zeros((len(objects), parameters, parameters))
     for matrix, name in zip(result, objects, strict=True):
-        own = saved.get(name, [])
-        if len(own) != len(rows):
+        triangle = saved.get(name, [])
+        if len(triangle) != len(rows):
             raise CommonlawError("law-covariance-size", name=name, expected=len(rows))
-        matrix[rows, columns] = matrix[columns, rows] = own
+        matrix[rows, columns] = matrix[columns, rows] = triangle
     return result
 
 
@@ -528,10 +532,12 @@ def law_file(law: Law, path: str) -> tuple[str, bytes]:
 
     def as_columns(key: str, each: dict[str, Any], name: str) -> dict[str, Any]:
         if key == "properties":
-            kinds = list(dict.fromkeys(kind for own in each.values() for kind in own))
-            columns.update({f"{name}{kind}": [each.get(own, {}).get(kind) for own in law.objects] for kind in kinds})
+            kinds = list(dict.fromkeys(kind for attributes in each.values() for kind in attributes))
+            columns.update(
+                {f"{name}{kind}": [each.get(owner, {}).get(kind) for owner in law.objects] for kind in kinds}
+            )
             return {"names": kinds}
-        array = np.array([each[own] for own in law.objects])
+        array = np.array([each[owner] for owner in law.objects])
         columns.update({_column(name, index): array[:, *index] for index in np.ndindex(*array.shape[1:])})
         return {"shape": array.shape[1:]}
 
@@ -548,14 +554,14 @@ def decoded_file(content: bytes, functions: Iterable[Callable[..., Any]] = ()) -
 def _walked(value: Any, path: str, change: Callable[[str, dict[str, Any], str], Any]) -> Any:
     """Return a document with what is by object changed, given its key and the path to it."""
     if isinstance(value, list):
-        return [_walked(each, f"{path}{i} ", change) for i, each in enumerate(value)]
+        return [_walked(part, f"{path}{i} ", change) for i, part in enumerate(value)]
     if not isinstance(value, dict):
         return value
     return {
-        key: change(key, each, f"{path}{key} ")
-        if key in _BY_OBJECT and isinstance(each, dict)
-        else _walked(each, f"{path}{key} ", change)
-        for key, each in value.items()
+        key: change(key, part, f"{path}{key} ")
+        if key in _BY_OBJECT and isinstance(part, dict)
+        else _walked(part, f"{path}{key} ", change)
+        for key, part in value.items()
     }
 
 
@@ -570,8 +576,8 @@ def _of_parquet(content: bytes, functions: Iterable[Callable[..., Any]]) -> Law:
             return dict(zip(objects, _nested(each["shape"], name, len(objects), columns), strict=True))
         cells = {kind: columns[f"{name}{kind}"] for kind in each["names"]}
         return {
-            own: {kind: column[i] for kind, column in cells.items() if column[i] is not None}
-            for i, own in enumerate(objects)
+            owner: {kind: column[i] for kind, column in cells.items() if column[i] is not None}
+            for i, owner in enumerate(objects)
         }
 
     try:

@@ -349,7 +349,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         Each has its coefficients and their covariance; only this law has its provenance.
         """
         others = self.uncertainty.other_laws
-        return PlausibleLaw(1.0 - sum(each.probability for each in others), self), *others
+        return PlausibleLaw(1.0 - sum(model.probability for model in others), self), *others
 
     @property
     def comparison(self) -> "pd.DataFrame":
@@ -607,13 +607,13 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         --------
         >>> import commonlaw as cl
         >>> drops = cl.datasets.linear_drag(noise=0.05, quadratic=-0.02)
-        >>> found = cl.fit("x'' = -g - c v", drops).discrepancy(drops, of="v")
-        >>> found.claimed
+        >>> discrepancy = cl.fit("x'' = -g - c v", drops).discrepancy(drops, of="v")
+        >>> discrepancy.claimed
         True
         """
         options = {"times": times, "equation": equation, "zero_at": zero_at, "noise": noise}
-        found = _call("discrepancy:discrepancy", self, trials, of, huber_threshold=huber_threshold, **options)
-        return cast("Discrepancy[Law]", found)
+        discrepancy = _call("discrepancy:discrepancy", self, trials, of, huber_threshold=huber_threshold, **options)
+        return cast("Discrepancy[Law]", discrepancy)
 
     def report(
         self, trials: Trials | TrialStream, learned: Trials | TrialStream | None = None, client: "Client | None" = None

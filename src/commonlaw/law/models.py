@@ -73,7 +73,7 @@ class NamedModel:
     @property
     def without_bounds(self) -> tuple[str, ...]:
         """The equations and initial values, one by one, without the bounds of parameters."""
-        return tuple(each for each in parts_of(self.equations) if not is_bound(each))
+        return tuple(part for part in parts_of(self.equations) if not is_bound(part))
 
     def to_latex(self) -> str:
         """Return the equations and initial values as an ``aligned`` block of LaTeX without dollars."""
@@ -88,7 +88,7 @@ class NamedModel:
         rates = [f"{name}'" for name in self.states] if order == 2 else []
         variables = replace(variables, states=(*self.states, *rates))
         rows = latex_summands([equation.text for equation in equations], schema, variables, initial)
-        lefts = (*latex_left_hand_sides(self.states, order), *(f"{latex_name(each[:-3])}(0)" for each in initial))
+        lefts = (*latex_left_hand_sides(self.states, order), *(f"{latex_name(start[:-3])}(0)" for start in initial))
         written = aligned(zip(lefts, rows, strict=True))
         return reduce(lambda text, name: text.replace(latex_name(name), name), lagged, written)
 
@@ -134,8 +134,8 @@ class NamedModel:
                 names.setdefault(name, same)
         # A state whose initial value the equations have needs no column
         begun = re.findall(r"(?<!\w)(\w+)\(0\) *=", self.equations)
-        for own, there in roles:
-            missing = [name for name in own if name not in names and name not in begun]
+        for variables, there in roles:
+            missing = [name for name in variables if name not in names and name not in begun]
             free = [name for name in there if name not in names.values()]
             if len(missing) == len(free) == 1:
                 names[missing[0]] = free[0]
@@ -193,8 +193,8 @@ def model_named(text: str | Sequence[str]) -> tuple[NamedModel, dict[str, str]] 
         return None
     names = dict[str, str]()
     for part in parts:
-        own, sign, column = (each.strip() for each in part.partition("="))
-        if not (own and sign and column) or own in names:
+        variable, sign, column = (piece.strip() for piece in part.partition("="))
+        if not (variable and sign and column) or variable in names:
             raise CommonlawError("named-model-syntax", text=text, name=name)
-        names[own] = column
+        names[variable] = column
     return named_models[name], names

@@ -72,7 +72,9 @@ def written(
 ) -> dict[str, str]:
     """Return the right-hand sides of observation equations, initial values and events, see `Observation.written`."""
     starts = {f"{name}(0)": start for name, start in initial.items() if isinstance(start, str)}
-    changes = {f"{condition}: {name}": new for condition, own in events.items() for name, new in own.items()}
+    changes = {
+        f"{condition}: {name}": new for condition, assignments in events.items() for name, new in assignments.items()
+    }
     return {**equations, **starts, **changes}
 
 
@@ -131,7 +133,7 @@ class Observation:
     def __post_init__(self) -> None:
         for name in (*self.equations, *self.noise, *self.noise_of):
             check_choice("measured quantity", name, self.measured.states)
-        by_object = (pair for own in self.noise_of.values() for pair in own.items())
+        by_object = (pair for levels in self.noise_of.values() for pair in levels.items())
         for name, value in (*self.noise.items(), *self.sizes.items(), *by_object):
             if not 0 < value < np.inf:
                 raise CommonlawError("observation-not-positive", name=name, value=value)
@@ -147,13 +149,13 @@ class Observation:
         priors = {f"{name}(0)": f"{s[0]:g} ± {s[1]:g}" for name, s in self.initial.items() if isinstance(s, tuple)}
         shared = {} if self.restrictions is None else self.restrictions.shared
         apart = [f"{name} by {by}; means are shown" for name, by in shared.items() if by_trial(by, self.measured)]
-        return [*(f"{left} = {right}" for left, right in (self.written | priors).items()), *apart]
+        return [*(f"{name} = {right}" for name, right in (self.written | priors).items()), *apart]
 
     @property
     def noise_levels(self) -> Floats | None:
         """The noise of each measured quantity, shape (m,); None if that of a quantity is not known."""
-        found = np.array([self.noise.get(name, np.nan) for name in self.measured.states])
-        return found if np.isfinite(found).all() else None
+        levels = np.array([self.noise.get(name, np.nan) for name in self.measured.states])
+        return levels if np.isfinite(levels).all() else None
 
     def place_of(self, parameter: str) -> str:
         """Return the left-hand side of the equation in which a parameter stands first; empty if in none of these."""
@@ -165,4 +167,4 @@ class Observation:
         import pandas as pd
 
         columns = ["object", "trial", "parameter", "estimate", "standard error"]
-        return pd.DataFrame([astuple(each) for each in self.estimated], columns=columns)
+        return pd.DataFrame([astuple(estimate) for estimate in self.estimated], columns=columns)

@@ -43,7 +43,9 @@ class Parameters:
     @property
     def places(self) -> tuple[list[int], list[int]]:
         """The equation and the term in which each parameter stands first."""
-        return [each.equation for each in self.definitions], [each.term for each in self.definitions]
+        return [definition.equation for definition in self.definitions], [
+            definition.term for definition in self.definitions
+        ]
 
     @cached_property
     def values(self) -> Floats:
@@ -81,9 +83,9 @@ class Parameters:
         places = {(j, k): i for i, (j, k) in enumerate(np.argwhere(self.law.support).tolist())}
         result = np.zeros((len(coefficients), len(self.definitions), len(places)))
         for i, definition in enumerate(self.definitions):
-            own = [(part.equation, part.term) for part in definition.parts]
-            if places.keys() >= {*own}:
-                result[:, i, [places[place] for place in own]] = definition.gradient(coefficients)
+            pairs = [(part.equation, part.term) for part in definition.parts]
+            if places.keys() >= {*pairs}:
+                result[:, i, [places[place] for place in pairs]] = definition.gradient(coefficients)
             else:
                 result[:, i] = np.nan
         return result
@@ -119,8 +121,8 @@ class Parameters:
                 return definition.of(coefficients)
 
             for o, covariance in enumerate(covariances if len(definition.parts) > 1 else ()):
-                found = propagated(value, self.law.coefficients[o, support], covariance, float(reach[i]))
-                low[o, i], high[o, i] = found.low, found.high
+                interval = propagated(value, self.law.coefficients[o, support], covariance, float(reach[i]))
+                low[o, i], high[o, i] = interval.low, interval.high
         return low, high
 
     def draws(self, n: int, seed: int, averaged: bool) -> Floats:
@@ -129,7 +131,7 @@ class Parameters:
         laws = law.models if averaged else law.models[:1]
         chosen = np.zeros(n, dtype=np.intp)
         if len(laws) > 1:
-            shares = np.cumsum([each.probability for each in laws])
+            shares = np.cumsum([candidate.probability for candidate in laws])
             chosen = np.searchsorted(shares, np.random.default_rng([seed, n]).uniform(0.0, shares[-1], n))
         draws = np.zeros((n, *law.coefficients.shape))
         for i in np.unique(chosen).tolist():
@@ -189,10 +191,10 @@ def coefficient_intervals(law: Law, level: float = 0.95, averaged: bool = True) 
     """
     law.uncertainty.known_covariance()
     laws = law.models if averaged else (PlausibleLaw(1.0, law),)
-    weights = np.array([each.probability for each in laws]).reshape(-1, 1, 1, 1)
-    values = np.array([by_terms_of(law, each.law, each.law.coefficients) for each in laws])
-    errors = np.nan_to_num([by_terms_of(law, each.law, standard_errors(each.law)) for each in laws])
-    degrees = [each.law.uncertainty.degrees_of_freedom for each in laws]
+    weights = np.array([model.probability for model in laws]).reshape(-1, 1, 1, 1)
+    values = np.array([by_terms_of(law, model.law, model.law.coefficients) for model in laws])
+    errors = np.nan_to_num([by_terms_of(law, model.law, standard_errors(model.law)) for model in laws])
+    degrees = [model.law.uncertainty.degrees_of_freedom for model in laws]
     whole = np.array([np.full(len(law.schema.states), np.inf) if degree is None else degree for degree in degrees])
     low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
     absent = law.coefficients == 0
@@ -227,11 +229,11 @@ def left_hand_sides(law: Law) -> tuple[str, ...]:
 
 def equation_label(law: Law, equation: int, term: int) -> str:
     """Return the left-hand side of the equation that a coefficient stands in: of an observation, if in no other."""
-    own = law.terms.terms[term].parameter
-    inside = frozenset[int]().union(*(each.columns() for each in law.terms.terms if each.parameter is None))
-    if law.observation is None or own is None or own in inside:
+    column = law.terms.terms[term].parameter
+    inside = frozenset[int]().union(*(factor.columns() for factor in law.terms.terms if factor.parameter is None))
+    if law.observation is None or column is None or column in inside:
         return left_hand_sides(law)[equation]
-    return law.observation.place_of(law.terms.variables.names[own])
+    return law.observation.place_of(law.terms.variables.names[column])
 
 
 def rate_names(law: Law) -> tuple[str, ...]:
