@@ -136,54 +136,56 @@ def read_equations(
             remedy = Diagnostic("columns-of-objects", {"name": others[0]})
         raise CommonlawError("equations-of-other-states", equations=(*by_state,), states=schema.states, remedy=remedy)
     ordered = tuple(by_state[state] for state in schema.states)
-    order = one_order([each.order for each in ordered])
+    order = one_order([equation.order for equation in ordered])
     plain = variables or replace(law_variables(schema, order), functions=functions)
     # Those of a law that was read before, perhaps by an earlier version, are clear
     meanings = meanings_of(schema, order, plain, are_clear=variables is not None)
     variables = with_parameters(plain, ordered, meanings)
     while True:
-        rows = [each.summands(variables, meanings) for each in ordered]
-        listed = list(dict.fromkeys(each.term for row in rows for each in row)) or [parse_term("1", variables)]
+        rows = [equation.summands(variables, meanings) for equation in ordered]
+        listed = list(dict.fromkeys(summand.term for row in rows for summand in row)) or [parse_term("1", variables)]
         products = [
-            Product(j, listed.index(each.term), each.factor, each.coefficients)
+            Product(j, listed.index(summand.term), summand.factor, summand.coefficients)
             for j, row in enumerate(rows)
-            for each in row
-            if each.coefficients
+            for summand in row
+            if summand.coefficients
         ]
-        together = [name for each in products if len(each.coefficients) > 1 for name, _ in each.coefficients]
+        together = [name for product in products if len(product.coefficients) > 1 for name, _ in product.coefficients]
         if inside := [name for name in dict.fromkeys(together) if name in properties]:
             variables = replace(variables, parameters=(*variables.parameters, *inside))
             continue
-        found = _solved(products)
-        if found is not None and not any(len({each.term for each in row}) < len(row) for row in rows):
+        coefficients = _solved(products)
+        if coefficients is not None and not any(len({summand.term for summand in row}) < len(row) for row in rows):
             break
         # What stands before several terms is one number all the same: a constant of these
-        names = [name for each in products for name, _ in each.coefficients]
+        names = [name for product in products for name, _ in product.coefficients]
         shared = [name for name in dict.fromkeys(names) if names.count(name) > 1 and len(products) > len({*names})]
         if not shared:
             for equation, row in zip(ordered, rows, strict=True):
                 equation.check_apart(row, variables, meanings)
-            product = next(each for each in products if len(each.coefficients) > 1)
+            product = next(product for product in products if len(product.coefficients) > 1)
             problem = only_product(product.coefficients)
             ordered[product.equation].refuse(product.coefficients[1][0], problem, variables, meanings)
         variables = replace(variables, parameters=(*variables.parameters, *shared))
     known = np.zeros((len(rows), len(listed)))
     for j, row in enumerate(rows):
-        for each in row:
-            known[j, listed.index(each.term)] = np.nan if each.coefficients else each.factor
-    used = [frozenset().union(*(each.term.columns() for each in row)) for row in rows]
+        for summand in row:
+            known[j, listed.index(summand.term)] = np.nan if summand.coefficients else summand.factor
+    used = [frozenset().union(*(summand.term.columns() for summand in row)) for row in rows]
     columns = {name: variables.index(name) for name in variables.parameters}
     # The first equation in whose terms each parameter stands
-    owners = {name: next((j for j, own in enumerate(used) if i in own), 0) for name, i in columns.items()}
-    own = [Product(j, len(listed) + i, 1.0, ((name, 1),)) for i, (name, j) in enumerate(owners.items())]
-    found += tuple(Coefficient(name, (Part(each.equation, each.term),)) for name, each in zip(owners, own, strict=True))
+    owners = {name: next((j for j, indices in enumerate(used) if i in indices), 0) for name, i in columns.items()}
+    inner = [Product(j, len(listed) + i, 1.0, ((name, 1),)) for i, (name, j) in enumerate(owners.items())]
+    coefficients += tuple(
+        Coefficient(name, (Part(product.equation, product.term),)) for name, product in zip(owners, inner, strict=True)
+    )
     known = np.column_stack([known, *(np.where(np.arange(len(rows)) == j, np.nan, 0.0) for j in owners.values())])
     terms = Terms(variables, (*listed, *(Term(parameter=variables.index(name)) for name in owners)))
-    texts = tuple(each.text for each in ordered)
+    texts = tuple(equation.text for equation in ordered)
     bounds = bounds_in(given)
     for bound in bounds:
-        check_choice("coefficient", bound.name, [each.name for each in found])
-    return GivenEquations(texts, terms, order, known, found, (*products, *own), bounds)
+        check_choice("coefficient", bound.name, [coefficient.name for coefficient in coefficients])
+    return GivenEquations(texts, terms, order, known, coefficients, (*products, *inner), bounds)
 
 
 def latex_summands(
@@ -198,10 +200,10 @@ def latex_summands(
     meanings = meanings_of(schema, order, variables, are_clear=True)
     written = (*equations, *(observation_equation(name, right) for name, right in observed.items()))
     rows = (
-        ((False, rf"\text{{{each.right_hand_side}}}"),)
-        if STEADY.fullmatch(each.right_hand_side)
-        else each.latex(variables, meanings)
-        for each in written
+        ((False, rf"\text{{{equation.right_hand_side}}}"),)
+        if STEADY.fullmatch(equation.right_hand_side)
+        else equation.latex(variables, meanings)
+        for equation in written
     )
     return tuple(tuple(Addend(negative, "", latex) for negative, latex in row) for row in rows)
 
@@ -232,16 +234,16 @@ def event_expressions(
 
     They are expressions over columns, see `Equation.expression`; raises `CommonlawError` if a condition is none.
     """
-    found = list[tuple[str, tuple[str, ...]]]()
+    expressions = list[tuple[str, tuple[str, ...]]]()
     for condition, changes in events:
         match ast.parse(condition.expression(variables, meanings)[0], mode="eval").body:
             case ast.UnaryOp(ast.UAdd(), ast.Call(ast.Name("step"), [decided])):
-                new = {name: each.expression(variables, meanings)[0] for name, each in changes.items()}
+                new = {name: change.expression(variables, meanings)[0] for name, change in changes.items()}
                 after = tuple(new.get(name, f"v{j}") for j, name in enumerate(variables.states))
-                found.append((write(decided), after))
+                expressions.append((write(decided), after))
             case _:
                 raise CommonlawError("equation-event-syntax", text=condition.right_hand_side)
-    return tuple(found)
+    return tuple(expressions)
 
 
 def meanings_of(schema: Schema, order: Order, variables: Variables, are_clear: bool = False) -> Meanings:
@@ -286,7 +288,7 @@ def stated_law(
     equations: str | Sequence[str], values: Mapping[str, float | Mapping[str, float]], **names: Unpack[Names]
 ) -> tuple[Terms, Schema, Order, tuple[str, ...], Floats, Uncertainty, Provenance]:
     """Return what the law of equations is made of, all of whose coefficients have values, see `Law.from_text`."""
-    schema = Schema(tuple(each.state for each in split_equations(equations)), **names)
+    schema = Schema(tuple(equation.state for equation in split_equations(equations)), **names)
     given = read_equations(equations, schema)
     parameters = [coefficient.name for coefficient in given.coefficients]
     for name in values:
@@ -295,19 +297,19 @@ def stated_law(
     if missing:
         raise CommonlawError("parameter-values-missing", parameters=missing, first=missing[0])
     by_object = [value for value in values.values() if isinstance(value, Mapping)]
-    objects = tuple(dict.fromkeys(name for each in by_object for name in each)) or ("object",)
+    objects = tuple(dict.fromkeys(name for value in by_object for name in value)) or ("object",)
     coefficients = np.tile(given.known, (len(objects), 1, 1))
-    own = dict[str, Floats]()
+    by_name = dict[str, Floats]()
     for name in parameters:
         given_values = values[name]
         numbers = given_values if isinstance(given_values, Mapping) else dict.fromkeys(objects, given_values)
-        if missing := [each for each in objects if each not in numbers]:
+        if missing := [owner for owner in objects if owner not in numbers]:
             raise CommonlawError("parameter-value-of-objects", name=name, objects=missing)
-        own[name] = np.array([numbers[each] for each in objects], dtype=np.float64)
+        by_name[name] = np.array([numbers[owner] for owner in objects], dtype=np.float64)
     for product in given.products:
-        coefficients[:, product.equation, product.term] = product.value(own)
+        coefficients[:, product.equation, product.term] = product.value(by_name)
     for bound in given.bounds:
-        if not bound.holds(own[bound.name]):
+        if not bound.holds(by_name[bound.name]):
             raise CommonlawError("parameter-out-of-bounds", name=bound.name, bound=bound.text)
     provenance = Provenance(equations=given.texts)
     return given.terms, schema, given.order, objects, coefficients, Uncertainty(), provenance

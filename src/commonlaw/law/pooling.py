@@ -50,7 +50,7 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
     >>> bool(pooled.params["estimate"][::2].std() < law.params["estimate"][::2].std())  # Of g
     True
     """
-    other_laws = law.uncertainty.map_other_laws(lambda other: pool_objects(other, shared, others))
+    other_laws = law.uncertainty.map_other_laws(lambda candidate: pool_objects(candidate, shared, others))
     unchanged = with_other_laws(law, other_laws) if other_laws else law
     covariance, values = law.uncertainty.known_covariance(), law.coefficients[:, law.support]
     if law.uncertainty.shared_factor is not None:
@@ -68,10 +68,10 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
         return unchanged
     variances = np.where(in_common[free], 0.0, np.nan if others else np.inf)
     inner = np.ix_(informed, free, free)
-    found = shrink(values[np.ix_(informed, free)], covariance[inner], variances)
+    shrunk = shrink(values[np.ix_(informed, free)], covariance[inner], variances)
     drawn, errors, factor, shrinkage = values.copy(), covariance.copy(), np.zeros_like(covariance), np.zeros(len(free))
-    drawn[np.ix_(informed, free)], shrinkage[free] = found.estimates, found.shrinkage
-    errors[inner], factor[inner] = found.covariances, found.shared_factors
+    drawn[np.ix_(informed, free)], shrinkage[free] = shrunk.estimates, shrunk.shrinkage
+    errors[inner], factor[inner] = shrunk.covariances, shrunk.shared_factors
     choices, lefts = [], left_hand_sides(law)
     for (j, k), share in zip(np.argwhere(law.support).tolist(), shrinkage.tolist(), strict=True):
         how = "shared" if share > _MIN_SHARED else "object-specific" if share < _MAX_SPECIFIC else "partly pooled"
@@ -99,7 +99,7 @@ def explained(law: Law, given: Any) -> Law:
     if not shares_terms(law):
         raise CommonlawError("explain-own-terms")
     properties, names = _offered(law, given)
-    found = _by_properties(law, properties, names)
+    related = _by_properties(law, properties, names)
 
     def other(each: Law) -> Law:
         with suppress(CommonlawError):  # It stays as it is where nothing decides its coefficients
@@ -107,8 +107,8 @@ def explained(law: Law, given: Any) -> Law:
         return each
 
     call = f"law.explain({'' if given is None else written(given)})"
-    provenance = replace(found.provenance, calls=(*found.provenance.calls, call))
-    return with_other_laws(replace(found, provenance=provenance), law.uncertainty.map_other_laws(other))
+    provenance = replace(related.provenance, calls=(*related.provenance.calls, call))
+    return with_other_laws(replace(related, provenance=provenance), law.uncertainty.map_other_laws(other))
 
 
 def by_properties(law: Law) -> list[str]:
@@ -116,13 +116,13 @@ def by_properties(law: Law) -> list[str]:
     if not (shares_terms(law) and 2 < len(law.objects) <= MANY and law.uncertainty.explanation is None):
         return []
     try:
-        found = _by_properties(law, *_offered(law, None))
+        related = _by_properties(law, *_offered(law, None))
     except CommonlawError:
         return []
-    relations = found.uncertainty.explanation.relations if found.uncertainty.explanation else ()
+    relations = related.uncertainty.explanation.relations if related.uncertainty.explanation else ()
     if not any(relation.properties for relation in relations if relation):
         return []
-    return [f"by properties: {'; '.join(found.equations())}"]
+    return [f"by properties: {'; '.join(related.equations())}"]
 
 
 def _offered(law: Law, given: Any) -> tuple[Properties, list[str]]:
@@ -145,10 +145,10 @@ def _offered(law: Law, given: Any) -> tuple[Properties, list[str]]:
 
 def _what_lacks(found: Properties, name: str, objects: Sequence[str]) -> str:
     """Return the first object for which a property is no number, and what it is there; nothing if there is none."""
-    for each in objects:
-        value = found.values.get(each, {}).get(name)
+    for owner in objects:
+        value = found.values.get(owner, {}).get(name)
         if not isinstance(value, float | int):
-            return f"{each} has {'none' if value is None else repr(value)}; give it, or leave the property out"
+            return f"{owner} has {'none' if value is None else repr(value)}; give it, or leave the property out"
     return ""
 
 
@@ -159,7 +159,7 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
     free = np.all(np.diagonal(estimates.covariance, axis1=1, axis2=2) > 0, axis=0)
     if len(law.objects) < 2 or not free.any():
         raise CommonlawError("one-object-to-explain")
-    rows = [[float(properties.values[name][each]) for each in names] for name in law.objects]
+    rows = [[float(properties.values[name][column]) for column in names] for name in law.objects]
     units, named = {**law.schema.units, **properties.units}, coefficient_units(law)
     lefts = left_hand_sides(law)
     keys = [(lefts[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
@@ -169,24 +169,24 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
     )
     table = PropertyTable(tuple(names), np.array(rows).reshape(len(law.objects), len(names)), dimensions)
     try:
-        found = explain(estimates.coefficients[:, free], estimates.covariance[:, free][:, :, free], table)
+        fitted = explain(estimates.coefficients[:, free], estimates.covariance[:, free][:, :, free], table)
     except np.linalg.LinAlgError as error:
         deviations = np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2)[:, free])
         raise CommonlawError(
             "relations-not-comparable", error=str(error).lower(), least=deviations.min(), most=deviations.max()
         ) from None
     values, covariance = estimates.coefficients.copy(), np.zeros_like(estimates.covariance)
-    factor = np.zeros((*values.shape, found.shared_factors.shape[2]))
-    values[:, free], factor[:, free] = found.estimates, found.shared_factors
-    covariance[np.ix_(np.arange(len(values)), free, free)] = found.covariances
+    factor = np.zeros((*values.shape, fitted.shared_factors.shape[2]))
+    values[:, free], factor[:, free] = fitted.estimates, fitted.shared_factors
+    covariance[np.ix_(np.arange(len(values)), free, free)] = fitted.covariances
     relations: list[Relation | None] = [None] * len(free)
     choices = []
-    for index, relation in zip(np.flatnonzero(free).tolist(), found.relations, strict=True):
+    for index, relation in zip(np.flatnonzero(free).tolist(), fitted.relations, strict=True):
         relations[index], (equation, term) = relation, keys[index]
         follows = " of ".join(filter(None, (str(relation.kind), dependence(relation))))
         choices.append(f"{term} in {equation}: {follows} ({relation.probability:.2g})")
     reason = f"largest evidence, with its posterior probability; offered: {', '.join(names) or 'no properties'}"
-    explanation = Explanation(tuple(relations), found.factor_covariance)
+    explanation = Explanation(tuple(relations), fitted.factor_covariance)
     known = {"covariance": covariance, "shared_factor": factor, "unpooled": estimates, "explanation": explanation}
     result = _with_values(law, values, Step("relations", "; ".join(choices), reason), **known)
     return replace(result, schema=replace(law.schema, units=units), properties=properties.values)
@@ -239,7 +239,7 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
     names = property_names(law.properties)
     check_choice("property", by, names)
     # Pooled estimates depend on those of the other groups
-    own = law if law.uncertainty.unpooled is None else with_estimates(law, law.uncertainty.unpooled)
+    unpooled = law if law.uncertainty.unpooled is None else with_estimates(law, law.uncertainty.unpooled)
     groups = [law.properties.get(owner, {}).get(by) for owner in law.objects]
     if None in groups:
         raise CommonlawError("property-missing", object=law.objects[groups.index(None)], property=by)
@@ -251,7 +251,7 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
         check_choice(f"value of {by}", reference, values)
     base = values[0] if reference is None else reference
     inside = np.array([[group == value for value in values] for group in groups], dtype=np.float64)
-    named, rows = named_parameters(own), list[dict[str, object]]()
+    named, rows = named_parameters(unpooled), list[dict[str, object]]()
     shared = np.ptp(named_parameters(law).values, axis=0) == 0
     columns = zip(named.names, shared, named.values.T, named.errors.T, named.units, strict=True)
     for name, is_shared, estimates, errors, unit in columns:

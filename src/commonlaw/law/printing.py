@@ -47,7 +47,10 @@ def structure(law: Law) -> tuple[str, ...]:
 
 def _with_names(law: Law, terms: Sequence[str], notation: "Notation") -> tuple[tuple[Addend, ...], ...]:
     """Return the right-hand sides of `Law.structure`: terms with a name or a known number before each."""
-    names = {(each.equation, each.term): notation.name(each.name) for each in named_parameters(law).definitions}
+    names = {
+        (definition.equation, definition.term): notation.name(definition.name)
+        for definition in named_parameters(law).definitions
+    }
     rows: list[list[Addend]] = [[] for _ in law.schema.states]
     for j, k in np.argwhere(law.support & law.terms.is_factor).tolist():
         known = float(law.coefficients[0, j, k])
@@ -81,7 +84,7 @@ def equations(law: Law, name: str | None, digits: int, errors: bool | None) -> t
             return lambda is_factor: (value < 0, with_error(abs(value), error, digits, bracket=is_factor))
 
         numbers = {key: number(*pair) for key, pair in values.parameters(law).items()}
-        return tuple(each.with_numbers(numbers) for each in split_equations(law.provenance.equations))
+        return tuple(equation.with_numbers(numbers) for equation in split_equations(law.provenance.equations))
     parameters = [text.with_error(*pair, digits, bracket=True) for pair in values.inner_parameters(law)]
     written = (f"({parameter})" if parameter.startswith("-") else parameter for parameter in parameters)
     names = law.terms.factors_over((*law.terms.variables.measured, *written))
@@ -132,16 +135,19 @@ def to_sympy(law: Law, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]
     {T': -0.5*T}
     """
     sympy = optional_import("sympy", "the SymPy form of a law", "symbolic")
-    symbols = [sympy.Symbol(each, real=True) for each in law.terms.variables.names]
+    symbols = [sympy.Symbol(variable, real=True) for variable in law.terms.variables.names]
     values = _Values.of(law, name, errors=False)
     pairs = zip(law.terms.variables.parameters, values.inner_parameters(law), strict=True)
-    parameters = {sympy.Symbol(each, real=True): sympy.Float(value) for each, (value, _) in pairs}
+    parameters = {sympy.Symbol(parameter, real=True): sympy.Float(value) for parameter, (value, _) in pairs}
     forms = [term.sympy(symbols).subs(parameters) for term in law.terms.terms]
     sums = [
         sympy.Add(*(sympy.Float(float(c)) * form for c, form in zip(row, forms, strict=True) if c))
         for row in values.factors(law)
     ]
-    return {sympy.Symbol(left, real=True): each for left, each in zip(left_hand_sides(law), sums, strict=True)}
+    return {
+        sympy.Symbol(left_side, real=True): right_side
+        for left_side, right_side in zip(left_hand_sides(law), sums, strict=True)
+    }
 
 
 class _Values(NamedTuple):
@@ -331,7 +337,9 @@ def related_rows(
             row.append(Addend(value < 0, notation.number(abs(value), 0.0, digits), term))
         else:
             row.append(notation.addend(relation, parameter or "", term, digits, errors, not row))
-    return [(left, row) for i, (left, row) in enumerate(zip(lefts, rows, strict=True)) if row or i < equations]
+    return [
+        (left_side, row) for i, (left_side, row) in enumerate(zip(lefts, rows, strict=True)) if row or i < equations
+    ]
 
 
 def relation_lines(law: Law) -> list[str]:
@@ -339,8 +347,8 @@ def relation_lines(law: Law) -> list[str]:
     units, parameters = _factor_units(law), _specific_parameters(law)
     names = [law.terms.names[k] for _, k in np.argwhere(law.support)]
     related = zip(_explanation(law).relations, parameters, names, units, strict=True)
-    said = [words for relation, *how in related if relation for words in _remarks(relation, *how)]
-    lines, specific = [*([""] if said else []), *said], [parameter is not None for parameter in parameters]
+    remarks = [words for relation, *how in related if relation for words in _remarks(relation, *how)]
+    lines, specific = [*([""] if remarks else []), *remarks], [parameter is not None for parameter in parameters]
     if any(specific):
         values, errors = law.coefficients[:, law.support][:, specific], standard_errors(law)[:, law.support]
         pairs = zip(parameters, units, strict=True)

@@ -58,12 +58,16 @@ class Domain:
         states = natural(np.concatenate([trial.states for trial in trials]), schema)
         inputs = np.concatenate([trial.inputs for trial in trials])
         columns = {
-            name: own for name, own in zip(schema.states, states.T, strict=True) if name not in schema.initial_values
+            name: column
+            for name, column in zip(schema.states, states.T, strict=True)
+            if name not in schema.initial_values
         }
-        columns |= {name: own for name, own in zip(schema.inputs, inputs.T, strict=True) if name not in schema.doses}
+        columns |= {
+            name: column for name, column in zip(schema.inputs, inputs.T, strict=True) if name not in schema.doses
+        }
         if rates:
-            found = np.concatenate([_rates(trial) for trial in trials])
-            columns |= {rate: found[:, schema.states.index(state)] for state, rate in rates}
+            derivatives = np.concatenate([_rates(trial) for trial in trials])
+            columns |= {rate: derivatives[:, schema.states.index(state)] for state, rate in rates}
         for name in property_names(trials.properties):
             values = [attribute[name] for attribute in trials.properties.values() if name in attribute]
             if isinstance(values[0], float):
@@ -174,7 +178,7 @@ class History(ShownInNotebooks, tuple[Step, ...]):
     def __str__(self) -> str:
         if not self:
             return "no choices are on record"
-        rows = [("stage", "choice", "reason"), *((each.stage, each.choice, each.reason) for each in self)]
+        rows = [("stage", "choice", "reason"), *((step.stage, step.choice, step.reason) for step in self)]
         cells = [[textwrap.wrap(text, 60) or [""] for text in row] for row in rows]
         lines = [line for row in cells for line in zip_longest(*row, fillvalue="")]
         stages, choices, _ = (max(map(len, column)) for column in zip(*lines, strict=True))

@@ -44,7 +44,7 @@ def mixture_interval(
     """
     reach = two_sided(level, degrees_of_freedom)
     shape = np.broadcast_shapes(np.shape(weights), centers.shape, scales.shape, reach.shape)
-    given = (np.broadcast_to(each, shape) for each in (weights, centers, scales, degrees_of_freedom))
+    given = (np.broadcast_to(part, shape) for part in (weights, centers, scales, degrees_of_freedom))
     share, center, scale, degrees = given
     there = share > 0
     center, scale = np.where(there, center, np.nan), np.where(there, scale, 0.0)
@@ -59,14 +59,14 @@ def mixture_interval(
     ends = []
     for sign in (-1.0, 1.0):
         # A quantile of the mixture lies between those of its parts
-        own = center + sign * half
-        low, high = np.fmin.reduce(own), np.fmax.reduce(own)
+        quantiles = center + sign * half
+        low, high = np.fmin.reduce(quantiles), np.fmax.reduce(quantiles)
         wanted = (1 + sign * level) / 2
-        found = high if alone.all() else np.where(alone, high, _bisected(below, low, high, wanted))
+        quantile = high if alone.all() else np.where(alone, high, _bisected(below, low, high, wanted))
         certain = np.where(scale > 0, np.nan, center)
-        near = abs(certain - found) <= 1e-9 * (high - low)
+        near = abs(certain - quantile) <= 1e-9 * (high - low)
         with np.errstate(invalid="ignore"):
-            ends.append(np.where(near.any(axis=0), np.nansum(np.where(near, certain, 0.0), axis=0), found))
+            ends.append(np.where(near.any(axis=0), np.nansum(np.where(near, certain, 0.0), axis=0), quantile))
     return ends[0], ends[1]
 
 

@@ -50,7 +50,7 @@ class Form:
 def forms() -> tuple[Form, ...]:
     """Return all forms."""
     tables = tomllib.loads(read_file(Path(__file__).with_name("quantities.toml")).decode())
-    return tuple(msgspec.convert(each, Form) for each in tables["form"])
+    return tuple(msgspec.convert(form, Form) for form in tables["form"])
 
 
 class _Entry(NamedTuple):
@@ -94,13 +94,13 @@ def _patterns() -> tuple[_Pattern, ...]:
 def _summands(term: Term, variables: Variables) -> Iterator[tuple[float, Term, dict[str, int]]]:
     """Yield the summands of a term, multiplied out: numbers, terms without parameters as factors, powers of these."""
     plain = tuple(f"x{i}" for i in range(len(variables.names)))
-    found = [(1.0, term)]
+    pieces = [(1.0, term)]
     if any(factor.is_sum and power > 0 for factor, power in term.powers):
         with suppress(CommonlawError):  # Of powers with parameters, which stay as they are
             parts = summands(Traced(term.expression(plain)), plain)
-            found = [(number, parse_term(text, _over(plain, variables))) for number, text in parts]
+            pieces = [(number, parse_term(text, _over(plain, variables))) for number, text in parts]
     first = len(variables.measured)
-    for number, part in found:
+    for number, part in pieces:
         outer = {factor: n for factor, n in part.powers if factor.column is not None and factor.column >= first}
         powers = {variables.names[factor.column or 0]: n for factor, n in outer.items()}
         yield number, Term(tuple(power for power in part.powers if power[0] not in outer)), powers
@@ -114,7 +114,7 @@ def _over(names: Sequence[str], variables: Variables) -> Variables:
 
 def _entries(given: GivenEquations) -> tuple[_Entry, ...]:
     """Return the terms of the equations of a form."""
-    products, result = {(each.equation, each.term): each for each in given.products}, list[_Entry]()
+    products, result = {(product.equation, product.term): product for product in given.products}, list[_Entry]()
     for j, k in np.argwhere((given.known != 0) & given.terms.is_factor).tolist():
         number, before = given.known[j, k], list[tuple[str, int]]()
         if (product := products.get((j, k))) is not None:
@@ -322,14 +322,14 @@ def _formula(text: str, names: tuple[str, ...]) -> str | None:
 def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quantity]:
     """Yield the quantities of a form that a law has."""
     form, support = match.pattern.form, match.law.support
-    given = {f"{own}0": initial[name] for own, name in match.names.items() if name in initial}
+    given = {f"{variable}0": initial[name] for variable, name in match.names.items() if name in initial}
 
     def function(formula: str, where: str, gain: _Place | None) -> Function | None:
         def values(rows: Floats) -> dict[str, Floats]:
             coefficients = np.zeros((len(rows), *support.shape))
             coefficients[:, support] = rows
-            found = match.values(coefficients)[0] | {name: np.full(len(rows), each) for name, each in given.items()}
-            return found | ({"input": _value(coefficients, coefficients.sum(axis=1), gain)} if gain else {})
+            by_name = match.values(coefficients)[0] | {name: np.full(len(rows), start) for name, start in given.items()}
+            return by_name | ({"input": _value(coefficients, coefficients.sum(axis=1), gain)} if gain else {})
 
         names = tuple(values(np.ones((1, support.sum()))))
         code, condition = _formula(formula, names), _formula(where, names)
@@ -346,12 +346,12 @@ def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quan
     for name, symbol, formula, unit, *where in form.quantities:
         gains = match.inputs.items() if "input" in formula else [("", None)]
         for source, place in gains:
-            found = function(formula, where[0] if where else "1", place)
-            if found is not None:
+            estimator = function(formula, where[0] if where else "1", place)
+            if estimator is not None:
                 variables = Variables(tuple(dict.fromkeys([*re.findall(r"[A-Za-z]+", unit), "t"]))[:-1] or ("x",))
                 known = term_unit(parse_term(unit, variables), variables, _units(match, source))
                 written = "" if known is None else f"{known:~P}"
-                yield Quantity(f"{name} of {source}" if source else name, symbol, found, written)
+                yield Quantity(f"{name} of {source}" if source else name, symbol, estimator, written)
 
 
 def _units(match: _Match, source: str) -> dict[str, str]:
@@ -361,7 +361,7 @@ def _units(match: _Match, source: str) -> dict[str, str]:
         names["dose"] = match.volume[1]
     observation = match.law.observation
     units = {**({} if observation is None else observation.measured.units), **match.law.schema.units}
-    return {own: units[name] for own, name in names.items() if name in units}
+    return {variable: units[name] for variable, name in names.items() if name in units}
 
 
 def _most_specific(matches: Sequence[_Match]) -> list[_Match]:
@@ -369,15 +369,17 @@ def _most_specific(matches: Sequence[_Match]) -> list[_Match]:
 
     That is a form of more equations, these among them, or one of the same terms with fewer parameters.
     """
-    found = {(match.pattern.form.title, frozenset(match.equations)): match for match in reversed(matches)}
+    by_form = {(match.pattern.form.title, frozenset(match.equations)): match for match in reversed(matches)}
 
     def is_less(match: _Match, other: _Match) -> bool:
-        here, there = ({*each.equations} for each in (match, other))
+        here, there = ({*matched.equations} for matched in (match, other))
         fewer = len(other.unknown) < len(match.unknown) and len(other.pattern.entries) == len(match.pattern.entries)
         return here < there or (here == there and fewer)
 
-    own = [match for match in found.values() if not any(is_less(match, other) for other in found.values())]
-    return own[::-1]
+    specific = [
+        match for match in by_form.values() if not any(is_less(match, candidate) for candidate in by_form.values())
+    ]
+    return specific[::-1]
 
 
 def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) -> "pd.DataFrame":
@@ -392,11 +394,13 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
     for i, owner in enumerate(law.objects if law.order != 0 else ()):
         parameters = law.coefficients[i, law.support]
         covariance = None if law.uncertainty.covariance is None else law.uncertainty.covariance[i]
-        own = _most_specific([match for match in matches if match.holds(law.coefficients[[i]])])
-        found = [(each.title, quantity) for each in own for quantity in _quantities_of(each, initial or {})]
-        if not own:
-            found += [("Linear system", quantity) for quantity in modes(law, parameters)]
-        for title, quantity in found:
+        specific = _most_specific([match for match in matches if match.holds(law.coefficients[[i]])])
+        quantities = [
+            (match.title, quantity) for match in specific for quantity in _quantities_of(match, initial or {})
+        ]
+        if not specific:
+            quantities += [("Linear system", quantity) for quantity in modes(law, parameters)]
+        for title, quantity in quantities:
             estimate = propagated(quantity.function, parameters, covariance, reach)
             if np.isfinite(estimate.value):
                 rows.append((owner, title, quantity.name, quantity.symbol, *estimate, quantity.unit))

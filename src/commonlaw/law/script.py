@@ -202,15 +202,15 @@ def written(value: Any) -> str:
     "{'library': cl.library.PolynomialLibrary(degree=3)}"
     """
     if is_dataclass(value) and not isinstance(value, type):
-        own = {each.name: getattr(value, each.name) for each in fields(value) if each.init and each.compare}
+        values = {each.name: getattr(value, each.name) for each in fields(value) if each.init and each.compare}
         defaults = {
             each.name: each.default if each.default_factory is MISSING else each.default_factory()
             for each in fields(value)
         }
-        said = [f"{name}={written(each)}" for name, each in own.items() if not _same(each, defaults[name])]
+        arguments = [f"{name}={written(each)}" for name, each in values.items() if not _same(each, defaults[name])]
         name, module = type(value).__name__, type(value).__module__.split(".")
         home = f"cl.{module[1]}" if module[1:] and name not in resolve_name("commonlaw").__all__ else "cl"
-        return f"{home}.{name}({', '.join(said)})"
+        return f"{home}.{name}({', '.join(arguments)})"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{written(key)}: {written(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -255,10 +255,12 @@ def to_script(law: Law, path: str | Source = "trials.csv") -> str:
     if schema.wide:
         roles |= {"object": None, "states": list(schema.wide), "wide": roles.get("wide") or schema.measured[0]}
         roles |= {"noise_columns": None}  # Those of the long table
-    said = ", ".join(f"{name}={role!r}" for name, role in roles.items() if role is not None)
+    arguments = ", ".join(f"{name}={role!r}" for name, role in roles.items() if role is not None)
     reading = f"from_frame({source.dataset}.to_frame()" if source.dataset else f"read({source.table!r}"
     read = (
-        f"cl.TrialStream.from_parquet({source.table!r}, {said})" if source.stream else f"cl.Trials.{reading}, {said})"
+        f"cl.TrialStream.from_parquet({source.table!r}, {arguments})"
+        if source.stream
+        else f"cl.Trials.{reading}, {arguments})"
     )
     read += source.kept
     learned = [f"measured = {read}", f"trials = {source.training}"] if source.training else [f"trials = {read}"]

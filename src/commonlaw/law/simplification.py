@@ -75,12 +75,12 @@ class Simplification(Generic[LawType]):
         return law
 
     def __str__(self) -> str:
-        said = [f"replaced: {each}" for each in self.replaced] or ["nothing could be replaced"]
+        lines = [f"replaced: {replacement}" for replacement in self.replaced] or ["nothing could be replaced"]
         if self.replaced:
             freedom = f"{self.degrees_of_freedom} degree{'s' if self.degrees_of_freedom > 1 else ''} of freedom"
-            said += [f"together: chi-square {self.chi_square:.3g} with {freedom}, p = {self.p_value:.2g}"]
+            lines += [f"together: chi-square {self.chi_square:.3g} with {freedom}, p = {self.p_value:.2g}"]
         table = coefficient_table(self.objects, self.parameters, self.values, self.errors) if self.parameters else []
-        return "\n".join([*self.equations, "", *said, *([""] if table else []), *table])
+        return "\n".join([*self.equations, "", *lines, *([""] if table else []), *table])
 
 
 def p_value(chi_square: float, degrees_of_freedom: int) -> float:

@@ -38,14 +38,14 @@ def symbol(name: str) -> "sympy.Symbol":
 def right_hand_sides(law: Law) -> "list[sympy.Expr]":
     """Return what the equations give, with symbols for parameters."""
     sympy, columns = symbolic(), [symbol(name) for name in law.terms.variables.names]
-    products = {(each.equation, each.term): each for each in named_parameters(law).products}
-    found = []
+    products = {(product.equation, product.term): product for product in named_parameters(law).products}
+    summands = []
     for j, k in np.argwhere(law.support & law.terms.is_factor).tolist():
         product = products.get((j, k))
         factors = [symbol(name) ** power for name, power in product.coefficients] if product else []
         number = product.factor if product else float(law.coefficients[0, j, k])
-        found.append((j, sympy.Mul(_exact(number), *factors, law.terms.terms[k].sympy(columns))))
-    return [sympy.Add(*(each for i, each in found if i == j)) for j in range(len(law.schema.states))]
+        summands.append((j, sympy.Mul(_exact(number), *factors, law.terms.terms[k].sympy(columns))))
+    return [sympy.Add(*(summand for i, summand in summands if i == j)) for j in range(len(law.schema.states))]
 
 
 def shortest(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> tuple[str, ...]:
@@ -53,14 +53,14 @@ def shortest(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> tuple[str, .
     sympy = symbolic()
     forms = (sympy.factor, sympy.factor_terms, sympy.together, sympy.collect_const, sympy.simplify)
     plain, short = list[str](), list[str]()
-    for left, right in zip(left_hand_sides(law), right_hand_sides, strict=True):
-        found = [
-            (each.count_ops(), f"{left} = {written(each, order)}")
-            for each in (form(right) for form in (sympy.expand, *forms))
+    for left_side, right in zip(left_hand_sides(law), right_hand_sides, strict=True):
+        candidates = [
+            (expression.count_ops(), f"{left_side} = {written(expression, order)}")
+            for expression in (form(right) for form in (sympy.expand, *forms))
             for order in ("lex", "rev-lex")
         ]
-        plain.append(found[0][1])
-        short.append(min((operations, len(text), text) for operations, text in found)[2])
+        plain.append(candidates[0][1])
+        short.append(min((operations, len(text), text) for operations, text in candidates)[2])
     try:
         read_equations(short, law.schema)
     except CommonlawError:
@@ -111,7 +111,7 @@ def _vanishing_part(law: Law, estimates: "_Estimates", tolerance: float) -> _Van
         return None
     measured = [symbol(name) for name in law.terms.variables.measured]
     names = estimates.parameters.names
-    symbols, found = [symbol(name) for name in names], list[_VanishingPart]()
+    symbols, candidates = [symbol(name) for name in names], list[_VanishingPart]()
     for j, right in enumerate(right_hand_sides(law)):
         above, below = sympy.fraction(sympy.together(right))
         if not below.has(*map(symbol, parameters)):
@@ -121,17 +121,17 @@ def _vanishing_part(law: Law, estimates: "_Estimates", tolerance: float) -> _Van
         except sympy.PolynomialError:
             continue
         for part in (part for part in parts if part.is_Add):
-            gradient = sympy.lambdify(symbols, [part, *(part.diff(each) for each in symbols)])
+            gradient = sympy.lambdify(symbols, [part, *(part.diff(unknown) for unknown in symbols)])
             along = np.array([gradient(*value) for value in estimates.values[:-1]], dtype=np.float64)
             for name, unknown in zip(names, symbols, strict=True):
                 slope = part.diff(unknown)  # Linear in factors of terms only
                 if name not in parameters and part.has(unknown) and not slope.has(unknown):
                     form = sympy.factor(-part.subs(unknown, 0) / slope)
                     equation = sympy.factor(right.subs(unknown, form))
-                    found.append(_VanishingPart(equation, j, name, form, along[:, 0], along[:, 1:]))
+                    candidates.append(_VanishingPart(equation, j, name, form, along[:, 0], along[:, 1:]))
     least, covariances = p_value(tolerance**2, 1), estimates.covariances[:-1]
-    near = [each for each in found if p_value(each.chi_square(covariances), len(law.objects)) >= least]
-    return min(near, key=lambda each: each.equation.count_ops(), default=None)
+    near = [part for part in candidates if p_value(part.chi_square(covariances), len(law.objects)) >= least]
+    return min(near, key=lambda part: part.equation.count_ops(), default=None)
 
 
 def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
@@ -144,7 +144,11 @@ def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
     rights, schema, names = right_hand_sides(law), law.schema, estimates.parameters.names
     rights[part.index] = part.equation
     by_name = dict(zip(names, values.T, strict=True))
-    known = {name: dict(zip(law.objects, own, strict=True)) for name, own in by_name.items() if name != part.parameter}
+    known = {
+        name: dict(zip(law.objects, numbers, strict=True))
+        for name, numbers in by_name.items()
+        if name != part.parameter
+    }
     result = Law.from_text(shortest(law, rights), known, inputs=schema.inputs, time=schema.time, units=schema.units)
     indices = {index: i for i, index in enumerate(zip(*np.nonzero(result.support), strict=True))}
     slopes = np.zeros((len(law.objects), len(indices), len(names)))
@@ -181,11 +185,11 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
             chi_square=rest.chi_square + chi_square,
             degrees_of_freedom=rest.degrees_of_freedom + count,
         )
-    constraints, found = _constrained(start, tolerance)
+    constraints, estimates = _constrained(start, tolerance)
     chi_square, degrees = start.chi_square(constraints)
     names, gone = start.parameters.names, {constraint.parameter for constraint in constraints}
     rights = right_hand_sides(law)
-    left = [i for i, name in enumerate(names) if name not in gone]
+    kept = [i for i, name in enumerate(names) if name not in gone]
     for constraint in constraints:
         number = symbolic().Rational(constraint.number.numerator, constraint.number.denominator)
         form = number if constraint.other is None else number * symbol(names[constraint.other])
@@ -196,9 +200,9 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
         chi_square=chi_square,
         degrees_of_freedom=degrees,
         objects=law.objects,
-        parameters=tuple(names[i] for i in left),
-        values=found.values[:-1, left],
-        errors=np.sqrt(np.maximum(np.diagonal(found.covariances, axis1=1, axis2=2), 0.0))[:-1, left],
+        parameters=tuple(names[i] for i in kept),
+        values=estimates.values[:-1, kept],
+        errors=np.sqrt(np.maximum(np.diagonal(estimates.covariances, axis1=1, axis2=2), 0.0))[:-1, kept],
     )
 
 
@@ -214,19 +218,21 @@ def within_errors(law: Law) -> list[str]:
         return []
     if known.covariance is None or not np.isfinite(known.covariance).all():
         return []
-    constraints, found = _constrained(_Estimates.of(law), _TOLERANCE, lambda each: abs(each.number) == 1)
+    constraints, estimates = _constrained(
+        _Estimates.of(law), _TOLERANCE, lambda constraint: abs(constraint.number) == 1
+    )
     if not constraints:
         return []
-    errors, parameters = np.sqrt(np.maximum(np.diagonal(found.covariances[-1]), 0.0)), found.parameters
+    errors, parameters = np.sqrt(np.maximum(np.diagonal(estimates.covariances[-1]), 0.0)), estimates.parameters
     written = {name: (False, name) for name in parameters.names}
     if len(law.objects) == 1:
-        values = zip(parameters.names, found.values[0].tolist(), errors.tolist(), strict=True)
+        values = zip(parameters.names, estimates.values[0].tolist(), errors.tolist(), strict=True)
         written = {name: (value < 0, rounded(abs(value), error)) for name, value, error in values}
     for constraint in constraints:
         negative, text = (False, "1") if constraint.other is None else written[parameters.names[constraint.other]]
         written[constraint.parameter] = (negative != (constraint.number < 0), text)
-    write = {name: (lambda _, own=own: own) for name, own in written.items()}
-    equations = (_without_ones(each.with_numbers(write)) for each in split_equations(law.structure))
+    write = {name: (lambda _, pair=pair: pair) for name, pair in written.items()}
+    equations = (_without_ones(equation.with_numbers(write)) for equation in split_equations(law.structure))
     return [f"within errors: {'; '.join(equations)}"]
 
 
@@ -254,11 +260,11 @@ def _constrained(
     result, constraints = start, list[_Constraint]()
     while True:
         wanted = filter(is_wanted, _candidates(result, constraints))
-        free = [each for each in wanted if each.gain(result, tolerance) > 0]
-        borne = [each for each in free if start.bear([*constraints, each], tolerance)]
+        free = [constraint for constraint in wanted if constraint.gain(result, tolerance) > 0]
+        borne = [constraint for constraint in free if start.bear([*constraints, constraint], tolerance)]
         if not borne:
             return constraints, result
-        constraints.append(max(borne, key=lambda each: each.gain(result, tolerance)))
+        constraints.append(max(borne, key=lambda constraint: constraint.gain(result, tolerance)))
         result = start.given(constraints)
 
 
@@ -314,11 +320,11 @@ class _Estimates:
 
     @classmethod
     def of(cls, law: Law) -> "_Estimates":
-        own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
+        estimates = law.uncertainty.own_estimates(law.coefficients[:, law.support])
         mean = average_law(law)
         coefficients = np.zeros((len(law.objects) + 1, *law.support.shape))
-        coefficients[:-1, law.support], coefficients[-1] = own.coefficients, mean.coefficients[0]
-        covariances = np.concatenate([own.covariance, mean.uncertainty.known_covariance()])
+        coefficients[:-1, law.support], coefficients[-1] = estimates.coefficients, mean.coefficients[0]
+        covariances = np.concatenate([estimates.covariance, mean.uncertainty.known_covariance()])
         parameters = named_parameters(law)
         # A parameter at a bound of zero has no error
         slopes = np.nan_to_num(parameters.slopes(coefficients), posinf=np.inf, neginf=-np.inf)
@@ -330,30 +336,32 @@ class _Estimates:
 
     def _distances(self, constraints: Sequence[_Constraint]) -> tuple[Floats, Floats, Floats]:
         rows, numbers = zip(*(constraint.row(self.values.shape[1]) for constraint in constraints), strict=True)
-        left = self.values @ np.array(rows).T - np.array(numbers)
+        distances = self.values @ np.array(rows).T - np.array(numbers)
         shared = self.covariances @ np.array(rows).T
         inverse = np.linalg.pinv(np.array(rows) @ shared, rcond=1e-12, hermitian=True)
-        return left, shared, inverse
+        return distances, shared, inverse
 
     def chi_square(self, constraints: Sequence[_Constraint]) -> tuple[float, int]:
         """Return the squared distance of all objects from constraints, and how many numbers these take away."""
         if not constraints:
             return 0.0, 0
-        left, _, inverse = self._distances(constraints)
-        return float(np.einsum("oi,oij,oj->o", left, inverse, left)[:-1].sum()), len(left[:-1]) * len(constraints)
+        distances, _, inverse = self._distances(constraints)
+        return float(np.einsum("oi,oij,oj->o", distances, inverse, distances)[:-1].sum()), len(distances[:-1]) * len(
+            constraints
+        )
 
     def bear(self, constraints: Sequence[_Constraint], tolerance: float) -> bool:
         """Whether all objects together, and their mean, are as near as a normal number is to so many errors."""
-        left, _, inverse = self._distances(constraints)
-        squares = np.einsum("oi,oij,oj->o", left, inverse, left)
+        distances, _, inverse = self._distances(constraints)
+        squares = np.einsum("oi,oij,oj->o", distances, inverse, distances)
         least = p_value(tolerance**2, 1)
         of_objects = p_value(float(squares[:-1].sum()), len(constraints) * (len(squares) - 1))
         return min(of_objects, p_value(float(squares[-1]), len(constraints))) >= least
 
     def given(self, constraints: Sequence[_Constraint]) -> "_Estimates":
         """Return the estimates of largest likelihood under constraints, with their covariance."""
-        left, shared, inverse = self._distances(constraints)
-        values = self.values - np.einsum("oli,oij,oj->ol", shared, inverse, left)
+        distances, shared, inverse = self._distances(constraints)
+        values = self.values - np.einsum("oli,oij,oj->ol", shared, inverse, distances)
         covariances = self.covariances - shared @ inverse @ shared.transpose(0, 2, 1)
         errors = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2))
         small = np.diagonal(covariances, axis1=1, axis2=2) < (1e-6 * errors) ** 2  # Zero, but for rounding

@@ -46,9 +46,9 @@ def readable(frame: pd.DataFrame) -> pd.DataFrame:
     shown, errors = frame.copy(), frame.get("standard error")
     for name in map(str, frame.columns):
         if "probability" in name:
-            texts = [probability_text(each) for each in frame[name]]
+            texts = [probability_text(probability) for probability in frame[name]]
         elif name == "2 log B":
-            texts = [f"{each:.1f}" if each < 99.95 else f"{each:.0f}" for each in frame[name]]
+            texts = [f"{number:.1f}" if number < 99.95 else f"{number:.0f}" for number in frame[name]]
         elif errors is not None and name.startswith(_WITH_ERRORS):
             texts = [rounded(*pair) for pair in zip(frame[name], errors, strict=True)]
         else:
@@ -123,8 +123,8 @@ def to_frame(law: Law, errors: bool = False) -> pd.DataFrame:
     parameters, lefts, is_given = tabulated_parameters(law), left_hand_sides(law), bool(law.provenance.equations)
     values, deviations = parameters.values, np.nan_to_num(parameters.errors)
     keys = [
-        ("", each.name) if is_given else (lefts[each.equation], law.terms.names[each.term])
-        for each in parameters.definitions
+        ("", definition.name) if is_given else (lefts[definition.equation], law.terms.names[definition.term])
+        for definition in parameters.definitions
     ]
     if errors:
         keys = [key for equation, name in keys for key in ((equation, name), (equation, f"{name} ±"))]
@@ -138,48 +138,48 @@ def to_frame(law: Law, errors: bool = False) -> pd.DataFrame:
 
 def interval_frame(law: Law, level: float = 0.95, averaged: bool = True) -> pd.DataFrame:
     """Return `Law.conf_int` with stable names of columns, averaged over models and given these terms."""
-    found = law.conf_int(level, averaged)
+    intervals = law.conf_int(level, averaged)
     by_name, ends = bool(law.provenance.equations), ["low", "high"]
     if averaged and law.uncertainty.other_laws and not by_name:
         alone = law.conf_int(level, averaged=False)
-        after = [*found.columns].index("high") + 1
+        after = [*intervals.columns].index("high") + 1
         for i, end in enumerate(ends):
-            found.insert(after + i, f"{end} given these terms", alone[end])
-    found["unit"] = found.pop("unit")
-    found = found.drop(columns=["equation", "term"] if by_name else ["parameter"])
+            intervals.insert(after + i, f"{end} given these terms", alone[end])
+    intervals["unit"] = intervals.pop("unit")
+    intervals = intervals.drop(columns=["equation", "term"] if by_name else ["parameter"])
     saved = {"estimate": "coefficient", "inclusion probability": "term probability"}
-    found.columns = pd.Index([saved.get(column, column) for column in found.columns])
-    return found if found["unit"].any() else found.drop(columns="unit")
+    intervals.columns = pd.Index([saved.get(column, column) for column in intervals.columns])
+    return intervals if intervals["unit"].any() else intervals.drop(columns="unit")
 
 
 def coefficient_rows(law: Law) -> pd.DataFrame:
     """Return `Law.params` as a table for other programs; what is not known is empty."""
     names = ["parameter"] if law.provenance.equations else ["equation", "term"]
-    found: pd.DataFrame = law.params[["object", *names, "estimate", "standard error", "low", "high", "unit"]]
-    return found.set_axis(["object", *names, "value", "standard error", "low", "high", "unit"], axis=1)
+    rows: pd.DataFrame = law.params[["object", *names, "estimate", "standard error", "low", "high", "unit"]]
+    return rows.set_axis(["object", *names, "value", "standard error", "low", "high", "unit"], axis=1)
 
 
 def comparison_frame(alternatives: Sequence[Alternative]) -> pd.DataFrame:
     """Return the candidates of each equation from the best to the worst, see `Law.comparison`."""
-    found = []
+    tables = []
     for equation in dict.fromkeys(alternative.equation for alternative in alternatives):
-        own = [alternative for alternative in alternatives if alternative.equation == equation]
-        names = [name for each in own for name in each.measures]
+        candidates = [alternative for alternative in alternatives if alternative.equation == equation]
+        names = [name for candidate in candidates for name in candidate.measures]
         measure = next((name for name in _COMPARING if name in names), names[0] if names else "")
-        rows = candidate_frame(own).assign(measure=measure)
+        rows = candidate_frame(candidates).assign(measure=measure)
         scores = rows[measure].astype(float) if measure else pd.Series(np.nan, rows.index)
         rows["score"], rows["difference"] = scores, scores - scores.min()
         rows["weight"] = rows.get("probability", np.nan)
         rows = rows.sort_values(["score", "size"], kind="stable", ignore_index=True)
         rows.insert(1, "rank", range(len(rows)))
-        found.append(rows)
+        tables.append(rows)
     first, last = (
         ["equation", "rank", "terms", "size", "measure", "score", "difference", "weight"],
         ["proven", "chosen"],
     )
-    if not found:
+    if not tables:
         return pd.DataFrame(columns=[*first, *last])
-    table = pd.concat(found, ignore_index=True)
+    table = pd.concat(tables, ignore_index=True)
     others = [name for name in table if name not in (*first, *last, "probability", *table["measure"].unique())]
     return table[[*first, *others, *last]]
 
@@ -234,7 +234,9 @@ def coefficient_names(law: Law) -> Iterator[tuple[str, str | None]]:
         terms = [
             (lefts[definition.equation], law.terms.names[definition.term]) for definition in parameters.definitions
         ]
-        names = tuple(f"{term} in {left}" if len(law.schema.states) > 1 else f"of {term}" for left, term in terms)
+        names = tuple(
+            f"{term} in {left_side}" if len(law.schema.states) > 1 else f"of {term}" for left_side, term in terms
+        )
     return zip(names, parameters.units, strict=True)
 
 
@@ -250,23 +252,27 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
     known = law.uncertainty.covariance is not None
     low, high = parameters.intervals() if known else (parameters.values, parameters.values)
     by_trial = dict[str, dict[str, dict[str, str]]]()
-    for each in () if law.observation is None else law.observation.estimated:
-        by_trial.setdefault(each.object, {}).setdefault(each.trial, {})[each.name] = with_error(each.value, each.error)
+    for estimate in () if law.observation is None else law.observation.estimated:
+        by_trial.setdefault(estimate.object, {}).setdefault(estimate.trial, {})[estimate.name] = with_error(
+            estimate.value, estimate.error
+        )
     rows = list[list[str]]()
-    for name, *own in zip(law.objects, parameters.values, np.nan_to_num(parameters.errors), low, high, strict=True):
-        rows.append([name, *(with_interval(*numbers) for numbers in zip(*own, strict=True))])
+    for name, *estimates in zip(
+        law.objects, parameters.values, np.nan_to_num(parameters.errors), low, high, strict=True
+    ):
+        rows.append([name, *(with_interval(*numbers) for numbers in zip(*estimates, strict=True))])
         for trial, cells in by_trial.get(name, {}).items():
             if not cells.keys().isdisjoint(parameters.names):
                 label = f"{name}, {law.schema.trial} {trial}"
-                rows.append([label, *(cells.get(each, "") for each in parameters.names)])
+                rows.append([label, *(cells.get(parameter, "") for parameter in parameters.names)])
     return pd.DataFrame(rows, columns=[law.schema.object, *starmap(with_unit, coefficient_names(law))])
 
 
 def quantities_by_object(law: Law) -> pd.DataFrame:
     """Return what is quoted of a law of a known form, as `coefficients_by_object`; empty if there is nothing."""
-    found = shown_quantities(law)
+    shown = shown_quantities(law)
     columns: dict[str, dict[str, str]] = {}
-    for row in found.fillna({"unit": ""} if "unit" in found else {}).to_dict("records"):
+    for row in shown.fillna({"unit": ""} if "unit" in shown else {}).to_dict("records"):
         title = with_unit(f"{row['quantity']} {row['symbol']}", row.get("unit"))
         error = float(np.nan_to_num(row.get("standard error", 0.0)))
         cell = with_interval(row["estimate"], error, *(row[end] for end in ("low", "high") if end in row))
@@ -290,9 +296,9 @@ def shown_quantities(law: Law) -> pd.DataFrame:
     """Return `Law.quantities` without empty columns, and without rows where there are very many objects."""
     if len(law.objects) > MANY:
         return pd.DataFrame()
-    found = law.quantities()
-    known = [name for name in found if not (found[name].isna() | (found[name] == "")).all()]
-    return found[known] if len(found) else found
+    frame = law.quantities()
+    known = [name for name in frame if not (frame[name].isna() | (frame[name] == "")).all()]
+    return frame[known] if len(frame) else frame
 
 
 _DEPTHS = {"fourth": 4, "eighth": 8, "sixteenth": 16}

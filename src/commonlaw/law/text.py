@@ -132,21 +132,21 @@ class Addend(NamedTuple):
 def aligned(rows: Iterable[tuple[str, Iterable[Addend]]]) -> str:
     """Return equations, left-hand sides and addends in LaTeX, as an ``aligned`` block."""
     times = r"\, "
-    lines = [f"{left} &= {summed(addends, times)}" for left, addends in rows]
+    lines = [f"{left_side} &= {summed(addends, times)}" for left_side, addends in rows]
     return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
 
 
 def left_hand_sides(states: Sequence[str], order: Order) -> tuple[str, ...]:
     """Return what each equation gives: ``x'``, ``x''``, or ``x[k+1]`` in discrete time."""
     orders = order_of_each(order, len(states))
-    return tuple(state + ("'" * each or "[k+1]") for state, each in zip(states, orders, strict=True))
+    return tuple(state + ("'" * primes or "[k+1]") for state, primes in zip(states, orders, strict=True))
 
 
 def latex_left_hand_sides(states: Sequence[str], order: Order) -> tuple[str, ...]:
     """Return what each equation gives, as LaTeX."""
     forms = ("{}_{{k+1}}", r"\dot{{{}}}", r"\ddot{{{}}}")
     orders = order_of_each(order, len(states))
-    return tuple(forms[each].format(latex_name(state)) for state, each in zip(states, orders, strict=True))
+    return tuple(forms[dots].format(latex_name(state)) for state, dots in zip(states, orders, strict=True))
 
 
 def latex_observed(names: Iterable[str]) -> tuple[str, ...]:
@@ -156,7 +156,7 @@ def latex_observed(names: Iterable[str]) -> tuple[str, ...]:
     ('x(0)', '\\\\mathrm{t\\\\ >\\\\ 5}:\\\\ v')
     """
     lefts = []
-    for condition, colon, name in (each.rpartition(": ") for each in names):
+    for condition, colon, name in (label.rpartition(": ") for label in names):
         latex = latex_name(name.removesuffix("(0)")) + "(0)" * name.endswith("(0)")
         lefts.append(rf"{latex_name(condition)}:\ {latex}" if colon else latex)
     return tuple(lefts)
@@ -170,7 +170,7 @@ def order_in_words(order: Order, states: Sequence[str]) -> str:
     """
     if not isinstance(order, tuple):
         return str(order)
-    return ", ".join(f"{state} {each}" for state, each in zip(states, order, strict=True))
+    return ", ".join(f"{state} {number}" for state, number in zip(states, order, strict=True))
 
 
 def written_equations(lefts: Iterable[str], rows: Iterable[Iterable[Addend]]) -> tuple[str, ...]:
@@ -179,7 +179,7 @@ def written_equations(lefts: Iterable[str], rows: Iterable[Iterable[Addend]]) ->
     >>> written_equations(["x'"], [[Addend(True, "9.81", "1"), Addend(False, "a", "v")]])
     ("x' = -9.81 + a v",)
     """
-    return tuple(f"{left} = {summed(row, ' ')}" for left, row in zip(lefts, rows, strict=True))
+    return tuple(f"{left_side} = {summed(row, ' ')}" for left_side, row in zip(lefts, rows, strict=True))
 
 
 def free_parameter_names(count: int, variables: Sequence[str]) -> tuple[str, ...]:
@@ -205,7 +205,7 @@ def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients:
     """Return lines of objects' coefficients, shape (objects, parameters), under their names; of very many the first."""
     few, left_out = objects[:MANY], len(objects) - MANY
     pairs = zip(coefficients[:MANY], np.nan_to_num(errors[:MANY]), strict=True)
-    cells = [[with_error(*pair) for pair in zip(*each, strict=True)] for each in pairs]
+    cells = [[with_error(*pair) for pair in zip(*both, strict=True)] for both in pairs]
     widths = [max(map(len, column)) for column in zip(head, *cells, strict=True)]
     names = ["", *map(in_line, few)]
     first = max(map(len, names))
@@ -220,28 +220,28 @@ def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients:
 def summed(addends: Iterable[Addend], times: str) -> str:
     """Return the sum of these: their signs, numbers and names; fractions of one denominator are one fraction."""
     text = ""
-    for each in _together(list(addends), times):
-        text += (" - " if each.negative else " + ") if text else ("-" if each.negative else "")
-        if each.name == "1" or not each.number:
-            text += each.number or each.name
-        elif isinstance(each.name, Fraction):
-            text += each.name.behind(each.number, times)
-        elif each.name.startswith("1/"):
-            text += each.number + each.name.removeprefix("1")
+    for addend in _together(list(addends), times):
+        text += (" - " if addend.negative else " + ") if text else ("-" if addend.negative else "")
+        if addend.name == "1" or not addend.number:
+            text += addend.number or addend.name
+        elif isinstance(addend.name, Fraction):
+            text += addend.name.behind(addend.number, times)
+        elif addend.name.startswith("1/"):
+            text += addend.number + addend.name.removeprefix("1")
         else:
-            text += f"{each.number}{times}{each.name}"
+            text += f"{addend.number}{times}{addend.name}"
     return text or "0"
 
 
 def _together(addends: Sequence[Addend], times: str) -> Iterator[Addend]:
     """Yield addends, those one after the other that have the same denominator as one."""
-    for _, group in groupby(enumerate(addends), key=lambda each: getattr(each[1].name, "below", each[0])):
-        own = [each for _, each in group]
-        fractions = [each.name for each in own if isinstance(each.name, Fraction)]
+    for _, group in groupby(enumerate(addends), key=lambda numbered: getattr(numbered[1].name, "below", numbered[0])):
+        together = [addend for _, addend in group]
+        fractions = [addend.name for addend in together if isinstance(addend.name, Fraction)]
         if len(fractions) > 1:
-            above = (each._replace(name=name.above) for each, name in zip(own, fractions, strict=True))
-            own = [Addend(False, "", fractions[0].over(summed(above, times)))]
-        yield from own
+            above = (addend._replace(name=name.above) for addend, name in zip(together, fractions, strict=True))
+            together = [Addend(False, "", fractions[0].over(summed(above, times)))]
+        yield from together
 
 
 def addends_of(

@@ -63,7 +63,7 @@ class IntervalInflation:
 
     def checked(self) -> "IntervalInflation":
         """Return the same as read-only arrays, refusing what is no inflation."""
-        arrays = [np.array(each, dtype=np.float64) for each in (self.horizons, self.factors)]
+        arrays = [np.array(numbers, dtype=np.float64) for numbers in (self.horizons, self.factors)]
         horizons, factors = arrays
         fits = horizons.ndim == 1 and horizons.shape == factors.shape and len(horizons) > 0
         if not (fits and np.all(np.diff(horizons) > 0) and np.all(factors > 0) and np.isfinite(arrays).all()):
@@ -196,14 +196,14 @@ class Uncertainty:
             ("inclusion_probabilities", "array of inclusion probabilities", "equations, terms", support.shape, 0, 1),
             ("degrees_of_freedom", "degrees of freedom", "states", states, np.finfo(float).tiny),
         )
-        found: dict[str, Any] = {
+        known: dict[str, Any] = {
             name: checked(getattr(self, name), *how) for name, *how in arrays if getattr(self, name) is not None
         }
         if self.covariance is not None:
-            found["covariance"] = checked_covariance(self.covariance, objects, size)
+            known["covariance"] = checked_covariance(self.covariance, objects, size)
         return replace(
             self,
-            **found,
+            **known,
             error_model=_checked_errors(self.error_model, len(support)),
             unpooled=self.unpooled and self.unpooled.checked(objects, size),
             pooled=self.pooled and self.pooled.checked(objects, size),
@@ -253,13 +253,13 @@ class Uncertainty:
 
         They are normal, or of Student's t distribution with the fewest degrees of freedom of a state's noise.
         """
-        random, own = np.random.default_rng(seed), self.known_covariance()
+        random, covariance = np.random.default_rng(seed), self.known_covariance()
         result = np.tile(coefficients, (count, 1, 1))
         if self.shared_factor is not None:
             factor = self.shared_factor
-            own = own - np.matmul(factor, factor.transpose(0, 2, 1))
+            covariance = covariance - np.matmul(factor, factor.transpose(0, 2, 1))
             result += np.einsum("dk,opk->dop", random.standard_normal((count, factor.shape[2])), factor)
-        values, vectors = np.linalg.eigh(own)
+        values, vectors = np.linalg.eigh(covariance)
         roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]  # Rounding leaves some just below zero
         result += np.einsum("dok,opk->dop", random.standard_normal(result.shape), roots)
         if self.degrees_of_freedom is not None:
@@ -276,39 +276,39 @@ class Uncertainty:
         """Return that of the mean over objects, which are independent but for the shared factor."""
         if self.covariance is None:
             return replace(self, shared_factor=None, unpooled=None, pooled=None, explanation=None)
-        own, shared = self.covariance.sum(axis=0), 0.0
+        separate, shared = self.covariance.sum(axis=0), 0.0
         if self.shared_factor is not None:
             factor = self.shared_factor
-            own = own - np.matmul(factor, factor.transpose(0, 2, 1)).sum(axis=0)
+            separate = separate - np.matmul(factor, factor.transpose(0, 2, 1)).sum(axis=0)
             shared = factor.sum(axis=0) @ factor.sum(axis=0).T
-        covariance = (own + shared)[np.newaxis] / len(self.covariance) ** 2
+        covariance = (separate + shared)[np.newaxis] / len(self.covariance) ** 2
         return replace(self, covariance=covariance, shared_factor=None, unpooled=None, pooled=None, explanation=None)
 
     def restrict(self, parameters: Bools) -> "Uncertainty":
         """Return that of some parameters, shape (parameters,), when the others have left the law."""
-        found = self._changed(
+        restricted = self._changed(
             lambda values: values[:, parameters], lambda matrices: matrices[:, parameters][:, :, parameters]
         )
-        return found if parameters.all() else replace(found, explanation=None)
+        return restricted if parameters.all() else replace(restricted, explanation=None)
 
     def _changed(self, rows: Callable[[Floats], Floats], matrices: Callable[[Floats], Floats]) -> "Uncertainty":
         """Return that whose parameters, and the matrices between them, are changed alike, where they are known."""
         covariance = None if self.covariance is None else matrices(self.covariance)
         factor = None if self.shared_factor is None else rows(self.shared_factor)
-        own, pooled = (
-            each and ObjectEstimates(rows(each.coefficients), matrices(each.covariance))
-            for each in (self.unpooled, self.pooled)
+        unpooled, pooled = (
+            estimates and ObjectEstimates(rows(estimates.coefficients), matrices(estimates.covariance))
+            for estimates in (self.unpooled, self.pooled)
         )
-        return replace(self, covariance=covariance, shared_factor=factor, unpooled=own, pooled=pooled)
+        return replace(self, covariance=covariance, shared_factor=factor, unpooled=unpooled, pooled=pooled)
 
 
 def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
     """Return errors as read-only arrays, for so many states."""
-    found: dict[str, Any] = {}
-    kinds = [kind for kind, each in ERRORS.items() if isinstance(each, Heteroscedastic)]
+    arrays: dict[str, Any] = {}
+    kinds = [kind for kind, model in ERRORS.items() if isinstance(model, Heteroscedastic)]
     for kind in errors.heteroscedastic:
         check_choice("kind of heteroscedastic errors", kind, kinds)
-    found["heteroscedastic"] = {
+    arrays["heteroscedastic"] = {
         kind: checked(levels, f"level of errors ({kind})", "states", (states,), low=0)
         for kind, levels in errors.heteroscedastic.items()
     }
@@ -316,11 +316,11 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
         values = getattr(errors, name)
         if values is not None:
             size = len(values) if name == "walk" else states  # Rates walk too
-            found[name] = checked(values, f"level of errors ({name})", "states", (size,), low=0)
+            arrays[name] = checked(values, f"level of errors ({name})", "states", (size,), low=0)
     for name in ("memory", "force_time"):
         if not getattr(errors, name) > 0:
             raise CommonlawError("law-error-not-positive", name=name, value=getattr(errors, name))
-    return replace(errors, **found)
+    return replace(errors, **arrays)
 
 
 def _checked_explanation(explanation: Explanation, size: int) -> Explanation:

@@ -210,16 +210,16 @@ class LawVerdict(ShownInNotebooks):
 
     def _accuracy(self) -> Iterator[str]:
         known = [state_error for state_error in self.state_errors if state_error.high > state_error.low]
-        own = " and ".join(each.share(each.law) for each in known)
-        last = " and ".join(each.share(each.persistence, ends=False) for each in known)
-        yield f"RMS forecast error: {own}; of a constant forecast: {last}."
-        worse = [each.state for each in known if each.law > NO_BETTER * each.persistence]
+        errors = " and ".join(state_error.share(state_error.law) for state_error in known)
+        last = " and ".join(state_error.share(state_error.persistence, ends=False) for state_error in known)
+        yield f"RMS forecast error: {errors}; of a constant forecast: {last}."
+        worse = [state_error.state for state_error in known if state_error.law > NO_BETTER * state_error.persistence]
         if worse and not self._is_no_better:
             yield f"For {' and '.join(worse)} the law is no better than a constant forecast."
-        if not self.exact and all(each.noise > 0 for each in known):
-            names = " and ".join(each.state for each in known)
-            noise = " and ".join(_number(each.noise, each.unit) for each in known)
-            rest = " and ".join(_number(each.unexplained, each.unit) for each in known)
+        if not self.exact and all(state_error.noise > 0 for state_error in known):
+            names = " and ".join(state_error.state for state_error in known)
+            noise = " and ".join(_number(state_error.noise, state_error.unit) for state_error in known)
+            rest = " and ".join(_number(state_error.unexplained, state_error.unit) for state_error in known)
             yield f"Measurement noise of {names}: {noise}; unexplained: {rest}."
 
     def _bands(self) -> Iterator[str]:
@@ -234,8 +234,8 @@ class LawVerdict(ShownInNotebooks):
 
     @property
     def _spreads(self) -> str:
-        known = [each for each in self.state_errors if each.spread > 0]
-        spreads = [f"{_number(each.spread, each.unit)} in {each.state}" for each in known]
+        known = [state_error for state_error in self.state_errors if state_error.spread > 0]
+        spreads = [f"{_number(state_error.spread, state_error.unit)} in {state_error.state}" for state_error in known]
         return f" ({' and '.join(spreads)})" if spreads else ""
 
 
