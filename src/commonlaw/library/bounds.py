@@ -26,38 +26,38 @@ def with_steps(equation: str) -> str:
     >>> with_steps("x' = -k x + where(t > 5, a, b)")
     "x' = -k x + (step(t - 5)*a + (1 - step(t - 5))*b)"
     """
-    left = _ASSIGNMENT.search(equation)
-    if left is None or not (_CALL.search(equation) or _COMPARISON.search(equation)):
+    assignment = _ASSIGNMENT.search(equation)
+    if assignment is None or not (_CALL.search(equation) or _COMPARISON.search(equation)):
         return equation
     if _BRANCH.search(equation):
         raise CommonlawError("condition-syntax", expression=equation)
-    space = re.match(r"\s*", equation[left.end() :])
-    right = equation[left.end() :].strip()
-    return equation[: left.end()] + (space[0] if space else "") + _rewritten(right, equation)
+    space = re.match(r"\s*", equation[assignment.end() :])
+    right = equation[assignment.end() :].strip()
+    return equation[: assignment.end()] + (space[0] if space else "") + _rewritten(right, equation)
 
 
 def _rewritten(text: str, whole: str) -> str:
     """Return a text between parentheses or commas without switches."""
-    found, at = "", 0
+    rewritten, at = "", 0
     while at < len(text):
         call = _CALL.match(text, at)
         begins = call.end() if call else at
         if text[begins] == "`":
             until = text.find("`", begins + 1) + 1 or len(text)
-            found += text[begins:until]
+            rewritten += text[begins:until]
         elif text[begins] == "(":
             until = _closing(text, begins, whole) + 1
             inner = text[begins + 1 : until - 1]
-            own = _call(call[1], inner, whole) if call else _rewritten(inner, whole)
-            is_step = _STEP.fullmatch(own) and not call
-            found += f"{' ' * found[-1:].isalnum()}{own}" if call or is_step else f"({own})"
+            content = _call(call[1], inner, whole) if call else _rewritten(inner, whole)
+            is_step = _STEP.fullmatch(content) and not call
+            rewritten += f"{' ' * rewritten[-1:].isalnum()}{content}" if call or is_step else f"({content})"
         else:
             until = at + 1
-            found += text[at]
+            rewritten += text[at]
         at = until
-    parts = _COMPARISON.split(found)  # Those inside of parentheses have been rewritten
+    parts = _COMPARISON.split(rewritten)  # Those inside of parentheses have been rewritten
     if len(parts) == 1:
-        return found
+        return rewritten
     steps = []
     for part, sign, right in zip(parts[::2], parts[1::2], parts[2::2], strict=False):
         high, low = (part.strip(), right.strip()) if sign == ">" else (right.strip(), part.strip())
@@ -69,16 +69,16 @@ def _rewritten(text: str, whole: str) -> str:
 
 
 def _call(name: str, inner: str, whole: str) -> str:
-    arguments = [_rewritten(each, whole) for each in split_outside(inner)]
+    arguments = [_rewritten(argument, whole) for argument in split_outside(inner)]
     if len(arguments) != (3 if name == "where" else 2) or not all(arguments):
         raise CommonlawError("switch-arguments", name=name, expression=whole)
     if name == "where":
         condition, *both = arguments
         yes, no = map(_factor, both)
         return f"({condition}*{yes} + (1 - {condition})*{no})"
-    one, other = map(_factor, arguments)
-    larger = f"{one} - {other}" if name.startswith("max") else f"{other} - {one}"
-    return f"({other} {'+' if name.startswith('max') else '-'} step({larger})*({larger}))"
+    first, second = map(_factor, arguments)
+    larger = f"{first} - {second}" if name.startswith("max") else f"{second} - {first}"
+    return f"({second} {'+' if name.startswith('max') else '-'} step({larger})*({larger}))"
 
 
 def _factor(text: str) -> str:
@@ -131,15 +131,15 @@ class Bound:
 
 def limits_of(name: str, bounds: Sequence[Bound]) -> tuple[float, float]:
     """Return between which numbers a coefficient lies, infinite for none."""
-    own = [bound for bound in bounds if bound.name == name]
-    return max((each.low for each in own), default=-np.inf), min((each.high for each in own), default=np.inf)
+    limits = [bound for bound in bounds if bound.name == name]
+    return max((bound.low for bound in limits), default=-np.inf), min((bound.high for bound in limits), default=np.inf)
 
 
 def parts_of(texts: str | Sequence[str]) -> list[str]:
     """Return equations, without switches, bounds and events, between semicolons or lines of a text or several."""
     listed = [texts] if isinstance(texts, str) else texts
-    parts = [each.strip() for text in listed for each in re.split(r"[;\n]", text) if each.strip()]
-    return [each if EVENT.fullmatch(each) else with_steps(each) for each in parts]
+    parts = [part.strip() for text in listed for part in re.split(r"[;\n]", text) if part.strip()]
+    return [part if EVENT.fullmatch(part) else with_steps(part) for part in parts]
 
 
 def is_bound(part: str) -> bool:
@@ -153,7 +153,7 @@ def bounds_in(texts: str | Sequence[str]) -> tuple[Bound, ...]:
     >>> bounds_in("s' = -V s/(K + s); K > 0")
     (Bound(text='K > 0', name='K', low=0.0, high=inf),)
     """
-    return tuple(_bound(each) for each in parts_of(texts) if is_bound(each))
+    return tuple(_bound(part) for part in parts_of(texts) if is_bound(part))
 
 
 def _bound(text: str) -> Bound:

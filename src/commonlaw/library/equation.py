@@ -132,13 +132,13 @@ class Equation:
 
     def check_apart(self, found: Sequence[Summand], variables: Variables, meanings: Meanings) -> None:
         """Refuse equal terms: only the sum of their coefficients could be found."""
-        for i, each in enumerate(found):
-            for other in found[:i]:
-                if each.term == other.term:
-                    for names in (each.coefficients, other.coefficients):
+        for i, summand in enumerate(found):
+            for earlier in found[:i]:
+                if summand.term == earlier.term:
+                    for names in (summand.coefficients, earlier.coefficients):
                         if len(names) > 1:
                             self.refuse(names[1][0], only_product(names), variables, meanings)
-                    name = each.term.text(variables.names)
+                    name = summand.term.text(variables.names)
                     hint = ", and products with '*' or a space" if name == "1" else ""
                     raise CommonlawError("term-twice", text=self.text, term=name, hint=hint)
 
@@ -161,14 +161,14 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     >>> [(each.state, each.order) for each in split_equations("H' = a H - b H P; dP/dt = c H P - d P")]
     [('H', 1), ('P', 1)]
     """
-    result = tuple(_left(each) for each in parts_of(texts) if not is_bound(each))
+    result = tuple(_left(part) for part in parts_of(texts) if not is_bound(part))
     if not result:
         raise CommonlawError("no-equation")
-    for each in result:
-        if (each.order == 0) != (result[0].order == 0):
-            raise CommonlawError("continuous-and-discrete", first=result[0].text, second=each.text)
-        if [other.state for other in result].count(each.state) > 1:
-            raise CommonlawError("two-equations", state=each.state)
+    for equation in result:
+        if (equation.order == 0) != (result[0].order == 0):
+            raise CommonlawError("continuous-and-discrete", first=result[0].text, second=equation.text)
+        if [listed.state for listed in result].count(equation.state) > 1:
+            raise CommonlawError("two-equations", state=equation.state)
     return result
 
 
@@ -196,15 +196,15 @@ def only_product(coefficients: Sequence[tuple[str, int]]) -> Diagnostic:
 def _left(text: str) -> Equation:
     if EVENT.fullmatch(text):
         raise CommonlawError("equation-with-event", text=text)
-    left, sign, _ = text.partition("=")
-    match = _LEFT.fullmatch(left.strip())
-    if sign and re.fullmatch(r"\w+|`[^`]+`", name := left.strip()):
+    left_side, sign, _ = text.partition("=")
+    match = _LEFT.fullmatch(left_side.strip())
+    if sign and re.fullmatch(r"\w+|`[^`]+`", name := left_side.strip()):
         raise CommonlawError("observation-equation", text=text, state=name)
     if not sign or match is None or len(match["primes"] or "") > 2:
         raise CommonlawError("equation-syntax", text=text)
     order = len(match["primes"] or "") or {"next": 0, "first": 1, "second": 2}[str(match.lastgroup)]
-    name = next(match[each] for each in ("primed", "next", "first", "second") if match[each])
-    return Equation(text, _unquoted(name), order, len(left) + 1)
+    name = next(match[group] for group in ("primed", "next", "first", "second") if match[group])
+    return Equation(text, _unquoted(name), order, len(left_side) + 1)
 
 
 class _Written(NamedTuple):
@@ -231,22 +231,22 @@ class _Reader:
             )
 
     def summands(self) -> tuple[Summand, ...]:
-        first, found = len(self.variables.names), list[_Written]()
+        first, pieces = len(self.variables.names), list[_Written]()
         for factor, start, text in self._addends():
             try:
                 tree = read(text, self.names, self.parameters, self.variables.arities)
                 products = multiplied_out(tree, first - len(self.variables.parameters), first)
-                found += [self._of_product(factor, product) for product in products]
+                pieces += [self._of_product(factor, product) for product in products]
             except CommonlawError as error:
                 self._fail(start, error.diagnostic)
             except NotAFactorError as error:
                 raise InsideError(self.names[error.args[0]]) from None
         # Of how an equation is spelled nothing depends: k*a - k*T is k*(a - T)
         alike = dict[object, list[_Written]]()
-        for number, each in enumerate(found):
-            alike.setdefault(each.parameters or number, []).append(each)
-        collected = (self._collected(each) for each in alike.values())
-        return tuple(each for each in collected if each.factor)
+        for number, piece in enumerate(pieces):
+            alike.setdefault(piece.parameters or number, []).append(piece)
+        collected = (self._collected(group) for group in alike.values())
+        return tuple(summand for summand in collected if summand.factor)
 
     def expression(self) -> str:
         whole = "".join(f"{'-' if factor < 0 else '+'}({text})" for factor, _, text in self._addends())
@@ -298,8 +298,8 @@ class _Reader:
         shown = [
             (with_names(write(tree), [quoted(name) for name in self.names]), power) for tree, power in product.trees
         ]
-        text = "*".join(f"({each})" for each, power in shown if power > 0) or "1"
-        text += "".join(f"/({each})" for each, power in shown if power < 0)
+        text = "*".join(f"({factor})" for factor, power in shown if power > 0) or "1"
+        text += "".join(f"/({factor})" for factor, power in shown if power < 0)
         for column, power in product.parameters.items():
             if abs(power) != 1 and column >= len(self.variables.names):
                 raise NotAFactorError(column)
@@ -308,10 +308,12 @@ class _Reader:
     def _collected(self, alike: "Sequence[_Written]") -> Summand:
         """Return the sum of products with the same coefficients and parameters as one summand."""
         names, factors = self.names, dict[str, float]()
-        for each in alike:
-            factors[each.text] = factors.get(each.text, 0.0) + each.factor
+        for product in alike:
+            factors[product.text] = factors.get(product.text, 0.0) + product.factor
         # A number that is added goes last: a*(exp(u) - 1)
-        ordered = [(text, factor) for text, factor in sorted(factors.items(), key=lambda own: own[0] == "1") if factor]
+        ordered = [
+            (text, factor) for text, factor in sorted(factors.items(), key=lambda pair: pair[0] == "1") if factor
+        ]
         whole = ordered[0][1] if ordered else 0.0
         text = "".join(_addend(text, factor / whole) for text, factor in ordered).removeprefix("+") or "1"
         first, both = len(self.variables.names), alike[0].parameters
@@ -322,7 +324,7 @@ class _Reader:
     def _tokens(self) -> Iterator[_Token]:
         text, position = self.equation.text, self.equation.right
         while match := _TOKEN.match(text, position):
-            kind = str(next(each for each in ("number", "name", "sign", "bad") if match[each]))
+            kind = str(next(group for group in ("number", "name", "sign", "bad") if match[group]))
             token = _Token(kind if kind != "sign" else match["sign"], match[kind], match.start(kind))
             if kind == "bad" or (token.text == "," and not self.variables.functions):
                 self._fail(token, Diagnostic("equation-character", {"character": token.text}))

@@ -33,9 +33,9 @@ class Product(NamedTuple):
         powers = dict(self.parameters)
         for column, parameter in other.parameters.items():
             powers[column] = powers.get(column, 0) + power * parameter
-        trees = (*self.trees, *((tree, power * own) for tree, own in other.trees))
-        left = {column: own for column, own in powers.items() if own}
-        return Product(self.factor * other.factor**power, left, trees)
+        trees = (*self.trees, *((tree, power * exponent) for tree, exponent in other.trees))
+        kept = {column: exponent for column, exponent in powers.items() if exponent}
+        return Product(self.factor * other.factor**power, kept, trees)
 
 
 def multiplied_out(tree: ast.expr, variables: int, inside: int | None = None) -> list[Product]:
@@ -54,17 +54,19 @@ def multiplied_out(tree: ast.expr, variables: int, inside: int | None = None) ->
             return [Product(1.0, {names[0]: 1}, ())]
         case ast.UnaryOp(op=op, operand=operand):
             sign = -1.0 if isinstance(op, ast.USub) else 1.0
-            return [each._replace(factor=sign * each.factor) for each in multiplied_out(operand, variables, inside)]
+            return [
+                summand._replace(factor=sign * summand.factor) for summand in multiplied_out(operand, variables, inside)
+            ]
         case ast.BinOp(op=ast.Add() | ast.Sub()):
             return _sum(_addends(tree, 1), variables, inside)
         case ast.BinOp(op=ast.Mult() | ast.Div() as op, left=left, right=right):
-            first, second = (multiplied_out(each, variables, inside) for each in (left, right))
+            first, second = (multiplied_out(side, variables, inside) for side in (left, right))
             power = 1 if isinstance(op, ast.Mult) else -1
             if power < 0 and len(second) > 1:
                 second = _whole(right, inside)
             if len(first) * len(second) > _MAX_SUMMANDS:
                 raise CommonlawError("too-many-summands", limit=_MAX_SUMMANDS)
-            return [one.times(other, power) for one in first for other in second]
+            return [first_part.times(second_part, power) for first_part in first for second_part in second]
     return _whole(tree, inside)
 
 
@@ -76,7 +78,7 @@ def _whole(tree: ast.expr, inside: int) -> list[Product]:
 
 
 def _constants(tree: ast.expr, variables: int) -> list[int]:
-    return sorted(each for each in columns_in(tree) if each >= variables)
+    return sorted(column for column in columns_in(tree) if column >= variables)
 
 
 def _addends(tree: ast.expr, sign: int) -> list[tuple[int, ast.expr]]:
@@ -92,7 +94,9 @@ def _sum(addends: Sequence[tuple[int, ast.expr]], variables: int, inside: int) -
     result = [] if not plain else [_plain(_joined(plain))]
     for sign, tree in addends:
         if (sign, tree) not in plain:
-            result += [each._replace(factor=sign * each.factor) for each in multiplied_out(tree, variables, inside)]
+            result += [
+                summand._replace(factor=sign * summand.factor) for summand in multiplied_out(tree, variables, inside)
+            ]
     return result
 
 
@@ -157,10 +161,10 @@ def summands(result: Any, names: tuple[str, ...]) -> list[tuple[float, str]]:
     Raises `CommonlawError` if it is neither a number nor traced, or has too many summands.
     """
     tree = read(_code(result), names)
-    found = [(number, with_names(write(each), [quoted(name) for name in names])) for number, each in _expanded(tree)]
-    if len(found) > _MAX_SUMMANDS:
-        raise CommonlawError("known-function-too-long", summands=len(found), limit=_MAX_SUMMANDS)
-    return [(number, text) for number, text in found if number]
+    pairs = [(number, with_names(write(term), [quoted(name) for name in names])) for number, term in _expanded(tree)]
+    if len(pairs) > _MAX_SUMMANDS:
+        raise CommonlawError("known-function-too-long", summands=len(pairs), limit=_MAX_SUMMANDS)
+    return [(number, text) for number, text in pairs if number]
 
 
 Summands = list[tuple[float, ast.expr]]
@@ -174,17 +178,17 @@ def _expanded(tree: ast.expr) -> Summands:
         return [(number, _ONE)]
     match tree:
         case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return [(-factor, each) for factor, each in _expanded(operand)]
+            return [(-factor, part) for factor, part in _expanded(operand)]
         case ast.BinOp(op=ast.Add(), left=left, right=right):
             return [*_expanded(left), *_expanded(right)]
         case ast.BinOp(op=ast.Sub(), left=left, right=right):
-            return [*_expanded(left), *((-factor, each) for factor, each in _expanded(right))]
+            return [*_expanded(left), *((-factor, part) for factor, part in _expanded(right))]
         case ast.BinOp(op=ast.Mult(), left=left, right=right):
             pairs = product(_expanded(left), _expanded(right))
-            return [(f * g, _product(one, ast.Mult(), other)) for (f, one), (g, other) in pairs]
+            return [(f * g, _product(first, ast.Mult(), second)) for (f, first), (g, second) in pairs]
         case ast.BinOp(op=ast.Div(), left=left, right=right):
             factor, below = _single(right)
-            return [(f / factor, _product(each, ast.Div(), below)) for f, each in _expanded(left)]
+            return [(f / factor, _product(part, ast.Div(), below)) for f, part in _expanded(left)]
         case ast.BinOp(op=ast.Pow() as op, left=base, right=exponent) if (power := constant(exponent)) is not None:
             factor, inner = _single(base)
             if factor > 0 or power.is_integer():
@@ -196,13 +200,13 @@ def _expanded(tree: ast.expr) -> Summands:
 
 def _single(tree: ast.expr) -> tuple[float, ast.expr]:
     """Return a tree as one number and one tree, a sum as it is."""
-    found = _expanded(tree)
-    return found[0] if len(found) == 1 else (1.0, _sum_of(found))
+    parts = _expanded(tree)
+    return parts[0] if len(parts) == 1 else (1.0, _sum_of(parts))
 
 
 def _sum_of(found: Summands) -> ast.expr:
-    parts = [each if number == 1 else _product(ast.Constant(number), ast.Mult(), each) for number, each in found]
-    return reduce(lambda left, right: ast.BinOp(left, ast.Add(), right), parts)
+    parts = [tree if number == 1 else _product(ast.Constant(number), ast.Mult(), tree) for number, tree in found]
+    return reduce(lambda total, part: ast.BinOp(total, ast.Add(), part), parts)
 
 
 def _product(left: ast.expr, op: ast.operator, right: ast.expr) -> ast.expr:

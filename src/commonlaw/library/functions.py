@@ -49,9 +49,9 @@ class Function:
         except (TypeError, ValueError):
             parameters = dict[str, inspect.Parameter]().values()
         wanted = [parameter for parameter in parameters if parameter.default is parameter.empty]
-        if not wanted or any(each.kind is not each.POSITIONAL_OR_KEYWORD for each in wanted):
+        if not wanted or any(parameter.kind is not parameter.POSITIONAL_OR_KEYWORD for parameter in wanted):
             raise CommonlawError("function-arguments", name=name)
-        return cls(name, tuple(each.name for each in wanted), function)
+        return cls(name, tuple(parameter.name for parameter in wanted), function)
 
     @property
     def text(self) -> str:
@@ -123,8 +123,10 @@ def functions_in(given: Iterable[Callable[..., Any] | Function]) -> tuple[Functi
 
     Raises `CommonlawError` if two have one name.
     """
-    result = tuple(dict.fromkeys(each if isinstance(each, Function) else Function.of(each) for each in given))
-    names = [each.name for each in result]
+    result = tuple(
+        dict.fromkeys(function if isinstance(function, Function) else Function.of(function) for function in given)
+    )
+    names = [function.name for function in result]
     for name in names:
         if names.count(name) > 1:
             raise CommonlawError("function-name-twice", name=name)

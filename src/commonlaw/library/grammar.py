@@ -234,8 +234,8 @@ def _check(tree: ast.expr, depth: int, power: float, variables: int, functions: 
             inside = tuple(operands)
         case _:
             raise CommonlawError("expression-forbidden", functions=(*FUNCTIONS, *functions))
-    for each in inside:
-        _check(each, depth + 1, power, variables, functions)
+    for subtree in inside:
+        _check(subtree, depth + 1, power, variables, functions)
     if power > MAX_POWER:
         raise CommonlawError("powers-too-high", limit=MAX_POWER)
     number = constant(tree)

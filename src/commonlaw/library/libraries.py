@@ -89,8 +89,8 @@ class AbstractLibrary(ABC):
     @property
     def functions(self) -> tuple[Function, ...]:
         """The functions of Python in its terms."""
-        own = vars(self).values()
-        return functions_in(f for each in own if isinstance(each, AbstractLibrary) for f in each.functions)
+        attributes = vars(self).values()
+        return functions_in(f for part in attributes if isinstance(part, AbstractLibrary) for f in part.functions)
 
     def __add__(self, other: "AbstractLibrary") -> "AbstractLibrary":
         return SumLibrary(self, other) if isinstance(other, AbstractLibrary) else NotImplemented
@@ -115,27 +115,29 @@ class SumLibrary(AbstractLibrary):
     right: AbstractLibrary
 
     def bind(self, variables: Variables) -> Terms:
-        left, right = self.left.bind(variables), self.right.bind(variables)
-        return Terms(variables, tuple(dict.fromkeys(left.terms + right.terms)))
+        first, second = self.left.bind(variables), self.right.bind(variables)
+        return Terms(variables, tuple(dict.fromkeys(first.terms + second.terms)))
 
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         return tuple(dict.fromkeys((*self.left.parametric(variables), *self.right.parametric(variables))))
 
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
         return tuple(
-            each for own, other in self._sides() for each in _with_plain(own.ratios(variables), other.bind(variables))
+            ratios
+            for side, opposite in self._sides()
+            for ratios in _with_plain(side.ratios(variables), opposite.bind(variables))
         )
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
         yield from super().offers(variables)
-        for own, other in self._sides():
-            for each in islice(own.offers(variables), 1, None):
-                yield replace(each, ratios=_with_plain(each.ratios, other.bind(variables)))
+        for side, opposite in self._sides():
+            for offer in islice(side.offers(variables), 1, None):
+                yield replace(offer, ratios=_with_plain(offer.ratios, opposite.bind(variables)))
 
     @property
     def higher(self) -> AbstractLibrary | None:
-        left, right = self.left.higher, self.right.higher
-        return SumLibrary(left or self.left, right or self.right) if left or right else None
+        first, second = self.left.higher, self.right.higher
+        return SumLibrary(first or self.left, second or self.right) if first or second else None
 
     @property
     def seeks_latent_states(self) -> bool:
@@ -158,23 +160,25 @@ class ProductLibrary(AbstractLibrary):
     right: AbstractLibrary
 
     def bind(self, variables: Variables) -> Terms:
-        left, right = self.left.bind(variables), self.right.bind(variables)
-        check_count("a product of libraries", len(left) * len(right))
-        products = (product(a, b) for a in left.terms for b in right.terms)
+        first, second = self.left.bind(variables), self.right.bind(variables)
+        check_count("a product of libraries", len(first) * len(second))
+        products = (product(a, b) for a in first.terms for b in second.terms)
         return Terms(variables, tuple(dict.fromkeys(products)))
 
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         products = (
-            other.times(term, variables)
+            nonlinear.times(term, variables)
             for plain, others in ((self.left, self.right), (self.right, self.left))
-            for other in others.parametric(variables)
+            for nonlinear in others.parametric(variables)
             for term in plain.bind(variables).terms
         )
         return tuple(dict.fromkeys(products))
 
     def ratios(self, variables: Variables) -> tuple[Ratios, ...]:
         above = self.bind(variables).terms
-        return tuple(Ratios(above, each.below) for own in (self.left, self.right) for each in own.ratios(variables))
+        return tuple(
+            Ratios(above, ratios.below) for side in (self.left, self.right) for ratios in side.ratios(variables)
+        )
 
 
 @dataclass(frozen=True)
@@ -448,7 +452,7 @@ class ExpressionLibrary(AbstractLibrary):
 
     def parametric(self, variables: Variables) -> tuple[ParametricTerm, ...]:
         inside = (expression for expression in self.expressions if parameters_in(expression, variables))
-        return tuple(dict.fromkeys(parametric_term(each, variables) for each in inside))
+        return tuple(dict.fromkeys(parametric_term(expression, variables) for expression in inside))
 
 
 @dataclass(frozen=True)
@@ -503,7 +507,7 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
     """Return names as a tuple, hashable; a text is names between commas; refuse none and names that are there twice."""
     if names is None:
         return None
-    listed = tuple(each.strip() for each in names.split(",")) if isinstance(names, str) else tuple(names)
+    listed = tuple(name.strip() for name in names.split(",")) if isinstance(names, str) else tuple(names)
     if not listed or len(set(listed)) < len(listed):
         raise CommonlawError("library-variables", variables=", ".join(listed) or "none")
     return listed
@@ -562,7 +566,7 @@ class AutoLibrary(AbstractLibrary):
         ]
         driven = ParametricLibrary("periodic", (variables.time,))
         several = (*alone, *(PolynomialLibrary(1) * factor for factor in factors), *of_states, driven)
-        yield Offer(tuple(dict.fromkeys(term for each in several for term in each.parametric(variables))))
+        yield Offer(tuple(dict.fromkeys(term for library in several for term in library.parametric(variables))))
         yield from (PolynomialLibrary(1) + RatioLibrary(PolynomialLibrary(2), PolynomialLibrary(2))).offers(variables)
 
     @property
@@ -618,5 +622,5 @@ def parse_library(given: LibraryGiven) -> AbstractLibrary:
             raise CommonlawError("ratio-syntax", library=part)
         return RatioLibrary(*map(parse_library, sides))
 
-    sums = [[one(each) for each in split_outside(part, " * ")] for part in split_outside(given, " + ")]
+    sums = [[one(factor) for factor in split_outside(part, " * ")] for part in split_outside(given, " + ")]
     return reduce(add, (reduce(mul, factors) for factors in sums))

@@ -56,8 +56,8 @@ class ParametricTerm:
 
     def times(self, factor: Term, variables: Variables) -> "ParametricTerm":
         """Return the product with a plain term."""
-        own = self.term.expression((*variables.names, *self.parameters))
-        product = parametric_term(f"({factor.expression(variables.names)})*({own})", variables)
+        expression = self.term.expression((*variables.names, *self.parameters))
+        product = parametric_term(f"({factor.expression(variables.names)})*({expression})", variables)
         return replace(product, tied=tuple(part.times(factor, variables) for part in self.tied))
 
 
@@ -82,22 +82,22 @@ class Ratio:
     @property
     def degree(self) -> int:
         """The power of a parameter added to one term below: 2 in ``K^2 + s^2``, so that K is a value of s."""
-        other = self.below[self.reference]
-        pure = other.exponents is not None and len(other.columns()) == 1 and len(self.below) == 2
-        return int(other.complexity()) if pure else 1
+        reference = self.below[self.reference]
+        pure = reference.exponents is not None and len(reference.columns()) == 1 and len(self.below) == 2
+        return int(reference.complexity()) if pure else 1
 
     def expressions(self, variables: Variables, parameters: Sequence[str]) -> list[str]:
         """Return each of its terms for `parse_term`, with these names of its parameters."""
-        names, left, written = variables.measured, list(parameters), list[str]()
-        for i, each in enumerate(self.below):
-            text = each.expression(names)
+        names, free, written = variables.measured, list(parameters), list[str]()
+        for i, term in enumerate(self.below):
+            text = term.expression(names)
             if i == self.reference:
                 written.append(text)
-            elif each.columns():
-                written.append(f"{left.pop(0)}*{text}")
+            elif term.columns():
+                written.append(f"{free.pop(0)}*{text}")
             else:
-                written.append(f"{left.pop(0)}**{self.degree}" if self.degree > 1 else left.pop(0))
-        return [f"({each.expression(names)})/({' + '.join(written)})" for each in self.above]
+                written.append(f"{free.pop(0)}**{self.degree}" if self.degree > 1 else free.pop(0))
+        return [f"({term.expression(names)})/({' + '.join(written)})" for term in self.above]
 
     def values_of_parameters(self, below: Floats) -> list[float] | None:
         """Return the parameters from coefficients below, shape (terms below,).
@@ -107,9 +107,9 @@ class Ratio:
         with np.errstate(all="ignore"):
             scaled = below / below[self.reference]
         result = []
-        for i, (each, value) in enumerate(zip(self.below, scaled.tolist(), strict=True)):
+        for i, (term, value) in enumerate(zip(self.below, scaled.tolist(), strict=True)):
             if i != self.reference:
-                power = 1 if each.columns() else self.degree
+                power = 1 if term.columns() else self.degree
                 if not np.isfinite(value) or (value <= 0 and power % 2 == 0):
                     return None
                 result.append(float(np.sign(value) * abs(value) ** (1 / power)))
@@ -154,9 +154,9 @@ def parameters_in(expression: str, variables: Variables) -> tuple[str, ...]:
     """
     with suppress(CommonlawError):
         (equation,) = split_equations(f"y' = {expression}")
-        found = with_parameters(variables, [equation])
-        if not any(each.coefficients for each in equation.summands(found)):
-            return tuple(parameter for parameter in found.parameters if parameter not in variables.parameters)
+        extended = with_parameters(variables, [equation])
+        if not any(summand.coefficients for summand in equation.summands(extended)):
+            return tuple(parameter for parameter in extended.parameters if parameter not in variables.parameters)
     return ()
 
 
@@ -253,8 +253,8 @@ def terms_of_family(name: str, variables: Variables, chosen: Sequence[str] | Non
     family, asked = FAMILIES[name], chosen is not None
     if chosen is None:
         chosen = (*variables.states, *variables.inputs, *((variables.time,) if family.of_time else ()))
-    names = [variables.measured[variables.index(each)] for each in chosen]
-    pairs = list(combinations([each for each in names if each != variables.time], 2))
+    names = [variables.measured[variables.index(variable)] for variable in chosen]
+    pairs = list(combinations([variable for variable in names if variable != variables.time], 2))
     result = [_of(text, variables, (u, "")) for u in names for text in family.functions]
     tied = [[_of(text, variables, (u, "")) for text in texts] for u in names for texts in family.tied]
     of_pairs = [_of(text, variables, pair) for pair in pairs for text in family.of_pairs]
@@ -287,4 +287,4 @@ def free_name(name: str, taken: Sequence[str]) -> str:
     >>> free_name("K", ("K", "x"))
     'K2'
     """
-    return next(each for each in chain([name], (f"{name}{i}" for i in count(2))) if each not in taken)
+    return next(candidate for candidate in chain([name], (f"{name}{i}" for i in count(2))) if candidate not in taken)

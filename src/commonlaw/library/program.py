@@ -116,7 +116,7 @@ class Program:
         slopes += [{} for _ in self.constants]
         with np.errstate(all="ignore"):
             for place, (operation, operands) in enumerate(self._steps, len(slopes)):
-                found = dict[int, Any]()
+                derivatives = dict[int, Any]()
                 inside = [registers[operand] for operand in operands]
                 if isinstance(operation, Function):
                     outers: list[Any] = (
@@ -130,8 +130,8 @@ class Program:
                 for outer, operand in zip(outers, operands, strict=False):
                     if slopes[operand]:
                         for i, inner in slopes[operand].items():
-                            found[i] = found[i] + outer * inner if i in found else outer * inner
-                slopes.append(found)
+                            derivatives[i] = derivatives[i] + outer * inner if i in derivatives else outer * inner
+                slopes.append(derivatives)
         result = np.zeros((len(self.outputs), self.variables, len(values)))
         for block, register in zip(result, self._outputs, strict=True):
             for i, slope in slopes[register].items():
@@ -144,8 +144,8 @@ class Program:
         return [
             self.calls[number - len(_NAMES)]
             if number >= len(_NAMES)
-            else (_NAMES[number], (left, right)[: len(_SLOPES[_NAMES[number]])])
-            for number, left, right in self.code.tolist()
+            else (_NAMES[number], (first, second)[: len(_SLOPES[_NAMES[number]])])
+            for number, first, second in self.code.tolist()
         ]
 
     @cached_property
@@ -159,8 +159,8 @@ class Program:
         for k, register in enumerate(self._outputs):
             terms.setdefault(register, k)
         return [
-            (each if isinstance(each, Function) else OPERATIONS[each], operands, terms.get(place))
-            for place, (each, operands) in enumerate(self._steps, first)
+            (operation if isinstance(operation, Function) else OPERATIONS[operation], operands, terms.get(place))
+            for place, (operation, operands) in enumerate(self._steps, first)
         ]
 
     def _run(self, values: Floats, columns: Sequence[Floats] | None = None) -> list[Any]:

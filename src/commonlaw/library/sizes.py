@@ -80,12 +80,12 @@ def likely_sizes(
     for text, size in equations:
         whole = evaluate(text, columns, sizes.algebra)
         if isinstance(size, int):
-            own = columns[size]
-            sizes.equal(whole, _Size(own.known - np.log(span), own.unknown))
+            state_size = columns[size]
+            sizes.equal(whole, _Size(state_size.known - np.log(span), state_size.unknown))
         elif size is not None:
             sizes.equal(whole, _Size(np.log(size), np.zeros(len(unknown))))
     # The wish for sizes near one counts less than what equations say
-    rows = [*sizes.rows, *((1e-3 * each, 0.0) for each in np.eye(len(unknown)))]
+    rows = [*sizes.rows, *((1e-3 * row, 0.0) for row in np.eye(len(unknown)))]
     matrix, right = np.array([row for row, _ in rows]), np.array([value for _, value in rows])
     result = np.ones(variables)
     for i, value in known.items():

@@ -54,8 +54,8 @@ class Factor(str):
         """By what factors of a product are sorted: variables, then sinusoids, then other functions."""
         if self.column is not None:
             return 0, self.column, ""
-        if (found := _sinusoid(self)) is not None:
-            function, frequency, column = found
+        if (parts := _sinusoid(self)) is not None:
+            function, frequency, column = parts
             return 1, 0, f"{function} {frequency}, {column})"
         return 2, 0, f"{self}'"
 
@@ -110,7 +110,7 @@ class Term:
     def divisors(self) -> "frozenset[Term]":
         """What it is divided by: a monomial, and functions."""
         below = self.denominator.powers
-        variables = tuple(each for each in below if each[0].column is not None)
+        variables = tuple(pair for pair in below if pair[0].column is not None)
         functions = {Term(((factor, 1),)) for factor, _ in below if factor.column is None}
         return frozenset(functions | ({Term(variables)} if variables else set()))
 
@@ -216,14 +216,14 @@ def sinusoid(function: str, frequency: float, column: int) -> Term:
 
 def product(*terms: Term) -> Term:
     """Return the product of terms, cancelled; raises `CommonlawError` if powers are too high."""
-    found = Counter[Factor]()
+    powers = Counter[Factor]()
     for term in terms:
         for factor, power in term.powers:
-            found[factor] += power
-    if sum(map(abs, found.values())) > MAX_POWER:
+            powers[factor] += power
+    if sum(map(abs, powers.values())) > MAX_POWER:
         raise CommonlawError("term-powers-too-high", limit=MAX_POWER)
-    ordered = sorted((factor for factor, power in found.items() if power), key=lambda factor: factor.order)
-    return Term(tuple((factor, found[factor]) for factor in ordered))
+    ordered = sorted((factor for factor, power in powers.items() if power), key=lambda factor: factor.order)
+    return Term(tuple((factor, powers[factor]) for factor in ordered))
 
 
 def parse_term(text: str, variables: Variables) -> Term:
@@ -269,8 +269,8 @@ def _term(tree: ast.expr) -> Term:
             if power.is_integer():
                 return product(_term(base).power(int(power)))
     factor = Factor(write(tree))
-    found = _sinusoid(factor)
-    return Term(((factor, 1),)) if found is None else sinusoid(*found)
+    parts = _sinusoid(factor)
+    return Term(((factor, 1),)) if parts is None else sinusoid(*parts)
 
 
 @lru_cache(maxsize=4096)
@@ -360,7 +360,7 @@ class Terms:
         first, seen, result = len(self.variables.measured), set[Term](), list[float]()
         for term in self.terms:
             below = {divisor for divisor in term.divisors if any(column >= first for column in divisor.columns())}
-            result.append(term.complexity() - sum(each.complexity() for each in below & seen))
+            result.append(term.complexity() - sum(divisor.complexity() for divisor in below & seen))
             seen |= below
         return np.array(result)
 
@@ -373,9 +373,9 @@ class Terms:
     @cached_property
     def parameters(self) -> tuple[int, ...]:
         """The index of each parameter's own term, see `Term`; raises `CommonlawError` if these are not the last."""
-        own = tuple(Term(parameter=self.variables.index(name)) for name in self.variables.parameters)
-        first = len(self.terms) - len(own)
-        if self.terms[max(first, 0) :] != own:
+        expected = tuple(Term(parameter=self.variables.index(name)) for name in self.variables.parameters)
+        first = len(self.terms) - len(expected)
+        if self.terms[max(first, 0) :] != expected:
             names = ", ".join(self.variables.parameters)
             raise CommonlawError("parameter-names", names=names)
         return tuple(range(first, len(self.terms)))
@@ -401,8 +401,8 @@ class Terms:
         """Return values of measured variables, shape (n, variables), followed by parameters from the coefficients."""
         if not self.parameters:
             return values
-        own = coefficients[:, list(self.parameters)].sum(axis=0)
-        return np.column_stack([values, np.broadcast_to(own, (len(values), len(own)))])
+        parameters = coefficients[:, list(self.parameters)].sum(axis=0)
+        return np.column_stack([values, np.broadcast_to(parameters, (len(values), len(parameters)))])
 
     def index(self, name: str) -> int:
         """Return the index of the term of that name, without spaces or with stars: ``x^2 v`` is also ``x**2*v``.
@@ -411,7 +411,7 @@ class Terms:
         """
         if name in self.names:
             return self.names.index(name)
-        folded = [_folded(each) for each in self.names]
+        folded = [_folded(term_name) for term_name in self.names]
         if _folded(name) not in folded:
             raise unknown("term", name, self.names)
         return folded.index(_folded(name))
@@ -453,8 +453,8 @@ class Terms:
 def parse_terms(texts: Sequence[str], variables: Variables) -> Terms:
     """Return the terms that expressions stand for, see `parse_term`; the last are those of parameters."""
     first = len(texts) - len(variables.parameters)
-    own = (Term(parameter=variables.index(name)) for name in variables.parameters)
-    return Terms(variables, (*(parse_term(text, variables) for text in texts[:first]), *own))
+    of_parameters = (Term(parameter=variables.index(name)) for name in variables.parameters)
+    return Terms(variables, (*(parse_term(text, variables) for text in texts[:first]), *of_parameters))
 
 
 def _folded(name: str) -> str:

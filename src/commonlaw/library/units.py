@@ -32,8 +32,8 @@ def term_unit(term: Term, variables: Variables, units: "Mapping[str, str | pint.
         return None
     known, result = dict[int, "pint.Unit"](), registry().dimensionless
     for column, name in names.items():
-        own = units[name]
-        known[column] = parse_unit(check_unit(own, f"variable {name!r}")) if isinstance(own, str) else own
+        given = units[name]
+        known[column] = parse_unit(check_unit(given, f"variable {name!r}")) if isinstance(given, str) else given
     for factor, power in term.powers:
         unit = known[factor.column] if factor.column is not None else _expression_unit(factor, known)
         if unit is None:
@@ -90,16 +90,16 @@ def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Uni
             _look(base, root, known, first)
             _look(exponent, none, known, first)
         case ast.BinOp(op=op, left=left, right=right):
-            units = [_tree_unit(each, known) for each in (left, right)]
+            units = [_tree_unit(side, known) for side in (left, right)]
             if isinstance(op, ast.Add | ast.Sub):
-                own = next((each for each in (*units, wanted) if each is not None), None)
+                own = next((unit for unit in (*units, wanted) if unit is not None), None)
                 sides = own, own
             elif wanted is None:
                 sides = None, None
             else:  # From that of the result and of the other operand
-                is_product, (one, other) = isinstance(op, ast.Mult), units
-                of_left = None if other is None else wanted / other if is_product else wanted * other
-                sides = of_left, None if one is None else wanted / one if is_product else one / wanted
+                is_product, (left_unit, right_unit) = isinstance(op, ast.Mult), units
+                of_left = None if right_unit is None else wanted / right_unit if is_product else wanted * right_unit
+                sides = of_left, None if left_unit is None else wanted / left_unit if is_product else left_unit / wanted
             _look(left, sides[0], known, first)
             _look(right, sides[1], known, first)
 

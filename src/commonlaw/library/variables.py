@@ -140,5 +140,5 @@ def split_derivatives(derivatives: Sequence[Floats], order: Order) -> tuple[Floa
     states = derivatives[0].shape[1]
     if not isinstance(order, tuple):
         return derivatives[0][:, : states * (order - 1)], derivatives[order - 1]
-    highest = [derivatives[own - 1][:, j] for j, own in enumerate(order)]
+    highest = [derivatives[number - 1][:, j] for j, number in enumerate(order)]
     return derivatives[0][:, with_rates(order, states)], np.stack(highest, axis=1)
