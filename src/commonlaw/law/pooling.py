@@ -228,8 +228,8 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
     >>> drops = cl.datasets.linear_drag(drag=(-0.1, -0.11, -0.5, -0.52), noise=0.001)
     >>> hull = dict(zip(drops.objects, ["bare", "bare", "finned", "finned"]))
     >>> drops = drops.with_properties({name: {"hull": value} for name, value in hull.items()})
-    >>> found = cl.law.contrasts(cl.fit("x'' = -9.8 - c v", drops), "hull")
-    >>> print(found[["parameter", "value", "reference", "difference"]].round(2).to_string(index=False))
+    >>> frame = cl.law.contrasts(cl.fit("x'' = -9.8 - c v", drops), "hull")
+    >>> print(frame[["parameter", "value", "reference", "difference"]].round(2).to_string(index=False))
     parameter  value reference  difference
             c finned      bare         0.4
     """

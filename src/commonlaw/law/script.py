@@ -202,17 +202,21 @@ def written(value: Any) -> str:
     "{'library': cl.library.PolynomialLibrary(degree=3)}"
     """
     if is_dataclass(value) and not isinstance(value, type):
-        values = {each.name: getattr(value, each.name) for each in fields(value) if each.init and each.compare}
-        defaults = {
-            each.name: each.default if each.default_factory is MISSING else each.default_factory()
-            for each in fields(value)
+        values = {
+            attribute.name: getattr(value, attribute.name)
+            for attribute in fields(value)
+            if attribute.init and attribute.compare
         }
-        arguments = [f"{name}={written(each)}" for name, each in values.items() if not _same(each, defaults[name])]
+        defaults = {
+            attribute.name: attribute.default if attribute.default_factory is MISSING else attribute.default_factory()
+            for attribute in fields(value)
+        }
+        arguments = [f"{name}={written(entry)}" for name, entry in values.items() if not _same(entry, defaults[name])]
         name, module = type(value).__name__, type(value).__module__.split(".")
         home = f"cl.{module[1]}" if module[1:] and name not in resolve_name("commonlaw").__all__ else "cl"
         return f"{home}.{name}({', '.join(arguments)})"
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{written(key)}: {written(each)}" for key, each in value.items()) + "}"
+        return "{" + ", ".join(f"{written(key)}: {written(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list | tuple):
         inner = ", ".join(map(written, value))
         return f"[{inner}]" if isinstance(value, list) else f"({inner}{',' * (len(value) == 1)})"

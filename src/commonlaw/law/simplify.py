@@ -346,9 +346,8 @@ class _Estimates:
         if not constraints:
             return 0.0, 0
         distances, _, inverse = self._distances(constraints)
-        return float(np.einsum("oi,oij,oj->o", distances, inverse, distances)[:-1].sum()), len(distances[:-1]) * len(
-            constraints
-        )
+        squares = np.einsum("oi,oij,oj->o", distances, inverse, distances)[:-1]
+        return float(squares.sum()), len(squares) * len(constraints)
 
     def bear(self, constraints: Sequence[_Constraint], tolerance: float) -> bool:
         """Whether all objects together, and their mean, are as near as a normal number is to so many errors."""

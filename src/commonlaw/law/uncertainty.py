@@ -94,7 +94,7 @@ class PlausibleLaw(NamedTuple, Generic[LawType]):
     --------
     >>> import commonlaw as cl
     >>> law = cl.Law.from_text("T' = -k T", {"k": 0.5})
-    >>> [(each.probability, each.law.structure) for each in law.models]
+    >>> [(model.probability, model.law.structure) for model in law.models]
     [(1.0, ("T' = -k T",))]
     """
 

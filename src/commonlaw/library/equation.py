@@ -158,7 +158,7 @@ def split_equations(texts: str | Sequence[str]) -> tuple[Equation, ...]:
     Left-hand sides are ``T'``, ``T''``, ``dT/dt``, ``d2T/dt2`` or ``T[k+1]``. Raises `CommonlawError` if one cannot be
     read, only some are in discrete time, or a state has two equations.
 
-    >>> [(each.state, each.order) for each in split_equations("H' = a H - b H P; dP/dt = c H P - d P")]
+    >>> [(equation.state, equation.order) for equation in split_equations("H' = a H - b H P; dP/dt = c H P - d P")]
     [('H', 1), ('P', 1)]
     """
     result = tuple(_left(part) for part in parts_of(texts) if not is_bound(part))

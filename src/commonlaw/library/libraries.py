@@ -367,7 +367,7 @@ class RationalLibrary(AbstractLibrary):
     def bind(self, variables: Variables) -> Terms:
         inverse = parse_term(self.denominator, variables).power(-1)
         above = _monomials(variables.columns(self.variables), self.degree)
-        return Terms(variables, tuple(product(each, inverse) for each in above))
+        return Terms(variables, tuple(product(term, inverse) for term in above))
 
 
 @dataclass(frozen=True)
@@ -473,7 +473,7 @@ class ParametricLibrary(AbstractLibrary):
     Examples
     --------
     >>> variables = Variables(("s", "x"))
-    >>> [each.text(variables) for each in ParametricLibrary("saturating", "s").parametric(variables)]
+    >>> [term.text(variables) for term in ParametricLibrary("saturating", "s").parametric(variables)]
     ['s/(K + s)', '1/(K + s)']
     """
 
@@ -536,7 +536,7 @@ class AutoLibrary(AbstractLibrary):
     Examples
     --------
     >>> library, variables = AutoLibrary(), Variables(("x", "v"))
-    >>> len(library.bind(variables)), [each.count for each in library.offers(variables)]
+    >>> len(library.bind(variables)), [offer.count for offer in library.offers(variables)]
     (10, [0, 102, 12])
     """
 

@@ -92,8 +92,8 @@ def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Uni
         case ast.BinOp(op=op, left=left, right=right):
             units = [_tree_unit(side, known) for side in (left, right)]
             if isinstance(op, ast.Add | ast.Sub):
-                own = next((unit for unit in (*units, wanted) if unit is not None), None)
-                sides = own, own
+                common = next((unit for unit in (*units, wanted) if unit is not None), None)
+                sides = common, common
             elif wanted is None:
                 sides = None, None
             else:  # From that of the result and of the other operand
