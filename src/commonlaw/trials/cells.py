@@ -74,7 +74,7 @@ class Notation:
     @property
     def missing_numbers(self) -> dict[str, float]:
         """Of the texts that are missing values, those that are numbers."""
-        return {each: float(each) for each in self.missing if _NUMBERS["."].fullmatch(each)}
+        return {text: float(text) for text in self.missing if _NUMBERS["."].fullmatch(text)}
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def is_meant_as_number(cell: str) -> bool:
     """Say whether a cell is a number in any way of writing, with a unit or without, or is beyond a limit."""
     text = _bare(cell)
     number, _ = _number_and_unit(text)
-    return any(each.fullmatch(number) for each in _NUMBERS.values()) or _CENSORED.fullmatch(text) is not None
+    return any(pattern.fullmatch(number) for pattern in _NUMBERS.values()) or _CENSORED.fullmatch(text) is not None
 
 
 def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
@@ -151,9 +151,9 @@ def _limit(cell: str, notation: Notation) -> float | None:
     """Return the limit of quantification that a cell says to be below of; None for any other cell."""
     if cell in notation.below:
         return notation.below[cell]
-    if cell in notation.missing or (found := _BELOW.fullmatch(_bare(cell))) is None:
+    if cell in notation.missing or (match := _BELOW.fullmatch(_bare(cell))) is None:
         return None
-    number, _ = _number_and_unit(found[1])
+    number, _ = _number_and_unit(match[1])
     marks = [mark for mark in _NUMBERS if notation.decimal in (None, mark) and _NUMBERS[mark].fullmatch(number)]
     return _value(number, marks[0]) if marks else None
 
@@ -182,17 +182,17 @@ def _read(cells: Sequence[str], notation: Notation) -> Numerals | Unreadable:
     if not marks:
         return _unreadable(cells, texts, numbers, notation)
     mark: DecimalMark | None = marks[0]
-    shows = len(marks) == 1 and any(each in number for number in numbers for each in ".,")
+    shows = len(marks) == 1 and any(candidate in number for number in numbers for candidate in ".,")
     twofold = [i for i, number in enumerate(numbers) if _is_twofold(number)]
     if len(marks) == 2 and twofold:
         mark = _settled(numbers, notation.usual)
     elif twofold and notation.decimal is None and not any(map(_GROUPED_FOR_SURE.fullmatch, numbers)):
         mark = None if any(_GROUPS[marks[0]] in numbers[i] for i in twofold) else mark
     if mark is None:
-        ways = " or ".join(f"{_value(numbers[twofold[0]], each):g}" for each in _NUMBERS)
+        ways = " or ".join(f"{_value(numbers[twofold[0]], candidate):g}" for candidate in _NUMBERS)
         reason = Diagnostic("decimal-mark-ambiguous", {"ways": ways})
         return Unreadable(cells[twofold[0]], reason, is_ambiguous=True)
-    blanks = (found[0].strip("0123456789")[0] for cell in cells if (found := _GROUPED_BY_BLANKS.search(cell)))
+    blanks = (match[0].strip("0123456789")[0] for cell in cells if (match := _GROUPED_BY_BLANKS.search(cell)))
     grouped = _GROUPS[mark] if any(_GROUPS[mark] in number for number in numbers) else next(blanks, "")
     values = np.array([_value(number, mark) for number in numbers], dtype=np.float64)
     return Numerals(values, mark if shows or (twofold and mark == ",") else None, grouped, unit)
@@ -201,7 +201,7 @@ def _read(cells: Sequence[str], notation: Notation) -> Numerals | Unreadable:
 def _bare(cell: str) -> str:
     """Return a cell with a plain minus, and without blanks around it or between groups of digits."""
     text = cell.strip().replace("\N{MINUS SIGN}", "-")
-    return _GROUPED_BY_BLANKS.sub(lambda found: re.sub(f"[{_BLANKS}]", "", found[0]), text)
+    return _GROUPED_BY_BLANKS.sub(lambda match: re.sub(f"[{_BLANKS}]", "", match[0]), text)
 
 
 def _value(number: str, decimal: DecimalMark) -> float:
@@ -210,19 +210,19 @@ def _value(number: str, decimal: DecimalMark) -> float:
 
 def _is_twofold(number: str) -> bool:
     """Say whether a number is another one by the other decimal mark."""
-    return all(each.fullmatch(number) for each in _NUMBERS.values()) and _value(number, ".") != _value(number, ",")
+    return all(regex.fullmatch(number) for regex in _NUMBERS.values()) and _value(number, ".") != _value(number, ",")
 
 
 def _number_and_unit(text: str) -> tuple[str, str]:
     """Return a number and the unit behind it, else the text and none; 12A without a blank is a name, as of a well."""
-    if (found := _WITH_UNIT.fullmatch(text)) is None or known_unit(found[3]) is None:
+    if (match := _WITH_UNIT.fullmatch(text)) is None or known_unit(match[3]) is None:
         return text, ""
-    return (found[1], found[3]) if found[2] or not (len(found[3]) == 1 and found[3].isupper()) else (text, "")
+    return (match[1], match[3]) if match[2] or not (len(match[3]) == 1 and match[3].isupper()) else (text, "")
 
 
 def _settled(numbers: Sequence[str], usual: frozenset[DecimalMark]) -> DecimalMark | None:
     """Return the decimal mark of numbers of which some are others by the other mark; None if nothing settles it."""
-    marks: set[DecimalMark] = {each for each in _NUMBERS if any(each in number for number in numbers)}
+    marks: set[DecimalMark] = {mark for mark in _NUMBERS if any(mark in number for number in numbers)}
     if len(marks) == 1 and any(map(_UNGROUPED.fullmatch, numbers)):
         return marks.pop()
     if marks == {"."}:
@@ -234,7 +234,7 @@ def _settled(numbers: Sequence[str], usual: frozenset[DecimalMark]) -> DecimalMa
 
 def _unreadable(cells: Sequence[str], texts: Sequence[str], numbers: Sequence[str], notation: Notation) -> Unreadable:
     """Return the cell for which a column is not numbers; `texts` are its bare cells, `numbers` these without units."""
-    patterns = [each for mark, each in _NUMBERS.items() if notation.decimal in (None, mark)]
+    patterns = [pattern for mark, pattern in _NUMBERS.items() if notation.decimal in (None, mark)]
     limits = [i for i, text in enumerate(texts) if _CENSORED.fullmatch(text)]
     wrong = [i for i, number in enumerate(numbers) if not any(pattern.fullmatch(number) for pattern in patterns)]
     words = [i for i in wrong if i not in set(limits)]

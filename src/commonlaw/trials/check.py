@@ -87,12 +87,12 @@ class Report:
     def kinds(self) -> dict[str, tuple[Finding, ...]]:
         """Return findings of the same kind together by a line: up to three cases, or their number and one of them."""
         kinds: dict[str, list[Finding]] = {}
-        for each in self.found:
-            kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", each.text), []).append(each)
+        for finding in self.found:
+            kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", finding.text), []).append(finding)
         lines: dict[str, tuple[Finding, ...]] = {}
         for same in kinds.values():
             if len(same) < _MANY:
-                lines |= {each.text: (each,) for each in same}
+                lines |= {finding.text: (finding,) for finding in same}
             else:
                 lines[f"in {len(same)} cases, such as {same[0]}"] = tuple(same)
         return lines
@@ -125,7 +125,7 @@ def check(data: TrialData, tolerance: float | None) -> Report:
     """Return figures of every trial and what data checks find, see `Trials.check`."""
     trials, schema = data.trials, data.schema
     rows = tuple(_figures(trial, schema.states, tolerance) for trial in trials)
-    found = (
+    findings = (
         finding
         for trial, row in zip(trials, rows, strict=True)
         for finding in (*_sampling(trial, row, schema, tolerance), *_values(trial, schema, len(trial) - row.clipped))
@@ -144,7 +144,7 @@ def check(data: TrialData, tolerance: float | None) -> Report:
     ]
     bare = ", ".join(name for name in (schema.time, *schema.states, *schema.inputs) if name not in schema.units)
     text = f"no unit is known for {bare}: write it in the header, as in 'x [m]', or give it with `units=...`"
-    return Report(rows, (*found, *uneven, *copies, *([Finding(text)] if bare else [])), data.notes)
+    return Report(rows, (*findings, *uneven, *copies, *([Finding(text)] if bare else [])), data.notes)
 
 
 def _unit(schema: Schema, name: str) -> str:
@@ -247,7 +247,7 @@ def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
     by_digest = dict[tuple[object, ...], Trial]()
     pairs = list[tuple[Trial, Trial]]()
     for trial in (trial for trial in trials if len(trial) >= _SHORT):
-        content = b"".join(each.tobytes() for each in (trial.times, trial.states, trial.inputs))
+        content = b"".join(values.tobytes() for values in (trial.times, trial.states, trial.inputs))
         before = by_digest.setdefault((trial.states.shape, hashlib.sha256(content).digest()), trial)
         if before is not trial:
             pairs.append((trial, before))

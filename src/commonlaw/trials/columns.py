@@ -113,8 +113,8 @@ class Table:
 
     def limits(self, name: str) -> Floats:
         """Return the limits that values of a column are below of, shape (n,), NaN for others."""
-        found = self._parsed(name) if name in self.loose else None
-        return found.below if isinstance(found, Numerals) and found.below is not None else np.full(len(self), np.nan)
+        parsed = self._parsed(name) if name in self.loose else None
+        return parsed.below if isinstance(parsed, Numerals) and parsed.below is not None else np.full(len(self), np.nan)
 
     def deviations(self, name: str, needed: Bools) -> Floats:
         """Return a column of standard deviations, shape (n,), NaN where a cell is empty; some are `needed`."""
@@ -180,52 +180,56 @@ def with_numbers(table: Table, notation: Notation) -> Table:
     Columns that are ambiguous by themselves have the decimal mark of the others.
     """
     loose = [name for name in table.columns if name in table.loose]
-    found = {name: numerals(table.columns[name], notation) for name in loose}
-    shown = {each.decimal for each in found.values() if isinstance(each, Numerals) and each.decimal}
-    if "," in shown or any(isinstance(each, Unreadable) and each.is_ambiguous for each in found.values()):
+    parsed = {name: numerals(table.columns[name], notation) for name in loose}
+    shown = {result.decimal for result in parsed.values() if isinstance(result, Numerals) and result.decimal}
+    if "," in shown or any(isinstance(result, Unreadable) and result.is_ambiguous for result in parsed.values()):
         shown |= {"."} if any(_shows_points(table.columns[name]) for name in loose) else set()
         notation = replace(notation, usual=frozenset(shown))
-        found = {name: numerals(table.columns[name], notation) for name in loose}
+        parsed = {name: numerals(table.columns[name], notation) for name in loose}
     columns = dict(table.columns)
     if notation.missing_numbers:
-        found |= {name: numerals(column, notation) for name, column in columns.items() if column.dtype.kind in "iuf"}
-    read = {name: each for name, each in found.items() if isinstance(each, Numerals) and np.isfinite(each.values).any()}
-    columns |= {name: each.values for name, each in read.items() if name not in table.loose and each.missing}
-    for name, each in read.items():
-        if each.unit and known_unit(table.units.get(name, each.unit)) != known_unit(each.unit):
-            raise CommonlawError(
-                "units-differ", where=table.source, column=name, header=table.units[name], cells=each.unit
-            )
-    marks = {mark: [name for name, each in read.items() if each.grouped == mark] for mark in ",. '"}
-    other = [name for name, each in read.items() if each.grouped and each.grouped not in marks]
-    said = {
-        "a comma is read as the decimal point": [name for name, each in read.items() if each.decimal == ","],
-        **{f"{mark!r} groups thousands": names for mark, names in marks.items()},
-        "blanks group thousands": other,
-        "the cells hold units": [f"{name} [{each.unit}]" for name, each in read.items() if each.unit],
+        parsed |= {name: numerals(column, notation) for name, column in columns.items() if column.dtype.kind in "iuf"}
+    read = {
+        name: result
+        for name, result in parsed.items()
+        if isinstance(result, Numerals) and np.isfinite(result.values).any()
     }
-    facts = [f"{fact} ({', '.join(names)})" for fact, names in said.items() if names]
-    for name, each in read.items():
-        counts = [f"{mark!r} in {counted(count, 'cell')}" for mark, count in each.missing.items()]
+    columns |= {name: result.values for name, result in read.items() if name not in table.loose and result.missing}
+    for name, result in read.items():
+        if result.unit and known_unit(table.units.get(name, result.unit)) != known_unit(result.unit):
+            raise CommonlawError(
+                "units-differ", where=table.source, column=name, header=table.units[name], cells=result.unit
+            )
+    marks = {mark: [name for name, result in read.items() if result.grouped == mark] for mark in ",. '"}
+    by_blanks = [name for name, result in read.items() if result.grouped and result.grouped not in marks]
+    names_by_fact = {
+        "a comma is read as the decimal point": [name for name, result in read.items() if result.decimal == ","],
+        **{f"{mark!r} groups thousands": names for mark, names in marks.items()},
+        "blanks group thousands": by_blanks,
+        "the cells hold units": [f"{name} [{result.unit}]" for name, result in read.items() if result.unit],
+    }
+    facts = [f"{fact} ({', '.join(names)})" for fact, names in names_by_fact.items() if names]
+    for name, result in read.items():
+        counts = [f"{mark!r} in {counted(count, 'cell')}" for mark, count in result.missing.items()]
         facts += [f"read as missing in {name}: {', '.join(counts)}"] if counts else []
-        counts = [f"{mark!r} in {counted(count, 'cell')}" for mark, count in each.censored.items()]
+        counts = [f"{mark!r} in {counted(count, 'cell')}" for mark, count in result.censored.items()]
         facts += [f"below a limit of quantification in {name}, for cl.fit alone: {', '.join(counts)}"] if counts else []
     return replace(
         table,
         columns=columns,
-        units={name: each.unit for name, each in read.items() if each.unit} | dict(table.units),
+        units={name: result.unit for name, result in read.items() if result.unit} | dict(table.units),
         notation=notation,
-        parsed={name: found[name] for name in loose},
+        parsed={name: parsed[name] for name in loose},
         facts=(*table.facts, *facts),
     )
 
 
 def _shows_points(column: Column) -> bool:
     """Say whether a column of text has numbers with a point that can only be the decimal one."""
-    found = numerals(column, Notation())
-    if isinstance(found, Unreadable) or found.decimal == ",":
+    parsed = numerals(column, Notation())
+    if isinstance(parsed, Unreadable) or parsed.decimal == ",":
         return False
-    return found.decimal == "." or any(_POINT.search(cell.strip()) for cell in column if isinstance(cell, str))
+    return parsed.decimal == "." or any(_POINT.search(cell.strip()) for cell in column if isinstance(cell, str))
 
 
 def filled_table(
@@ -299,7 +303,10 @@ def frame_table(frame: Any, source: str = "the frame") -> Table:
         quantities = {str(name): with_unit(values) for name, values in fields.items()}
         units = {name: unit for name, (_, unit) in quantities.items() if unit}
         # In order whatever their indices are, and the bytes of a structured array as text
-        arrays = {name: own.to_numpy() if hasattr(own, "to_numpy") else own for name, (own, _) in quantities.items()}
+        arrays = {
+            name: values.to_numpy() if hasattr(values, "to_numpy") else values
+            for name, (values, _) in quantities.items()
+        }
         for name in frame.dtype.names or () if isinstance(frame, np.ndarray) else ():
             arrays[name] = np.char.decode(frame[name], "utf-8") if frame[name].dtype.kind == "S" else frame[name]
         try:

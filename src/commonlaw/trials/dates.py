@@ -82,7 +82,7 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
         import pandas as pd
 
         stamps = _stamps(table, days, order) + pd.to_timedelta(_durations(table, clock, "h:mm"), unit="s")
-        table = replace(table, columns={key: own for key, own in table.columns.items() if key != partner})
+        table = replace(table, columns={key: cells for key, cells in table.columns.items() if key != partner})
         note = f"{days} and {clock}: taken together as time in"
     elif is_clock(column):
         values = _durations(table, name, order)
@@ -99,8 +99,8 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
         stamps = _stamps(table, name, order)
     else:
         return table
-    found = elapsed(stamps)
-    return _with_times(table, name, found.values, found.unit, f"{note} {found.since}")
+    times = elapsed(stamps)
+    return _with_times(table, name, times.values, times.unit, f"{note} {times.since}")
 
 
 def holds_dates(column: Column) -> bool:
@@ -115,8 +115,8 @@ def years_of(names: Iterable[str]) -> dict[str, float]:
     >>> years_of(["country", "1990", "X1991"])
     {'1990': 1990.0, 'X1991': 1991.0}
     """
-    found = {name: re.fullmatch(r"[A-Za-z]{0,2}(\d{4})", name.strip(), re.ASCII) for name in names}
-    years = {name: float(each[1]) for name, each in found.items() if each}
+    matches = {name: re.fullmatch(r"[A-Za-z]{0,2}(\d{4})", name.strip(), re.ASCII) for name in names}
+    years = {name: float(match[1]) for name, match in matches.items() if match}
     return {name: year for name, year in years.items() if _YEARS[0] <= year < _YEARS[1]}
 
 
@@ -139,8 +139,12 @@ def _partner(table: Table, name: str, others: Collection[str]) -> str | None:
     """Return the only other column that has the times of day to the dates of this one, or the dates to its times."""
     is_time, is_day = is_clock(table.columns[name]), _is_of_days(table.columns[name])
     fits = _is_of_days if is_time else is_clock
-    found = [each for each in others if (is_time or is_day) and each != name and fits(table.columns[each])]
-    return found[0] if len(found) == 1 else None
+    partners = [
+        candidate
+        for candidate in others
+        if (is_time or is_day) and candidate != name and fits(table.columns[candidate])
+    ]
+    return partners[0] if len(partners) == 1 else None
 
 
 def _is_of_days(column: Column) -> bool:
@@ -176,10 +180,10 @@ def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
         if isinstance(cell, timedelta):
             values[row] = cell.total_seconds()
             continue
-        found = _MINUTES.fullmatch(cell) or _DURATION.fullmatch(cell) if isinstance(cell, str) else None
-        if found is None or (int(found[4]) > 59 and found[3]) or int(found[5] or 0) > 59:
+        match = _MINUTES.fullmatch(cell) or _DURATION.fullmatch(cell) if isinstance(cell, str) else None
+        if match is None or (int(match[4]) > 59 and match[3]) or int(match[5] or 0) > 59:
             raise _no_date(table, name, int(row), "a time such as 12:30:05")
-        sign, days, hours, minutes, seconds, fraction, half = found.groups()
+        sign, days, hours, minutes, seconds, fraction, half = match.groups()
         if seconds is None and half is None and pairs is None:
             raise CommonlawError(
                 "times-ambiguous", where=table.source, column=name, row=table.locate(int(row)), cell=cell
@@ -265,24 +269,26 @@ def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order:
     if not local:
         return cells
     possible = [
-        each for each in ("dmy", "mdy", "ymd") if all(each in own.orders and _date(own, each) for own in local.values())
+        candidate
+        for candidate in ("dmy", "mdy", "ymd")
+        if all(candidate in part.orders and _date(part, candidate) for part in local.values())
     ]
     if order in ("dmy", "mdy", "ymd"):
-        possible = [order] if all(_date(own, order) for own in local.values()) else []
-    if len(possible) == 2 and all(_iso(own, possible[0]) == _iso(own, possible[1]) for own in local.values()):
+        possible = [order] if all(_date(part, order) for part in local.values()) else []
+    if len(possible) == 2 and all(_iso(part, possible[0]) == _iso(part, possible[1]) for part in local.values()):
         possible = possible[:1]
     first = next(iter(local))
     if len(possible) > 1:
-        ways = " or ".join(_iso(local[first], each)[:10] for each in possible)
-        choices = [Diagnostic("dates-in-order", {"order": each}) for each in possible]
+        ways = " or ".join(_iso(local[first], candidate)[:10] for candidate in possible)
+        choices = [Diagnostic("dates-in-order", {"order": candidate}) for candidate in possible]
         raise CommonlawError(
             "dates-ambiguous", where=table.source, column=name, first=first, ways=ways, choices=choices
         )
     if not possible:
         orders = [order] if order in ("dmy", "mdy", "ymd") else ["dmy", "mdy", "ymd"]
         for row in np.flatnonzero(present):
-            own = local.get(cells[row])
-            if own is not None and not any(_date(own, each) for each in orders):
+            part = local.get(cells[row])
+            if part is not None and not any(_date(part, candidate) for candidate in orders):
                 raise _no_date(table, name, int(row), f"a date{f' in the order {order}' if order else ''}")
         raise CommonlawError("dates-without-order", where=table.source, column=name, first=first)
     return np.array([_iso(local[cell], possible[0]) if cell in local else cell for cell in cells], dtype=object)
@@ -292,8 +298,8 @@ def _parts(cell: str) -> _Parts | None:
     """Return the parts of a date that is not written as ISO 8601 does."""
     if _ISO.fullmatch(cell):
         return None
-    if found := _LOCAL.fullmatch(cell):
-        first, mark, second, third, *clock, offset = found.groups()[:10]
+    if match := _LOCAL.fullmatch(cell):
+        first, mark, second, third, *clock, offset = match.groups()[:10]
         numbers = int(first), int(second), int(third)
         orders: tuple[str, ...] = ("dmy",) if mark == "." else ("dmy", "mdy")
         if len(first) > 2:
@@ -301,12 +307,12 @@ def _parts(cell: str) -> _Parts | None:
         elif mark == "-" and len(third) <= 2:
             orders = ("dmy", "mdy", "ymd")
         return _Parts(numbers, orders, _clock_text(clock, offset))
-    if found := _NAMED.fullmatch(cell):
-        month = (found[2] or found[3]).casefold()[:3]
+    if match := _NAMED.fullmatch(cell):
+        month = (match[2] or match[3]).casefold()[:3]
         if month not in _MONTHS:
             return None
-        numbers = int(found[1] or found[4]), _MONTHS.index(month) + 1, int(found[5])
-        return _Parts(numbers, ("dmy",), _clock_text(found.groups()[5:10], found[11]))
+        numbers = int(match[1] or match[4]), _MONTHS.index(month) + 1, int(match[5])
+        return _Parts(numbers, ("dmy",), _clock_text(match.groups()[5:10], match[11]))
     return None
 
 

@@ -121,11 +121,11 @@ def table_files(path: TablePath) -> list[Path]:
     Parquet files, which are streamed, do not count.
     """
     if not isinstance(path, str | os.PathLike):
-        return [Path(each) for each in path]
-    digits, found = re.compile(r"(\d+)"), files_of(Path(path), _ENDINGS) or []
+        return [Path(file) for file in path]
+    digits, paths = re.compile(r"(\d+)"), files_of(Path(path), _ENDINGS) or []
     return sorted(
-        (each for each in found if each.is_file() and each.name[0] != "." and each.suffix.casefold() != ".parquet"),
-        key=lambda each: [int(part) if part.isdigit() else part.casefold() for part in digits.split(str(each))],
+        (file for file in paths if file.is_file() and file.name[0] != "." and file.suffix.casefold() != ".parquet"),
+        key=lambda file: [int(part) if part.isdigit() else part.casefold() for part in digits.split(str(file))],
     )
 
 
@@ -133,7 +133,7 @@ def files_of(path: Path, endings: Container[str]) -> list[Path] | None:
     """Return what is in a folder with these endings, or what a pattern names; None if the path is neither."""
     try:
         if path.is_dir():
-            return [each for each in path.rglob("*") if each.suffix.casefold() in endings]
+            return [file for file in path.rglob("*") if file.suffix.casefold() in endings]
         if path.exists() or not any(mark in str(path) for mark in "*?["):
             return None
     except OSError:  # As of a name that is too long, which is refused where it is read
@@ -152,11 +152,11 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
         return table_in(Path(path).name, read_file(path), sheet)
     files = table_files(path)
     tables = [table_in(file.name, read_file(file), sheet) for file in files]
-    headers = [[join_header(name, each.units.get(name, "")) for name in each.columns] for each in tables]
-    for each, header in zip(tables, headers, strict=True):
+    headers = [[join_header(name, table.units.get(name, "")) for name in table.columns] for table in tables]
+    for table, header in zip(tables, headers, strict=True):
         if sorted(header) != sorted(headers[0]):
             raise CommonlawError(
-                "files-differ", where=each.source, columns=header, first=tables[0].source, others=headers[0]
+                "files-differ", where=table.source, columns=header, first=tables[0].source, others=headers[0]
             )
     begins = np.cumsum([0, *map(len, tables)])
     check_size(f"{len(tables)} files", int(begins[-1]), len(tables[0].columns))
@@ -166,10 +166,10 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
         return tables[index], row - int(begins[index])
 
     def locate(row: int) -> str:
-        table, own = within(row)
-        return f"{table.locate(own)} of {table.source}"
+        table, table_row = within(row)
+        return f"{table.locate(table_row)} of {table.source}"
 
-    columns = {name: np.concatenate([each.columns[name] for each in tables]) for name in tables[0].columns}
+    columns = {name: np.concatenate([table.columns[name] for table in tables]) for name in tables[0].columns}
     if "object" not in {name.casefold() for name in columns}:
         for role, labels in _labels_of_files(files).items():
             if role not in columns:
@@ -180,9 +180,9 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
         tables[0].units,
         locate,
         lambda row: within(row)[0].number(within(row)[1]),
-        frozenset().union(*(each.loose for each in tables)),
-        notes=tuple(dict.fromkeys(note for each in tables for note in each.notes)),
-        facts=tuple(dict.fromkeys(fact for each in tables for fact in each.facts)),
+        frozenset().union(*(table.loose for table in tables)),
+        notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
+        facts=tuple(dict.fromkeys(fact for table in tables for fact in table.facts)),
         label=as_text(name_of_table(path)) if isinstance(path, str | os.PathLike) else "object",
     )
 
@@ -199,7 +199,7 @@ def _labels_of_files(files: Sequence[Path]) -> dict[str, list[str]]:
         return {"object": folders, "trial": names}
     numbered = [re.fullmatch(r"(.+?)[\s_.-]+(\d+)", name) for name in names]
     if all(numbered):
-        stems, labels = zip(*(each.groups() for each in numbered if each), strict=True)
+        stems, labels = zip(*(match.groups() for match in numbered if match), strict=True)
         if 1 < len(set(stems)) < len(names) or (len(set(stems)) == 1 and is_called(stems[0], TRIAL)):
             return {"object": list(stems), "trial": list(labels)}
     return {"object": names}
@@ -211,18 +211,18 @@ def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:
     if not content.removeprefix(BYTE_ORDER_MARK).strip():
         raise CommonlawError("table-empty", name=name)
     if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        found = workbook_table(name, content, sheet)
+        table = workbook_table(name, content, sheet)
     elif sheet is not None:
         raise CommonlawError("sheet-of-text", name=name, sheet=sheet)
     elif content.startswith(b"PAR1"):
         with _whole(name):
             file, data = _unpacked(name, content)
             kept = _kept(name, file.schema_arrow.metadata)
-            found = frame_table(data, name)
-            found = replace(found, roles=kept.get("roles", found.roles), notes=kept.get("notes", ()))
+            table = frame_table(data, name)
+            table = replace(table, roles=kept.get("roles", table.roles), notes=kept.get("notes", ()))
     else:
-        found = text_table(name, content)
-    return replace(found, label=as_text(name_of_table(name)))
+        table = text_table(name, content)
+    return replace(table, label=as_text(name_of_table(name)))
 
 
 def name_of_table(path: str | os.PathLike[str]) -> str:
@@ -310,18 +310,20 @@ def _flat(file: "pq.ParquetFile") -> list["pa.Field[Any]"]:
     """Return the columns of a file that hold neither lists nor bytes, which a few bytes can stand for without end."""
     types = _arrow().types
     return [
-        each for each in file.schema_arrow if not (types.is_nested(each.type) or types.is_fixed_size_binary(each.type))
+        field
+        for field in file.schema_arrow
+        if not (types.is_nested(field.type) or types.is_fixed_size_binary(field.type))
     ]
 
 
 def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
-    found = 0
+    count = 0
     for batch in file.iter_batches(batch_size=rows, columns=[field.name for field in _flat(file)]):
         batch.validate(full=True)  # Texts may be numbers of entries that a damaged dictionary does not have
-        found += len(batch)
+        count += len(batch)
         yield batch
-    if found != file.metadata.num_rows:
-        raise OSError(f"{found} of {file.metadata.num_rows} rows are there")
+    if count != file.metadata.num_rows:
+        raise OSError(f"{count} of {file.metadata.num_rows} rows are there")
 
 
 def _unpacked(source: str, content: bytes) -> tuple["pq.ParquetFile", "pa.Table"]:
@@ -373,11 +375,11 @@ def columns_of(data: TrialData) -> dict[str, Column]:
     for trial in trials:  # From its first input before its first sample on
         unknown = np.full((len(trial.earlier), trial.states.shape[1]), np.nan)
         before = (trial.earlier[:, 0], unknown, trial.earlier[:, 1:], unknown) if len(trial.earlier) else ()
-        own = trial.times, trial.states, trial.inputs, trial.noise
-        rows += [before] * bool(before) + [own]
+        samples = trial.times, trial.states, trial.inputs, trial.noise
+        rows += [before] * bool(before) + [samples]
     of_trial = [len(trial.earlier) + len(trial) for trial in trials]
     row_trials = np.repeat(np.arange(len(trials)), of_trial)
-    times, states, inputs, noise = (np.concatenate(each) for each in zip(*rows, strict=True))
+    times, states, inputs, noise = (np.concatenate(parts) for parts in zip(*rows, strict=True))
 
     def per_trial(values: Sequence[Property | None]) -> Column:
         is_text = any(isinstance(value, str) for value in values)

@@ -131,7 +131,7 @@ def known_unit(text: str) -> "pint.Unit | None":
 def _unknown_unit(text: str) -> CommonlawError:
     """Return the error for an unknown unit, about that one of its words that pint does not know."""
     words = re.findall(r"[^\W\d_]+", text)
-    word = next((each for each in words if known_unit(each) is None), text)
+    word = next((word for word in words if known_unit(word) is None), text)
     near = get_close_matches(word, [name for name in registry() if len(name) > 2], n=1)
     hint = f" (did you mean {near[0]!r}?)" if near else ""
     whole = "" if word == text else f" in {text!r}"
@@ -157,8 +157,8 @@ def split_header(header: str) -> tuple[str, str]:
     (('Height', 'm'), ('drag (fitted)', ''), ('v [m/s]', ''), ('A', 'mM'))
     """
     text = plain(header)
-    if (found := _CONCENTRATION.fullmatch(text)) and (not found[2].strip() or known_unit(found[2]) is not None):
-        return found[1], found[2].strip()
+    if (match := _CONCENTRATION.fullmatch(text)) and (not match[2].strip() or known_unit(match[2]) is not None):
+        return match[1], match[2].strip()
     square = _SQUARE.fullmatch(text)
     if square:
         unit = square[2].strip()
@@ -184,9 +184,9 @@ def join_header(name: str, unit: str) -> str:
 def find_name(name: str, known: Iterable[str], kind: str = "column") -> str:
     """Return that of the known names which is meant by a name, given as it is or as a header with its unit."""
     names = list(known)
-    for each in (plain(str(name)), split_header(str(name))[0], str(name).partition("/")[0].strip()):
-        if each in names:
-            return each
+    for spelling in (plain(str(name)), split_header(str(name))[0], str(name).partition("/")[0].strip()):
+        if spelling in names:
+            return spelling
     raise unknown(kind, name, names)
 
 
@@ -214,11 +214,11 @@ def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...],
     if blank:
         raise CommonlawError("header-missing", where=source, number=blank[0])
     titles = list(headers)
-    times = [known_unit(found[1]) for header in headers if (found := _TIME_PER_UNIT.fullmatch(header.strip()))]
+    times = [known_unit(match[1]) for header in headers if (match := _TIME_PER_UNIT.fullmatch(header.strip()))]
     if any(unit is not None and dict(unit.dimensionality) == {"[time]": 1} for unit in times):
         for j, header in enumerate(headers):  # As that of the time, t/s, others may be quantities over units: U/V
-            found = _PER_UNIT.fullmatch(header.strip())
-            titles[j] = f"{found[1]} [{found[2]}]" if found and known_unit(found[2]) is not None else header
+            match = _PER_UNIT.fullmatch(header.strip())
+            titles[j] = f"{match[1]} [{match[2]}]" if match and known_unit(match[2]) is not None else header
     parts = [split_header(title) for title in titles]
     short = Counter(name for name, _ in parts)
     names = [name if short[name] == 1 else plain(header) for (name, _), header in zip(parts, headers, strict=True)]

@@ -66,7 +66,7 @@ def constant_columns(table: Table, names: Sequence[str], codes: Codes, *, others
     constant but for a few rows of at most half of the objects.
     """
     _, first = np.unique(codes, return_index=True)
-    single, found, varying = len(first) < 2, list[str](), False
+    single, constant, varying = len(first) < 2, list[str](), False
     for name in names:
         try:
             cells, words = _cells(table, name)
@@ -75,12 +75,12 @@ def constant_columns(table: Table, names: Sequence[str], codes: Codes, *, others
         if np.isnan(cells).all() or (single and words is not None):
             continue
         if np.array_equal(cells, cells[first][codes], equal_nan=True):
-            found.append(name)
+            constant.append(name)
         elif others_are_states and words is None:
             varying = True
             if not single:
                 _refuse_nearly_constant(table, name, cells, codes)
-    return found if varying or not (single and others_are_states) else []
+    return constant if varying or not (single and others_are_states) else []
 
 
 def _refuse_nearly_constant(table: Table, name: str, cells: Floats, codes: Codes) -> None:
@@ -119,7 +119,7 @@ def given_properties(given: Any, key: str, objects: Sequence[str]) -> Properties
         for name, values in given.items():
             if not isinstance(values, Mapping):
                 raise CommonlawError("properties-not-by-name", object=name, value=values)
-        found = Properties({label(name): dict(values) for name, values in given.items()})
+        properties = Properties({label(name): dict(values) for name, values in given.items()})
     else:
         is_file = isinstance(given, str | os.PathLike)
         table = read_table(given) if is_file else frame_table(given, "the table of properties")
@@ -128,10 +128,10 @@ def given_properties(given: Any, key: str, objects: Sequence[str]) -> Properties
             raise CommonlawError("properties-without-objects", where=table.source, error=error, key=key)
         codes, names, notes = object_codes(table, key)
         known = column_properties(table, [name for name in table.columns if name != key], codes, names)
-        found = replace(known, notes=notes)
-    without = [name for name in objects if name not in found.values]
+        properties = replace(known, notes=notes)
+    without = [name for name in objects if name not in properties.values]
     note = f"no properties are given for {', '.join(without)}"
-    return replace(found, notes=(*found.notes, note)) if without else found
+    return replace(properties, notes=(*properties.notes, note)) if without else properties
 
 
 def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, list[str], tuple[str, ...]]:
@@ -153,13 +153,13 @@ def object_codes(table: Table, name: str, what: str = "object") -> tuple[Codes, 
             label=what,
             count=len(missing),
         )
-    spelled = {each: list(dict.fromkeys(cells)) for each, cells in ways.items() if each}
+    spelled = {text: list(dict.fromkeys(cells)) for text, cells in ways.items() if text}
     notes = (
-        f"{what} {each!r} is written in {len(cells)} ways, taken as one: {', '.join(map(ascii, cells))}"
-        for each, cells in spelled.items()
+        f"{what} {text!r} is written in {len(cells)} ways, taken as one: {', '.join(map(ascii, cells))}"
+        for text, cells in spelled.items()
         if len(cells) > 1
     )
-    return codes, [str(each) for each in labels], tuple(notes)
+    return codes, [str(text) for text in labels], tuple(notes)
 
 
 def _cells(table: Table, name: str) -> tuple[Floats, list[object] | None]:

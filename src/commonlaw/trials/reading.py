@@ -118,12 +118,12 @@ def checked(roles: Mapping[str, Any], kind: type = Reading) -> Any:
     for name in roles:
         if name not in kind.__annotations__:
             raise unknown("keyword", name, dict.fromkeys([*kind.__annotations__, "sheet"]))
-    said = {name: value for name, value in roles.items() if value is not None}
-    if not isinstance(said.get("noise_columns", {}), Mapping):
-        raise CommonlawError("noise-columns-not-by-state", value=said["noise_columns"])
-    if "states" in said and not said["states"]:
-        del said["states"]
+    given = {name: value for name, value in roles.items() if value is not None}
+    if not isinstance(given.get("noise_columns", {}), Mapping):
+        raise CommonlawError("noise-columns-not-by-state", value=given["noise_columns"])
+    if "states" in given and not given["states"]:
+        del given["states"]
     for name, choices in (("restarts", Restarts), ("decimal", DecimalMark), ("dates", DateOrder)):
-        if name in said:
-            check_choice(name, said[name], get_args(choices))
-    return said
+        if name in given:
+            check_choice(name, given[name], get_args(choices))
+    return given

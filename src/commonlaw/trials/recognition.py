@@ -83,7 +83,7 @@ def words(name: str) -> list[str]:
     >>> words("elapsedTime_s"), words("OD600 std")
     (['elapsed', 'time', 's'], ['od', '600', 'std'])
     """
-    return [each.casefold() for each in re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))]
+    return [word.casefold() for word in re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))]
 
 
 def is_called(name: str, kind: frozenset[str]) -> bool:
@@ -141,7 +141,7 @@ def time_column(table: Table) -> str | None:
 def _dimensions(table: Table, name: str) -> dict[str, Any]:
     """Return the powers of dimensions of a column, none if it has no unit."""
     unit = known_unit(table.units[name]) if name in table.units else None
-    return {} if unit is None else {str(each): power for each, power in unit.dimensionality.items()}
+    return {} if unit is None else {str(dimension): power for dimension, power in unit.dimensionality.items()}
 
 
 def unit_in_name(time: str) -> dict[str, str]:
@@ -179,9 +179,9 @@ def _is_even(table: Table, name: str, names: Sequence[str]) -> bool:
     rounding = digit if step > _ROUNDED * digit else 0.0
     if (np.abs(values - lines) > rounding + _EXACT * step).any():
         return False
-    others = [each for each in names if each != name and table.is_numeric(each)]
+    others = [column for column in names if column != name and table.is_numeric(column)]
     is_count = bool(step == 1 and values[0] in (0, 1))
-    return not (is_count and any((np.diff(readable(table, each)) > 0).all() for each in others))
+    return not (is_count and any((np.diff(readable(table, column)) > 0).all() for column in others))
 
 
 def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
@@ -241,7 +241,7 @@ def _finest(codes: dict[str, Codes]) -> list[str]:
     """Return the columns that are not properties of others: of several spellings of one column it is the first."""
     result = list[str]()
     for i, (name, code) in enumerate(codes.items()):
-        finer = [j for j, other in enumerate(codes.values()) if j != i and _determines(other, code)]
+        finer = [j for j, candidate in enumerate(codes.values()) if j != i and _determines(candidate, code)]
         if not any(j < i or not _determines(code, [*codes.values()][j]) for j in finer):
             result.append(name)
     return result
@@ -346,9 +346,9 @@ def deviation_columns(table: Table, names: Sequence[str]) -> dict[str, str]:
         if not rest:
             fitting = measured
         elif all(map(str.isdigit, rest)):
-            fitting = [each for each in measured if words(each)[-len(rest) :] == rest]
+            fitting = [column for column in measured if words(column)[-len(rest) :] == rest]
         else:
-            fitting = [each for each in measured if [word for word in words(each) if word not in _MEAN] == rest]
+            fitting = [column for column in measured if [word for word in words(column) if word not in _MEAN] == rest]
         if len(fitting) == 1 and fitting[0] not in pairs:
             pairs[fitting[0]] = name
     return pairs
@@ -366,27 +366,29 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     noise = {name: _noise(values, trials) / spans[name] for name, values in cells.items()}
     # Estimates of white noise are alike by all orders of differences
     white = [name for name in names if noise[name][_WHITE].max() < _EVEN * noise[name][_WHITE].min()]
-    found = dict[str, str]()
+    reasons = dict[str, str]()
     for name, values in cells.items():
-        runs, others = [values[rows] for rows in trials], [each for each in names if each != name]
+        runs, others = [values[rows] for rows in trials], [column for column in names if column != name]
         courses = [(times[rows].tobytes(), values[rows].tobytes()) for rows in trials if np.ptp(values[rows]) > 0]
         if is_called(name, _INPUT) or (name == "u" and not _VELOCITIES.intersection(names)):
-            found[name] = "by its name"
+            reasons[name] = "by its name"
         elif not np.isfinite(values).all() or np.ptp(values) == 0:
             continue
         elif all(np.ptp(run) == 0 for run in runs):
-            found[name] = "constant in each trial"
+            reasons[name] = "constant in each trial"
         elif 2 * sum(map(_is_held, runs)) >= sum(np.ptp(run) > 0 for run in runs):
-            found[name] = "held at levels"
-        elif any(np.isfinite(cells[each]).all() for each in others) and len({*courses}) < len(courses):
-            found[name] = "the same in several trials"
+            reasons[name] = "held at levels"
+        elif any(np.isfinite(cells[column]).all() for column in others) and len({*courses}) < len(courses):
+            reasons[name] = "the same in several trials"
         elif (
             0 < digits[name] < 1 / _DIGITS
             and noise[name].min() < max(digits[name], _EXACT)
-            and any(noise[each].min() > 3 * max(digits[each], noise[name].min()) for each in white if each != name)
+            and any(
+                noise[column].min() > 3 * max(digits[column], noise[name].min()) for column in white if column != name
+            )
         ):
-            found[name] = "smooth to its last digit"
-    return found if len(found) < len(names) else {}
+            reasons[name] = "smooth to its last digit"
+    return reasons if len(reasons) < len(names) else {}
 
 
 def input_values(table: Table, name: str) -> Floats:
@@ -412,7 +414,7 @@ def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -
 
     def is_pulsed(values: Floats) -> bool:
         given = [np.flatnonzero(values[rows]) for rows in trials]
-        single = any(map(len, given)) and all((np.diff(each) > 1).all() for each in given)
+        single = any(map(len, given)) and all((np.diff(indices) > 1).all() for indices in given)
         return single and not values.all() and bool(np.mean(values) > 0)
 
     return [name for name in names if is_pulsed(input_values(table, name))]
@@ -491,9 +493,9 @@ def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
     by words with numbers, which name individuals or repetitions, or have nearly the same values for the same word, as
     replicates have. Names of quantities such as theta are no such words.
     """
-    conditions = {found[1].strip() if (found := _CONDITION.fullmatch(name)) else None for name in names}
-    wells = {name: found for name in names if (found := _WELL.fullmatch(name))}
-    stems = {name: found[1] for name in names if (found := _REPLICATE.fullmatch(name))}
+    conditions = {match[1].strip() if (match := _CONDITION.fullmatch(name)) else None for name in names}
+    wells = {name: match for name in names if (match := _WELL.fullmatch(name))}
+    stems = {name: match[1] for name in names if (match := _REPLICATE.fullmatch(name))}
     groups = [[name for name in stems if stems[name] == stem] for stem in dict.fromkeys(stems.values())]
     if len(wells) >= _MIN_LIKE_COLUMNS and len({well[1] for well in wells.values()}) == 1:
         letters = {well[2] for well in wells.values()}
@@ -543,7 +545,7 @@ def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
 
 def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
     """Return a note if columns that were taken as the states of one object may well be an object each."""
-    stems = {found[1].casefold() if (found := _NUMBERED.fullmatch(name)) else name for name in states}
+    stems = {match[1].casefold() if (match := _NUMBERED.fullmatch(name)) else name for name in states}
     alike = len(states) >= _MIN_LIKE_COLUMNS and len(stems) == 1
     if not alike and (len(states) < _MIN_COLUMNS or len({table.units.get(name) for name in states}) > 1):
         return ()
@@ -557,7 +559,7 @@ def quantity(columns: Sequence[str], wide: bool | str) -> str:
     """Return the name of what was measured: if nobody names it, what the names of wells begin with."""
     if isinstance(wide, str):
         return wide
-    begins = {found[1] or "" if (found := _WELL.fullmatch(name)) else "" for name in columns}
+    begins = {match[1] or "" if (match := _WELL.fullmatch(name)) else "" for name in columns}
     return begins.pop().strip(" _-.:") or _DEFAULT if len(begins) == 1 else _DEFAULT
 
 

@@ -48,8 +48,8 @@ ROLES = {
 def free_columns(table: Table, roles: Reading) -> list[str]:
     """Return the columns that the user gives no role."""
     named: list[Any] = [roles.get(role) for role in ("object", "trial", "time", "states", "inputs", "properties")]
-    listed = [each if isinstance(each, list | tuple) else [each] for each in named]
-    texts = [each for own in listed for each in own if isinstance(each, str) and each]
+    listed = [value if isinstance(value, list | tuple) else [value] for value in named]
+    texts = [value for values in listed for value in values if isinstance(value, str) and value]
     taken = {table.find(text) for text in texts if split_header(text)[0] in table.columns or text in table.columns}
     return [name for name in table.columns if name not in taken]
 
@@ -160,7 +160,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         states = take(alike)
     begun = np.cumsum(np.diff(times, prepend=times[:1]) < 0) if roles.get("restarts") == "trials" else runs
     order = np.lexsort((times, begun, runs, owners))
-    changes = np.any([np.diff(each[order]) != 0 for each in (owners, runs, np.asarray(begun))], axis=0)
+    changes = np.any([np.diff(codes[order]) != 0 for codes in (owners, runs, np.asarray(begun))], axis=0)
     trials = np.split(order, np.flatnonzero(changes) + 1)
     if not (wide and "wide" in roles) and "states" not in roles:
         left_out += take(other_clocks(table, numbers, times, owners * len(table) + runs))

@@ -84,8 +84,8 @@ class TrialStream:
                 check_memory(counted(len(self.parts), "file"), size, remedy)
                 read.append(trials)
             return as_one(read)
-        found = self.source()
-        return found if isinstance(found, Trials) else Trials(tuple(found), self.schema)
+        content = self.source()
+        return content if isinstance(content, Trials) else Trials(tuple(content), self.schema)
 
     def select(self, /, object: object = None, trial: object = None) -> "TrialStream":
         """Return the stream of selected objects and trials, see `Trials.select`.
@@ -124,19 +124,19 @@ class TrialStream:
     def _divided(self, name: object, trial: object) -> tuple["TrialStream", "TrialStream"]:
         """Return the streams of the trials that have these names, and of the others."""
         asked = {"object": name, "trial": trial}
-        wanted = {role: frozenset(labels(own)) for role, own in asked.items() if own is not None}
+        wanted = {role: frozenset(labels(names)) for role, names in asked.items() if names is not None}
         parts, chosen = self.parts or (self,), Named(wanted)
         looked = done_in_parts(partial(_looked_for, chosen), parts, "looking for trials", on_terminal())
-        for role, own in wanted.items():
-            if missing := sorted(own.difference(*(each.names[role] for each in looked))):
+        for role, names in wanted.items():
+            if missing := sorted(names.difference(*(summary.names[role] for summary in looked))):
                 raise CommonlawError("stream-without-role", role=role, name=missing[0])
-        if not any(each.chosen for each in looked):
+        if not any(summary.chosen for summary in looked):
             raise CommonlawError("no-trial-fits", conditions=", ".join(f"{role}={asked[role]}" for role in wanted))
         kept, rest = (
-            [TrialStream(self.schema, _Kept(part, own)) for part, has in zip(parts, found, strict=True) if has]
-            for own, found in (
-                (chosen, [each.chosen for each in looked]),
-                (replace(chosen, others=True), [each.others for each in looked]),
+            [TrialStream(self.schema, _Kept(part, selection)) for part, has in zip(parts, flags, strict=True) if has]
+            for selection, flags in (
+                (chosen, [summary.chosen for summary in looked]),
+                (replace(chosen, others=True), [summary.others for summary in looked]),
             )
         )
         return self._of(kept), self._of(rest)
@@ -165,9 +165,9 @@ class TrialStream:
             Properties are those of columns that are named.
         """
         files = []
-        for each in _files(path):
-            pairs = (part.split("=", 1) for part in each.parent.parts if "=" in part)
-            files.append(_TrialsOfFile(each, {name: unquote(value) for name, value in pairs if name}))
+        for file_path in _files(path):
+            pairs = (part.split("=", 1) for part in file_path.parent.parts if "=" in part)
+            files.append(_TrialsOfFile(file_path, {name: unquote(value) for name, value in pairs if name}))
         _, kept = opened(files[0].path)
         known = cast(Reading, {"properties": [], "noise_columns": {}, **kept, **checked(roles, Roles)})
         if not isinstance(known["properties"], list | tuple):
@@ -216,7 +216,7 @@ class _Kept:
     keep: Callable[[Trial], Trial | None]
 
     def __call__(self) -> Iterator[Trial]:
-        return (kept for each in self.stream if (kept := self.keep(each)) is not None)
+        return (kept for trial in self.stream if (kept := self.keep(trial)) is not None)
 
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects."""
@@ -252,8 +252,8 @@ class _TrialsOfFile:
     def tables(self, rows: int) -> Iterator[Table]:
         """Yield the tables in so many rows after the other."""
         for table in batch_tables(self.path, rows):
-            said = {name: np.full(len(table), value, dtype=object) for name, value in self.partition.items()}
-            yield replace(table, columns={**said, **table.columns}) if said else table
+            columns = {name: np.full(len(table), value, dtype=object) for name, value in self.partition.items()}
+            yield replace(table, columns={**columns, **table.columns}) if columns else table
 
     def read(self) -> Trials:
         """Return the trials in memory, with the properties of their objects."""
@@ -272,8 +272,8 @@ class _TrialsOfFile:
             if key in done:
                 raise CommonlawError("stream-unsorted", where=str(path), trial=parts[0].label)
             done.add(key)
-            own = ((part.times, part.states, part.inputs, part.noise, part.below) for part in parts)
-            times, states_of, inputs, noise, below = map(np.concatenate, zip(*own, strict=True))
+            arrays = ((part.times, part.states, part.inputs, part.noise, part.below) for part in parts)
+            times, states_of, inputs, noise, below = map(np.concatenate, zip(*arrays, strict=True))
             repeats = joined([(part.repeats, part.states.shape) for part in parts])
             trial = Trial(*key, times, states_of, inputs, noise, repeats, below=below) if len(parts) > 1 else parts[0]
             check_measured([trial], states[0])
@@ -281,8 +281,8 @@ class _TrialsOfFile:
             yield trial
 
     def _batches(self, read: list[TrialData] | None) -> Iterator[TrialData]:
-        for each in self.tables(_ROWS):
-            data = read_rows(each, self.roles).data
+        for table in self.tables(_ROWS):
+            data = read_rows(table, self.roles).data
             if read is not None:
                 read.append(data._replace(trials=()))
             yield data
@@ -290,10 +290,10 @@ class _TrialsOfFile:
 
 def _files(path: str | os.PathLike[str]) -> list[Path]:
     """Return the files that a path names, in order of their names."""
-    found = files_of(Path(path), {".parquet"})
-    if found is None:
+    paths = files_of(Path(path), {".parquet"})
+    if paths is None:
         return [Path(path).absolute()]
-    files = sorted(each.absolute() for each in found if each.is_file())
+    files = sorted(file.absolute() for file in paths if file.is_file())
     if not files:
         raise CommonlawError("no-parquet-file", path=str(path))
     return files

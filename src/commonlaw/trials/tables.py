@@ -52,7 +52,7 @@ def long_table(
     rows, count = np.arange(first, len(table)), len(columns)
     measured = table.taken(rows)
     made: dict[str, Column] = {"object": np.repeat(np.array(columns, dtype=object), len(rows))}
-    made |= {each: np.tile(measured.columns[each], count) for each in (time, *repeated)}
+    made |= {column: np.tile(measured.columns[column], count) for column in (time, *repeated)}
     made[name] = np.concatenate([_quantified(measured, column) for column in columns])
     if noise:
         if without := [column for column in columns if column not in noise]:
@@ -66,7 +66,7 @@ def long_table(
     if twice := conditions.keys() & made.keys():
         raise CommonlawError("wide-name-twice", where=table.source, name=min(twice))
     made |= {key: np.repeat(values, len(rows)) for key, values in conditions.items()}
-    kept_units = {each: table.units[each] for each in (time, *repeated) if each in table.units}
+    kept_units = {column: table.units[column] for column in (time, *repeated) if column in table.units}
     long = replace(
         measured,
         columns=made,
@@ -100,7 +100,7 @@ def times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] |
     rows, state = np.repeat(np.arange(len(table)), len(times)), wide if isinstance(wide, str) else _VALUE
     stamps = np.array([years.get(time, time) for time in times], dtype=np.float64 if years else object)
     columns: dict[str, Column] = {name: labels[rows]}
-    columns |= {each: table.columns[each][rows] for each in others if each != name}
+    columns |= {column: table.columns[column][rows] for column in others if column != name}
     columns[_TIME] = np.tile(stamps, len(table))
     columns[state] = np.column_stack([_quantified(table, time) for time in times]).ravel()
     units = {key: unit for key, unit in table.units.items() if key in columns} | ({_TIME: "year"} if years else {})
@@ -261,8 +261,8 @@ def inputs_before(times: Floats, inputs: Floats, used: Bools) -> Floats:
 
 def _back(times: Floats, group: Group) -> Codes:
     """Return the indices, within a group, of the rows whose time is before that of the row above."""
-    own = times[group.rows]
-    return np.flatnonzero(own[1:] < own[:-1]) + 1
+    group_times = times[group.rows]
+    return np.flatnonzero(group_times[1:] < group_times[:-1]) + 1
 
 
 def _refuse_restarts(table: Table, times: Floats, groups: Sequence[Group]) -> None:
@@ -344,13 +344,13 @@ def _refuse_twice(
     table: Table, cells: Cells, rows: Codes, group: Group, groups: Sequence[Group], *, may_be_apart: bool
 ) -> None:
     """Refuse a group in which a time is there twice, but for repeated measurements; its `rows` are sorted by time."""
-    own = cells[0][rows]
+    times = cells[0][rows]
     measured = np.asarray(np.isfinite(cells[1][rows]).any(axis=1))
-    twice = np.flatnonzero((own[1:] == own[:-1]) & measured[1:])
+    twice = np.flatnonzero((times[1:] == times[:-1]) & measured[1:])
     if not len(twice):
         return
     here, there = (table.locate(int(row)) for row in rows[twice[0] : twice[0] + 2])
-    what = f"{table.source}: {group.label}: the time {own[twice[0]]:g} is there twice, in {here} and in {there}"
+    what = f"{table.source}: {group.label}: the time {times[twice[0]]:g} is there twice, in {here} and in {there}"
     places = np.searchsorted(group.rows, rows)
     together = may_be_apart or bool(np.all(places[twice + 1] - places[twice] == 1))
     if together and all(np.array_equal(cell[rows[twice]], cell[rows[twice + 1]], equal_nan=True) for cell in cells[1:]):
@@ -361,12 +361,12 @@ def _refuse_twice(
 
 def repeats_in_words(trials: Sequence[Trial]) -> list[str]:
     """Return a note on trials with several measurements at one time, if there are any."""
-    found = [trial for trial in trials if trial.repeats is not None]
-    if not found:
+    averaged = [trial for trial in trials if trial.repeats is not None]
+    if not averaged:
         return []
-    repeated = [each.counts[each.counts > 1] for each in found]
+    repeated = [trial.counts[trial.counts > 1] for trial in averaged]
     rows, times = int(sum(map(np.sum, repeated))), sum(map(len, repeated))
-    where = f"at {times} times in {counted(len(found), 'trial')}"
+    where = f"at {times} times in {counted(len(averaged), 'trial')}"
     return [f"{rows} measurements {where} are averaged, weighted by their number"]
 
 
@@ -388,13 +388,13 @@ class Rows:
 
 def rows_of(table: Table, roles: Reading) -> Rows:
     """Return what the rows of a whole table make, see `Trials.read`."""
-    table, said, samples, columns, origin = _recognized(table, roles)
+    table, reading, samples, columns, origin = _recognized(table, roles)
     if columns.wide:
-        rows = _long_rows(table, said, columns)
+        rows = _long_rows(table, reading, columns)
     elif len(samples) < len(table):
-        rows = read_rows(table, said)
+        rows = read_rows(table, reading)
     else:
-        rows = _rows(samples, said, columns, columns)
+        rows = _rows(samples, reading, columns, columns)
     if origin is not None:
         rows = rows.at(origin)
     if rows.empty:
@@ -413,17 +413,17 @@ def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, Co
 
     If its columns were times, it has a row for each cell: last come the rows of these in the table as it came in.
     """
-    said = cast(Reading, {**table.roles, **checked(roles)})
-    table, origin = with_numbers(table, notation_of(said)), None
+    reading = cast(Reading, {**table.roles, **checked(roles)})
+    table, origin = with_numbers(table, notation_of(reading)), None
     if table.facts:
         table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))
-    if said.get("time") not in table.columns and (across := times_across(table, said.get("wide"))) is not None:
+    if reading.get("time") not in table.columns and (across := times_across(table, reading.get("wide"))) is not None:
         table, origin = across
-        said = cast(Reading, {**table.roles, **said, "wide": None})
-    time = time_of(table, said)
+        reading = cast(Reading, {**table.roles, **reading, "wide": None})
+    time = time_of(table, reading)
     first = first_time(table, time)
-    samples = _with_times(table.taken(np.arange(first, len(table))) if first else table, said, time)
-    return table, said, samples, column_roles(samples, said, time), origin
+    samples = _with_times(table.taken(np.arange(first, len(table))) if first else table, reading, time)
+    return table, reading, samples, column_roles(samples, reading, time), origin
 
 
 def _with_times(table: Table, roles: Reading, time: str) -> Table:
@@ -514,7 +514,7 @@ def trials_from_arrays(
     runs, single = _times_by_trial(times, states)
     runs, clock = _elapsed(runs)
     count = len(runs)
-    objects = [label(each) for each in _per_trial("objects", object, count)]
+    objects = [label(name) for name in _per_trial("objects", object, count)]
     counters = {name: itertools.count(1) for name in objects}
     counted = [str(next(counters[name])) for name in objects]
     labels = counted if trial is None else _per_trial("trial labels", trial, count)
@@ -535,8 +535,8 @@ def trials_from_arrays(
     headers = known.units | {name: unit for name, unit in own_units.items() if unit}
     schema = Schema(*columns, units=joined_units(headers, units, used, used), noise_columns=noisy)
     gaps = [
-        f"{each.label}: {shown([f'sample {here[0] + 1}', *(str(i + 1) for i in here[1:])])}"
-        for each, here in zip(made, empty, strict=True)
+        f"{made_trial.label}: {shown([f'sample {here[0] + 1}', *(str(i + 1) for i in here[1:])])}"
+        for made_trial, here in zip(made, empty, strict=True)
         if len(here)
     ]
     notes = [f"t: dates taken as time in {clock.since}"] if clock else []
@@ -556,7 +556,9 @@ def _times_by_trial(times: Any, states: Any) -> tuple[list[Any], bool]:
         return [times] * (1 if single else len(states)), single
     if not isinstance(times, float | int | np.number) or not 0 < times < np.inf:
         raise CommonlawError("time-step", step=times)
-    return [float(times) * np.arange((np.shape(own) or (1,))[0]) for own in ([states] if single else states)], single
+    return [
+        float(times) * np.arange((np.shape(values) or (1,))[0]) for values in ([states] if single else states)
+    ], single
 
 
 def _are_several(states: Any, times: Any) -> bool:
@@ -578,7 +580,7 @@ def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
     kinds = {np.asarray(run).dtype.kind for run in runs}
     if kinds <= set("iufb") or not kinds <= set("mMO"):
         return runs, None
-    whole = pd.Series([each for run in runs for each in run]).infer_objects()
+    whole = pd.Series([time for run in runs for time in run]).infer_objects()
     if whole.dtype.kind == "m":
         result = Elapsed(np.asarray(whole.dt.total_seconds(), dtype=np.float64), "s", "seconds")
     elif whole.dtype.kind == "M":
@@ -590,7 +592,7 @@ def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
 
 def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any) -> tuple[Trial, Codes]:
     """Return a trial without the samples that say nothing, see `are_used`, and their indices."""
-    inputs, noise = (np.empty((0, 0)) if each is None else each for each in (inputs, noise))
+    inputs, noise = (np.empty((0, 0)) if array is None else array for array in (inputs, noise))
     earlier, unused = np.empty((0, 0)), np.empty(0, dtype=np.int64)
     with suppress(CommonlawError):  # What is no array `Trial` refuses
         values = states if type(states) is np.ndarray and states.dtype == np.float64 else as_numbers(states)
@@ -601,7 +603,7 @@ def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any
         if np.size(inputs):
             earlier = inputs_before(as_numbers(times), as_numbers(inputs).reshape(len(times), -1), used)
         times, states = np.delete(times, unused), np.delete(as_numbers(states), unused, axis=0)
-        inputs, noise = (np.delete(each, unused, axis=0) if np.size(each) else each for each in (inputs, noise))
+        inputs, noise = (np.delete(array, unused, axis=0) if np.size(array) else array for array in (inputs, noise))
     return Trial(name, run, times, states, inputs, noise, earlier=earlier), unused
 
 

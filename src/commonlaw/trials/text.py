@@ -86,8 +86,8 @@ def usual_width(rows: Sequence[Row]) -> int:
         if len(row.cells) > 1 and not row.is_blank:
             values = sum(map(is_value, row.cells))
             count = counts.setdefault(len(row.cells), [0, 0, 0])
-            for i, each in enumerate((2 * values > len(row.cells), 1, values)):
-                count[i] += each
+            for i, amount in enumerate((2 * values > len(row.cells), 1, values)):
+                count[i] += amount
     return max(counts, key=counts.__getitem__, default=0)
 
 
@@ -227,10 +227,10 @@ def text_table(source: str, content: bytes) -> Table:
     facts = [f"text in {encoding}"] if encoding else []
     # Comment lines become empty ones, and are kept by the numbers of the lines
     comments = dict[int, str]()
-    marked = [found for found in _COMMENT.finditer(text) if not found[0].startswith('"')]
+    marked = [match for match in _COMMENT.finditer(text) if not match[0].startswith('"')]
     if 2 * len(marked) <= sum(1 for line in text.split("\n") if line.strip()):
-        comments = {text.count("\n", 0, found.start()) + 1: found[0].strip() for found in marked}
-        text = _COMMENT.sub(lambda found: found[0] if found[0].startswith('"') else "", text)
+        comments = {text.count("\n", 0, match.start()) + 1: match[0].strip() for match in marked}
+        text = _COMMENT.sub(lambda match: match[0] if match[0].startswith('"') else "", text)
     separators = _separators(text)
     text, delimiter = separators.applied(text), separators.mark
     sample = _sample(text)
@@ -307,7 +307,7 @@ class _Separators:
         if self.blanks is None:
             return text
         stripped = re.sub(r"^[ \t]+|[ \t]+$", "", text, flags=re.MULTILINE)
-        return self.blanks.sub(lambda found: found[0] if found[0].startswith('"') else self.mark, stripped)
+        return self.blanks.sub(lambda match: match[0] if match[0].startswith('"') else self.mark, stripped)
 
 
 def _separators(text: str) -> _Separators:

@@ -34,9 +34,11 @@ class Conversion(NamedTuple):
 
         if given is None or wanted is None or given == wanted:
             return cls()
-        one, other = parse_unit(given), parse_unit(wanted)
+        given_unit, wanted_unit = parse_unit(given), parse_unit(wanted)
         try:
-            zero, first, second = (float(registry().Quantity(i, one).to(other).magnitude) for i in (0.0, 1.0, 2.0))
+            zero, first, second = (
+                float(registry().Quantity(i, given_unit).to(wanted_unit).magnitude) for i in (0.0, 1.0, 2.0)
+            )
         except (pint.PintError, ArithmeticError, ValueError):
             zero = first = second = np.nan
         bend, largest = abs(second - 2 * first + zero), max(abs(zero), abs(first), abs(second))
@@ -60,8 +62,8 @@ def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
     """
     schema = trials.schema
     given = {name: unit for name, unit in schema.units.items() if name in units}
-    found = {name: Conversion.between(name, unit, units[name]) for name, unit in given.items()}
-    changed = {name: each for name, each in found.items() if each}
+    conversions = {name: Conversion.between(name, unit, units[name]) for name, unit in given.items()}
+    changed = {name: conversion for name, conversion in conversions.items() if conversion}
     if not changed:
         return trials
     shifted = [name for name in schema.logarithmic if name in changed and changed[name].offset]
@@ -71,13 +73,13 @@ def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
     for values, name in product(properties.values(), changed):
         if isinstance(value := values.get(name), float):
             values[name] = changed[name].scale * value + changed[name].offset
-    said = ", ".join(f"{name} from {given[name]} to {units[name]}" for name in changed)
+    changes = ", ".join(f"{name} from {given[name]} to {units[name]}" for name in changed)
     return replace(
         trials,
         trials=tuple(_converted(trial, schema, changed) for trial in trials),
         schema=replace(schema, units={**schema.units, **{name: units[name] for name in changed}}),
         properties=properties,
-        notes=(*trials.notes, f"converted into the units of the law: {said}"),
+        notes=(*trials.notes, f"converted into the units of the law: {changes}"),
     )
 
 
@@ -119,7 +121,7 @@ def with_logarithms(trials: Trials, states: Sequence[str]) -> Trials:
 
 def as_measured(followed: Trials, measured: Trials) -> Trials:
     """Return measured trials at the samples of trials that were made of them by logarithms, and with their notes."""
-    by_label = {(each.object, each.name): each for each in measured}
+    by_label = {(trial.object, trial.name): trial for trial in measured}
     trials = []
     for wanted in followed:
         trial = by_label[wanted.object, wanted.name]
@@ -230,11 +232,11 @@ def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:
         )
         changed.append(replace(trial, inputs=inputs, earlier=earlier if len(earlier) else trial.earlier))
     schema = replace(trials.schema, inputs=(*trials.schema.inputs, *names))
-    left = {
+    properties = {
         name: {key: value for key, value in attribute.items() if key not in names}
         for name, attribute in trials.properties.items()
     }
-    return replace(trials, trials=tuple(changed), schema=schema, properties=left)
+    return replace(trials, trials=tuple(changed), schema=schema, properties=properties)
 
 
 def number_of(name: str, owner: str, trials: Trials) -> float:
@@ -399,7 +401,7 @@ def states_at_rest(trials: Trials) -> tuple[str, ...]:
     if values.shape[1] == 1 or np.isnan(values).all(axis=0).any():
         return ()
     sums = np.sum([_sums_of_squares(trial, np.nanmean(values, axis=0)) for trial in trials], axis=0)
-    found, inputs = list[str](), np.concatenate([trial.inputs for trial in trials])
+    at_rest, inputs = list[str](), np.concatenate([trial.inputs for trial in trials])
     for j in np.flatnonzero(_is_white(*sums)):
         rows = np.column_stack([np.ones(len(values)), np.delete(values, j, axis=1), inputs, values[:, j]])
         rows = rows[np.isfinite(rows).all(axis=1)]
@@ -407,11 +409,13 @@ def states_at_rest(trials: Trials) -> tuple[str, ...]:
         regressors, target = rows[:, :-1], rows[:, -1] - rows[:, -1].mean()
         coefficients, _, rank, _ = np.linalg.lstsq(regressors, target)
         residuals = target - regressors @ coefficients
-        explained, left = float(target @ target - residuals @ residuals), float(residuals @ residuals)
+        explained, unexplained = float(target @ target - residuals @ residuals), float(residuals @ residuals)
         free = len(rows) - int(rank)
-        if free > 0 and (rank < 2 or f.sf(explained / (rank - 1) * free / max(left, 1e-300), rank - 1, free) > 0.01):
-            found.append(trials.schema.states[j])
-    return tuple(found) if len(found) < values.shape[1] else ()
+        if free > 0 and (
+            rank < 2 or f.sf(explained / (rank - 1) * free / max(unexplained, 1e-300), rank - 1, free) > 0.01
+        ):
+            at_rest.append(trials.schema.states[j])
+    return tuple(at_rest) if len(at_rest) < values.shape[1] else ()
 
 
 def _sums_of_squares(trial: Trial, mean: Floats | None = None) -> Floats:

@@ -73,14 +73,14 @@ def merged(
     values = np.where(seen, states, 0.0)
     known = np.isfinite(noise) & seen
     weights = np.where(known, 1 / np.where(known, noise, 1.0) ** 2, counts)
-    total, number = (np.add.reduceat(each, first) for each in (weights, counts))
+    total, number = (np.add.reduceat(array, first) for array in (weights, counts))
     rows = np.repeat(np.arange(len(first)), np.diff(first, append=len(states)))
     with np.errstate(divide="ignore", invalid="ignore"):
         means = np.add.reduceat(weights * values, first) / total
         deviations = np.where(seen, counts * (values - means[rows]) ** 2, 0.0)
         std = np.where(np.add.reduceat(known, first), np.sqrt(1 / total), np.nan)
-    found = Repeats(np.maximum(number, 1.0), np.add.reduceat(squares + deviations, first))
-    return means, std, found if found.most > 1 else None
+    pooled = Repeats(np.maximum(number, 1.0), np.add.reduceat(squares + deviations, first))
+    return means, std, pooled if pooled.most > 1 else None
 
 
 def joined(parts: Sequence[tuple[Repeats | None, tuple[int, ...]]]) -> Repeats | None:
@@ -88,14 +88,19 @@ def joined(parts: Sequence[tuple[Repeats | None, tuple[int, ...]]]) -> Repeats |
     if all(repeats is None for repeats, _ in parts):
         return None
     whole = [repeats or Repeats(np.ones(shape), np.zeros(shape)) for repeats, shape in parts]
-    return Repeats(*(np.concatenate(each) for each in zip(*((own.counts, own.squares) for own in whole), strict=True)))
+    return Repeats(
+        *(
+            np.concatenate(arrays)
+            for arrays in zip(*((repeats.counts, repeats.squares) for repeats in whole), strict=True)
+        )
+    )
 
 
 def pure_error(repeats: Sequence[Repeats | None], states: int) -> tuple[Floats, Floats]:
     """Return the sum of squares of repeated measurements of each state and its degrees of freedom, shape (states,)."""
-    found = [repeat for repeat in repeats if repeat is not None]
-    squares = sum((each.squares.sum(axis=0) for each in found), np.zeros(states))
-    return squares, sum((each.freedom for each in found), np.zeros(states))
+    known = [repeat for repeat in repeats if repeat is not None]
+    squares = sum((repeat.squares.sum(axis=0) for repeat in known), np.zeros(states))
+    return squares, sum((repeat.freedom for repeat in known), np.zeros(states))
 
 
 Property = float | str
@@ -442,10 +447,10 @@ def check_properties(properties: ObjectProperties, objects: Sequence[str], schem
                 raise CommonlawError("property-named-like-column", name=key)
             if value == "" or (isinstance(value, float) and not math.isfinite(value)):
                 raise CommonlawError("property-unknown-value", property=key, object=name, value=value)
-            other, known = first.setdefault(key, (name, value))
+            first_name, known = first.setdefault(key, (name, value))
             if type(known) is not type(value):
                 raise CommonlawError(
-                    "property-of-two-kinds", property=key, known=known, first=other, value=value, second=name
+                    "property-of-two-kinds", property=key, known=known, first=first_name, value=value, second=name
                 )
 
 
@@ -471,8 +476,8 @@ def check_gaps(trials: Sequence[Trial], schema: Schema) -> None:
 
     `commonlaw.fit` takes such trials.
     """
-    if (found := _sparse(trials, schema)) is not None:
-        i, j, least = found
+    if (gap := _sparse(trials, schema)) is not None:
+        i, j, least = gap
         measured = np.isfinite(trials[i].states[:, j]).sum()
         raise CommonlawError(
             "state-with-gaps",

@@ -70,7 +70,7 @@ def name_of(trial: Trial, role: str) -> str:
 
 def labels(wanted: object) -> list[str]:
     """Return the labels of a name, or of several."""
-    return [label(each) for each in listed(wanted)]
+    return [label(name) for name in listed(wanted)]
 
 
 def listed(value: object) -> list[Any]:
@@ -240,10 +240,10 @@ class Trials(ShownInNotebooks):
 
     @cached_property
     def _by_object(self) -> dict[str, tuple[Trial, ...]]:
-        found = dict[str, list[Trial]]()
+        by_name = dict[str, list[Trial]]()
         for trial in self.trials:
-            found.setdefault(trial.object, []).append(trial)
-        return {name: tuple(own) for name, own in found.items()}
+            by_name.setdefault(trial.object, []).append(trial)
+        return {name: tuple(trials) for name, trials in by_name.items()}
 
     @property
     def _data(self) -> TrialData:
@@ -312,7 +312,7 @@ class Trials(ShownInNotebooks):
 
         Raises `CommonlawError` if no trial begins by that time.
         """
-        kept = [each for each in map(Until(time), self.trials) if each is not None]
+        kept = [trial for trial in map(Until(time), self.trials) if trial is not None]
         if not kept:
             raise CommonlawError("trials-begin-later", time_name=self.schema.time, time=time)
         return self.with_trials(kept)
@@ -332,7 +332,7 @@ class Trials(ShownInNotebooks):
         >>> len(drops.exclude(object="Ball 1")), len(drops.exclude(trial=1, between=(0.0, 1.0))[0]) < len(drops[0])
         (8, True)
         """
-        chosen = {id(each) for each in self.select(**conditions)}
+        chosen = {id(trial) for trial in self.select(**conditions)}
         first, last = (-np.inf, np.inf) if between is None else between
         kept = list[Trial]()
         for trial in self.trials:
@@ -343,7 +343,9 @@ class Trials(ShownInNotebooks):
                 rows = np.logical_or.accumulate(seen) & (~inside | (trial.inputs.shape[1] > 0))
                 if not rows.any():
                     continue
-                states, below = (np.where(inside[:, np.newaxis], np.nan, own) for own in (trial.states, trial.below))
+                states, below = (
+                    np.where(inside[:, np.newaxis], np.nan, values) for values in (trial.states, trial.below)
+                )
                 trial = replace(trial.rows(rows), states=states[rows], below=below[rows])
             kept.append(trial)
         if not kept:
@@ -370,8 +372,8 @@ class Trials(ShownInNotebooks):
         kept = [trial for trial in self.trials if trial.object not in labels(blanks)]
         if not kept:
             raise CommonlawError("blanks-only")
-        times = np.concatenate([each.times for each in chosen])
-        states = np.concatenate([each.states for each in chosen])
+        times = np.concatenate([blank.times for blank in chosen])
+        states = np.concatenate([blank.states for blank in chosen])
         means = list[tuple[Floats, Floats]]()
         for column in states.T:
             seen = np.isfinite(column)
@@ -422,9 +424,9 @@ class Trials(ShownInNotebooks):
             Order and library of the laws in which variables may be confounded, see `discover`; order 0 skips this.
             Default: order 2 for a single state, 1 for several; polynomials of degree 3, or lower for few samples.
         """
-        found = resolve_name("commonlaw.discovery.hints:confounded_variables")(self, order, library)
+        confounded = resolve_name("commonlaw.discovery.hints:confounded_variables")(self, order, library)
         report = check(self._data, tolerance)
-        return replace(report, found=(*report.found, *found))
+        return replace(report, found=(*report.found, *confounded))
 
     def to_frame(self) -> "pd.DataFrame":
         """Return a pandas data frame with a row for each sample and the column names of the schema."""
@@ -459,7 +461,7 @@ class Trials(ShownInNotebooks):
         """
         conditions = {"object": object, "trial": trial, **properties}
         tests = {name: self._test(name, wanted) for name, wanted in conditions.items() if wanted is not None}
-        kept = [each for each in self.trials if all(test(each) for test in tests.values())]
+        kept = [candidate for candidate in self.trials if all(test(candidate) for test in tests.values())]
         if not kept:
             raise CommonlawError("no-trial-fits", conditions=", ".join(f"{name}={conditions[name]}" for name in tests))
         return self.with_trials(kept)
@@ -470,7 +472,7 @@ class Trials(ShownInNotebooks):
         Raises `CommonlawError` if a name is unknown, or if one of the two parts is empty.
         """
         chosen = self.select(**conditions)
-        inside = {id(each) for each in chosen}
+        inside = {id(trial) for trial in chosen}
         rest = [trial for trial in self.trials if id(trial) not in inside]
         if not rest:
             raise CommonlawError("split-one-sided")
@@ -481,8 +483,8 @@ class Trials(ShownInNotebooks):
         if name in ("object", "trial"):
             names = labels(wanted)
             present = dict.fromkeys(name_of(trial, name) for trial in self.trials)
-            for each in names:
-                check_choice(name, each, present)
+            for choice in names:
+                check_choice(name, choice, present)
             return lambda trial: name_of(trial, name) in names
         known = property_names(self.properties)
         check_choice("property", name, known)
