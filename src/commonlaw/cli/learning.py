@@ -79,12 +79,14 @@ def _settings_help(function: str, options: type) -> dict[str, list[tuple[str, st
     """Return the settings of a function by headings, each with its documentation and default."""
     if function != "discover":
         return {_SEARCH: _rows(options, function)}
-    found = {f"{_SEARCH}, --method trajectory-likelihood": _rows(options, function)}
-    for name, each in _methods().items():
-        taken = {row for rows in found.values() for row, _ in rows}
+    rows_by_title = {f"{_SEARCH}, --method trajectory-likelihood": _rows(options, function)}
+    for name, method in _methods().items():
+        taken = {row for rows in rows_by_title.values() for row, _ in rows}
         if name != "trajectory-likelihood":
-            found[f"Settings of --method {name}"] = [row for row in _rows(each, function) if row[0] not in taken]
-    return {title: rows for title, rows in found.items() if rows}
+            rows_by_title[f"Settings of --method {name}"] = [
+                row for row in _rows(method, function) if row[0] not in taken
+            ]
+    return {title: rows for title, rows in rows_by_title.items() if rows}
 
 
 def _rows(options: type, function: str) -> list[tuple[str, str]]:
@@ -95,16 +97,16 @@ def _rows(options: type, function: str) -> list[tuple[str, str]]:
 def _methods() -> dict[str, Any]:
     from commonlaw import discovery
 
-    return {name: getattr(discovery, each) for name, each in METHODS.items()}
+    return {name: getattr(discovery, class_name) for name, class_name in METHODS.items()}
 
 
 def setting_options(function: str, options: type = FitOptions) -> list[Decorator]:
     """Return the options of a command for the settings that a function takes: everyday ones, and one for any."""
     made = partial(option, group="Method", everyday=True)
     result = list[Decorator]()
-    for name, (each, about) in settings_of(options, function).items():
+    for name, (field, about) in settings_of(options, function).items():
         if about.everyday:
-            default = shown_value(about.default_of(function, each.default))
+            default = shown_value(about.default_of(function, field.default))
             help = f"{about.text}{f'  [default: {default}]' if default else ''}"
             result.append(made(f"--{name.replace('_', '-')} {about.metavar}", help, name, multiple=True))
     text = "A setting of the fit by its name, such as errors=white, of those that --help-all lists"
@@ -164,14 +166,14 @@ def _chosen_method(values: dict[str, Any]) -> dict[str, Any]:
     methods = _methods()
     takes = {name: settings_of(options) for name, options in methods.items()}
     if method is None and texts:  # That whose settings are given
-        own = any(name == "solver" or name not in takes["trajectory-likelihood"] for name in texts)
-        method = "derivative-regression" if own else "trajectory-likelihood"
+        needs_regression = any(name == "solver" or name not in takes["trajectory-likelihood"] for name in texts)
+        method = "derivative-regression" if needs_regression else "trajectory-likelihood"
         method = "weak-regression" if "radii" in texts else method
         method = "discrete-time-regression" if order == 0 else method
     for name in texts:
-        others = [other for other in methods if name in takes[other]]
+        others = [candidate for candidate in methods if name in takes[candidate]]
         if others and method not in others:
-            able = " or ".join(other for other in others if (order == 0) == (0 in methods[other].orders))
+            able = " or ".join(candidate for candidate in others if (order == 0) == (0 in methods[candidate].orders))
             instead = f", or use --method {able}" if able else ""
             raise click.UsageError(f"the setting {name} does not go with --method {method}: leave it out{instead}")
     return values | {"method": None if method is None else methods[method](**_read(methods[method], texts))}
@@ -190,7 +192,7 @@ class _Order(click.IntRange):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if isinstance(value, str) and "=" in value:
             by_state: dict[str, Any] = {**by_name("--order", value.split(","))}
-            return {state: super(_Order, self).convert(each, param, ctx) for state, each in by_state.items()}
+            return {state: super(_Order, self).convert(order, param, ctx) for state, order in by_state.items()}
         return value if value == "auto" else super().convert(value, param, ctx)
 
 
@@ -391,8 +393,8 @@ class Batch:
 
     def check(self, source: Source, outputs: Outputs, cluster: str | None) -> None:
         """Refuse what does not go together."""
-        others = [each for each in outputs.save if not is_of_kind(each, "table")]
-        given = [*(f"--save {each}" for each in others), *(["--json"] if outputs.as_json else [])]
+        others = [file for file in outputs.save if not is_of_kind(file, "table")]
+        given = [*(f"--save {file}" for file in others), *(["--json"] if outputs.as_json else [])]
         if not self.each:
             return
         if cluster and self.processes:
@@ -410,9 +412,9 @@ class Batch:
         pieces = [(replace(source, path=str(Path(path).absolute())), question) for path in paths]
         results = [*map(FileResult, paths)]
         with closing(self._ended(pieces, show)) as ended:
-            for number, found, failure in ended:
+            for number, result, failure in ended:
                 path = paths[number]
-                results[number] = replace(found, path=path) if found else FileResult(path, in_options(failure))
+                results[number] = replace(result, path=path) if result else FileResult(path, in_options(failure))
         return results
 
     def _ended(self, pieces: Sequence[Piece], show: ProgressCallback) -> Generator[tuple[int, FileResult | None, str]]:
@@ -420,8 +422,8 @@ class Batch:
         cluster = current_cluster()
         if cluster is not None:
             tell = counting(show, "files", len(pieces), cluster)
-            for done, (number, found, error) in enumerate(cluster.each(_found_in_file, pieces), start=1):
-                yield number, found, in_words(error) if error else ""
+            for done, (number, result, error) in enumerate(cluster.each(_found_in_file, pieces), start=1):
+                yield number, result, in_words(error) if error else ""
                 tell(done)
             return
         from joblib import cpu_count
@@ -429,8 +431,8 @@ class Batch:
         at_once = min(self.processes or cpu_count(), len(pieces))
         show(Stage(f"{at_once} processes for {len(pieces)} files", 0.0))
         with closing(in_processes(_found_in_file, pieces, at_once)) as ended:
-            for done, each in enumerate(ended, start=1):
-                yield each
+            for done, outcome in enumerate(ended, start=1):
+                yield outcome
                 show(Stage(f"{done} of {len(pieces)} files", done / len(pieces)))
 
 
@@ -439,7 +441,11 @@ def give(results: Sequence[FileResult], paths: Sequence[str]) -> None:
     import pandas as pd
 
     later = Artifacts()
-    rows = [{"file": as_text(each.path), **row} for each in results for row in each.rows or [{"error": each.failure}]]
+    rows = [
+        {"file": as_text(result.path), **row}
+        for result in results
+        for row in result.rows or [{"error": result.failure}]
+    ]
     later.save(paths, table=lambda: pd.DataFrame(rows, columns=COLUMNS))
     words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
     print_table(
@@ -449,9 +455,9 @@ def give(results: Sequence[FileResult], paths: Sequence[str]) -> None:
     laws = sum(bool(result.law) for result in results)
     say(f"\n{counted(laws, 'law')} in {counted(len(results), 'file')}")
     files = dict[str, list[str]]()
-    for each in results:
-        for guess in each.guesses:
-            files.setdefault(guess, []).append(each.path)
+    for result in results:
+        for guess in result.guesses:
+            files.setdefault(guess, []).append(result.path)
     notes = [f"in {shown(names)}: {guess}" for guess, names in files.items()]
     later.end(notes, reasons=() if laws else ("no file has a law",))
 
@@ -468,7 +474,7 @@ def _found_in_file(piece: Piece) -> FileResult:
     training = source.select(trials)
     law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
     verdict = later.take("the forecast assessment failed", lambda: law.assess(trials, training), None)
-    said: dict[str, object] = {
+    summary: dict[str, object] = {
         "verdict": verdict.sentences[0] if verdict else None,
         "error": "; ".join(later.failures) or None,
     }
@@ -477,7 +483,7 @@ def _found_in_file(piece: Piece) -> FileResult:
         source.name,
         law="; ".join(law.structure),
         usable=verdict.usable if verdict else None,
-        rows=[{str(name): value for name, value in row.items()} | said for row in rows],
+        rows=[{str(name): value for name, value in row.items()} | summary for row in rows],
         guesses=guesses(trials),
     )
 
@@ -608,34 +614,34 @@ def fit(
         alone = {"--initial-value": initial_values, "--initial-time": initial_time, "--dose": doses}
         source.check_streams(alone | {"--against": against, "--shared": shared, "--guess": guesses})
         with working("Fitting ...") as show, on_cluster_at(cluster, show):
-            found = find_law(
+            outcome = find_law(
                 source, outputs, show, True, lambda trials, tell: cl.fit(equations, trials, **settings, progress=tell)
             )
-        outputs.give(*found)
+        outputs.give(*outcome)
         return
     with working("Fitting ...") as show:
         equations, of_model = over_table(source, equations)
         doses = doses or of_model
-        other = cl.Law.load(against) if against else None
+        rival = cl.Law.load(against) if against else None
         if doses:
             source = source.reading(inputs=tuple(dict.fromkeys((*source.roles.get("inputs", ()), *doses))))
         later = Artifacts()
         known = {name: number_or_text(value) for name, value in by_name("--initial-value", initial_values).items()}
-        groups = {name: by or ALL for name, _, by in (each.partition("=") for each in shared)}
-        others = [other] if other else []
+        groups = {name: by or ALL for name, _, by in (group.partition("=") for group in shared)}
+        others = [rival] if rival else []
         trials = without_notes_on(doses, load(source, [equations], others, known, groups.values()))
         training = source.select(trials)
         settings |= {
             "initial_time": initial_time,
             "doses": doses,
-            "shared": groups if any("=" in each for each in shared) else shared,
+            "shared": groups if any("=" in group for group in shared) else shared,
         }
         settings |= {"guesses": numbers("--guess", guesses) or None}
         law = cl.fit(equations, training, initial_values=known, **settings, progress=show)
         later.save(outputs.save, law=law)
         learned = FitResult.check(law, source, trials, training, outputs.draws, later)
-        if against and other:
-            laws = {"fitted": law, against: other}
+        if against and rival:
+            laws = {"fitted": law, against: rival}
             comparison = later.take("the laws were not compared", lambda: compared(laws, training, settings), None)
             learned = replace(learned, compared=comparison)
     outputs.give(learned, later)
@@ -678,18 +684,18 @@ def compare(
         raise click.UsageError("give TABLE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
     later = Artifacts()
     with working("Comparing ...") as show:
-        saved = {each: cl.Law.load(each) for each in laws if is_of_kind(each, "law")}
-        texts = {each: over_table(source, each)[0] for each in laws if each not in saved}
+        saved = {law: cl.Law.load(law) for law in laws if is_of_kind(law, "law")}
+        texts = {law: over_table(source, law)[0] for law in laws if law not in saved}
         training = source.select(load(source, [*texts.values()], saved.values()))
         for text in texts.values():  # What cannot be read is refused before the others are fitted
             _naming(text, _check_readable, training)
-        found = {}
+        fitted = {}
         for number, law in enumerate(laws):
             share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))
             share(f"fitting {law}")
-            found[law] = saved.get(law) or _naming(texts[law], cl.fit, training, **settings, progress=share)
+            fitted[law] = saved.get(law) or _naming(texts[law], cl.fit, training, **settings, progress=share)
         show(Stage("comparing evidence", len(laws) / (len(laws) + 1)))
-        frame = compared(found, training, settings)
+        frame = compared(fitted, training, settings)
         later.save(save, table=lambda: frame)
     if as_json:
         print_json({"laws": frame.to_dict(orient="records")})
@@ -701,7 +707,7 @@ def compare(
         say(f"{first[0]} is the most probable of these laws.")
         for grade, names in against.items():
             say(f"{grade}: {', '.join(names)}.")
-        print_compared(frame if any(is_of_kind(each, "law") for each in laws) else frame.drop(columns="equations"))
+        print_compared(frame if any(is_of_kind(law, "law") for law in laws) else frame.drop(columns="equations"))
     later.end(training.notes, silent=as_json)
 
 

@@ -191,15 +191,15 @@ class Command(click.Command):
             if name in args:
                 say(f"commonlaw: {name} after the command is deprecated: write commonlaw -v {self.name} ...", err=True)
                 say_every_step(ctx)
-                args = [each for each in args if each != name]
+                args = [argument for argument in args if argument != name]
         args = current(str(self.name), args, [name for param in self.params for name in param.opts])
         given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
-        for each, count in given.items():
-            if isinstance(each, click.Option) and count > 1 and not (each.multiple or each.count or each.is_eager):
-                names = " or ".join(each.opts + each.secondary_opts)
+        for param, count in given.items():
+            if isinstance(param, click.Option) and count > 1 and not (param.multiple or param.count or param.is_eager):
+                names = " or ".join(param.opts + param.secondary_opts)
                 raise click.UsageError(f"{names} is given {count} times and counts once: give it once", ctx)
-            if instead := getattr(each, "replaced_by", ""):
-                name = each.opts[0]
+            if instead := getattr(param, "replaced_by", ""):
+                name = param.opts[0]
                 say(f"commonlaw: {name} is deprecated here: {instead.format(option=name)}", err=True)
         rest = super().parse_args(ctx, args)
         check_text(self.params, ctx.params)
@@ -218,20 +218,20 @@ class Command(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings, and those that are settings under theirs."""
-        options = [each for each in self.get_params(ctx) if isinstance(each, click.Option) and not each.hidden]
+        options = [param for param in self.get_params(ctx) if isinstance(param, click.Option) and not param.hidden]
         count, is_whole = len(options), bool(ctx.meta.get(ALL_OPTIONS))
         if not is_whole:
             options = [option for option in options if getattr(option, "everyday", True)]
         headings = dict.fromkeys(getattr(option, "group", OTHERS) for option in options)
         for heading in sorted(headings, key=OTHERS.__eq__):
-            own = (option for option in options if getattr(option, "group", OTHERS) == heading)
-            records = [record for each in own if (record := each.get_help_record(ctx)) is not None]
+            grouped = (option for option in options if getattr(option, "group", OTHERS) == heading)
+            records = [record for option in grouped if (record := option.get_help_record(ctx)) is not None]
             with formatter.section(heading):
                 formatter.write_dl(records)
         if len(options) < count:
             formatter.write(f"\n{count - len(options)} more options: {ctx.command_path} --help-all\n")
-        for each in options if is_whole else ():
-            for title, rows in each.settings().items() if isinstance(each, GroupedOption) else ():
+        for param in options if is_whole else ():
+            for title, rows in param.settings().items() if isinstance(param, GroupedOption) else ():
                 with formatter.section(title):
                     formatter.write_dl(rows)
 
@@ -275,9 +275,9 @@ class _Commands(Commands):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is named, and its words; a report without a law is one of `discover`."""
         name, *rest = args
-        if name == "report" and not any(each.startswith(("-h", "--help")) or is_of_kind(each, "law") for each in rest):
+        if name == "report" and not any(word.startswith(("-h", "--help")) or is_of_kind(word, "law") for word in rest):
             say("commonlaw: report without a law is deprecated: write discover ... --save report.html", err=True)
-            page = [] if any(each.endswith(".html") for each in rest) else ["--save", "report.html"]
+            page = [] if any(word.endswith(".html") for word in rest) else ["--save", "report.html"]
             args = ["discover", *rest, *page]
         return super().resolve_command(ctx, args)
 
@@ -376,11 +376,11 @@ def help(context: click.Context, names: tuple[str, ...]) -> None:
       commonlaw help time-missing
     """
     inner = context.find_root()
-    for each in names:
-        found = inner.command.get_command(inner, each) if isinstance(inner.command, click.Group) else None
-        if found is None:
+    for word in names:
+        nested = inner.command.get_command(inner, word) if isinstance(inner.command, click.Group) else None
+        if nested is None:
             break
-        inner = click.Context(found, inner, each)
+        inner = click.Context(nested, inner, word)
     else:
         say(inner.get_help())
         return

@@ -101,7 +101,7 @@ def as_one(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
 
     def convert(values: dict[str, Any]) -> dict[str, Any]:
         return {
-            name: kind(**{each.name: values.pop(each.name) for each in fields(kind) if each.name in values}),
+            name: kind(**{field.name: values.pop(field.name) for field in fields(kind) if field.name in values}),
             **values,
         }
 
@@ -115,7 +115,9 @@ def dialect(command: click.Command) -> Dialect:
     setting without an option of its own goes with ``--set``, and anything else stays Python.
     """
     by_name = {str(param.name): param for param in command.params}
-    options = {name: max(each.opts, key=len) for name, each in by_name.items() if not getattr(each, "replaced_by", "")}
+    options = {
+        name: max(param.opts, key=len) for name, param in by_name.items() if not getattr(param, "replaced_by", "")
+    }
     lists = [param.settings().values() for param in command.params if isinstance(param, GroupedOption)]
     settings = {row[0] for rows in lists for group in rows for row in group}
 
@@ -144,7 +146,7 @@ def _texts(value: str, write: Dialect) -> list[str]:
         return re.sub(r"'([^']*)': ", r"\1=", value[1:-1]).split(", ") if value != "{}" else ["''"]
     if made := re.fullmatch(r"(\w+(?:Regression|Likelihood))\((.*)\)", value):
         words = re.sub(r"(?<!^)(?=[A-Z])", "-", made[1]).lower()
-        return [" ".join([words, *(write(each) for each in made[2].split(", ") if each)])]
+        return [" ".join([words, *(write(setting) for setting in made[2].split(", ") if setting)])]
     return [value]
 
 
@@ -155,7 +157,7 @@ def in_options(text: str) -> str:
     """
     context = click.get_current_context(silent=True)
     write = dialect(context.command) if context else str
-    return re.sub(r"`(\w+=[^`]*|clip_irregular\(\))`", lambda found: write(found[1]), text)
+    return re.sub(r"`(\w+=[^`]*|clip_irregular\(\))`", lambda match: write(match[1]), text)
 
 
 def pairs(name: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -169,12 +171,12 @@ def pairs(name: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def by_name(name: str, texts: Sequence[str]) -> dict[str, str]:
     """Return the values that an option gives by name; two for one name are wrong usage."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for key, value in pairs(name, texts):
-        if key in found:
-            raise click.UsageError(f"{name} gives {key} twice, {found[key]} and {value}: give it once")
-        found[key] = value
-    return found
+        if key in values:
+            raise click.UsageError(f"{name} gives {key} twice, {values[key]} and {value}: give it once")
+        values[key] = value
+    return values
 
 
 def numbers(name: str, texts: Sequence[str]) -> dict[str, float]:
@@ -230,7 +232,7 @@ class ReadTable(ReadFile):
         if not value.startswith(DATASET):
             return [value]
         named = [Path(option) for option in re.findall(r"=([^:]+)", value)]
-        inside = (each.iterdir() if each.is_dir() else [each] for each in named)
+        inside = (path.iterdir() if path.is_dir() else [path] for path in named)
         return [str(file) for listed in inside for file in listed if file.is_file()]
 
 
@@ -263,7 +265,7 @@ class WrittenFile(_File):
     def check(self, path: str) -> None:
         """Refuse a name that says none of the kinds."""
         if not any(is_of_kind(path, kind) for kind in self.kinds):
-            endings = dict.fromkeys(each for kind in self.kinds for each in ENDINGS[kind])
+            endings = dict.fromkeys(ending for kind in self.kinds for ending in ENDINGS[kind])
             raise CommonlawError("result-format", path=path, endings=[*endings])
         if path.endswith(".parquet"):
             optional_import("pyarrow.parquet", "writing Parquet files", "parquet")
@@ -281,7 +283,7 @@ def saving(required: bool = False, default: tuple[str, ...] | None = None, **con
     """Return the decorator that adds ``--save`` for files of some kinds, each with what is in it, as `save`."""
     texts, taken = list[str](), set[str]()
     for kind, what in content.items():
-        texts.append(f"{what} ({' '.join(each for each in ENDINGS[kind] if each not in taken)})")
+        texts.append(f"{what} ({' '.join(ending for ending in ENDINGS[kind] if ending not in taken)})")
         taken |= {*ENDINGS[kind]}
     settings: dict[str, Any] = {"required": required, "default": default, "type": WrittenFile(*content)}
     return option("--save FILE...", f"Write {', or '.join(texts)}", group="Output", everyday=True, **settings)
@@ -310,7 +312,7 @@ def in_order(values: dict[str, Any]) -> bool:
     if path and not law and first_is_law:
         values["path"], values[second] = None, path
         return False
-    is_many = any(each in law for each in "*?[") or Path(law).is_dir()
+    is_many = any(mark in law for mark in "*?[") or Path(law).is_dir()
     is_swapped = first_is_law and bool(law) and (second == "equations" or not is_of_kind(law, "law") or is_many)
     if is_swapped:
         values["path"], values[second] = law, path

@@ -112,9 +112,9 @@ def print_quantities(law: "Law") -> None:
     """Print what is quoted of a law of a known form, if it has one."""
     from commonlaw.law.tables import shown_quantities
 
-    if len(found := shown_quantities(law)):
-        say("\nQuantities, with 95 % intervals:\n" if "low" in found else "\nQuantities:\n")
-        print_frame(found)
+    if len(quantities := shown_quantities(law)):
+        say("\nQuantities, with 95 % intervals:\n" if "low" in quantities else "\nQuantities:\n")
+        print_frame(quantities)
 
 
 def _console() -> "Console":
@@ -143,7 +143,7 @@ def print_history(law: "Law") -> None:
         print_frame(readable_candidates(law.provenance.alternatives))
     say("\nFound in these steps:\n" if law.history else "\nThere is no record of how the law was found.")
     if law.history:
-        rows = ([each.stage, each.choice, in_options(each.reason)] for each in law.history)
+        rows = ([step.stage, step.choice, in_options(step.reason)] for step in law.history)
         print_table(["stage", "choice", "reason"], rows)
 
 
@@ -225,9 +225,9 @@ class Artifacts:
         name, content = self.take(f"{path} was not made", lambda: law_file(law, path), ("", b""))
         if name:
             self.write(name, lambda: content)
-        said = f"{path} is too large for JSON: the law is saved in {name}; use that file"
-        if name not in ("", path) and said not in self.failures:
-            self.failures.append(said)
+        message = f"{path} is too large for JSON: the law is saved in {name}; use that file"
+        if name not in ("", path) and message not in self.failures:
+            self.failures.append(message)
 
     def save(
         self,

@@ -96,7 +96,7 @@ def load(
     if not equations:
         return source.load(schemas[0])
     trials, text = source.load(), ModelText.of(equations[0])
-    named = (*(each.state for each in split_equations(text.equations)), *text.observed)
+    named = (*(equation.state for equation in split_equations(text.equations)), *text.observed)
     columns = (*trials.schema.states, *trials.schema.inputs)
     states = tuple(name for name in named if name in columns or (text.is_plain and name not in starts))
     if source.dataset or "states" in source.roles:
@@ -142,7 +142,7 @@ class Outputs:
     @property
     def draws(self) -> bool:
         """Whether a figure is wanted."""
-        return any(is_of_kind(each, "figure") for each in self.save)
+        return any(is_of_kind(file, "figure") for file in self.save)
 
     def give(self, learned: "FitResult", later: Artifacts) -> None:
         """Write the files and print the rest."""
@@ -248,11 +248,11 @@ class FitResult:
             if len(law.objects) > MANY:
                 say("")
                 self._show_coefficients()
-        found = self.findings
+        findings = self.findings
         if self.everything:
             say("\n".join(("", *self._scores())))
-        if found.verdict:
-            say(f"\n{found.verdict}")
+        if findings.verdict:
+            say(f"\n{findings.verdict}")
         if not self.everything:
             say("\n".join(("", *self._scores())))
         if law.provenance.alternatives:
@@ -269,7 +269,7 @@ class FitResult:
             print_compared(self.compared)
 
     def _scores(self) -> Iterator[str]:
-        found = self.findings
+        findings = self.findings
         if every := self.everything:
             bands = (
                 ""
@@ -277,52 +277,53 @@ class FitResult:
                 else f"; 95 % bands hold {100 * every.coverage:.3g} % (about 95 % expected)"
             )
             yield f"Forecasts of {every.forecast_of}: {r_squared(every.score)}{bands}"
-            yield f"Represented by {counted(len(found.trials.objects), 'object')}:"
+            yield f"Represented by {counted(len(findings.trials.objects), 'object')}:"
             return
         in_sample, forecast = list[str](), ""
-        if found.fit:
-            in_sample.append(f"{r_squared(found.fit.score())} in the fit")
-        if found.forecast:
-            begin = found.forecast.title.removeprefix("forecast ")
-            later = ", later samples included" * found.has_later_samples
-            forecast = f"{r_squared(found.forecast.score())} in forecasts {begin}{later}"
-            in_sample += [] if found.is_held_out else [forecast]
+        if findings.fit:
+            in_sample.append(f"{r_squared(findings.fit.score())} in the fit")
+        if findings.forecast:
+            begin = findings.forecast.title.removeprefix("forecast ")
+            later = ", later samples included" * findings.has_later_samples
+            forecast = f"{r_squared(findings.forecast.score())} in forecasts {begin}{later}"
+            in_sample += [] if findings.is_held_out else [forecast]
         if in_sample:
-            yield f"Training data, {counted(len(found.training), 'trial')}: {', '.join(in_sample)}"
-        if found.forecast and found.is_held_out:
-            yield f"Held-out data, {counted(len(found.forecast.trials), 'trial')}: {forecast}"
+            yield f"Training data, {counted(len(findings.training), 'trial')}: {', '.join(in_sample)}"
+        if findings.forecast and findings.is_held_out:
+            yield f"Held-out data, {counted(len(findings.forecast.trials), 'trial')}: {forecast}"
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""
         from commonlaw.law.tables import interval_frame
 
-        law, found = self.law, self.findings
-        forecast, verdict = found.forecast, found.verdict
+        law, findings = self.law, self.findings
+        forecast, verdict = findings.forecast, findings.verdict
         return {
             "law": json.loads(to_json(law)),
             "equations": {name: list(law.equations(name)) for name in law.objects},
             "intervals": None if law.uncertainty.covariance is None else interval_frame(law).to_dict(orient="records"),
             "history": [asdict(step) for step in law.history],
             "truth": None if self.truth is None else json.loads(to_json(self.truth)),
-            "fit": found.fit and {"score": found.fit.score(), "errors": found.fit.errors().to_dict(orient="records")},
+            "fit": findings.fit
+            and {"score": findings.fit.score(), "errors": findings.fit.errors().to_dict(orient="records")},
             "forecast": forecast
             and {
-                "of": "held out" if found.is_held_out else "training",
+                "of": "held out" if findings.is_held_out else "training",
                 "title": forecast.title,
                 "score": forecast.score(),
                 "errors": forecast.errors().to_dict(orient="records"),
             },
             "compared": None if self.compared is None else self.compared.to_dict(orient="records"),
             "verdict": verdict and asdict(verdict) | {"usable": verdict.usable, "sentences": verdict.sentences},
-            "notes": list(found.training.notes),
+            "notes": list(findings.training.notes),
             "outcomes": [str(outcome) for outcome in (*law.diagnostics, *(forecast.outcomes if forecast else ()))],
         }
 
     def notes(self) -> list[object]:
         """Return what else there is to know."""
-        found = self.findings
-        outcomes = found.forecast.outcomes if found.forecast else ()
-        return [*found.training.notes, *self.law.diagnostics, *found.failures, *outcomes]
+        findings = self.findings
+        outcomes = findings.forecast.outcomes if findings.forecast else ()
+        return [*findings.training.notes, *self.law.diagnostics, *findings.failures, *outcomes]
 
     def _show_coefficients(self) -> None:
         """Print the parameters of the law, of many objects how they are spread."""
@@ -342,8 +343,8 @@ class FitResult:
             columns, true = {law.schema.object: list[object](law.objects)}, self._true_values()
             deviations = np.nan_to_num(parameters.errors.T)
             estimates = zip(parameters.names, parameters.units, parameters.values.T, deviations, strict=True)
-            for i, (name, unit, own, errors) in enumerate(estimates):
-                pairs = zip(own.tolist(), errors.tolist(), strict=True)
+            for i, (name, unit, values, errors) in enumerate(estimates):
+                pairs = zip(values.tolist(), errors.tolist(), strict=True)
                 columns[with_unit(name, unit)] = [(value, error) if error else value for value, error in pairs]
                 if true is not None:
                     columns[f"true {name}"] = true[:, i].tolist()
@@ -368,7 +369,10 @@ class FitResult:
         if curves is None:
             return columns
         errors_of = curves.errors().pivot_table(
-            index=law.schema.object, columns="state", values="rms error", aggfunc=lambda each: np.sqrt(np.mean(each**2))
+            index=law.schema.object,
+            columns="state",
+            values="rms error",
+            aggfunc=lambda errors: np.sqrt(np.mean(errors**2)),
         )
         schema = measured_schema(law)
         for state in schema.measured:
@@ -417,9 +421,9 @@ def find_law(
         from commonlaw.verdict import Findings
 
         find_all = partial(find_by_stream, law, source.held_out(trials), show, training)
-        found = later.take("the law was not checked", find_all, None)
-        findings = Findings(law, few, few) if found is None else replace(found.few, law=found.law)
+        everything = later.take("the law was not checked", find_all, None)
+        findings = Findings(law, few, few) if everything is None else replace(everything.few, law=everything.law)
         program = source.program(training)
-        return FitResult(findings, None, stream=training, everything=found, program=program), later
+        return FitResult(findings, None, stream=training, everything=everything, program=program), later
     show("checking the law by forecasts of a few trials")
     return FitResult.check(law, source, few, few, outputs.draws, later, trials), later

@@ -83,7 +83,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
         print_quantities(law)
         if law.uncertainty.other_laws:
             say("\nPlausible laws:\n")
-            rows = [(share, "; ".join(each.structure)) for share, each in law.models]
+            rows = [(share, "; ".join(model.structure)) for share, model in law.models]
             print_frame(pd.DataFrame(rows, columns=["probability", "law"]))
         if law.provenance.domain.visited:
             say("\nRange of the training data (forecasts outside it are extrapolations):\n")
@@ -96,8 +96,8 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     if law.uncertainty.explanation is not None and len(law.objects) > 1:
         say(to_latex(law))
         return
-    for each in law.objects:
-        say(f"% {in_line(each)}\n{to_latex(law, each)}")
+    for label in law.objects:
+        say(f"% {in_line(label)}\n{to_latex(law, label)}")
 
 
 @command
@@ -141,9 +141,9 @@ def explain(
     law = Law.load(law_path)
     with working("Explaining ..."):
         if table:
-            found = given_properties(table, law.schema.object, law.objects)
-            schema = replace(law.schema, units={**law.schema.units, **found.units})
-            law = replace(law, properties=found.values, schema=schema)
+            properties = given_properties(table, law.schema.object, law.objects)
+            schema = replace(law.schema, units={**law.schema.units, **properties.units})
+            law = replace(law, properties=properties.values, schema=schema)
         has_properties = any(law.properties.values())
         named = [name for text in names for part in text.split(",") if (name := part.strip())]
         law = law.explain(named if names or not has_properties else None)
@@ -201,8 +201,8 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
         if streams:
             stream = stream_of(source, law.schema)
             training = source.select(stream) if source.holds_out else None
-            found = find_by_stream(law, source.held_out(stream), part(show, 0.0, 1.0), training)
-            made = partial(page, found.few, source.program(stream), show, found)
+            everything = find_by_stream(law, source.held_out(stream), part(show, 0.0, 1.0), training)
+            made = partial(page, everything.few, source.program(stream), show, everything)
         else:
             trials = source.load(measured_schema(law))
             guessed += guesses(trials)
@@ -294,7 +294,7 @@ def predict(
 
     law = Law.load(law_path)
     if cluster or source.is_stream:
-        given: dict[str, object] = {f"--save {each}": each for each in save if not is_of_kind(each, "table")}
+        given: dict[str, object] = {f"--save {file}": file for file in save if not is_of_kind(file, "table")}
         given |= {"--discrepancy": how.pop("discrepancy"), "--input-interpolation": how.pop("input_interpolation")}
         given |= {"--phase-plane": phase_plane, "--until": until, "--step": step}
         source.check_streams(given)
@@ -307,8 +307,8 @@ def predict(
         if as_json:
             print_json({"errors": finite.to_dict(orient="records")})
         else:
-            for state, own in finite.groupby("state", sort=False):
-                known = own.dropna(subset="rms error")
+            for state, rows in finite.groupby("state", sort=False):
+                known = rows.dropna(subset="rms error")
                 if len(known):
                     say(f"Errors of forecasts of {state}, by trial:\n")
                     kinds = ("rms error", "largest error", "last error")
@@ -403,7 +403,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
     law = Law.load(law_path)
     later = Artifacts()
     if cluster or source.is_stream:
-        source.check_streams({f"--save {each}": is_of_kind(each, "figure") for each in save})
+        source.check_streams({f"--save {file}": is_of_kind(file, "figure") for file in save})
         with working("Checking ...") as show, on_cluster_at(cluster, show):
             of_files = check_stream(law, source.select(stream_of(source, law.schema)), progress=show)
             later.save(save, table=lambda: of_files.objects)
@@ -414,9 +414,9 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
             say(f"{of_files}\n")
             print_frame(_readable(of_files.tests()), {"adjusted": "adjusted p-value"})
             columns = ("RMS over noise", "autocorrelation")
-            for state, own in of_files.objects.groupby("state", sort=False):
+            for state, rows in of_files.objects.groupby("state", sort=False):
                 say(f"\nResiduals of {state}, by object:\n")
-                print_frame(quantile_frame({name: own[name].to_numpy() for name in columns}, "object"))
+                print_frame(quantile_frame({name: rows[name].to_numpy() for name in columns}, "object"))
             say("\nThe largest:\n")
             largest = of_files.objects.sort_values("RMS over noise", ascending=False, kind="stable")
             print_frame(largest[:10])
@@ -424,14 +424,14 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
         return
     with working("Checking ..."):
         trials = source.chosen(measured_schema(law))
-        found = law.residuals(trials)
-        later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_residuals(found))
+        residuals = law.residuals(trials)
+        later.save(save, table=residuals.to_frame, figure=lambda plots: plots.plot_residuals(residuals))
     if as_json:
-        print_json({"patterns": _patterns_document(found.patterns)})
+        print_json({"patterns": _patterns_document(residuals.patterns)})
     else:
-        say(f"{found}\n")
-        print_frame(_readable(found.tests()), {"adjusted": "adjusted p-value"})
-    later.end(found.trials.notes, silent=as_json)
+        say(f"{residuals}\n")
+        print_frame(_readable(residuals.tests()), {"adjusted": "adjusted p-value"})
+    later.end(residuals.trials.notes, silent=as_json)
 
 
 def _readable(tests: "pd.DataFrame") -> "pd.DataFrame":
@@ -440,7 +440,7 @@ def _readable(tests: "pd.DataFrame") -> "pd.DataFrame":
 
     shown = tests.drop(columns="meaning")
     for name, least in (("statistic", -np.inf), ("p-value", 0.001), ("adjusted", 0.001)):
-        texts = [Written(f"< {least:g}" if each < least else f"{each:z.3f}") for each in tests[name]]
+        texts = [Written(f"< {least:g}" if value < least else f"{value:z.3f}") for value in tests[name]]
         shown[name] = pd.Series(texts, tests.index, dtype=object)
     return shown
 
@@ -497,30 +497,34 @@ def discrepancy(
             if isinstance(number := number_or_text(zero_at), str):
                 raise CommonlawError("zero-at", text=zero_at)
             zero = number
-        found = law.discrepancy(trials, **settings, zero_at=zero, noise=levels)
+        estimate = law.discrepancy(trials, **settings, zero_at=zero, noise=levels)
         later = Artifacts()
-        later.save(save, law=found.law, figure=lambda plots: plots.plot_discrepancy(found))
+        later.save(save, law=estimate.law, figure=lambda plots: plots.plot_discrepancy(estimate))
     if as_json:
-        frames = {"function": found.to_frame(), "terms": found.terms_frame(), "compared": found.coordinates_frame()}
-        document = {"claimed": found.claimed, "equation": found.equation, "coordinate": found.basis.coordinate}
-        document |= {"times": found.basis.times, "evidence": found.evidence, "zero at": found.zero_at}
-        document |= {"holds nothing of": list(found.holds_nothing_of), "shares": found.shares}
+        frames = {
+            "function": estimate.to_frame(),
+            "terms": estimate.terms_frame(),
+            "compared": estimate.coordinates_frame(),
+        }
+        document = {"claimed": estimate.claimed, "equation": estimate.equation, "coordinate": estimate.basis.coordinate}
+        document |= {"times": estimate.basis.times, "evidence": estimate.evidence, "zero at": estimate.zero_at}
+        document |= {"holds nothing of": list(estimate.holds_nothing_of), "shares": estimate.shares}
         document |= {name: frame.to_dict(orient="records") for name, frame in frames.items()}
-        print_json(document | {"law": json.loads(to_json(found.law))})
+        print_json(document | {"law": json.loads(to_json(estimate.law))})
     else:
-        say(str(found))
-        if found.claimed:
+        say(str(estimate))
+        if estimate.claimed:
             say("")
-            print_frame(found.to_frame(10))
-        if len(found.descriptions):
+            print_frame(estimate.to_frame(10))
+        if len(estimate.descriptions):
             say("\nTerms in place of the function:\n")
-            print_frame(found.terms_frame())
-        if len(found.compared) > 1:
+            print_frame(estimate.terms_frame())
+        if len(estimate.compared) > 1:
             say("\nCoordinates compared:\n")
-            print_frame(found.coordinates_frame())
-        if found.claimed:
-            say(f"\nThe law, estimated jointly with it:\n\n{found.law}")
-    later.end((*trials.notes, *found.law.diagnostics), silent=as_json)
+            print_frame(estimate.coordinates_frame())
+        if estimate.claimed:
+            say(f"\nThe law, estimated jointly with it:\n\n{estimate.law}")
+    later.end((*trials.notes, *estimate.law.diagnostics), silent=as_json)
 
 
 @command
@@ -548,14 +552,14 @@ def bounds(
     law = Law.load(law_path)
     with working("Fitting ...") as show:
         trials = source.chosen(measured_schema(law))
-        found = found_by(law, trials, terms or None, level=level, progress=show)
-        frame = found.to_frame()
+        limits = found_by(law, trials, terms or None, level=level, progress=show)
+        frame = limits.to_frame()
         later = Artifacts()
         later.save(save, table=lambda: frame)
     if as_json:
-        print_json({"bounds": frame.to_dict(orient="records"), "sentences": list(found.sentences)})
+        print_json({"bounds": frame.to_dict(orient="records"), "sentences": list(limits.sentences)})
     else:
-        say(f"{found}\n")
+        say(f"{limits}\n")
         print_frame(frame)
     later.end(trials.notes, silent=as_json)
 
@@ -623,7 +627,7 @@ def design(
     with working("Looking for experiments ...") as show:
         given = source.path or source.dataset
         trials = source.chosen(laws[0].schema) if given else None
-        found = cl.design(
+        plan = cl.design(
             laws,
             by_name("--vary", vary),
             trials=trials,
@@ -634,13 +638,13 @@ def design(
             progress=show,
         )
         later = Artifacts()
-        later.save(save, table=found.to_frame, figure=lambda plots: plots.plot_design(found))
+        later.save(save, table=plan.to_frame, figure=lambda plots: plots.plot_design(plan))
     if as_json:
-        plausible = [{"equations": list(law.law.structure), "probability": law.probability} for law in found.laws]
-        frame = found.to_frame().assign(text=[experiment.text for experiment in found.experiments])
-        document = {"laws": plausible, "experiments": frame.to_dict(orient="records"), "chance now": found.chance_now}
-        document |= {name: getattr(found, name) for name in ("chance", "repeats", "cost")}
-        print_json(document | {"sentences": list(found.sentences)})
+        plausible = [{"equations": list(law.law.structure), "probability": law.probability} for law in plan.laws]
+        frame = plan.to_frame().assign(text=[experiment.text for experiment in plan.experiments])
+        document = {"laws": plausible, "experiments": frame.to_dict(orient="records"), "chance now": plan.chance_now}
+        document |= {name: getattr(plan, name) for name in ("chance", "repeats", "cost")}
+        print_json(document | {"sentences": list(plan.sentences)})
     else:
-        say(str(found))
+        say(str(plan))
     later.end(trials.notes if trials else (), silent=as_json)

@@ -188,19 +188,21 @@ class Source:
     @classmethod
     def of(cls, table: str | None, given: Mapping[str, Any]) -> "Source":
         """Return what options say, by their names; what none says is taken from the file of ``--schema``."""
-        said = {name: value for name, value in given.items() if value not in ((), None) and value is not False}
+        options = {name: value for name, value in given.items() if value not in ((), None) and value is not False}
         for name, flag in (("noise_columns", "--noise-column"), ("units", "--unit")):
-            if name in said:
-                said[name] = by_name(flag, said[name]) if any(said[name]) else {}
-        if "below" in said:
-            said["below"] = numbers("--below", said["below"])
-        if "properties" in said:
-            said["properties"] = list(said["properties"])
-        schema = said.pop("schema", None)
-        said = (read_schema(schema) if schema else {}) | said
-        own = {each.name: said.pop(each.name) for each in fields(cls) if each.name in said}
+            if name in options:
+                options[name] = by_name(flag, options[name]) if any(options[name]) else {}
+        if "below" in options:
+            options["below"] = numbers("--below", options["below"])
+        if "properties" in options:
+            options["properties"] = list(options["properties"])
+        schema = options.pop("schema", None)
+        options = (read_schema(schema) if schema else {}) | options
+        attributes = {
+            attribute.name: options.pop(attribute.name) for attribute in fields(cls) if attribute.name in options
+        }
         dataset = table.removeprefix(DATASET) if table and table.startswith(DATASET) else ""
-        return cls(None if dataset else table, roles=said, dataset=dataset, **own)
+        return cls(None if dataset else table, roles=options, dataset=dataset, **attributes)
 
     def reading(self, **roles: Any) -> "Source":
         """Return the same, read with other arguments."""
@@ -346,9 +348,9 @@ def read_schema(path: str) -> dict[str, Any]:
     """Return the options that a schema file gives, by field of `Source`; refuse other keys and values."""
     content = read_file(checked_file(path, 2**20))
     try:
-        said = checked(tomllib.loads(content.decode()), _SchemaFile)
-        lists = {name: said[name] for name in ("states", "inputs") if name in said}
-        return {**msgspec.convert(said, _SchemaFile), **msgspec.convert(lists, dict[str, tuple[str, ...]])}
+        options = checked(tomllib.loads(content.decode()), _SchemaFile)
+        lists = {name: options[name] for name in ("states", "inputs") if name in options}
+        return {**msgspec.convert(options, _SchemaFile), **msgspec.convert(lists, dict[str, tuple[str, ...]])}
     except (ValueError, RecursionError, CommonlawError) as error:
         raise CommonlawError("table-schema", path=path, problem=error) from None
 
@@ -356,24 +358,24 @@ def read_schema(path: str) -> dict[str, Any]:
 def written_schema(source: Source, trials: Trials) -> bytes:
     """Return the schema file of a table: its columns in the roles that they have in its trials, and how it is read."""
     schema, roles = trials.schema, source.roles
-    found: dict[str, Any] = {"time": schema.time}
+    options: dict[str, Any] = {"time": schema.time}
     if schema.wide:
         (state,) = schema.measured
-        found["wide"] = roles.get("wide") or join_header(state, schema.units.get(state, ""))
+        options["wide"] = roles.get("wide") or join_header(state, schema.units.get(state, ""))
     else:
-        found |= {"object": schema.object, "trial": schema.trial, "states": schema.measured, "inputs": schema.inputs}
-        found |= {"properties": property_names(trials.properties), "noise_columns": schema.noise_columns}
-    found |= {name: roles[name] for name in (*_READING, "units") if name in roles and name != "wide"}
-    found |= {"sheet": source.sheet, "exclude": source.exclude, "clip": source.clip}
-    found |= {name: "" for name in ("object", "trial") if roles.get(name) == ""}
-    kept = {name: value for name, value in found.items() if value or value == ""}
+        options |= {"object": schema.object, "trial": schema.trial, "states": schema.measured, "inputs": schema.inputs}
+        options |= {"properties": property_names(trials.properties), "noise_columns": schema.noise_columns}
+    options |= {name: roles[name] for name in (*_READING, "units") if name in roles and name != "wide"}
+    options |= {"sheet": source.sheet, "exclude": source.exclude, "clip": source.clip}
+    options |= {name: "" for name in ("object", "trial") if roles.get(name) == ""}
+    kept = {name: value for name, value in options.items() if value or value == ""}
     kept |= {"noise_columns": {}} if roles.get("noise_columns") == {} else {}
     return "".join(f"{name} = {_toml(value)}\n" for name, value in kept.items()).encode()
 
 
 def _toml(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_toml(name)} = {_toml(each)}" for name, each in value.items()) + "}"
+        return "{" + ", ".join(f"{_toml(name)} = {_toml(entry)}" for name, entry in value.items()) + "}"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
@@ -420,7 +422,7 @@ def _parts(text: str, present: Collection[object]) -> list[str]:
     """
     if text in present:
         return [text]
-    return [re.sub(r'^"(.*)"$', r"\1", each, flags=re.DOTALL) for each in re.split(_COMMA, text)]
+    return [re.sub(r'^"(.*)"$', r"\1", part, flags=re.DOTALL) for part in re.split(_COMMA, text)]
 
 
 T = TypeVar("T")
@@ -462,7 +464,7 @@ def few_trials(stream: TrialStream) -> Trials:
 
 def _by_a_worker(function: Callable[[T], R], item: T) -> R:
     cluster = current_cluster()
-    return function(item) if cluster is None else cluster.merged(function, [item], lambda found: found[0])
+    return function(item) if cluster is None else cluster.merged(function, [item], lambda results: results[0])
 
 
 def _first_trials(stream: TrialStream) -> tuple[Trial, ...]:
