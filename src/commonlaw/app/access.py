@@ -49,7 +49,7 @@ class Keys:
 
     def knows(self, cookies: str) -> bool:
         """Return whether the cookies of a request hold that of this server."""
-        pairs = (each.strip().partition("=") for each in cookies.split(";"))
+        pairs = (cookie.strip().partition("=") for cookie in cookies.split(";"))
         return any(name == self.name and _same(value, self.session) for name, _, value in pairs)
 
     @property

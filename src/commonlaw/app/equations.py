@@ -68,12 +68,14 @@ def named(trials: Trials) -> list[dict[str, Any]]:
     properties, result = property_names(trials.properties), list[dict[str, Any]]()
     for name, model in named_models.items():
         try:
-            own = model.over_columns(trials.schema, properties, {})
+            matched = model.over_columns(trials.schema, properties, {})
         except CommonlawError:
             continue
-        if {*trials.schema.states} <= {*own.states}:
-            text = "\n".join(parts_of_text(own.equations))
-            result.append({"name": name, "title": model.title, "field": model.field, "text": text, "doses": own.doses})
+        if {*trials.schema.states} <= {*matched.states}:
+            text = "\n".join(parts_of_text(matched.equations))
+            result.append(
+                {"name": name, "title": model.title, "field": model.field, "text": text, "doses": matched.doses}
+            )
     return result
 
 
@@ -120,8 +122,8 @@ def _read(table: Table, asked: bytes) -> tuple[Beginning, Trials, list[list[str]
     trials = with_doses(table.trials(columns), equations.doses)
     model_text, given = ModelText.of(equations.text), equations.initial
     split = split_equations(model_text.equations)
-    second = [each.state for each in split if each.order == 2]
-    trials, _ = without_measured_rates(trials, second, [each.state for each in split])
+    second = [equation.state for equation in split if equation.order == 2]
+    trials, _ = without_measured_rates(trials, second, [equation.state for equation in split])
     if not needs_model(model_text, trials, given, (), None) and not given:
         properties = property_names(trials.properties)
         read_equations("; ".join(model_text.equations), trials.schema, properties=properties)  # Says what `fit` refuses

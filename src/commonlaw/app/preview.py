@@ -34,7 +34,11 @@ def finding_kinds(check: Report, table: Cells, row_indices: Sequence[Codes]) -> 
     labels = [(trial.object, trial.trial) for trial in check.trials]
     rows: dict[_Labels, Codes] = dict(zip(labels, row_indices, strict=True))
     return [
-        {"text": text_in_page(text), "count": len(same), "cases": [_case(each, table, rows) for each in same[:12]]}
+        {
+            "text": text_in_page(text),
+            "count": len(same),
+            "cases": [_case(finding, table, rows) for finding in same[:12]],
+        }
         for text, same in check.kinds().items()
     ]
 
@@ -44,13 +48,13 @@ def _case(found: Finding, table: Cells, rows: Mapping[_Labels, Codes]) -> dict[s
 
     Which of the rows and columns is meant comes with it; neither if it is the trial as a whole.
     """
-    own = rows.get((found.object, found.trial))
+    indices = rows.get((found.object, found.trial))
     case: dict[str, Any] = {"text": text_in_page(found.text), "rows": [], "row": None, "column": None}
-    if own is None:
+    if indices is None:
         return case
     sample, columns = found.sample or 0, table.columns.values()
     first = max(0, sample - 3)
-    shown = own[first : sample + 3 + 1].tolist()
+    shown = indices[first : sample + 3 + 1].tolist()
     case["rows"] = [[table.number(row), *(cell_text(column[row]) for column in columns)] for row in shown]
     if found.sample is not None:
         case |= {"row": sample - first, "column": found.column}
@@ -91,7 +95,7 @@ def sample_table(name: str) -> Table:
     units = trials.schema.units
     frame = trials.to_frame()
     frame.columns = [f"{column} [{units[column]}]" if column in units else column for column in frame.columns]
-    call = f"cl.datasets.load({name!r}, {', '.join(f'{each}={value!r}' for each, value in SAMPLES[name].items())})"
+    call = f"cl.datasets.load({name!r}, {', '.join(f'{key}={value!r}' for key, value in SAMPLES[name].items())})"
     return Table(f"{name}.csv", frame.to_csv(index=False).encode(), call)
 
 
@@ -101,8 +105,8 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
     Where columns do not make trials, the reason stands in place of these, beside the roles that are clear.
     """
     held = table.cells()
-    shown = [[cell_text(each) for each in column[:8]] for column in held.columns.values()]
-    found: dict[str, Any] = {
+    shown = [[cell_text(cell) for cell in column[:8]] for column in held.columns.values()]
+    answer: dict[str, Any] = {
         "name": table.name,
         "columns": list(held.columns),
         "rows": [list(row) for row in zip(*shown, strict=True)],
@@ -111,17 +115,17 @@ def preview(table: Table, columns: Columns) -> dict[str, Any]:
     try:
         rows = rows_of(held, as_asked(columns))
     except CommonlawError as error:
-        return found | {"recognised": recognized(held, columns), "problem": message(error)}
+        return answer | {"recognised": recognized(held, columns), "problem": message(error)}
     whole = Trials(*rows.data)
     check = whole.check()
     try:
         trials = edited(whole, columns)
     except CommonlawError as error:
-        return found | {"recognised": shown_roles(rows.columns), "problem": message(error)}
-    found |= {"recognised": shown_roles(rows.columns), "guessed": rows.columns.guessed and rows.columns.sentence}
+        return answer | {"recognised": shown_roles(rows.columns), "problem": message(error)}
+    answer |= {"recognised": shown_roles(rows.columns), "guessed": rows.columns.guessed and rows.columns.sentence}
     notes = [text_in_page(note) for note in check.notes if not note.startswith(GUESSED)]
     return (
-        found
+        answer
         | _of_trials(trials)
         | {"all_objects": whole.objects, "checks": finding_kinds(check, held, rows.row_indices), "notes": notes}
     )

@@ -73,7 +73,7 @@ def in_page(code: str) -> str:
 
 def text_in_page(text: str) -> str:
     """Return a text whose code, between backticks, is in the words of the page."""
-    return re.sub(r"`(\w+=[^`]*|clip_irregular\(\))`", lambda found: in_page(found[1]), text)
+    return re.sub(r"`(\w+=[^`]*|clip_irregular\(\))`", lambda match: in_page(match[1]), text)
 
 
 def message(error: CommonlawError) -> str:
@@ -91,14 +91,14 @@ def settings_form(options: type = FitOptions) -> list[dict[str, Any]]:
             "label": about.label,
             "text": about.text.partition(". ")[0].rstrip(".").replace("`", ""),
             "choices": {"true": "yes", "false": "no"}
-            if each.type is bool
+            if field.type is bool
             else {value: f"{value}: {meaning}" for value, meaning in about.choices.items()},
-            "default": shown_value(each.default),
+            "default": shown_value(field.default),
             "example": about.metavar,
             "of_fit": name in fitted,
         }
-        for name, (each, about) in settings_of(options).items()
-        if each.compare
+        for name, (field, about) in settings_of(options).items()
+        if field.compare
     ]
 
 
@@ -131,8 +131,8 @@ class Edit(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         """The change as Python, behind trials."""
         if self.blanks:
             return f".subtract_blanks({', '.join(map(repr, self.blanks))})"
-        said = {"object": self.object, "trial": self.trial, "between": self.between}
-        return f".exclude({', '.join(f'{name}={value!r}' for name, value in said.items() if value is not None)})"
+        conditions = {"object": self.object, "trial": self.trial, "between": self.between}
+        return f".exclude({', '.join(f'{name}={value!r}' for name, value in conditions.items() if value is not None)})"
 
 
 class Columns(WrittenReading, total=False):
@@ -144,10 +144,10 @@ class Columns(WrittenReading, total=False):
 
 def as_asked(columns: Columns) -> Reading:
     """Return what is said of how a table is read."""
-    said: Any = {name: each for name, each in columns.items() if name != "edits" and (each or each == "")}
-    if said.get("states") and not said.get("wide"):
-        said.setdefault("properties", [])
-    return cast(Reading, said)
+    reading: Any = {name: value for name, value in columns.items() if name != "edits" and (value or value == "")}
+    if reading.get("states") and not reading.get("wide"):
+        reading.setdefault("properties", [])
+    return cast(Reading, reading)
 
 
 def edited(trials: Trials, columns: Columns) -> Trials:
@@ -256,8 +256,8 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
         text = ModelText.of(self.written)
         guesses = dict[str, float]()
-        for name, own in self.values.items():
-            value, (low, high) = float(np.mean(own)), limits_of(name, text.bounds)
+        for name, values in self.values.items():
+            value, (low, high) = float(np.mean(values)), limits_of(name, text.bounds)
             if name not in self.fixed and value != 0 and low <= value <= high:
                 guesses[name] = float(f"{value:.6g}")
         groups = {name: by for name, by in self.shared.items() if name not in self.fixed}
@@ -313,10 +313,10 @@ class Question(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     def source(self, table: "Table") -> Source:
         """Return where a program finds the trials of its law in a table."""
         learned = self.hold_out if self.law is None else HoldOut()
-        said = as_asked(self.columns)
-        reading = {name: said.get(name) for name in ("wide", "restarts")}
-        reading |= {name: said[name] for name in ("missing", "decimal", "dates", "below") if name in said}
-        reading |= {role: "" for role in ("object", "trial") if said.get(role) == ""}
+        asked = as_asked(self.columns)
+        reading = {name: asked.get(name) for name in ("wide", "restarts")}
+        reading |= {name: asked[name] for name in ("missing", "decimal", "dates", "below") if name in asked}
+        reading |= {role: "" for role in ("object", "trial") if asked.get(role) == ""}
         return Source(
             table.name,
             table.dataset,

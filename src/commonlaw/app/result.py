@@ -134,11 +134,11 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         ],
         "failures": [text_in_page(failure) for failure in findings.failures],
         "outcomes": [text_in_page(str(diagnostic)) for diagnostic in law.diagnostics],
-        "history": [[each.stage, each.choice, text_in_page(each.reason)] for each in law.history],
+        "history": [[step.stage, step.choice, text_in_page(step.reason)] for step in law.history],
     }
     made = Found(findings, about)
-    for each in iterate_candidates(law, findings.training, _CANDIDATES, part(show, SEARCHED, 1.0)):
-        made = made.with_laws([_shown(each, made)])
+    for candidate in iterate_candidates(law, findings.training, _CANDIDATES, part(show, SEARCHED, 1.0)):
+        made = made.with_laws([_shown(candidate, made)])
         yield made
 
 
@@ -149,7 +149,8 @@ def compared(one: Found, other: Found) -> dict[str, Any]:
     """
     problem, evidence = "", list[float | None]([None, None])
     measured = [
-        [(each.object, each.name, each.states.tobytes()) for each in found.findings.training] for found in (one, other)
+        [(trial.object, trial.name, trial.states.tobytes()) for trial in result.findings.training]
+        for result in (one, other)
     ]
     if measured[0] != measured[1]:
         problem = "The laws were fitted to other measurements: their evidence does not compare."
@@ -161,7 +162,7 @@ def compared(one: Found, other: Found) -> dict[str, Any]:
             problem = message(error)
     return {
         "problem": problem,
-        "laws": [_summary(each, value) for each, value in zip((one, other), evidence, strict=True)],
+        "laws": [_summary(result, value) for result, value in zip((one, other), evidence, strict=True)],
         "views": other.candidates[0].shown["views"] if other.candidates else [],
         "trials": other.about["views"],
     }
@@ -174,7 +175,11 @@ def _summary(found: Found, evidence: float | None) -> dict[str, Any]:
     errors = {}
     for kind, curves in kinds.items():
         if curves is not None:
-            rms = curves.errors().groupby("state", sort=False)["rms error"].apply(lambda own: np.sqrt((own**2).mean()))
+            rms = (
+                curves.errors()
+                .groupby("state", sort=False)["rms error"]
+                .apply(lambda trial_errors: np.sqrt((trial_errors**2).mean()))
+            )
             errors[kind] = {name: float(f"{value:.3g}") for name, value in rms.items() if np.isfinite(value)}
     return {
         "equations": list(law.structure) if shares_terms(law) else [],
@@ -246,13 +251,13 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "terms": _terms(law, law.support),
         "table": _table(coefficients_by_object(law)),
         "quantities": _table(quantities_by_object(law)),
-        "views": [_view(law, each, found.findings.start) for each in _views(found.findings)],
+        "views": [_view(law, view, found.findings.start) for view in _views(found.findings)],
     }
     return ShownLaw(candidate, shown)
 
 
 def _views(findings: Findings) -> list[Forecast]:
-    return [each for each in (findings.fit, findings.forecast) if each is not None]
+    return [view for view in (findings.fit, findings.forecast) if view is not None]
 
 
 def _view(law: Law, of_law: Forecast, start: int | None) -> dict[str, Any]:
@@ -315,19 +320,19 @@ def _editable(law: Law) -> dict[str, Any] | None:
 
 def _figure_kinds(law: Law, has_forecast: bool) -> list[dict[str, Any]]:
     """Return the pictures that there are of a law: name, title, and whether they are of an object and a parameter."""
-    found = [("law", "Law with fit and coefficients"), ("fit", "Fitted curves and residuals")]
+    figures = [("law", "Law with fit and coefficients"), ("fit", "Fitted curves and residuals")]
     if has_forecast:
-        found.append(("forecast", "Forecasts with bands"))
+        figures.append(("forecast", "Forecasts with bands"))
     if law.order != 0:
-        found.append(("residuals", "Residuals: patterns, autocorrelation, quantiles"))
+        figures.append(("residuals", "Residuals: patterns, autocorrelation, quantiles"))
     if shares_terms(law):
-        found.append(("coefficients", "Coefficients by object"))
+        figures.append(("coefficients", "Coefficients by object"))
     of_object = []
     if has_phase_plane(law):
         of_object.append(("phase-plane", "Phase plane with nullclines and fixed points", False))
     if shares_terms(law) and law.order != 0 and named_parameters(law).names:
         of_object.append(("profile", "Profile likelihood of a parameter", True))
-    plain = [{"name": name, "title": title, "object": False, "parameter": False} for name, title in found]
+    plain = [{"name": name, "title": title, "object": False, "parameter": False} for name, title in figures]
     return plain + [{"name": a, "title": b, "object": True, "parameter": c} for a, b, c in of_object]
 
 

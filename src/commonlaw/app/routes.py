@@ -91,8 +91,8 @@ def application(sessions: Sessions) -> Starlette:
                     content = b"" if kind is None else await request.body()
                     body = content if kind in (None, bytes) else read_json(content, kind)
                     call = _Call(sessions, saved, request.path_params, request.query_params, body)
-                    found = await run_in_threadpool(answer, call)
-                    return found if isinstance(found, Response) else _json({} if found is None else found)
+                    result = await run_in_threadpool(answer, call)
+                    return result if isinstance(result, Response) else _json({} if result is None else result)
             except CommonlawError as error:
                 return _json({"error": message(error)}, 422)
             except TooLargeError:
@@ -144,8 +144,8 @@ def _equations(call: _Call) -> dict[str, Any]:
 
 
 def _comparison(call: _Call) -> dict[str, Any]:
-    other = call.sessions.searches.get(call.body.search).found
-    return compared(call.search.found.of_candidate(call.body.candidate), other)
+    rival = call.sessions.searches.get(call.body.search).found
+    return compared(call.search.found.of_candidate(call.body.candidate), rival)
 
 
 def _file(call: _Call) -> Response:
@@ -154,21 +154,21 @@ def _file(call: _Call) -> Response:
     if name not in _MAKERS and name != "report.html":
         raise CommonlawError("download-name", name=name, files=[*_MAKERS, "report.html"])
     # Only for the law, the first candidate, there is a program that finds it in the table
-    found, source = search.found.of_candidate(index), None if index else search.question.source(search.table)
+    result, source = search.found.of_candidate(index), None if index else search.question.source(search.table)
     content: str | bytes
     if name == "report.html":
         table, title = search.table, call.query.get("title", "")[:120]
         checksum = f"SHA-256 {sha256(table.content).hexdigest()}" if table.content else ""
         about = ", ".join(filter(None, (table.name, datetime.now().astimezone().strftime("%Y-%m-%d"), checksum)))
-        fitted = [candidate.candidate for candidate in found.candidates] if len(found.candidates) > 1 else []
-        rivals = sorted(fitted, key=lambda each: each.size)
+        fitted = [candidate.candidate for candidate in result.candidates] if len(result.candidates) > 1 else []
+        rivals = sorted(fitted, key=lambda candidate: candidate.size)
         with one_draws:
             made = law_report(
-                found.findings, table=source or "", words=text_in_page, rivals=rivals, title=title, about=about
+                result.findings, table=source or "", words=text_in_page, rivals=rivals, title=title, about=about
             )
             content = to_page(made)
     else:
-        content = _MAKERS[name](found, source)
+        content = _MAKERS[name](result, source)
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type="application/octet-stream", headers=headers)
 
@@ -177,8 +177,8 @@ def _figure_file(call: _Call) -> Response:
     """Return a picture of a candidate, which the page shows, too; or its program."""
     search, asked, name = call.search, call.query, call.path["file"]
     index = _number_in(asked.get("candidate", "0"))
-    found, source = search.found.of_candidate(index), search.question.source(search.table)
-    content = figure_file(name, found, source, index > 0, asked.get("object", ""), asked.get("parameter", ""))
+    result, source = search.found.of_candidate(index), search.question.source(search.table)
+    content = figure_file(name, result, source, index > 0, asked.get("object", ""), asked.get("parameter", ""))
     kind = {"svg": "image/svg+xml", "png": "image/png"}.get(name.rpartition(".")[2], "text/x-python")
     return Response(content, media_type=kind, headers={"content-disposition": f'attachment; filename="{name}"'})
 

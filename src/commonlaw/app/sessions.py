@@ -67,11 +67,11 @@ class Search:
         """Begin to fit the law of these terms, those of each equation, in place of one that is being fitted."""
         if self._work.is_running:
             raise CommonlawError("candidates-running")
-        found = self.found
-        support = support_of(found.law, terms)
+        result = self.found
+        support = support_of(result.law, terms)
         self.cancel_fit()
         # What the page is sent is large
-        self.fits.append(Work(partial(of_terms, replace(found, about={}, candidates=()), support)))
+        self.fits.append(Work(partial(of_terms, replace(result, about={}, candidates=()), support)))
 
     def cancel(self) -> None:
         """End all that goes on."""
@@ -283,7 +283,7 @@ class SavedSessions:
                     result.append(_summary(path.stem, self._read(path.stem)))
                 except CommonlawError:
                     continue
-        return sorted(result, key=lambda each: str(each["saved"]), reverse=True)
+        return sorted(result, key=lambda summary: str(summary["saved"]), reverse=True)
 
     def save(self, asked: Named, sessions: Sessions) -> dict[str, Any]:
         """Save a session, or another state of it, and return its summary.
@@ -310,11 +310,11 @@ class SavedSessions:
         """Open the present state of a session, and return where the page goes on."""
         session = self._read(key)
         state = session.states[-1]
-        found = {"table": sessions.open_table(session.table), "search": None, "columns": state.columns}
+        opened = {"table": sessions.open_table(session.table), "search": None, "columns": state.columns}
         if state.question is not None and state.law is not None:
-            question = msgspec.structs.replace(state.question, table=found["table"])
-            found["search"] = sessions.search(question, state.law)
-        return found | {"session": _summary(key, session)}
+            question = msgspec.structs.replace(state.question, table=opened["table"])
+            opened["search"] = sessions.search(question, state.law)
+        return opened | {"session": _summary(key, session)}
 
     def undo(self, key: str, sessions: Sessions) -> dict[str, Any]:
         """Return to the state before the present one.
