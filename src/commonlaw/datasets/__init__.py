@@ -79,7 +79,7 @@ def truth_of(text: str) -> "Law | None":
     ("x'' = -9.8 - 0.5 v",)
     """
     # Messages show the options as those of the data set
-    makers = {name: update_wrapper(partial(_known_truth, each), each.load) for name, each in DATASETS.items()}
+    makers = {name: update_wrapper(partial(_known_truth, dataset), dataset.load) for name, dataset in DATASETS.items()}
     return parse_spec("data set", text, makers)
 
 

@@ -69,17 +69,17 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     units = {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
     listed = read_file(balls).decode()
     rows = {name: values for name, *values in map(str.split, listed.splitlines())}
-    found = {}
+    properties = {}
     for name, short in _NAMES.items():
         weight, circumference = rows[short]
         if weight == "??":
             # The authors' estimate from other volleyballs
-            found[name] = {"radius": 0.105}
+            properties[name] = {"radius": 0.105}
             continue
         # From avoirdupois ounces
         radius, mass = float(circumference) / 100 / (2 * np.pi), float(weight) * 0.028349523125
-        found[name] = {"radius": radius, "mass": mass, "density": mass / (4 / 3 * np.pi * radius**3)}
-    trials = Trials(drops, Schema(("x",), units=units), found)
+        properties[name] = {"radius": radius, "mass": mass, "density": mass / (4 / 3 * np.pi * radius**3)}
+    trials = Trials(drops, Schema(("x",), units=units), properties)
     return trials.clip_irregular() if clip else trials
 
 
@@ -94,9 +94,9 @@ def _file(name: str, folder: str | os.PathLike[str] | None) -> Path:
     except CommonlawError as error:
         whose = "the folder given" if folder is not None else f"the folder in {_VARIABLE}"
         raise CommonlawError("dataset-file", name=name, folder=whose, error=error, source=_SOURCE) from None
-    found = hashlib.sha256(content).hexdigest()
-    if found != _SHA256[name]:
-        raise CommonlawError("dataset-checksum", path=path, found=found, sha256=_SHA256[name], source=_SOURCE)
+    checksum = hashlib.sha256(content).hexdigest()
+    if checksum != _SHA256[name]:
+        raise CommonlawError("dataset-checksum", path=path, found=checksum, sha256=_SHA256[name], source=_SOURCE)
     return path
 
 

@@ -87,15 +87,15 @@ def sample_times(samples: int, rate: float) -> Floats:
 def numbers(name: str, values: PerObject, *, positive: bool = False) -> tuple[float, ...]:
     """Return one or several numbers as a tuple, if they are finite, and positive where they must be."""
     try:
-        result = tuple(float(each) for each in np.atleast_1d(values))
+        result = tuple(float(number) for number in np.atleast_1d(values))
     except (TypeError, ValueError):
         raise CommonlawError("experiment-not-a-number", name=name, values=values) from None
     if not result:
         raise CommonlawError("experiment-empty", name=name)
-    for each in result:
-        if not np.isfinite(each) or (positive and each <= 0):
+    for number in result:
+        if not np.isfinite(number) or (positive and number <= 0):
             raise CommonlawError(
-                "experiment-not-positive", name=name, value=each, condition=" and positive" if positive else ""
+                "experiment-not-positive", name=name, value=number, condition=" and positive" if positive else ""
             )
     return result
 
@@ -292,8 +292,8 @@ def _truth_of_spheres(radius: PerObject, mass: PerObject, viscosity: float, grav
     of that radius only. All are odd in v, as drag is, and smooth enough at rest for exact derivatives.
     """
     balls = _balls(radius, mass, viscosity, density)
-    radii = list(dict.fromkeys(each for each, _ in balls.values()))
-    bends = [sphere_drag.TRANSITION * viscosity / (2 * each) for each in radii]
+    radii = list(dict.fromkeys(ball_radius for ball_radius, _ in balls.values()))
+    bends = [sphere_drag.TRANSITION * viscosity / (2 * ball_radius) for ball_radius in radii]
     inertia = f"sign(v)*abs(v)**{1 + sphere_drag.EXPONENT}"
     terms = ["1", "v", inertia, *(f"v**3/(abs(v) + {bend!r})" for bend in bends)]
     rows = {}
@@ -302,7 +302,9 @@ def _truth_of_spheres(radius: PerObject, mass: PerObject, viscosity: float, grav
         scale = -np.pi / 4 * density * size * viscosity / weight
         viscous, pressure = scale * sphere_drag.STOKES, scale * sphere_drag.PRESSURE * slope
         inertial = viscous * sphere_drag.INERTIA * slope**sphere_drag.EXPONENT
-        rows[name] = [[gravity, viscous, inertial, *(pressure if each == size else 0.0 for each in radii)]]
+        rows[name] = [
+            [gravity, viscous, inertial, *(pressure if ball_radius == size else 0.0 for ball_radius in radii)]
+        ]
     return exact_law(_SPHERES, terms, rows, rates=["v"])
 
 
