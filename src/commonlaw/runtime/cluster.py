@@ -56,8 +56,8 @@ class Cluster:
         """Return how many workers there are, with how much memory, and where dask shows what they do."""
         workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
         limits = [worker["memory_limit"] for worker in workers if worker["memory_limit"]]
-        each = f" of {min(limits) / 1e9:.1f} GB" if limits else ""
-        return f"{counted(len(workers), 'worker')}{each}, dashboard {self.client.dashboard_link}"
+        memory = f" of {min(limits) / 1e9:.1f} GB" if limits else ""
+        return f"{counted(len(workers), 'worker')}{memory}, dashboard {self.client.dashboard_link}"
 
     def check(self) -> None:
         """Refuse a client that is closed, a cluster without a worker, and workers of other versions."""
@@ -68,14 +68,14 @@ class Cluster:
                 self.client.wait_for_workers(1, timeout=_PATIENCE)
             except TimeoutError:
                 raise CommonlawError("cluster-without-workers", address=self._address, seconds=_PATIENCE) from None
-            found = self.client.run(_versions, on_error="return")
+            versions = self.client.run(_versions, on_error="return")
         here = _versions()
-        for address, there in found.items():
+        for address, there in versions.items():
             if isinstance(there, Exception):
                 raise CommonlawError("cluster-worker-cannot-load", address=address, reason=there)
             if there != here:
                 differ = ", ".join(
-                    f"{name} {there[name]} (here {own})" for name, own in here.items() if own != there[name]
+                    f"{name} {there[name]} (here {version})" for name, version in here.items() if version != there[name]
                 )
                 raise CommonlawError("cluster-worker-versions", address=address, versions=differ)
 
@@ -241,17 +241,19 @@ def connected(address: str) -> Iterator["Client"]:
     Raises `CommonlawError` if no scheduler answers there, more processes are asked for than this machine has use for,
     or dask is not installed.
     """
-    distributed, own = optional_import("distributed", "work on a cluster", "cluster"), None
+    distributed, started = optional_import("distributed", "work on a cluster", "cluster"), None
     logger = logging.getLogger("distributed")
     before = logger.level
     logger.setLevel(logging.CRITICAL)  # What dask says of connections that break is said in one line
     try:
         try:
             if address.startswith("local:"):
-                own = _started(distributed, address.removeprefix("local:"))
+                started = _started(distributed, address.removeprefix("local:"))
             else:
                 asyncio.run(asyncio.wait_for(_greeted(distributed, address), _ANSWER))
-            client = distributed.Client(own or address, timeout=_PATIENCE if own else _ANSWER, set_as_default=False)
+            client = distributed.Client(
+                started or address, timeout=_PATIENCE if started else _ANSWER, set_as_default=False
+            )
         except CommonlawError:
             raise
         except (OSError, ValueError, RuntimeError, TypeError) as error:
@@ -262,10 +264,10 @@ def connected(address: str) -> Iterator["Client"]:
             yield client
         finally:
             patience = _PATIENCE if client.status == "running" else 1.0
-            for each in (client, own):
+            for resource in (client, started):
                 with suppress(TimeoutError):  # Of a scheduler that is not there any more
-                    if each is not None:
-                        each.close(timeout=patience)
+                    if resource is not None:
+                        resource.close(timeout=patience)
     finally:
         logger.setLevel(before)
 
@@ -313,20 +315,20 @@ def done_in_parts(
     Exception
         What the function raises; all else is cancelled.
     """
-    cluster, found = current_cluster(), dict[int, R]()
+    cluster, outcomes = current_cluster(), dict[int, R]()
     if cluster is None:
         for index, item in enumerate(items):
             progress(Stage(f"{what}, {index} of {len(items)}", index / len(items)))
-            found[index] = function(item)
-        return list(found.values())
+            outcomes[index] = function(item)
+        return list(outcomes.values())
     done = counting(progress, what, len(items), cluster)
     with closing(cluster.each(function, items)) as results:
         for count, (index, result, failure) in enumerate(results, start=1):
             if failure is not None:
                 raise failure
-            found[index] = cast(R, result)
+            outcomes[index] = cast(R, result)
             done(count)
-    return [found[i] for i in range(len(items))]
+    return [outcomes[i] for i in range(len(items))]
 
 
 def counting(progress: ProgressCallback, what: str, total: int, cluster: Cluster) -> Callable[[int], None]:

@@ -58,17 +58,17 @@ def checked_file(path: str | os.PathLike[str], largest: float = LARGEST_FILE) ->
     """
     file = Path(path)
     try:
-        found = file.stat()
+        state = file.stat()
     except FileNotFoundError:
         raise _no_file(file) from None
     except (OSError, ValueError) as error:
         raise _unreadable(file, error) from None
-    if stat.S_ISDIR(found.st_mode):
+    if stat.S_ISDIR(state.st_mode):
         raise CommonlawError("file-is-folder", file=file)
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(state.st_mode):
         raise CommonlawError("file-is-device", file=file)
-    if found.st_size > largest:
-        raise CommonlawError("file-too-large", file=file, bytes=found.st_size, limit=largest)
+    if state.st_size > largest:
+        raise CommonlawError("file-too-large", file=file, bytes=state.st_size, limit=largest)
     return file
 
 
@@ -204,7 +204,7 @@ def _no_file(file: Path) -> CommonlawError:
         return CommonlawError("folder-missing", file=str(file), folder=str(folder))
     try:
         where = str(folder.absolute())
-        names = {each.name.casefold(): each.name for each in islice(folder.iterdir(), 10_000)}
+        names = {entry.name.casefold(): entry.name for entry in islice(folder.iterdir(), 10_000)}
     except OSError:  # The folder may not be listed, or was deleted
         where, names = str(folder), {}
     near = get_close_matches(file.name.casefold(), names, n=1)
@@ -329,11 +329,11 @@ def remove_longest_unused(files: Iterable[Path], most: int) -> None:
         with suppress(OSError):  # Another process may have removed it
             state = file.stat()
             known.append((state.st_mtime_ns, state.st_size, file))
-    for _, size, each in sorted(known, reverse=True):
+    for _, size, file in sorted(known, reverse=True):
         most -= size
         if most < 0:
             with suppress(OSError):
-                each.unlink()
+                file.unlink()
 
 
 @contextmanager
@@ -433,13 +433,13 @@ def _anchor(folder: Path) -> Iterator[Path]:
     from filelock import FileLock
 
     with suppress(OSError):
-        names = [each.name for each in folder.iterdir()]
-        for left in filter(_ANCHOR.fullmatch, names):
-            with suppress(OSError), FileLock(folder / left, blocking=False):  # Its process lives, or it has ended
+        names = [path.name for path in folder.iterdir()]
+        for orphan in filter(_ANCHOR.fullmatch, names):
+            with suppress(OSError), FileLock(folder / orphan, blocking=False):  # Its process lives, or it has ended
                 for name in names:
-                    if name.startswith(f"{left}-"):
+                    if name.startswith(f"{orphan}-"):
                         (folder / name).unlink(missing_ok=True)
-                _remove(folder / left)
+                _remove(folder / orphan)
     anchor = folder / f".commonlaw-{uuid4().hex}"
     with ExitStack() as stack:
         stack.callback(_remove, anchor)  # Where the system removes no locked file

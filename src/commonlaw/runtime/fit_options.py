@@ -75,8 +75,12 @@ def setting(*, default: Any, compare: bool = True, **about: Any) -> Any:
 
 def settings_of(options: type, function: str = "discover") -> dict[str, tuple[Field[Any], Setting]]:
     """Return the settings that a function takes, by name and in order, of a dataclass of settings."""
-    found = {each.name: (each, each.metadata[Setting]) for each in fields(options) if Setting in each.metadata}
-    return {name: pair for name, pair in found.items() if function in pair[1].functions}
+    settings = {
+        attribute.name: (attribute, attribute.metadata[Setting])
+        for attribute in fields(options)
+        if Setting in attribute.metadata
+    }
+    return {name: pair for name, pair in settings.items() if function in pair[1].functions}
 
 
 def read_settings(options: type, texts: Mapping[str, Sequence[str]], function: str = "discover") -> dict[str, Any]:
@@ -99,14 +103,14 @@ def read_settings(options: type, texts: Mapping[str, Sequence[str]], function: s
 def _value(name: str, annotation: Any, texts: Sequence[str], properties: bool) -> Any:
     """Return the value of a type that texts say; levels by name may be names of `properties`."""
     union = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
-    kinds = [get_origin(each) or each for each in union if each is not NoneType]
+    kinds = [get_origin(kind) or kind for kind in union if kind is not NoneType]
     if Sequence in kinds:
         return tuple(texts)
     if tuple in kinds:
-        return tuple(_number(name, each) for each in texts)
+        return tuple(_number(name, text) for text in texts)
     if Mapping in kinds:
         named = dict[str, float | str]()
-        for key, _, value in (each.partition("=") for each in texts):
+        for key, _, value in (text.partition("=") for text in texts):
             if key.strip() in named:
                 raise CommonlawError("setting-twice", name=f"{name} of {key.strip()}")
             is_name = properties and value.strip().isidentifier()
@@ -134,9 +138,9 @@ def _number(name: str, text: str) -> float:
 def documented(cls: type[T]) -> type[T]:
     """Write the settings of a dataclass into its docstring, and accept their names in the last release."""
     lines = list[str]()
-    for name, (each, about) in settings_of(cls).items():
+    for name, (attribute, about) in settings_of(cls).items():
         choices = "".join(f" ``{value!r}``: {meaning}." for value, meaning in about.choices.items())
-        default = f" Default: {each.default!r}." if each.default not in (None, ()) else ""
+        default = f" Default: {attribute.default!r}." if attribute.default not in (None, ()) else ""
         lines += [name, *(f"    {line}" for line in wrap(f"{about.text}{choices}{default}", 112))]
     if cls.__doc__:
         cls.__doc__ = cls.__doc__.replace("{parameters}", "\n    ".join(lines))
@@ -147,8 +151,8 @@ def documented(cls: type[T]) -> type[T]:
 
 def setting_rows(options: type, function: str = "discover") -> Iterator[tuple[str, str, str]]:
     """Yield name, default and documentation of each setting that a function takes, as tables show them."""
-    for name, (each, about) in settings_of(options, function).items():
-        default = shown_value(about.default_of(function, each.default))
+    for name, (attribute, about) in settings_of(options, function).items():
+        default = shown_value(about.default_of(function, attribute.default))
         choices = "; ".join(f"{value}: {meaning}" for value, meaning in about.choices.items())
         yield name, default, f"{about.text} {choices}".strip()
 
@@ -303,8 +307,8 @@ def check_settings(function: str, values: Mapping[str, Any]) -> None:
 
     Raises `CommonlawError` if a value is none of the choices, or outside of its bounds.
     """
-    for name, (each, about) in settings_of(FitOptions, function).items():
-        if values[name] is about.default_of(function, each.default):
+    for name, (attribute, about) in settings_of(FitOptions, function).items():
+        if values[name] is about.default_of(function, attribute.default):
             continue
         if about.choices:
             check_choice(name, values[name], about.choices)
@@ -314,5 +318,5 @@ def check_settings(function: str, values: Mapping[str, Any]) -> None:
 def changed_settings(function: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return those of the arguments of a function, by name, that are not the default of their setting."""
     known = settings_of(FitOptions, function)
-    defaults = {name: about.default_of(function, each.default) for name, (each, about) in known.items()}
+    defaults = {name: about.default_of(function, attribute.default) for name, (attribute, about) in known.items()}
     return {name: value for name, value in values.items() if value != defaults.get(name)}

@@ -94,7 +94,7 @@ class _Team:
 
     def do(self, pieces: Sequence[Callable[[], T]], done: Callable[[int], None]) -> list[T]:
         """Return what pieces of work give; this thread does its share of them."""
-        found: dict[int, T] = {}
+        results: dict[int, T] = {}
         failed: dict[int, Exception] = {}
         waiting, alone = deque(range(len(pieces))), Lock()
 
@@ -109,8 +109,8 @@ class _Team:
                 try:
                     given = pieces[number]()
                     with alone:
-                        found[number] = given
-                        done(len(found))
+                        results[number] = given
+                        done(len(results))
                 except Exception as error:
                     failed[number] = error
 
@@ -127,7 +127,7 @@ class _Team:
             raise
         if failed:
             raise failed[min(failed)]
-        return [found[number] for number in range(len(pieces))]
+        return [results[number] for number in range(len(pieces))]
 
     def _help(self, work: Callable[[], None]) -> None:
         try:
@@ -160,11 +160,11 @@ def one_blas_thread() -> Iterator[None]:
     from threadpoolctl import threadpool_limits
 
     with _Limit.lock:
-        own = threadpool_limits(1, "blas")
-        _Limit.first = _Limit.first if _Limit.users else own
+        limit = threadpool_limits(1, "blas")
+        _Limit.first = _Limit.first if _Limit.users else limit
         _Limit.users += 1
     try:
-        with own:
+        with limit:
             yield
     finally:
         with _Limit.lock:

@@ -72,8 +72,8 @@ class Elapsed:
         # Before, the time that was taken does not tell what is left
         if self._done < 0.1:
             return f"{shown} ({in_words(seconds)})".strip()
-        left = max(self._done_after / self._done - seconds, 0.0)
-        rest = f", about {in_words(left)} left" if left else ""
+        remaining = max(self._done_after / self._done - seconds, 0.0)
+        rest = f", about {in_words(remaining)} left" if remaining else ""
         return f"{shown} ({in_words(seconds)}, {100 * self._done:.0f} % done{rest})".strip()
 
 

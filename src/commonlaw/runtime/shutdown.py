@@ -53,7 +53,7 @@ class Ending:
             if "multiprocessing" in sys.modules:
                 from multiprocessing import active_children
 
-                for pid in filter(None, [each.pid for each in active_children()]):
+                for pid in filter(None, [process.pid for process in active_children()]):
                     with suppress(OSError):  # It has ended meanwhile
                         # Processes of joblib have no method for it; on Windows any signal ends them
                         os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
@@ -71,17 +71,17 @@ def put_away_first() -> Iterator[Ending]:
     """
     ending = Ending()
     is_main = current_thread() is main_thread()
-    own = [each for each in SIGNALS if is_main and signal.getsignal(each) is signal.SIG_DFL]
+    heard = [number for number in SIGNALS if is_main and signal.getsignal(number) is signal.SIG_DFL]
     try:
-        for each in own:
-            signal.signal(each, ending.tell)
+        for number in heard:
+            signal.signal(number, ending.tell)
         yield ending
     except EndedError:
         if not ending.told_by:  # an outer one was
             raise
     finally:
-        for each in own:
-            signal.signal(each, signal.SIG_DFL)
+        for number in heard:
+            signal.signal(number, signal.SIG_DFL)
         if ending.told_by:
             signal.raise_signal(ending.told_by)
 
@@ -119,11 +119,11 @@ def begun(work: Callable[..., None], *given: Any) -> "tuple[BaseProcess, Connect
     from multiprocessing import get_context
 
     context = get_context("spawn")
-    connection, other = context.Pipe()
-    process = context.Process(target=work, args=(other, *given), daemon=True)
+    connection, far_end = context.Pipe()
+    process = context.Process(target=work, args=(far_end, *given), daemon=True)
     with deaf_to_interrupts():
         process.start()
-    other.close()
+    far_end.close()
     return process, connection
 
 
