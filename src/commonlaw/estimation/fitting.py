@@ -57,7 +57,7 @@ def needs_model(
         name in trials.schema.states
         or isinstance(start, tuple)
         or (isinstance(start, str) and start != FREE and start not in names)
-        or (isinstance(start, Mapping) and any(each is None or isinstance(each, str) for each in start.values()))
+        or (isinstance(start, Mapping) and any(value is None or isinstance(value, str) for value in start.values()))
         for name, start in initial_values.items()
     )
     censored = any(np.isfinite(trial.below).any() for trial in trials)
@@ -99,10 +99,10 @@ class Unknowns:
 
     def means(self, trials: Trials, owner: str) -> tuple[Floats, Floats]:
         """Return M and m with parameters ``M unknowns + m`` of an object, means over its trials, (P, p) and (P,)."""
-        own = [i for i, trial in enumerate(trials) if trial.object == owner]
-        indices = np.array([self.parameters[i] for i in own]).reshape(len(own), -1)
+        rows = [i for i, trial in enumerate(trials) if trial.object == owner]
+        indices = np.array([self.parameters[i] for i in rows]).reshape(len(rows), -1)
         shares = (indices[:, :, np.newaxis] == np.arange(len(self.names))).mean(axis=0)
-        return shares, np.mean([self.values[i] for i in own], axis=0)
+        return shares, np.mean([self.values[i] for i in rows], axis=0)
 
 
 def refit(
@@ -200,12 +200,12 @@ def updated(law: Law, trials: Trials) -> Law:
         begun, o = beginning_of(law, trials.select(object=owner), levels), object_index(law, owner)
         names, problem = begun.unknowns.names, begun.problem
         by = {name: begun.restrictions.shared.get(name, OBJECT) for name in named.names}
-        own = [i for i, name in enumerate(names) if name in by and not by_trial(by[name], trials.schema)]
-        at = [named.names.index(names[i]) for i in own]
-        prior = NormalPrior.joint(own, named.values[o, at], named.covariance[o][np.ix_(at, at)])
-        others = [each for each in problem.priors if not {*each.indices.tolist()} & {*own}]
+        indices = [i for i, name in enumerate(names) if name in by and not by_trial(by[name], trials.schema)]
+        at = [named.names.index(names[i]) for i in indices]
+        prior = NormalPrior.joint(indices, named.values[o, at], named.covariance[o][np.ix_(at, at)])
+        others = [normal_prior for normal_prior in problem.priors if not {*normal_prior.indices.tolist()} & {*indices}]
         guessed = begun.guessed.copy()
-        guessed[own] = True
+        guessed[indices] = True
         begun = replace(begun, guessed=guessed, problem=replace(problem, priors=(*others, prior)))
         parts.append(begun.fitted(0, lambda _: None).law(()))
     coefficients = np.concatenate([part.coefficients for part in parts])
@@ -214,9 +214,9 @@ def updated(law: Law, trials: Trials) -> Law:
     for whole, part in zip(covariance, parts, strict=True):
         inner = np.flatnonzero(part.support[support])
         whole[np.ix_(inner, inner)] = part.uncertainty.known_covariance()[0]
-    found = [part.observation for part in parts if part.observation is not None]
-    estimated = tuple(row for each in found for row in each.estimated)
-    likelihood = sum(each.log_likelihood for each in found)
+    observations = [part.observation for part in parts if part.observation is not None]
+    estimated = tuple(row for part_observation in observations for row in part_observation.estimated)
+    likelihood = sum(part_observation.log_likelihood for part_observation in observations)
     return replace(
         law,
         objects=trials.objects,
@@ -231,13 +231,13 @@ def _values_of(law: Law, begun: "Beginning") -> Floats:
     """Return first values of the unknowns: those of a law, as far as it has some that are not zero."""
     result, named = begun.first.copy(), named_parameters(law)
     estimated = () if law.observation is None else law.observation.estimated
-    by_trial = {(each.object, each.trial, each.name): each.value for each in estimated}
+    by_trial = {(estimate.object, estimate.trial, estimate.name): estimate.value for estimate in estimated}
     rows = zip(begun.trials, begun.unknowns.parameters, begun.unknowns.initial, strict=True)
     for trial, parameters, initial in rows:
-        own = dict(zip(named.names, named.values[object_index(law, trial.object)].tolist(), strict=True))
+        values = dict(zip(named.names, named.values[object_index(law, trial.object)].tolist(), strict=True))
         for k in (*parameters, *initial):
             name = begun.unknowns.names[k]
-            value = by_trial.get((trial.object, trial.name, name), own.get(name, 0.0))
+            value = by_trial.get((trial.object, trial.name, name), values.get(name, 0.0))
             if k >= 0 and value != 0 and np.isfinite(value):
                 result[k] = value
     return result
@@ -456,8 +456,8 @@ def _problem(
             raise CommonlawError("prior-not-positive", name=name, std=std)
     logarithmic = np.array([name in trials.schema.logarithmic for name in model.observables])
     priors = {f"{model.variables.states[j]}(0)": prior for j, prior in model.expected.items()} | dict(priors)
-    own = tuple(NormalPrior.of(i, *priors[name]) for i, name in enumerate(unknowns.names) if name in priors)
-    return Problem(model, tuple(data), len(unknowns.names), logarithmic, np.ones(model.width), own)
+    normal_priors = tuple(NormalPrior.of(i, *priors[name]) for i, name in enumerate(unknowns.names) if name in priors)
+    return Problem(model, tuple(data), len(unknowns.names), logarithmic, np.ones(model.width), normal_priors)
 
 
 def _with_groups(problem: Problem, groups: Mapping[str, Mapping[str, str]]) -> Problem:
@@ -472,16 +472,16 @@ def _with_groups(problem: Problem, groups: Mapping[str, Mapping[str, str]]) -> P
     order = [k for k, _ in columns]
     outputs = replace(model.outputs, outputs=model.outputs.outputs[order])
     data = []
-    for each in problem.trials:
-        trial = each.trial
-        own = [g is None or groups[model.observables[k]][trial.object] == g for k, g in columns]
+    for trial_data in problem.trials:
+        trial = trial_data.trial
+        belongs = [g is None or groups[model.observables[k]][trial.object] == g for k, g in columns]
         states, noise, below = (
-            np.where(own, values[:, order], np.nan) for values in (trial.states, trial.noise, trial.below)
+            np.where(belongs, values[:, order], np.nan) for values in (trial.states, trial.noise, trial.below)
         )
         repeats = trial.repeats and replace(
             trial.repeats, counts=trial.repeats.counts[:, order], squares=trial.repeats.squares[:, order]
         )
-        data.append(replace(each, trial=replace(trial, states=states, noise=noise, below=below, repeats=repeats)))
+        data.append(replace(trial_data, trial=replace(trial, states=states, noise=noise, below=below, repeats=repeats)))
     grouped = replace(model, observables=tuple(names), outputs=outputs)
     return replace(problem, model=grouped, trials=tuple(data), logarithmic=problem.logarithmic[order])
 
@@ -507,13 +507,13 @@ def _sizes(
         known[columns[name]] = float(np.abs(values).max(initial=0.0)) or 1.0
     for i, name in enumerate(model.parameters):
         pairs = zip(unknowns.parameters, unknowns.values, strict=True)
-        own = [values[i] for indices, values in pairs if indices[i] < 0]
-        if any(own):
-            known[columns[name]] = float(np.mean(np.abs(own)))
+        known_values = [values[i] for indices, values in pairs if indices[i] < 0]
+        if any(known_values):
+            known[columns[name]] = float(np.mean(np.abs(known_values)))
         if i in model.delay:
             known[columns[name]] = 0.1 * span
     for name, value in guesses.items():
-        check_choice("parameter", name, [each for each in unknowns.names if each in columns])
+        check_choice("parameter", name, [parameter for parameter in unknowns.names if parameter in columns])
         if not np.isfinite(value) or value == 0:
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
         known[columns[name]] = abs(value)
@@ -521,24 +521,24 @@ def _sizes(
         for name, mean, root in zip(np.array(unknowns.names)[prior.indices], prior.mean, prior.root, strict=True):
             if name in columns:
                 known.setdefault(columns[name], abs(float(mean)) or 1 / float(np.linalg.norm(root)))
-    for i, each in enumerate(model.initial):
-        if i not in known and each is not None:
+    for i, value_at_start in enumerate(model.initial):
+        if i not in known and value_at_start is not None:
             try:
-                known.update({i: abs(float(each))} if float(each) else {})
+                known.update({i: abs(float(value_at_start))} if float(value_at_start) else {})
             except ValueError:
                 continue
-    said: list[tuple[str, float | int | None]] = [
+    statements: list[tuple[str, float | int | None]] = [
         (expression, i) for i, expression in enumerate(model.expressions[: model.width])
     ]
     for name, expression in zip(model.observables, model.expressions[model.width :], strict=True):
-        said.append((expression, measured[name]))
-    said += [(each, known[i]) for i, each in enumerate(model.initial) if each is not None and i in known]
+        statements.append((expression, measured[name]))
+    statements += [(start, known[i]) for i, start in enumerate(model.initial) if start is not None and i in known]
     for condition, after in model.events:
         changes = [(f"v{j}", new) for j, new in enumerate(after) if new != f"v{j}"]
-        said += [(condition, None), *((f"{state} - ({new})", None) for state, new in changes)]
-    found = likely_sizes(said, known, len(columns), span)
-    initial_values = {f"{name}(0)": found[i] for i, name in enumerate(model.variables.states)}
-    by_name = {**{name: found[i] for name, i in columns.items()}}
+        statements += [(condition, None), *((f"{state} - ({new})", None) for state, new in changes)]
+    likely = likely_sizes(statements, known, len(columns), span)
+    initial_values = {f"{name}(0)": likely[i] for i, name in enumerate(model.variables.states)}
+    by_name = {**{name: likely[i] for name, i in columns.items()}}
     sizes = np.array([initial_values[name] if name in initial_values else by_name[name] for name in unknowns.names])
     guessed = np.array([name in guesses for name in unknowns.names], dtype=np.bool_)
     for i, name in enumerate(unknowns.names):
@@ -551,20 +551,20 @@ def _sizes(
                 seen = seen[np.isfinite(seen)]
                 if len(seen) and seen[0] != 0:  # Measured states begin at their first measurements
                     sizes[k], guessed[k] = seen[0], True
-    return sizes, found[: model.width], guessed
+    return sizes, likely[: model.width], guessed
 
 
 def _bounds(model: Model, trials: Trials, unknowns: Unknowns) -> Bounds:
     limits = [limits_of(name, model.text.bounds) for name in unknowns.names]
     low, high = (
-        (np.array(each, dtype=np.float64) for each in zip(*limits, strict=True)) if limits else (np.zeros(0),) * 2
+        (np.array(ends, dtype=np.float64) for ends in zip(*limits, strict=True)) if limits else (np.zeros(0),) * 2
     )
     for name, least, most in zip(unknowns.names, low, high, strict=True):
         if not least < most:
-            own = [bound.text for bound in model.text.bounds if bound.name == name]
-            raise CommonlawError("bound-empty", text="; ".join(own))
+            texts = [bound.text for bound in model.text.bounds if bound.name == name]
+            raise CommonlawError("bound-empty", text="; ".join(texts))
     longest = max(trial.times[-1] - trial.times[0] for trial in trials)
-    delays = [model.parameters[each] for each in model.delay if each >= 0]
+    delays = [model.parameters[index] for index in model.delay if index >= 0]
     for i, name in enumerate(unknowns.names):
         if name in delays:
             low[i], high[i] = max(low[i], 0.0), min(high[i], longest)
@@ -584,7 +584,7 @@ class Fitted:
         """How many unknown parameters an object has, initial values apart."""
         trials = self.begun.trials
         rows = zip(trials, self.begun.unknowns.parameters, strict=True)
-        return len({k for trial, own in rows for k in own if k >= 0 and trial.object == trials.objects[0]})
+        return len({k for trial, indices in rows for k in indices if k >= 0 and trial.object == trials.objects[0]})
 
     def minus_twice_log_evidence(self) -> float:
         """Return minus twice the log-evidence: ``-2 log L + sum_j log n_j + sum_k log n_k + (priors)``.
@@ -619,8 +619,8 @@ class Fitted:
         inside = {coefficient.name for coefficient in given.coefficients}
         extra = [name for name in model.parameters if name not in inside]
         variables = replace(given.terms.variables, parameters=(*given.terms.variables.parameters, *extra))
-        own = tuple(Term(parameter=variables.index(name)) for name in extra)
-        terms = Terms(variables, (*given.terms.terms, *own))
+        extra_terms = tuple(Term(parameter=variables.index(name)) for name in extra)
+        terms = Terms(variables, (*given.terms.terms, *extra_terms))
         products = (*given.products, *(Product(0, len(given.terms) + i, 1.0, ((n, 1),)) for i, n in enumerate(extra)))
         known = np.nan_to_num(np.pad(given.known, ((0, 0), (0, len(extra)))))
         coefficients = np.tile(known, (len(trials.objects), 1, 1))
@@ -637,7 +637,8 @@ class Fitted:
             levels[k] = np.median(of_each[known_each])
         noise = dict(zip(problem.model.observables, levels.tolist(), strict=True))
         noise_of = {
-            name: {owner: noise[f"{name} of {group}"] for owner, group in own.items()} for name, own in groups.items()
+            name: {owner: noise[f"{name} of {group}"] for owner, group in group_of.items()}
+            for name, group_of in groups.items()
         }
         noise = {name: noise.get(name) or float(np.median(list(noise_of[name].values()))) for name in model.observables}
         largest = [
@@ -718,9 +719,9 @@ def _differing_trials(fitted: Fitted) -> list[str]:
     shared, names = begun.restrictions.shared, begun.unknowns.names
     may = np.array([by_trial(shared.get(name, OBJECT), begun.trials.schema) for name in names])
     for owner in begun.trials.objects:
-        own = [data for data in begun.problem.trials if data.trial.object == owner]
+        datasets = [data for data in begun.problem.trials if data.trial.object == owner]
         factors, measurements = list[Floats](), 0
-        for data in own if len(own) > 1 else ():
+        for data in datasets if len(datasets) > 1 else ():
             used = np.isin(np.arange(len(names)), data.parameter) & ~may & ~optimum.at_bound
             free = np.isin(np.arange(len(names)), [*data.initial, *data.parameter]) & ~used & ~optimum.at_bound
             residuals, slopes = replace(begun.problem, trials=(data,), priors=()).residuals(
@@ -730,13 +731,13 @@ def _differing_trials(fitted: Fitted) -> list[str]:
             rows = np.column_stack([slopes[:, used], slopes[:, used] @ optimum.unknowns[used] - residuals])
             basis, sizes, _ = np.linalg.svd(slopes[:, free], full_matrices=False)
             basis = basis[:, sizes > _EXPLAINED * sizes.max(initial=0.0)]
-            left = rows - basis @ (basis.T @ rows)
-            left *= np.linalg.norm(left, axis=0) > _EXPLAINED * np.linalg.norm(rows, axis=0)
-            factors.append(np.asarray(np.linalg.qr(left, mode="r")))
+            rest = rows - basis @ (basis.T @ rows)
+            rest *= np.linalg.norm(rest, axis=0) > _EXPLAINED * np.linalg.norm(rows, axis=0)
+            factors.append(np.asarray(np.linalg.qr(rest, mode="r")))
             measurements += len(rows) - basis.shape[1]
         if factors:
             p_values[owner] = heterogeneity_p_value(factors, measurements)
-    return [owner for owner, each in p_values.items() if each < HETEROGENEITY_LEVEL / len(p_values)]
+    return [owner for owner, p_value in p_values.items() if p_value < HETEROGENEITY_LEVEL / len(p_values)]
 
 
 def _values(model: Model, unknowns: Unknowns, found: Floats, trials: Trials, owner: str) -> dict[str, Floats]:
@@ -789,7 +790,7 @@ def _at_bounds(model: Model, unknowns: Unknowns, bounds: Bounds, optimum: Optimu
     result = []
     for i in np.flatnonzero(optimum.at_bound):
         name, end = unknowns.names[i], float(optimum.unknowns[i])
-        value, error = (float(each[i]) for each in optimum.beyond)
+        value, error = (float(column[i]) for column in optimum.beyond)
         side = 1 if end == bounds.low[i] else -1
         reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if 0 < error < np.inf else np.nan
         within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""

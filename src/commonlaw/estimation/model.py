@@ -54,18 +54,18 @@ class ModelText:
             if is_bound(part) and not DERIVATIVE.search(part):
                 bounds.append(part)
                 continue
-            if found := EVENT.fullmatch(part):
-                changes = events.setdefault(found["condition"].strip(), {})
-                for each in split_outside(found["changes"]):
-                    changed = _CHANGED.fullmatch(with_steps(each.strip()))
+            if match := EVENT.fullmatch(part):
+                changes = events.setdefault(match["condition"].strip(), {})
+                for change in split_outside(match["changes"]):
+                    changed = _CHANGED.fullmatch(with_steps(change.strip()))
                     name = _plain(changed["name"]) + changed["rate"] if changed else ""
                     if changed is None or name in changes:
                         raise CommonlawError("equation-event-syntax", text=part)
                     changes[name] = changed["right"].strip()
-            elif found := _INITIAL.fullmatch(part):
-                known[_plain(found["name"]) + (found["rate"] or "")] = found["right"].strip()
-            elif found := _OBSERVED.fullmatch(part):
-                observed[_plain(found["name"])] = found["right"].strip()
+            elif match := _INITIAL.fullmatch(part):
+                known[_plain(match["name"]) + (match["rate"] or "")] = match["right"].strip()
+            elif match := _OBSERVED.fullmatch(part):
+                observed[_plain(match["name"])] = match["right"].strip()
             else:
                 equations.append(part)
         return cls(tuple(equations), observed, known, bounds_in(bounds), events)
@@ -73,8 +73,8 @@ class ModelText:
     @property
     def is_plain(self) -> bool:
         """Whether there are differential equations and bounds alone, without delays, switches and events."""
-        found = (each for text in self.equations for each in _CALLED.finditer(text))
-        special = any(each["step"] or each["name"] == "step" or each["name"] not in FUNCTIONS for each in found)
+        calls = (match for text in self.equations for match in _CALLED.finditer(text))
+        special = any(match["step"] or match["name"] == "step" or match["name"] not in FUNCTIONS for match in calls)
         return not (self.observed or self.initial or self.events or special)
 
 
@@ -151,13 +151,13 @@ class Model:
     @cached_property
     def starts(self) -> Program:
         """Initial values over the variables; zero where they are free."""
-        return _program([each or "0.0" for each in self.initial], len(self.variables.names))
+        return _program([start or "0.0" for start in self.initial], len(self.variables.names))
 
     @cached_property
     def before(self) -> Program:
         """Inputs of the steady state over the variables; zero where they are those at the initial time."""
-        own = [self.steady_inputs.get(i, "0.0") for i in range(len(self.column))]
-        return _program(own, len(self.variables.names))
+        inputs = [self.steady_inputs.get(i, "0.0") for i in range(len(self.column))]
+        return _program(inputs, len(self.variables.names))
 
     def initial_of(self, owner: str) -> Floats:
         """Return the initial values of an object that are numbers, shape (D,), NaN for others."""
@@ -166,7 +166,7 @@ class Model:
     def free_of(self, owner: str) -> list[int]:
         """Return the states and rates, by index, whose initial values each trial of an object determines."""
         known = self.initial_of(owner)
-        return [j for j, each in enumerate(self.initial) if each is None and np.isnan(known[j])]
+        return [j for j, start in enumerate(self.initial) if start is None and np.isnan(known[j])]
 
     def with_terms(self, equation: int, functions: Mapping[str, str], properties: Sequence[str]) -> "Model":
         """Return the model with functions in one equation, by the names of their weights.
@@ -245,19 +245,19 @@ def _check_endless(text: str, event: tuple[str, tuple[str, ...]], variables: Var
     if np.any(np.abs(program.evaluate(at)[:, 1]) > 1e-12 * (1 + np.abs(at[:, j]))):
         return
     side = "<" if (program.evaluate(beyond)[:, 1] > 0).all() else ">"
-    parts = [f"`{each}`" for each in ("s' = 0 s", "s(0) = 0", f"{text}: s = 1", f"rate {side} 0: s = 0")]
+    parts = [f"`{line}`" for line in ("s' = 0 s", "s(0) = 0", f"{text}: s = 1", f"rate {side} 0: s = 0")]
     raise CommonlawError("equation-event-endless", text=text, name=variables.states[j], s=parts)
 
 
 def _steady_inputs(written: set[str], measured: Schema) -> dict[str, str]:
     """Return the inputs of the steady state as they are written in all of the initial values that are said to be it."""
-    if len({"".join(each.split()) for each in written}) > 1:
+    if len({"".join(start.split()) for start in written}) > 1:
         raise CommonlawError("steady-states-differ", written=sorted(written))
-    found = STEADY.fullmatch(next(iter(written), "steady"))
+    match = STEADY.fullmatch(next(iter(written), "steady"))
     given = dict[str, str]()
-    for each in (found["inputs"] or "" if found else "").split(","):
-        if each.strip():
-            name, _, value = (part.strip() for part in each.partition("="))
+    for assignment in (match["inputs"] or "" if match else "").split(","):
+        if assignment.strip():
+            name, _, value = (part.strip() for part in assignment.partition("="))
             check_choice("input", _plain(name), measured.inputs)
             given[_plain(name)] = value
     return given
@@ -280,16 +280,16 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         if name not in measured.inputs:
             raise CommonlawError("equation-with-delay", name=name)
         whole = f"{name}(t - {delay})"
-        if whole not in [each for each, *_ in delays]:
+        if whole not in [signal for signal, *_ in delays]:
             delays.append((whole, name, delay))
         return f"`{whole}`"
 
     # Those of a law have delayed inputs by their names
     plain = (_NAMED.sub(lambda name: f"{quoted(name[1])}{name[2]}", equation) for equation in text.equations)
-    equations = tuple(_DELAYED.sub(delayed, each) for each in plain)
+    equations = tuple(_DELAYED.sub(delayed, equation) for equation in plain)
     text = replace(text, equations=equations)
-    left = split_equations(equations)
-    states = tuple(each.state for each in left)
+    parsed = split_equations(equations)
+    states = tuple(equation.state for equation in parsed)
     for name in states:
         if name in measured.inputs:
             raise CommonlawError("equation-of-input", name=name)
@@ -307,7 +307,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         doses=measured.doses,
         rates=rates,
     )
-    order = one_order([each.order for each in left])
+    order = one_order([equation.order for equation in parsed])
     if order == 0:
         raise CommonlawError("observation-of-discrete-time")
     variables = law_variables(schema, order)
@@ -327,35 +327,35 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     steady = [name for name, start in starts.items() if STEADY.fullmatch(start)]
     before = _steady_inputs({starts.pop(name) for name in steady}, measured)
     others = {**{f"{name}(0)": start for name, start in starts.items()}, **before}
-    written = [*left, *observed, *(observation_equation(name, right) for name, right in others.items())]
+    written = [*parsed, *observed, *(observation_equation(name, right) for name, right in others.items())]
     occurring = event_equations(text.events, meanings)
-    for (name, own), (condition, changes) in zip(text.events.items(), occurring, strict=True):
-        if any(_DELAYED.search(each) for each in (name, *own.values())):
+    for (name, assignments), (condition, changes) in zip(text.events.items(), occurring, strict=True):
+        if any(_DELAYED.search(part) for part in (name, *assignments.values())):
             raise CommonlawError("equation-event-delay", text=name)
         for changed in changes:
             check_choice("state of the equations", changed, variables.states)
         written += [condition, *changes.values()]
-    found = dict.fromkeys(name for each in written for name in each.expression(variables, meanings)[1])
-    found |= dict.fromkeys(delay for *_, delay in delays)
-    variables = replace(variables, parameters=tuple(found))
-    expressions = [each.expression(variables, meanings)[0] for each in written]
+    named = dict.fromkeys(name for equation in written for name in equation.expression(variables, meanings)[1])
+    named |= dict.fromkeys(delay for *_, delay in delays)
+    variables = replace(variables, parameters=tuple(named))
+    expressions = [equation.expression(variables, meanings)[0] for equation in written]
     second_order = with_rates(order, len(states)).tolist()
     rows = [""] * len(variables.states)
     for i, j in enumerate(second_order):
         rows[j] = f"v{len(states) + i}"
     for j, expression in zip(highest_columns(order, len(states)), expressions, strict=False):
         rows[j] = expression
-    texts = dict(zip((*starts, *before), expressions[len(left) + len(observed) :], strict=False))
+    texts = dict(zip((*starts, *before), expressions[len(parsed) + len(observed) :], strict=False))
     events = event_expressions(occurring, variables, meanings)
     for name, event in zip(text.events, events, strict=True):
         _check_endless(name, event, variables)
     parameters, first = variables.parameters, len(variables.measured)
-    if any(min(columns_in(each), default=first) < first for each in texts.values()):
+    if any(min(columns_in(expression), default=first) < first for expression in texts.values()):
         raise CommonlawError("initial-value-of-variables")
     initial = tuple("0.0" if name in steady else texts.get(name) for name in variables.states)
-    outputs = expressions[len(left) : len(left) + len(observed)]
+    outputs = expressions[len(parsed) : len(parsed) + len(observed)]
     column = (*range(len(measured.inputs)), *(measured.inputs.index(name) for _, name, _ in delays))
-    delay = (*([-1] * len(measured.inputs)), *(parameters.index(each) for *_, each in delays))
+    delay = (*([-1] * len(measured.inputs)), *(parameters.index(delay) for *_, delay in delays))
     for name, output in zip(measured.states, outputs, strict=True):
         if min(columns_in(output), default=first) >= len(variables.states):
             raise CommonlawError("observation-without-state", name=name, states=variables.states)

@@ -98,8 +98,8 @@ class ObservedLaw:
         start, std, priors = start.copy(), std.copy(), self.restrictions.priors
         for j in np.flatnonzero(np.isnan(start)).tolist():
             start[j], std[j] = self.model.expected.get(j, (np.nan, 0.0))
-        own = [priors.get(self.model.parameters[i], (0.0, np.inf))[1] for i in self.of_trial]
-        return np.append(start, np.zeros(len(own))), np.append(std, own)
+        shift_std = [priors.get(self.model.parameters[i], (0.0, np.inf))[1] for i in self.of_trial]
+        return np.append(start, np.zeros(len(shift_std))), np.append(std, shift_std)
 
     def predicted(
         self,
@@ -133,20 +133,22 @@ class ObservedLaw:
             model.initial_of(name),
         )
         unknowns = np.append(values, beginning[: model.width])
-        found = self.problem((), len(unknowns)).predicted(data, unknowns, slopes)
-        if found.slopes is None:
-            return found
-        inner = [i for i, each in enumerate(model.parameters) if each in names and i not in self.of_trial]
+        prediction = self.problem((), len(unknowns)).predicted(data, unknowns, slopes)
+        if prediction.slopes is None:
+            return prediction
+        inner = [i for i, parameter in enumerate(model.parameters) if parameter in names and i not in self.of_trial]
         by_coefficients = np.nan_to_num(self.named.slopes(coefficients[np.newaxis])[0])
         by_coefficients = by_coefficients[[names.index(model.parameters[i]) for i in inner]]
-        rows = found.slopes[:, :, inner] @ by_coefficients
-        parts = [rows, found.slopes[:, :, count:], found.slopes[:, :, self.of_trial]]
-        return found._replace(slopes=np.concatenate(parts, axis=2))
+        rows = prediction.slopes[:, :, inner] @ by_coefficients
+        parts = [rows, prediction.slopes[:, :, count:], prediction.slopes[:, :, self.of_trial]]
+        return prediction._replace(slopes=np.concatenate(parts, axis=2))
 
     def noise(self, name: str) -> Floats:
         """Return the standard deviations of the measurements of an object, relative where log-scaled, shape (m,)."""
         known = self.observation
-        return np.array([known.noise_of.get(each, {}).get(name, known.noise[each]) for each in self.model.observables])
+        return np.array(
+            [known.noise_of.get(quantity, {}).get(name, known.noise[quantity]) for quantity in self.model.observables]
+        )
 
 
 def predict_observed(
@@ -254,7 +256,7 @@ class _Curve:
         Parameters that differ between trials of an object are estimated with the initial values. Of the information H
         of other parameters p and these, x: Cov(x | p) = inv(H_xx), dx/dp = -inv(H_xx) H_xp.
         """
-        model, observation, named, own = observed.model, observed.observation, observed.named, observed.of_trial
+        model, observation, named, of_trial = observed.model, observed.observation, observed.named, observed.of_trial
         index = object_index(observed.law, trial.object)
         others = [name for name in model.parameters if name not in named.names]
         properties = {name: number_of(name, trial.object, trials) for name in others}
@@ -263,7 +265,7 @@ class _Curve:
         chosen = [named.names.index(model.parameters[i]) for i in inner]
         covariance = np.zeros((count, count))
         covariance[np.ix_(inner, inner)] = np.nan_to_num(named.covariance[index])[np.ix_(chosen, chosen)]
-        free = [*own, *(count + j for j in model.free_of(trial.object))]
+        free = [*of_trial, *(count + j for j in model.free_of(trial.object))]
         place = {index: k for k, index in enumerate(free)}
         indices = [place.get(index, -1) for index in range(count + model.width)]
         whole = TrialData.of(trial, model, observation.initial_time, indices[:count], values.tolist(), indices[count:])
@@ -289,9 +291,9 @@ class _Curve:
             first, guessed = np.concatenate([values, observed.sizes])[free], np.zeros(len(free), dtype=np.bool_)
             names = (*model.parameters, *(f"{name}(0)" for name in model.variables.states))
             limits = np.array([limits_of(names[index], bounds_in(observed.restrictions.bounds)) for index in free])
-            found = maximize(problem, first, guessed, Bounds(*limits.T), noise, 0, lambda _: None)
-            unknowns[free] = found.unknowns
-        fixed = np.setdiff1d(np.arange(count), own)
+            optimum = maximize(problem, first, guessed, Bounds(*limits.T), noise, 0, lambda _: None)
+            unknowns[free] = optimum.unknowns
+        fixed = np.setdiff1d(np.arange(count), of_trial)
         shifted = tuple(NormalPrior.of(index, *prior) for index, prior in known.items())
         initial = np.where(seen.initial < 0, -1, np.arange(model.width) + count)
         both = replace(seen, parameter=np.arange(count), initial=initial)
@@ -310,15 +312,15 @@ class _Curve:
         """
         grid = np.union1d(self.data.times[:1], times)
         data = replace(self.data, times=grid, rows=np.searchsorted(grid, times))
-        found = self.problem.predicted(data, self.unknowns, return_std)
-        if found.slopes is None:
-            return found.values, np.zeros(found.values.shape), found.states, found.is_endless
-        by_initial = found.slopes[:, :, self.free]
-        by_parameters = found.slopes[:, :, self.known] + by_initial @ self.sensitivity
+        predicted = self.problem.predicted(data, self.unknowns, return_std)
+        if predicted.slopes is None:
+            return predicted.values, np.zeros(predicted.values.shape), predicted.states, predicted.is_endless
+        by_initial = predicted.slopes[:, :, self.free]
+        by_parameters = predicted.slopes[:, :, self.known] + by_initial @ self.sensitivity
         with np.errstate(all="ignore"):
             variance = np.einsum("nmp,pq,nmq->nm", by_parameters, self.parameter_covariance, by_parameters)
             variance += np.einsum("nmp,pq,nmq->nm", by_initial, self.covariance, by_initial)
-            return found.values, np.sqrt(np.maximum(variance, 0.0)), found.states, found.is_endless
+            return predicted.values, np.sqrt(np.maximum(variance, 0.0)), predicted.states, predicted.is_endless
 
 
 def simulate_observed(
@@ -333,7 +335,7 @@ def simulate_observed(
     **settings: Any,
 ) -> dict[str, Trajectory]:
     """Integrate a law with the events of its observation for every object, see `Law.simulate`."""
-    found = dict[str, Trajectory]()
+    trajectories = dict[str, Trajectory]()
     if method not in ("auto", "scipy") or any(settings.values()):
         refused = [name for name, value in settings.items() if value]
         raise CommonlawError("simulate-with-events", settings=refused or [f"method={method!r}"])
@@ -351,8 +353,8 @@ def simulate_observed(
             derivatives=False,
             tolerance=tolerance,
         )
-        found[name] = _trajectory(problem.times, states, is_endless, name)
-    return found
+        trajectories[name] = _trajectory(problem.times, states, is_endless, name)
+    return trajectories
 
 
 def _trajectory(times: Floats, values: Floats, is_endless: bool, where: str) -> Trajectory:
@@ -375,19 +377,19 @@ def _forecast(
     """Return curves at the times of trials, and more of each trial, of log-scaled quantities by their logarithms."""
     if times:
         trials = trials.with_trials([_with_times(trial, time) for trial, time in zip(trials, times, strict=True)])
-    found = [curve.at(trial.times, return_std) for trial, curve in zip(trials, curves, strict=True)]
+    predictions = [curve.at(trial.times, return_std) for trial, curve in zip(trials, curves, strict=True)]
     return Forecast(
         with_noise(trials, observation.noise_of),
         tuple(
             _trajectory(trial.times, values, is_endless, trial.label)
-            for trial, (values, *_, is_endless) in zip(trials, found, strict=True)
+            for trial, (values, *_, is_endless) in zip(trials, predictions, strict=True)
         ),
-        tuple(std for _, std, *_ in found) if return_std else None,
+        tuple(std for _, std, *_ in predictions) if return_std else None,
         observation.noise_levels if return_std else None,
         from_time,
         at_more_times=partial(_forecast, observation, trials, curves, from_time, return_std),
         horizons=tuple(
             np.maximum(0.0, trial.times - curve.known_until) for trial, curve in zip(trials, curves, strict=True)
         ),
-        latent=tuple(states for *_, states, _ in found),
+        latent=tuple(states for *_, states, _ in predictions),
     )

@@ -61,9 +61,9 @@ class TrialData:
         times = np.union1d([first], trial.times)
         inputs = NO_INPUTS
         if trial.inputs.shape[1]:
-            own = Inputs.of(trial.times, trial.inputs, model.schema.input_interpolation)
-            inputs = DelayedInputs(own, model.column, model.delay)
-        indices, free = (np.array(each, dtype=np.int64) for each in (parameter, initial))
+            undelayed = Inputs.of(trial.times, trial.inputs, model.schema.input_interpolation)
+            inputs = DelayedInputs(undelayed, model.column, model.delay)
+        indices, free = (np.array(numbers, dtype=np.int64) for numbers in (parameter, initial))
         rows, fixed = np.searchsorted(times, trial.times), model.initial_of(trial.object)
         return cls(trial, times, rows, inputs, indices, np.array(values), free, fixed)
 
@@ -181,16 +181,16 @@ class Problem:
         by_start = outer[:, :, :width] @ by[:, :, count:] @ start_by
         by_parameters += by_start[:, :, :count]
         by_initial = by_start[:, :, count:]
-        found = np.zeros((*values.shape, self.unknowns))
+        by_unknowns = np.zeros((*values.shape, self.unknowns))
         for i, k in enumerate(data.parameter):
             if k >= 0:
-                found[:, :, k] += by_parameters[:, :, i]
+                by_unknowns[:, :, k] += by_parameters[:, :, i]
         for j, k in enumerate(data.initial):
             if k >= 0:
-                found[:, :, k] += by_initial[:, :, j]
+                by_unknowns[:, :, k] += by_initial[:, :, j]
         with np.errstate(all="ignore"):
-            found /= np.where(self.logarithmic, values, 1.0)[:, :, np.newaxis]
-        return Predicted(shown, found, states, solution.is_endless)
+            by_unknowns /= np.where(self.logarithmic, values, 1.0)[:, :, np.newaxis]
+        return Predicted(shown, by_unknowns, states, solution.is_endless)
 
     def _steady(
         self, data: TrialData, parameters: Floats, initial: Floats, by: Floats | None
@@ -200,26 +200,26 @@ class Problem:
         The rates of these states are zero, the others being as they are; the way there is that of time steps which grow
         as the rates fall (Kelley and Keyes 1998, SIAM J. Numer. Anal. 35, 508), from the sizes of the states.
         """
-        model, own, sizes = self.model, list(self.model.steady), self.sizes[list(self.model.steady)]
+        model, steady, sizes = self.model, list(self.model.steady), self.sizes[list(self.model.steady)]
         times, inputs = data.times[:1], data.inputs.at(data.times[:1], parameters)
         unit, given = model.point(np.zeros((1, model.width)), 0 * inputs, times, parameters), list(model.steady_inputs)
         inputs[0, given] = model.before.evaluate(unit)[0, given]
         result = initial.copy()
-        result[own] = sizes
+        result[steady] = sizes
         step, last = np.inf, np.inf
         with np.errstate(all="ignore"):
             for _ in range(200):
                 point = model.point(result[np.newaxis], inputs, times, parameters)
-                rates, jacobian = model.rates.evaluate(point)[0, own], model.rates.jacobian(point)[0, own]
+                rates, jacobian = model.rates.evaluate(point)[0, steady], model.rates.jacobian(point)[0, steady]
                 speed = float(np.max(np.abs(rates) / sizes)) or _TINY
                 step, last = step * min(10.0, max(last / speed, 0.1)) if np.isfinite(step) else 1 / speed, speed
                 try:
-                    change = np.linalg.solve(np.eye(len(own)) / step - jacobian[:, own], rates)
+                    change = np.linalg.solve(np.eye(len(steady)) / step - jacobian[:, steady], rates)
                 except np.linalg.LinAlgError:
                     break
-                result[own] += change
-                if np.max(np.abs(change) / (np.abs(result[own]) + sizes)) < 1e-9:
-                    if np.linalg.matrix_rank(jacobian[:, own] * sizes) < len(own):
+                result[steady] += change
+                if np.max(np.abs(change) / (np.abs(result[steady]) + sizes)) < 1e-9:
+                    if np.linalg.matrix_rank(jacobian[:, steady] * sizes) < len(steady):
                         break  # It is one of many
                     return result, by if by is None else self._steady_by(jacobian, by, unit)
         return np.full_like(result, np.nan), by
@@ -229,14 +229,14 @@ class Problem:
 
         dx/dp = -inv(f_x) (f_p + f_u du/dp + f_y dy/dp); `jacobian` has the derivatives of f by all variables.
         """
-        model, own, result = self.model, list(self.model.steady), by.copy()
+        model, steady, result = self.model, list(self.model.steady), by.copy()
         count, first, given = len(model.parameters), model.first_parameter, list(model.steady_inputs)
-        others = np.delete(np.arange(model.width), own)
+        others = np.delete(np.arange(model.width), steady)
         right = jacobian[:, others] @ by[others]
         right[:, :count] += jacobian[:, first : first + count]
         columns = model.width + np.array(given, dtype=np.int64)
         right[:, :count] += jacobian[:, columns] @ model.before.jacobian(unit)[0, given, first : first + count]
-        result[own] = -np.linalg.solve(jacobian[:, own], right)
+        result[steady] = -np.linalg.solve(jacobian[:, steady], right)
         return result
 
     @cached_property
@@ -251,7 +251,7 @@ class Problem:
 
         They are tau in ``t > tau`` and h in ``x > h``.
         """
-        first, found = self.model.first_parameter, dict[int, tuple[float, float]]()
+        first, ranges = self.model.first_parameter, dict[int, tuple[float, float]]()
         for columns in (sorted(columns_in(condition)) for condition, _ in self.model.events):
             if len(columns) != 2 or columns[0] >= first or columns[1] < first:
                 continue
@@ -265,16 +265,16 @@ class Problem:
                 elif columns[0] < first - 1:
                     continue
                 index, (low, high) = int(data.parameter[columns[1] - first]), (np.nanmin(seen), np.nanmax(seen))
-                before = found.get(index, (low, high))
-                found[index] = float(min(low, before[0])), float(max(high, before[1]))
-        return {index: covered for index, covered in found.items() if index >= 0}
+                before = ranges.get(index, (low, high))
+                ranges[index] = float(min(low, before[0])), float(max(high, before[1]))
+        return {index: covered for index, covered in ranges.items() if index >= 0}
 
     @cached_property
     def event_unknowns(self) -> list[int]:
         """The unknowns in conditions of events and in what these change, by index."""
         first, texts = (
             self.model.first_parameter,
-            (each for event in self.model.events for each in (event[0], *event[1])),
+            (text for event in self.model.events for text in (event[0], *event[1])),
         )
         columns = {column - first for text in texts for column in columns_in(text) if column >= first}
         return sorted({int(trial.parameter[i]) for trial in self.trials for i in columns} - {-1})
@@ -302,19 +302,19 @@ class Problem:
         """
         parts, rows = list[Floats](), list[Floats]()
         for data in self.trials:
-            own = self.predicted(data, unknowns, slopes)
+            predicted = self.predicted(data, unknowns, slopes)
             std, trial = data.trial.std(noise), data.trial
             seen = np.isfinite(trial.states)
-            parts.append(((own.values - trial.states) / std)[seen])
-            if own.slopes is not None:
-                rows.append((own.slopes / std[:, :, np.newaxis])[seen])
+            parts.append(((predicted.values - trial.states) / std)[seen])
+            if predicted.slopes is not None:
+                rows.append((predicted.slopes / std[:, :, np.newaxis])[seen])
             under = np.isfinite(trial.below)
             if under.any():
-                z = ((trial.below - own.values) / std)[under]
+                z = ((trial.below - predicted.values) / std)[under]
                 root = np.sqrt(np.maximum(-2 * log_ndtr(z), _TINY))
                 parts.append(root)
-                if own.slopes is not None:
-                    rows.append((own.slopes / std[:, :, np.newaxis])[under] * (_mills(z) / root)[:, np.newaxis])
+                if predicted.slopes is not None:
+                    rows.append((predicted.slopes / std[:, :, np.newaxis])[under] * (_mills(z) / root)[:, np.newaxis])
         for prior in self.priors:
             parts.append(prior.residuals(unknowns))
             rows.append(prior.root @ np.eye(self.unknowns)[prior.indices])
@@ -332,26 +332,26 @@ class Problem:
             assert rows is not None
             return rows
         count, quantities = self.unknowns, len(noise)
-        total, mixed, own = np.zeros((count, count)), np.zeros((quantities, count)), np.zeros(quantities)
+        total, mixed, by_noise = np.zeros((count, count)), np.zeros((quantities, count)), np.zeros(quantities)
         for data in self.trials:
-            found, trial = self.predicted(data, unknowns), data.trial
-            assert found.slopes is not None
-            std = np.broadcast_to(trial.std(noise), found.values.shape)
-            slopes = found.slopes / std[:, :, np.newaxis]
+            predicted, trial = self.predicted(data, unknowns), data.trial
+            assert predicted.slopes is not None
+            std = np.broadcast_to(trial.std(noise), predicted.values.shape)
+            slopes = predicted.slopes / std[:, :, np.newaxis]
             for k in range(quantities):
                 seen, under = np.isfinite(trial.states[:, k]), np.isfinite(trial.below[:, k])
-                z, g = ((found.values - trial.states) / std)[seen, k], slopes[seen, k]
-                u, h = ((trial.below - found.values) / std)[under, k], slopes[under, k]
+                z, g = ((predicted.values - trial.states) / std)[seen, k], slopes[seen, k]
+                u, h = ((trial.below - predicted.values) / std)[under, k], slopes[under, k]
                 m = _mills(u)
                 total += g.T @ g + (h.T * (m * (m + u))) @ h
                 mixed[k] += (m * (m + u) * u - m) @ h - 2 * z @ g
-                own[k] += 2 * z @ z + np.sum(m * (m + u) * u**2 - m * u)
+                by_noise[k] += 2 * z @ z + np.sum(m * (m + u) * u**2 - m * u)
                 if trial.repeats is not None:
-                    own[k] += 2 * float((trial.repeats.squares[seen, k] / noise[k] ** 2).sum())
+                    by_noise[k] += 2 * float((trial.repeats.squares[seen, k] / noise[k] ** 2).sum())
         for prior in self.priors:
             total[np.ix_(prior.indices, prior.indices)] += prior.root.T @ prior.root
         for k in np.flatnonzero(self.censored & ~self.known_noise).tolist():
-            total -= np.outer(mixed[k], mixed[k]) / own[k]
+            total -= np.outer(mixed[k], mixed[k]) / by_noise[k]
         sizes, directions = np.linalg.eigh(total)
         return np.asarray(np.sqrt(np.maximum(sizes, 0.0))[:, np.newaxis] * directions.T)
 

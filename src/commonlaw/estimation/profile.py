@@ -91,11 +91,11 @@ def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | Non
     noise = {} if law.observation is None else law.observation.noise_of
     begun = beginning_of(law, matched(law, related, observed=True), noise)
     rows = zip(begun.trials, begun.unknowns.parameters, strict=True)
-    own = next(indices for trial, indices in rows if trial.object == owner)
-    index = own[begun.model.parameters.index(parameter)]
-    found = _profile(begun, begun.first, index, _noise(law, begun))
+    unknown_indices = next(indices for trial, indices in rows if trial.object == owner)
+    index = unknown_indices[begun.model.parameters.index(parameter)]
+    profile = _profile(begun, begun.first, index, _noise(law, begun))
     unit = parameters.units[parameters.names.index(parameter)] or ""
-    return Profile(parameter, owner, unit, *found)
+    return Profile(parameter, owner, unit, *profile)
 
 
 def _noise(law: Law, begun: Beginning) -> Floats | None:
@@ -159,9 +159,9 @@ def _least(problem: Problem, bounds: Bounds, start: Floats, free: Bools, noise: 
         return full
 
     def slopes(point: Floats) -> Floats:
-        found = problem.residuals(whole(point), noise)[1]
-        assert found is not None
-        return np.asarray(np.nan_to_num(found[:, free]))
+        derivatives = problem.residuals(whole(point), noise)[1]
+        assert derivatives is not None
+        return np.asarray(np.nan_to_num(derivatives[:, free]))
 
     def residuals(point: Floats) -> Floats:
         with np.errstate(all="ignore"):
@@ -172,7 +172,7 @@ def _least(problem: Problem, bounds: Bounds, start: Floats, free: Bools, noise: 
     if not free.any():
         return start, float(np.sum(residuals(start[free]) ** 2))
     try:
-        found = least_squares(residuals, start[free], slopes, (low, high), x_scale="jac", max_nfev=40)
+        fit = least_squares(residuals, start[free], slopes, (low, high), x_scale="jac", max_nfev=40)
     except (ValueError, np.linalg.LinAlgError):
         return start, np.inf
-    return whole(found.x), float(2 * found.cost)
+    return whole(fit.x), float(2 * fit.cost)

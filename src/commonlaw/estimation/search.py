@@ -117,7 +117,7 @@ def _improved(objective: _Objective, start: Floats, bounds: Bounds, steps: int) 
         return start, np.inf
     tolerance = 1e-10 if steps == _BOUNDED_STEPS else 1e-6
     try:
-        found = least_squares(
+        fit = least_squares(
             objective.residuals,
             start,
             objective.jacobian,
@@ -130,7 +130,7 @@ def _improved(objective: _Objective, start: Floats, bounds: Bounds, steps: int) 
         )
     except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
         return start, np.inf
-    return found.x, float(found.cost)
+    return fit.x, float(fit.cost)
 
 
 def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds) -> Floats:
@@ -185,14 +185,14 @@ def _by_levenberg_marquardt(objective: _Objective, start: Floats, free: Bools, l
         return np.nan_to_num(objective.residuals(whole(point)), nan=1e30, posinf=1e30, neginf=-1e30)
 
     def jacobian(point: Floats) -> Floats:
-        own = whole(point)
-        slopes = objective.jacobian(own)[:, free]
-        return np.asarray(np.nan_to_num(slopes * own[free]) if logarithms else slopes)
+        unknowns = whole(point)
+        slopes = objective.jacobian(unknowns)[:, free]
+        return np.asarray(np.nan_to_num(slopes * unknowns[free]) if logarithms else slopes)
 
     first = np.zeros(int(free.sum())) if logarithms else start[free]
     before = residuals(first)
     try:
-        found = least_squares(
+        fit = least_squares(
             residuals,
             first,
             jacobian,
@@ -205,7 +205,7 @@ def _by_levenberg_marquardt(objective: _Objective, start: Floats, free: Bools, l
         )
     except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
         return start
-    return whole(found.x) if 2 * found.cost <= float(before @ before) else start
+    return whole(fit.x) if 2 * fit.cost <= float(before @ before) else start
 
 
 def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Floats:
@@ -217,14 +217,14 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
     draws = qmc.Sobol(2 * count, seed=seed).random(DRAWS) if count else np.zeros((DRAWS, 0))
     spread = np.exp(_SPREAD * ndtri(np.clip(draws[:, :count], 1e-6, 1 - 1e-6)))
     negative = (bounds.low < 0) & (draws[:, count:] < 0.2) & (np.arange(DRAWS) % 2 == 1)[:, np.newaxis]
-    found = np.where(guessed, sizes, sizes * spread * np.where(negative, -1.0, 1.0))
-    found[0] = sizes
+    starts = np.where(guessed, sizes, sizes * spread * np.where(negative, -1.0, 1.0))
+    starts[0] = sizes
     low, high = bounds.low, bounds.high
     both = np.isfinite(low) & np.isfinite(high)
-    outside = (found < low) | (found > high)
-    inner = np.where(both, low + draws[:, :count] * np.where(both, high - low, 0.0), found)
-    one = np.where(np.isfinite(low), low + np.abs(found), high - np.abs(found))
-    return np.asarray(np.where(outside, np.where(both, inner, one), found))
+    outside = (starts < low) | (starts > high)
+    inner = np.where(both, low + draws[:, :count] * np.where(both, high - low, 0.0), starts)
+    one = np.where(np.isfinite(low), low + np.abs(starts), high - np.abs(starts))
+    return np.asarray(np.where(outside, np.where(both, inner, one), starts))
 
 
 def rough_noise(problem: Problem) -> Floats:
@@ -299,12 +299,12 @@ def maximize(
                 continue
             cost, point = _roughly(part, _scanned(part, point, noise, bounds, sizes), noise, bounds, sizes)
             near = _resampled(part, point, noise, bounds, random)
-            cost, point = min((cost, point), _roughly(part, near, noise, bounds, sizes), key=lambda found: found[0])
+            cost, point = min((cost, point), _roughly(part, near, noise, bounds, sizes), key=lambda scored: scored[0])
         rough.append((cost, point))
     for i, start in enumerate(starts[1 : 2 * _EVENT_VALUES : 2] if spread else ()):
         progress(f"improving values of events, start {i + 1} of {_EVENT_VALUES}")
         rough.append(_roughly(coarse, start, noise, bounds, sizes))
-    rough = sorted((each for each in rough if np.isfinite(each[0])), key=lambda each: each[0])
+    rough = sorted((attempt for attempt in rough if np.isfinite(attempt[0])), key=lambda attempt: attempt[0])
     if not rough:
         raise unsolved
     progress("fitting parameters")
@@ -338,11 +338,11 @@ def _first(problem: Problem, share: float) -> Problem:
 
 
 def _cost(problem: Problem, unknowns: Floats, noise: Floats) -> float:
-    found, _ = problem.residuals(unknowns, noise, False)
+    residuals, _ = problem.residuals(unknowns, noise, False)
     with np.errstate(all="ignore"):
         # A few measurements that a first value misses by far do not rank it
-        total = float(np.log1p(found**2).sum())
-    return total if np.isfinite(found).all() else np.inf
+        total = float(np.log1p(residuals**2).sum())
+    return total if np.isfinite(residuals).all() else np.inf
 
 
 def _roughly(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, sizes: Floats) -> tuple[float, Floats]:

@@ -38,10 +38,12 @@ class Quantity:
         parts = zip(self.values, self.slopes, evidence.estimates, strict=True)
         means = np.stack([value + estimates @ slopes for value, slopes, estimates in parts], axis=2)
         known = zip(self.slopes, evidence.covariances, strict=True)
-        own = np.stack([np.einsum("p,...pq,q->...", slopes, each, slopes) for slopes, each in known], axis=-1)
+        within = np.stack(
+            [np.einsum("p,...pq,q->...", slopes, covariance, slopes) for slopes, covariance in known], axis=-1
+        )
         weights = evidence.probabilities(prior)
         middle = np.sum(weights * means, axis=2, keepdims=True)
-        variances = np.sum(weights * (own + (means - middle) ** 2), axis=2)
+        variances = np.sum(weights * (within + (means - middle) ** 2), axis=2)
         return float(np.sqrt(prior @ variances.mean(axis=1)))
 
 
@@ -54,16 +56,18 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
     all objects. Raises `CommonlawError` if a name or number cannot be read.
     """
     forecast, coefficient = (form.fullmatch(text.strip()) for form in (_FORECAST, _COEFFICIENT))
-    found = forecast or coefficient
-    if found is None:
+    match = forecast or coefficient
+    if match is None:
         raise CommonlawError("design-without-target")
-    chosen, objects = found["object"], hypotheses[0].objects
+    chosen, objects = match["object"], hypotheses[0].objects
     if chosen is not None and chosen not in objects:
         raise unknown("object of this law", chosen, objects)
     names = objects if chosen is None else (chosen,)
     if forecast is None:
-        return _of_hypotheses(text, (_coefficient(found["name"], hypotheses[0], each, names) for each in hypotheses))
-    return _of_hypotheses(text, (_forecast(found, each, names) for each in hypotheses))
+        return _of_hypotheses(
+            text, (_coefficient(match["name"], hypotheses[0], hypothesis, names) for hypothesis in hypotheses)
+        )
+    return _of_hypotheses(text, (_forecast(match, hypothesis, names) for hypothesis in hypotheses))
 
 
 def coefficients(hypotheses: Sequence[Hypothesis]) -> list[Quantity]:
@@ -73,7 +77,7 @@ def coefficients(hypotheses: Sequence[Hypothesis]) -> list[Quantity]:
     return [
         _of_hypotheses(
             f"{parameter} of {name}" if len(objects) > 1 else parameter,
-            (_coefficient(parameter, first, each, (name,)) for each in hypotheses),
+            (_coefficient(parameter, first, hypothesis, (name,)) for hypothesis in hypotheses),
         )
         for parameter in parameters
         for name in objects
@@ -98,11 +102,11 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
     if not all(there):
         return 0.0, np.zeros(each.unknowns)
     coefficient = named[name]._replace(parts=tuple(parts))
-    own = each.law.coefficients[[object_index(each.law, own) for own in names]]
+    values = each.law.coefficients[[object_index(each.law, owner) for owner in names]]
     slopes, places = np.zeros((len(names), each.roots.shape[1])), np.argwhere(each.law.support).tolist()
-    for part, gradient in zip(parts, coefficient.gradient(own).T, strict=True):
+    for part, gradient in zip(parts, coefficient.gradient(values).T, strict=True):
         slopes[:, places.index([part.equation, part.term])] = gradient
-    return float(coefficient.of(own).mean()), _by_unknowns(slopes, each, names)
+    return float(coefficient.of(values).mean()), _by_unknowns(slopes, each, names)
 
 
 def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:
@@ -113,7 +117,7 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
     if measured_schema(law).inputs:
         raise CommonlawError("design-forecast-with-inputs")
     try:
-        time, start = float(parts["time"]), [float(own) for own in parts["start"].split(",")]
+        time, start = float(parts["time"]), [float(number) for number in parts["start"].split(",")]
     except ValueError as error:
         raise CommonlawError("design-forecast-syntax", error=error) from None
     if not (time > 0 and len(law.schema.states) <= len(start) <= len(states)):
@@ -137,18 +141,18 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
             observed.predicted(name, times, coefficients, beginning, properties, made.inputs)
             for name, (coefficients, properties) in zip(names, given, strict=True)
         ]
-        pairs = [(own.values, own.slopes) for own in predicted]
+        pairs = [(curve.values, curve.slopes) for curve in predicted]
     else:
         logs = [*law.terms.variables.logarithmic_columns]
         initial[logs] = np.log(initial[logs])
         fields = [replace(vector_field(law, name), free=law.support) for name in names]
-        found = simulate(
-            [InitialValueProblem(own, initial, times, name) for own, name in zip(fields, names, strict=True)],
+        trajectories = simulate(
+            [InitialValueProblem(field, initial, times, name) for field, name in zip(fields, names, strict=True)],
             sensitivities=True,
         )
-        pairs = [(own.states, own.sensitivities) for own in found]
+        pairs = [(trajectory.states, trajectory.sensitivities) for trajectory in trajectories]
     values = np.array([curve[-1, column] for curve, _ in pairs])
-    slopes = np.array([own[-1, column, :count] for _, own in pairs if own is not None])
+    slopes = np.array([slope[-1, column, :count] for _, slope in pairs if slope is not None])
     if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
         raise CommonlawError("design-forecast-diverges", structure=law.structure, time_name=law.schema.time, time=time)
     if column in logs:

@@ -119,7 +119,7 @@ def design(
     if vary is not None and not isinstance(vary, Mapping):
         raise CommonlawError("design-trials-by-name")
     plausible = _plausible([law] if isinstance(law, Law) else list(law))
-    first, prior = plausible[0].law, np.array([each.probability for each in plausible])
+    first, prior = plausible[0].law, np.array([model.probability for model in plausible])
     settings = Settings.of(first, vary or {}, usual(first, trials) if trials is not None else {})
     unit_costs = {"trial": 1.0} if cost is None else cost
     chargeable = [name for name in settings.options if name not in ("object", "times", "repeats")]
@@ -128,7 +128,7 @@ def design(
         if name not in chargeable:
             raise unknown("price", name, dict.fromkeys(chargeable))
         check_amount(f"the price of {name} is", unit_cost)
-    hypotheses = tuple(Hypothesis.of(each.law, settings.objects) for each in plausible)
+    hypotheses = tuple(Hypothesis.of(model.law, settings.objects) for model in plausible)
     aim = Aim.of(about, prior, hypotheses)
     known = start_std or {}
     for name, value in known.items():
@@ -137,43 +137,43 @@ def design(
     limits = dict[str, Range]()
     for name, wanted in (within or {}).items():
         check_choice("state", name, first.terms.variables.states)
-        if not isinstance(own := read(name, wanted), Range):
+        if not isinstance(limit := read(name, wanted), Range):
             raise CommonlawError("design-range", name=name, value=wanted)
-        limits[name] = own
+        limits[name] = limit
     if trials is not None:
         visited = first.provenance.domain.visited or Domain.of(trials, state_rates(first)).visited
-        found = dict[str, Range]()
+        ranges = dict[str, Range]()
         for name in first.schema.states:
             values = [*visited.get(name, ()), *numbers_of(settings.options.get(name, ()))]
             if name in visited and min(values) < max(values):
-                found[name] = Range(min(values), max(values))
-        limits = found | limits
+                ranges[name] = Range(min(values), max(values))
+        limits = ranges | limits
     search = Search(first, hypotheses, aim, settings, limits, unit_costs, known, seed, points)
     chosen = search.chosen(experiments, budget, on_terminal() if progress is None else progress)
     steps = [search.evidence(chosen[: i + 1]) for i in range(len(chosen))]
     repeats = search.repeats(chosen) if aim.of_law else None
     units = [unit or "" for unit in named_parameters(first).units for _ in hypotheses[0].objects]
     gains = [
-        Gain(each.name, unit, each.std(prior), each.expected_std(prior, steps[-1]))
-        for each, unit in zip(coefficients(hypotheses), units, strict=True)
+        Gain(coefficient.name, unit, coefficient.std(prior), coefficient.expected_std(prior, steps[-1]))
+        for coefficient, unit in zip(coefficients(hypotheses), units, strict=True)
     ]
     return Design(
         plausible,
         tuple(
             Planned(
-                each.experiment,
-                each.experiment.described(first),
+                candidate.experiment,
+                candidate.experiment.described(first),
                 evidence.chance(prior) if len(plausible) > 1 else 1.0,
                 aim.bits(evidence),
                 aim.quantity.expected_std(prior, evidence) if aim.quantity else None,
-                Forecasts.of(each.experiment, hypotheses),
+                Forecasts.of(candidate.experiment, hypotheses),
             )
-            for each, evidence in zip(chosen, steps, strict=True)
+            for candidate, evidence in zip(chosen, steps, strict=True)
         ),
         repeats,
         search.limit(chosen) if aim.of_law and repeats is None else None,
         aim,
-        tuple(sorted(gains, key=lambda each: each.then / each.now if each.now > 0 else 1.0)),
+        tuple(sorted(gains, key=lambda gain: gain.then / gain.now if gain.now > 0 else 1.0)),
     )
 
 
@@ -205,12 +205,12 @@ def _usual_doses(schema: Schema, trials: Trials) -> dict[str, Options]:
     """Return the amounts of doses, which stand in trials as large inputs for a moment, and when the first is given."""
     result: dict[str, Options] = {}
     for j, name in enumerate(schema.inputs):
-        own = [(trial, np.flatnonzero(trial.inputs[:, j])) for trial in trials]
-        pulses = [(each, given) for each, given in own if len(given)]
-        amounts = [each.inputs[i, j] * (each.times[i] - each.times[i - 1]) for each, given in pulses for i in given]
+        dosed = [(trial, np.flatnonzero(trial.inputs[:, j])) for trial in trials]
+        pulses = [(trial, given) for trial, given in dosed if len(given)]
+        amounts = [trial.inputs[i, j] * (trial.times[i] - trial.times[i - 1]) for trial, given in pulses for i in given]
         result[name] = _between(np.array(amounts)) if amounts else (0.0,)
         if pulses:
-            firsts = [each.times[given[0] - 1] - each.times[0] for each, given in pulses]
+            firsts = [trial.times[given[0] - 1] - trial.times[0] for trial, given in pulses]
             result[f"{name}.at"] = (float(np.median(firsts)),)
     return result
 
@@ -220,7 +220,7 @@ def _between(values: Floats) -> Options:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if not low < high:
         return (low,)
-    first, last = (rounded_to(each, (high - low) / 10) for each in (low, high))
+    first, last = (rounded_to(end, (high - low) / 10) for end in (low, high))
     return Range(first if first * low > 0 else low, last if last * high > 0 else high)
 
 
@@ -228,7 +228,7 @@ def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
     """Return all that several laws could be, each of them as probable as another."""
     if not laws or not all(isinstance(law, Law) for law in laws):
         raise CommonlawError("design-without-laws")
-    if any(_setting_of(each) != _setting_of(laws[0]) for each in laws[1:]):
+    if any(_setting_of(law) != _setting_of(laws[0]) for law in laws[1:]):
         raise CommonlawError("design-different-laws")
     share = 1 / len(laws)
     return tuple(PlausibleLaw(share * model.probability, model.law) for law in laws for model in law.models)

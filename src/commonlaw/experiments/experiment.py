@@ -81,7 +81,9 @@ class Settings:
         given = {name: read(name, value) for name, value in vary.items()}
         schema, states = measured_schema(law), law.terms.variables.states
         details = ("at", "every") if schema.doses else ("shape", "period")
-        inputs = [each for signal in schema.inputs for each in (signal, *(f"{signal}.{detail}" for detail in details))]
+        inputs = [
+            setting for signal in schema.inputs for setting in (signal, *(f"{signal}.{detail}" for detail in details))
+        ]
         for name in given:
             if name not in (*TIMING, *states, *inputs) and not (name.startswith("object.") and name != "object."):
                 raise unknown("setting of an experiment", name, (*states, *inputs, *TIMING, "object.<property>"))
@@ -140,7 +142,7 @@ class Settings:
             ends = np.random.default_rng(seed).integers(2, size=(2**_CORNERS, len(ranges))).astype(float)
         else:
             ends = np.array(list(product((0.0, 1.0), repeat=len(ranges))))
-        lists = [len(own) for name in self.varied if not isinstance(own := self.options[name], Range)]
+        lists = [len(options) for name in self.varied if not isinstance(options := self.options[name], Range)]
         corners = np.tile(ends, (max(1, *lists, 1), 1))
         result = qmc.Sobol(len(self.varied), seed=seed + 1).random_base2(int(np.ceil(np.log2(len(corners) + 1))))
         result = result[: len(corners)]
@@ -179,7 +181,7 @@ def read(name: str, value: object) -> Options:
         values = [values]
     if not values:
         raise CommonlawError("setting-empty", name=name)
-    return tuple(_plain(name, each) for each in values)
+    return tuple(_plain(name, part) for part in values)
 
 
 def _range(name: str, low: object, high: object) -> Range:
@@ -340,10 +342,12 @@ class Experiment:
     @property
     def cost(self) -> float:
         """What all of its trials cost."""
-        numbers = {name: own for name, own in self.settings.items() if isinstance(own, float) and name != "repeats"}
+        numbers = {
+            name: setting for name, setting in self.settings.items() if isinstance(setting, float) and name != "repeats"
+        }
         numbers |= {"trial": 1.0, "sample": len(self.times), "duration": float(self.times[-1] - self.times[0])}
-        each = sum(self.unit_costs.get(name, 0.0) * abs(own) for name, own in numbers.items())
-        return self.repeats * sum(each + self.unit_costs.get(name, 0.0) for name in self.objects)
+        per_object = sum(self.unit_costs.get(name, 0.0) * abs(setting) for name, setting in numbers.items())
+        return self.repeats * sum(per_object + self.unit_costs.get(name, 0.0) for name in self.objects)
 
     def described(self, law: Law) -> str:
         """Return the experiment in plain words."""

@@ -61,7 +61,7 @@ class Gaussian:
     @property
     def variances(self) -> Floats:
         """Of single measurements from the start that is set, shape (n,)."""
-        shared = sum(np.diag(each) for each in (self.coloured, self.common) if each is not None)
+        shared = sum(np.diag(part) for part in (self.coloured, self.common) if part is not None)
         return np.asarray(np.sum(self.by_unknowns**2, axis=1) + self.noise + shared)
 
     def drawn(self, noise: Floats) -> Floats:
@@ -77,10 +77,10 @@ class Gaussian:
     def whitened(self) -> "Whitened":
         """Return what of the measurements does not depend on the start."""
         turn = self.white(np.eye(len(self.mean)))
-        left, sizes, _ = np.linalg.svd(turn @ self.by_start, full_matrices=True)
+        basis, sizes, _ = np.linalg.svd(turn @ self.by_start, full_matrices=True)
         # Of smaller directions of the start the measurements say nothing
         identified = sizes > 1e-10 * sizes.max(initial=0.0)
-        contrasts = left[:, int(identified.sum()) :].T @ turn
+        contrasts = basis[:, int(identified.sum()) :].T @ turn
         constant = float(2 * np.log(sizes[identified]).sum() - 2 * np.log(np.diag(turn)).sum())
         return Whitened(contrasts, contrasts @ self.by_unknowns, constant)
 
@@ -130,14 +130,19 @@ class Evidence:
         """Return that of one trial, of which each hypothesis predicts the same in all draws."""
         noise = draws.noise[:, : len(hypotheses[0].mean)]
         pairs = zip(hypotheses, draws.unknowns, strict=True)
-        made = np.array([each.mean + own @ each.by_unknowns.T + noise @ each.root.T for each, own in pairs])
+        made = np.array(
+            [
+                hypothesis.mean + unknowns @ hypothesis.by_unknowns.T + noise @ hypothesis.root.T
+                for hypothesis, unknowns in pairs
+            ]
+        )
         deviance, gradients, information = [], [], []
         for hypothesis in hypotheses:
-            own = hypothesis.whitened()
-            off = (made - hypothesis.mean) @ own.contrasts.T
-            deviance.append(np.sum(off**2, axis=2) + own.constant)
-            gradients.append(off @ own.slopes)
-            information.append((own.slopes.T @ own.slopes)[np.newaxis, np.newaxis])
+            whitened = hypothesis.whitened()
+            off = (made - hypothesis.mean) @ whitened.contrasts.T
+            deviance.append(np.sum(off**2, axis=2) + whitened.constant)
+            gradients.append(off @ whitened.slopes)
+            information.append((whitened.slopes.T @ whitened.slopes)[np.newaxis, np.newaxis])
         return cls(np.array(deviance).swapaxes(0, 1), tuple(gradients), tuple(information))
 
     @classmethod
@@ -150,16 +155,16 @@ class Evidence:
         shape = (count, len(measured) // count)
         deviance, gradients, information = [], [], []
         for hypothesis in hypotheses:
-            all_ = [own.whitened() for own in hypothesis]
+            all_ = [predicted.whitened() for predicted in hypothesis]
             off = [
-                own.contrasts @ (y - predicted.mean)
-                for own, predicted, y in zip(all_, hypothesis, measured, strict=True)
+                whitened.contrasts @ (y - predicted.mean)
+                for whitened, predicted, y in zip(all_, hypothesis, measured, strict=True)
             ]
-            values = [one @ one + own.constant for own, one in zip(all_, off, strict=True)]
+            values = [one @ one + whitened.constant for whitened, one in zip(all_, off, strict=True)]
             deviance.append(np.reshape(values, shape))
-            gradient = [one @ own.slopes for own, one in zip(all_, off, strict=True)]
+            gradient = [one @ whitened.slopes for whitened, one in zip(all_, off, strict=True)]
             gradients.append(np.reshape(gradient, (*shape, -1)))
-            known = [own.slopes.T @ own.slopes for own in all_]
+            known = [whitened.slopes.T @ whitened.slopes for whitened in all_]
             information.append(np.reshape(known, (*shape, *known[0].shape)))
         return cls(np.stack(deviance, axis=1), tuple(gradients), tuple(information))
 
@@ -173,7 +178,7 @@ class Evidence:
     @cached_property
     def _whole(self) -> tuple[Floats, ...]:
         """The precision of each hypothesis' unknowns afterwards, shaped like the information."""
-        return tuple(np.eye(each.shape[-1]) + each for each in self.information)
+        return tuple(np.eye(information.shape[-1]) + information for information in self.information)
 
     @cached_property
     def estimates(self) -> tuple[Floats, ...]:
@@ -184,18 +189,18 @@ class Evidence:
     @cached_property
     def covariances(self) -> tuple[Floats, ...]:
         """Of each hypothesis that of its unknowns afterwards, shaped like the information."""
-        return tuple(np.asarray(np.linalg.inv(each)) for each in self._whole)
+        return tuple(np.asarray(np.linalg.inv(precision)) for precision in self._whole)
 
     def gain(self) -> Floats:
         """Return what unknowns are known better by (the logarithm of D), in nats, shape (K or 1, K, draws or 1)."""
-        return np.stack([np.linalg.slogdet(each)[1] / 2 for each in self._whole], axis=1)
+        return np.stack([np.linalg.slogdet(precision)[1] / 2 for precision in self._whole], axis=1)
 
     @cached_property
     def log_densities(self) -> Floats:
         """Of the draws under each hypothesis, its coefficients integrated out, shape (K that made them, draws, K)."""
         gained = np.stack([np.sum(a * b, axis=2) for a, b in zip(self.gradients, self.estimates, strict=True)], axis=1)
-        found = -(self.deviance - gained) / 2 - self.gain()
-        return np.asarray(found.swapaxes(1, 2))
+        logs = -(self.deviance - gained) / 2 - self.gain()
+        return np.asarray(logs.swapaxes(1, 2))
 
     def probabilities(self, prior: Floats) -> Floats:
         """Return how probable draws make each hypothesis, shape (K that made them, draws, K)."""
@@ -206,8 +211,8 @@ class Evidence:
     def information_about_law(self, prior: Floats) -> float:
         """Return how much is learned of which hypothesis is right, in nats (Jensen and Shannon's divergence)."""
         logs = np.log(np.maximum(self.probabilities(prior), np.finfo(float).tiny))
-        own = np.mean(np.diagonal(logs, axis1=0, axis2=2), axis=0)
-        return float(prior @ (own - np.log(prior)))
+        true_logs = np.mean(np.diagonal(logs, axis1=0, axis2=2), axis=0)
+        return float(prior @ (true_logs - np.log(prior)))
 
     def chance(self, prior: Floats) -> float:
         """Return how probable the most probable hypothesis then is: how probable it is that this is the right one."""

@@ -39,13 +39,13 @@ class Forecasts:
     def of(cls, experiment: Experiment, hypotheses: Sequence[Hypothesis]) -> "Forecasts":
         """Return those of an experiment in which no law diverges."""
         law, predicted = hypotheses[0].law, [hypothesis.predictions([experiment])[0] for hypothesis in hypotheses]
-        first = [own[0] for own in predicted if own is not None]
+        first = [by_object[0] for by_object in predicted if by_object is not None]
         states, times = measured_schema(law).measured, experiment.times
         shape = (len(first), -1, len(states))
         count = len(first[0].mean) // len(states)
         times = times[evenly_spaced(len(times), count)]
-        total = [each.variances for each in first]
-        means = np.array([each.mean for each in first]).reshape(shape)
+        total = [prediction.variances for prediction in first]
+        means = np.array([prediction.mean for prediction in first]).reshape(shape)
         return cls(times, states, means, np.sqrt(total).reshape(shape), measured_schema(law).logarithmic)
 
 
@@ -185,12 +185,12 @@ class Design(ShownInNotebooks):
     def _parting(self) -> str:
         """Return where the two most probable laws part."""
         one, two = np.argsort(-self.aim.prior, kind="stable")[:2].tolist()
-        own, first = self.experiments[0].forecasts, self.laws[0].law
-        apart = np.abs(own.means[one] - own.means[two]) / np.hypot(own.std[one], own.std[two])
+        forecasts, first = self.experiments[0].forecasts, self.laws[0].law
+        apart = np.abs(forecasts.means[one] - forecasts.means[two]) / np.hypot(forecasts.std[one], forecasts.std[two])
         time, state = map(int, np.unravel_index(int(apart.argmax()), apart.shape))
-        units, name = first.schema.units, own.states[state]
-        values = [with_error(*_natural(own, each, time, state)) for each in (one, two)]
-        at = f"{first.schema.time} = {own.times[time]:.3g} {units.get(first.schema.time, '')}".rstrip()
+        units, name = first.schema.units, forecasts.states[state]
+        values = [with_error(*_natural(forecasts, index, time, state)) for index in (one, two)]
+        at = f"{first.schema.time} = {forecasts.times[time]:.3g} {units.get(first.schema.time, '')}".rstrip()
         return (
             f"In the first, the two most probable part most at {at}, where a measured {name} is {values[0]} or "
             f"{values[1]} {units.get(name, '')}".rstrip()

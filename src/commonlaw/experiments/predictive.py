@@ -77,13 +77,13 @@ def refitted(
 
     Fits begin at `points`, where the law predicts `predicted`.
     """
-    fits = [_Fit(*each) for each in zip(measured, points, predicted, strict=True)]
-    shares = {i: 1.0 for i, each in enumerate(fits) if not each.converged}
+    fits = [_Fit(*triple) for triple in zip(measured, points, predicted, strict=True)]
+    shares = {i: 1.0 for i, fit in enumerate(fits) if not fit.converged}
     # Steps that lead to nothing better and are halved among them
     for _ in range(15):
         moved = [fits[i].point + share * fits[i].gauss_newton[0] for i, share in shares.items()]
-        for i, point, found in zip([*shares], moved, linearise([*shares], moved), strict=True):
-            fit = None if found is None else _Fit(measured[i], point, found)
+        for i, point, prediction in zip([*shares], moved, linearise([*shares], moved), strict=True):
+            fit = None if prediction is None else _Fit(measured[i], point, prediction)
             if fit is None or not fit.deviance < fits[i].deviance:
                 shares[i] /= 2
                 continue
@@ -91,9 +91,7 @@ def refitted(
             if fit.converged:
                 del shares[i]
     # Linear about the best fit
-    return [
-        replace(each.predicted, mean=each.predicted.mean - each.predicted.by_unknowns @ each.unknowns) for each in fits
-    ]
+    return [replace(fit.predicted, mean=fit.predicted.mean - fit.predicted.by_unknowns @ fit.unknowns) for fit in fits]
 
 
 MAX_MEASUREMENTS, _MIN_MEASUREMENTS, _MAX_MEASUREMENTS_OF_ALL = 64, 16, 192
@@ -129,15 +127,15 @@ class Hypothesis:
         if law.order == 0:
             raise CommonlawError("discrete-between-samples")
         known = law.uncertainty.select([object_index(law, name) for name in objects])
-        own = known.known_covariance()
+        covariance = known.known_covariance()
         if measured_noise(law) is None:
             raise CommonlawError("noise-unknown")
         factor = known.shared_factor
         if factor is not None:
-            own = own - np.matmul(factor, factor.transpose(0, 2, 1))
-        count, size = own.shape[:2]
+            covariance = covariance - np.matmul(factor, factor.transpose(0, 2, 1))
+        count, size = covariance.shape[:2]
         roots = np.zeros((count, size, count, size))
-        values, vectors = np.linalg.eigh(own)
+        values, vectors = np.linalg.eigh(covariance)
         roots[range(count), :, range(count)] = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
         flat = roots.reshape(count, size, count * size)
         flat = flat if factor is None else np.concatenate([flat, factor], axis=2)
@@ -161,10 +159,10 @@ class Hypothesis:
         if not limits:
             return [*experiments]
         planned = [_planned(self, experiment) for experiment in experiments]
-        found = iter(self._followed([(own, name, None) for own in planned for name in own.experiment.objects]))
+        followed = iter(self._followed([(plan, name, None) for plan in planned for name in plan.experiment.objects]))
         return [
-            own.experiment.until(min(own.leaves(next(found), limits) for _ in own.experiment.objects))
-            for own in planned
+            plan.experiment.until(min(plan.leaves(next(followed), limits) for _ in plan.experiment.objects))
+            for plan in planned
         ]
 
     def predictions(
@@ -172,30 +170,32 @@ class Hypothesis:
     ) -> list[tuple[Gaussian, ...] | None]:
         """Return predictions of each experiment's trials; None where a state exceeds the limit, see `simulate`."""
         planned = [_planned(self, experiment) for experiment in experiments]
-        found = iter(
-            self._predictions([(own, name, None) for own in planned for name in own.experiment.objects], limit)
+        predicted = iter(
+            self._predictions([(plan, name, None) for plan in planned for name in plan.experiment.objects], limit)
         )
-        whole = [[next(found) for _ in own.experiment.objects] for own in planned]
-        return [tuple(each for each in own if each) if all(own) else None for own in whole]
+        whole = [[next(predicted) for _ in plan.experiment.objects] for plan in planned]
+        return [
+            tuple(gaussian for gaussian in by_object if gaussian) if all(by_object) else None for by_object in whole
+        ]
 
     def simulated(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> list[Simulated]:
         """Return predictions of an experiment at unknowns of draws, shape (draws, unknowns).
 
         Unknowns with which the law diverges are halved until it does not.
         """
-        own, found = _planned(self, experiment), dict[int, tuple[Gaussian, ...]]()
+        plan, predictions = _planned(self, experiment), dict[int, tuple[Gaussian, ...]]()
         unknowns = unknowns.copy()
         for _ in range(20):
-            left = [i for i in range(len(unknowns)) if i not in found]
-            trials = [(own, name, own.point(unknowns[i])) for i in left for name in experiment.objects]
+            missing = [i for i in range(len(unknowns)) if i not in predictions]
+            trials = [(plan, name, plan.point(unknowns[i])) for i in missing for name in experiment.objects]
             predicted = iter(self._predictions(trials, limit))
-            for i in left:
+            for i in missing:
                 listed = [next(predicted) for _ in experiment.objects]
                 if all(listed):
-                    found[i] = tuple(each for each in listed if each)
+                    predictions[i] = tuple(gaussian for gaussian in listed if gaussian)
                 else:
                     unknowns[i] /= 2
-        return [(unknown, found[i]) for i, unknown in enumerate(unknowns)]
+        return [(unknown, predictions[i]) for i, unknown in enumerate(unknowns)]
 
     def refitted(
         self,
@@ -208,37 +208,37 @@ class Hypothesis:
 
         The law must not diverge in the experiment; fits begin at `initial`, for `limit` see `predictions`.
         """
-        own, count = _planned(self, experiment), len(experiment.objects)
+        plan, count = _planned(self, experiment), len(experiment.objects)
         names = [*experiment.objects] * len(measured)
-        points = [own.point(unknown) for unknown, _ in initial for _ in range(count)]
-        predicted = [each for _, listed in initial for each in listed]
-        highest = _MAX_RELATIVE_STATE * max((float(np.abs(each.mean).max()) for each in predicted), default=1.0)
+        points = [plan.point(unknown) for unknown, _ in initial for _ in range(count)]
+        predicted = [gaussian for _, listed in initial for gaussian in listed]
+        highest = _MAX_RELATIVE_STATE * max((float(np.abs(gaussian.mean).max()) for gaussian in predicted), default=1.0)
         highest = highest if limit is None else min(highest, limit)
 
         def linearised(indices: Sequence[int], moved: Sequence[Floats]) -> list[Gaussian | None]:
             pairs = zip(indices, moved, strict=True)
-            return self._predictions([(own, names[i], point) for i, point in pairs], highest)
+            return self._predictions([(plan, names[i], point) for i, point in pairs], highest)
 
-        found = refitted(predicted, points, [each for listed in measured for each in listed], linearised)
-        return [tuple(found[i : i + count]) for i in range(0, len(found), count)]
+        fitted = refitted(predicted, points, [values for listed in measured for values in listed], linearised)
+        return [tuple(fitted[i : i + count]) for i in range(0, len(fitted), count)]
 
     def _predictions(
         self, trials: "Sequence[tuple[_Planned, str, Floats | None]]", limit: float | None
     ) -> list[Gaussian | None]:
         """Return predictions of trials of objects about points; None where the law diverges."""
         followed = self._followed(trials, True, limit)
-        return [own.gaussian(name, each) for (own, name, _), each in zip(trials, followed, strict=True)]
+        return [plan.gaussian(name, trajectory) for (plan, name, _), trajectory in zip(trials, followed, strict=True)]
 
     def _followed(
         self, trials: "Sequence[tuple[_Planned, str, Floats | None]]", slopes: bool = False, limit: float | None = None
     ) -> "list[_Followed]":
         """Return trajectories of trials of objects at points."""
         if self.law.observation is not None:
-            return [own.observed_at(name, point, slopes, limit) for own, name, point in trials]
-        problems = [own.problem(name, point) for own, name, point in trials]
+            return [plan.observed_at(name, point, slopes, limit) for plan, name, point in trials]
+        problems = [plan.problem(name, point) for plan, name, point in trials]
         # Noise and errors of coefficients exceed it
-        found = simulate(problems, tolerance=1e-5, sensitivities=slopes, limit=limit)
-        return [own.measured(each) for (own, *_), each in zip(trials, found, strict=True)]
+        trajectories = simulate(problems, tolerance=1e-5, sensitivities=slopes, limit=limit)
+        return [plan.measured(trajectory) for (plan, *_), trajectory in zip(trials, trajectories, strict=True)]
 
 
 class _Followed(NamedTuple):
@@ -289,9 +289,9 @@ class _Planned:
 
     def problem(self, name: str, point: Floats | None) -> InitialValueProblem:
         """Return the problem of one object at a point."""
-        own = self._own(name)
-        own = replace(own, coefficients=self._coefficients(name, own.coefficients, point))
-        return InitialValueProblem(own, self._shifted(point), self.times, name)
+        rates = self._own(name)
+        rates = replace(rates, coefficients=self._coefficients(name, rates.coefficients, point))
+        return InitialValueProblem(rates, self._shifted(point), self.times, name)
 
     @cached_property
     def _own(self) -> Callable[[str], VectorField]:
@@ -340,24 +340,24 @@ class _Planned:
         coefficients = self._coefficients(name, law.coefficients[object_index(law, name)], point)
         properties = self.experiment.properties or law.properties.get(name, {})
         beginning, inputs = self._shifted(point), self.experiment.inputs
-        found = observed.predicted(name, self.times, coefficients, beginning, properties, inputs, slopes)
-        followed = _Followed(self.times, found.states)
-        too_far = limit is not None and bool(np.abs(found.states).max() > limit)
-        if found.slopes is None or too_far or not np.isfinite(found.slopes).all():
+        predicted = observed.predicted(name, self.times, coefficients, beginning, properties, inputs, slopes)
+        followed = _Followed(self.times, predicted.states)
+        too_far = limit is not None and bool(np.abs(predicted.states).max() > limit)
+        if predicted.slopes is None or too_far or not np.isfinite(predicted.slopes).all():
             return followed
         count, white = int(law.support.sum()), np.tile(observed.noise(name) ** 2, len(self.times))
-        by_start = found.slopes[:, :, count:]
+        by_start = predicted.slopes[:, :, count:]
         return followed._replace(
-            values=found.values, by_coefficients=found.slopes[:, :, :count], by_start=by_start, white=white
+            values=predicted.values, by_coefficients=predicted.slopes[:, :, :count], by_start=by_start, white=white
         )
 
     def gaussian(self, name: str, found: _Followed) -> Gaussian | None:
         """Return the prediction of the trial of one object; None if its forecast diverges, or its errors do."""
-        law, own, known, coloured, common = self.law, self.experiment, self.known, found.coloured, None
+        law, experiment, known, coloured, common = self.law, self.experiment, self.known, found.coloured, None
         if found.values is None or found.by_coefficients is None or found.by_start is None or found.white is None:
             return None
-        measured, by_set = (each.reshape(found.values.size, -1) for each in (found.by_coefficients, found.by_start))
-        if own.properties:
+        measured, by_set = (slopes.reshape(found.values.size, -1) for slopes in (found.by_coefficients, found.by_start))
+        if experiment.properties:
             common = measured @ law.uncertainty.known_covariance()[object_index(law, name)] @ measured.T
             by_unknowns = np.zeros((len(measured), known.unknowns))
         else:
@@ -366,9 +366,9 @@ class _Planned:
         off = by_set[:, known_starts] * self.start_std[known_starts]
         if off.any():
             coloured = off @ off.T + (0.0 if coloured is None else coloured)
-        white = len(self.times) / len(own.times) * found.white  # Each sample stands for the mean of several
+        white = len(self.times) / len(experiment.times) * found.white  # Each sample stands for the mean of several
         predicted = Gaussian(
-            found.values.ravel(), by_unknowns, by_set[:, self.free], white, coloured, common, own.repeats
+            found.values.ravel(), by_unknowns, by_set[:, self.free], white, coloured, common, experiment.repeats
         )
         return predicted if predicted.is_finite else None
 
@@ -401,8 +401,8 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats) -> tuple[F
     """
     assert law.uncertainty.noise is not None
     errors, measured = law.uncertainty.error_model, ~law.schema.is_latent
-    own = states[:, : len(law.schema.states)]
-    white = np.broadcast_to(errors.white_std(own, law.uncertainty.noise), own.shape)[:, measured]
+    values = states[:, : len(law.schema.states)]
+    white = np.broadcast_to(errors.white_std(values, law.uncertainty.noise), values.shape)[:, measured]
     parts = list[Floats]()
     if errors.correlated is not None:
         kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)

@@ -56,7 +56,10 @@ class Candidate:
         """Return the same experiment made so many times."""
         if times == 1:
             return self
-        predicted = tuple(tuple(replace(each, repeats=times * each.repeats) for each in own) for own in self.predicted)
+        predicted = tuple(
+            tuple(replace(gaussian, repeats=times * gaussian.repeats) for gaussian in by_object)
+            for by_object in self.predicted
+        )
         return replace(self, experiment=self.experiment.repeated(times), predicted=predicted)
 
 
@@ -88,31 +91,31 @@ class Search:
         Each is chosen given those before it, then exchanged for a better one that costs no more (Fedorov 1972). Raises
         `CommonlawError` if none is within the budget, or hypotheses diverge in all.
         """
-        found: list[Candidate] = []
+        picked: list[Candidate] = []
         for step in range(count):
             progress(f"looking for experiment {step + 1}")
-            left = budget - sum(each.experiment.cost for each in found)
-            best = self._best([*found, None], left)
+            remaining = budget - sum(candidate.experiment.cost for candidate in picked)
+            best = self._best([*picked, None], remaining)
             if best is None:
                 break
-            found.append(best)
-            if self.aim.of_law and self.chance(found) >= SETTLED:
+            picked.append(best)
+            if self.aim.of_law and self.chance(picked) >= SETTLED:
                 break
-        if not found:
-            cheapest = min((each.experiment.cost for each in self._spread), default=np.nan)
+        if not picked:
+            cheapest = min((candidate.experiment.cost for candidate in self._spread), default=np.nan)
             if not self._spread:
                 raise CommonlawError("design-diverges")
             raise CommonlawError("design-too-expensive", budget=budget, cheapest=cheapest)
-        return self._exchanged(found, progress) if len(found) > 1 else found
+        return self._exchanged(picked, progress) if len(picked) > 1 else picked
 
     def _exchanged(self, found: list[Candidate], progress: Callable[[str], None]) -> list[Candidate]:
         """Return experiments that tell together what these do, or more."""
         progress("exchanging experiments")
         before = found
         for i in [i for _ in range(2) for i in range(len(found))]:
-            own = found[i]
-            best = self._best([*found[:i], None, *found[i + 1 :]], own.experiment.cost, own)
-            found = [*found[:i], best or own, *found[i + 1 :]]
+            candidate = found[i]
+            best = self._best([*found[:i], None, *found[i + 1 :]], candidate.experiment.cost, candidate)
+            found = [*found[:i], best or candidate, *found[i + 1 :]]
         return max(before, found, key=lambda chosen: self.aim.bits(_sum(self._evidences(chosen, _MAX_DRAWS))))
 
     @cached_property
@@ -126,19 +129,19 @@ class Search:
         """
         place = chosen.index(None)
         evidences = {draws: self._evidences(chosen, draws) for draws in (_MIN_DRAWS, _DRAWS)}
-        others = {draws: [_sum(found)] if found else [] for draws, found in evidences.items()}
+        others = {draws: [_sum(parts)] if parts else [] for draws, parts in evidences.items()}
 
-        def worth(each: Candidate) -> float:
-            draws = each.simulated or _DRAWS
-            base, own = others[draws], self._evidence_of(each, draws, place)
-            bits = self.aim.bits(_sum([*base, own])) - (self.aim.bits(base[0]) if base else 0.0)
-            return bits if first else bits / (each.experiment.cost or 1.0)
+        def worth(candidate: Candidate) -> float:
+            draws = candidate.simulated or _DRAWS
+            base, evidence = others[draws], self._evidence_of(candidate, draws, place)
+            bits = self.aim.bits(_sum([*base, evidence])) - (self.aim.bits(base[0]) if base else 0.0)
+            return bits if first else bits / (candidate.experiment.cost or 1.0)
 
         enough = 1 + MIN_RELATIVE_GAIN if self.aim.of_law else 1.0
         best, most = first, worth(first) if first else -np.inf
         listed = self._spread
         for round_, width in enumerate((*_WIDTHS, None)):
-            values = [worth(each) if each.experiment.cost <= budget else -np.inf for each in listed]
+            values = [worth(candidate) if candidate.experiment.cost <= budget else -np.inf for candidate in listed]
             failed = 0
             while failed < _PATIENCE and max(values, default=-np.inf) > (most * enough if most > 0 else most):
                 i = values.index(max(values))
@@ -162,13 +165,13 @@ class Search:
             for point in points
         ]
         experiments = self.hypotheses[0].within(experiments, self.limits)
-        left, predicted = list(range(len(experiments))), [list[tuple[Gaussian, ...]]() for _ in experiments]
+        kept, predicted = list(range(len(experiments))), [list[tuple[Gaussian, ...]]() for _ in experiments]
         for hypothesis in self.hypotheses:
-            found = hypothesis.predictions([experiments[i] for i in left], self._farthest)
-            for i, own in zip(left, found, strict=True):
-                predicted[i] += [] if own is None else [own]
-            left = [i for i, own in zip(left, found, strict=True) if own is not None]
-        return [Candidate(experiments[i], points[i], tuple(predicted[i])) for i in left]
+            predictions = hypothesis.predictions([experiments[i] for i in kept], self._farthest)
+            for i, prediction in zip(kept, predictions, strict=True):
+                predicted[i] += [] if prediction is None else [prediction]
+            kept = [i for i, prediction in zip(kept, predictions, strict=True) if prediction is not None]
+        return [Candidate(experiments[i], points[i], tuple(predicted[i])) for i in kept]
 
     @cached_property
     def _farthest(self) -> float | None:
@@ -188,7 +191,11 @@ class Search:
         return _sum(self._evidences(chosen, draws))
 
     def _evidences(self, chosen: Chosen, draws: int) -> list[Evidence]:
-        return [self._evidence_of(each, draws, place) for place, each in enumerate(chosen) if each is not None]
+        return [
+            self._evidence_of(candidate, draws, place)
+            for place, candidate in enumerate(chosen)
+            if candidate is not None
+        ]
 
     def _evidence_of(self, each: Candidate, count: int, place: int) -> Evidence:
         """Return the evidence of an experiment, with so many draws, in its place among others."""
@@ -209,32 +216,36 @@ class Search:
         made = [law.simulated(experiment, unknown, limit) for law, unknown in zip(laws, draws[0].unknowns, strict=True)]
         measured = [
             [predicted.drawn(draw.noise[i]) for predicted, draw in zip(trials, draws, strict=False)]
-            for each in made
-            for i, (_, trials) in enumerate(each)
+            for simulated in made
+            for i, (_, trials) in enumerate(simulated)
         ]
-        found = []
+        fitted = []
         for k, law in enumerate(laws):
             at_once = law.simulated(experiment, np.zeros((1, law.unknowns)), limit)
-            initial = [own if i == k else at_once * len(own) for i, own in enumerate(made)]
-            found.append(law.refitted(experiment, [*chain.from_iterable(initial)], measured, limit))
+            initial = [simulated if i == k else at_once * len(simulated) for i, simulated in enumerate(made)]
+            fitted.append(law.refitted(experiment, [*chain.from_iterable(initial)], measured, limit))
         trials = range(len(experiment.objects))
         return _sum(
-            Evidence.refitted([each[i] for each in measured], [[each[i] for each in own] for own in found])
+            Evidence.refitted(
+                [numbers[i] for numbers in measured], [[gaussians[i] for gaussians in refits] for refits in fitted]
+            )
             for i in trials
         )
 
     def _draws(self, count: int, place: int) -> list[Draws]:
         """Return draws for every trial of an experiment, of which each object makes one at most."""
         sizes = [hypothesis.unknowns for hypothesis in self.hypotheses]
-        own, each = range(len(self.settings.objects)), -(-count // len(sizes))
-        return [Draws.of(sizes, MAX_MEASUREMENTS, each, (self.seed, count), place * len(own) + i) for i in own]
+        objects, per_law = range(len(self.settings.objects)), -(-count // len(sizes))
+        return [
+            Draws.of(sizes, MAX_MEASUREMENTS, per_law, (self.seed, count), place * len(objects) + i) for i in objects
+        ]
 
     def repeats(self, chosen: Sequence[Candidate]) -> int | None:
         """Return how often all must be made for a chance that counts as settled; None if `MAX_REPEATS` do not do."""
 
         def settled(times: int) -> bool:
             draws = _DRAWS if times > 1 else _MAX_DRAWS
-            return self.chance([each.repeated(times) for each in chosen], draws) >= SETTLED
+            return self.chance([candidate.repeated(times) for candidate in chosen], draws) >= SETTLED
 
         if settled(1):
             return 1
@@ -250,10 +261,10 @@ class Search:
 
     def limit(self, chosen: Chosen) -> float:
         """Return the largest chance that is seen if experiments are made `MAX_REPEATS` times: these, or another."""
-        often = [each.repeated(MAX_REPEATS) for each in self._spread]
-        other = max(often, key=lambda each: self.chance([each], _DRAWS))
-        these = [each and each.repeated(MAX_REPEATS) for each in chosen]
-        return max(self.chance(each, _DRAWS) for each in (these, [replace(other, simulated=_DRAWS)]))
+        often = [candidate.repeated(MAX_REPEATS) for candidate in self._spread]
+        further = max(often, key=lambda candidate: self.chance([candidate], _DRAWS))
+        these = [candidate and candidate.repeated(MAX_REPEATS) for candidate in chosen]
+        return max(self.chance(experiments, _DRAWS) for experiments in (these, [replace(further, simulated=_DRAWS)]))
 
 
 def _sum(parts: Iterable[Evidence]) -> Evidence:
