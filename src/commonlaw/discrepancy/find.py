@@ -119,20 +119,23 @@ class Setting(AbstractSetting):
         """Return the deviance of the law's own trajectories."""
         none, errors = np.zeros_like(self.own), (*MODEL_ERRORS, *FINAL_MODEL_ERRORS)
         parts = zip(self.problem.models, self.problem.starts, self.law.coefficients, strict=True)
-        return sum(fit(model, replace(start, coefficients=own), none, errors).deviance for model, start, own in parts)
+        return sum(
+            fit(model, replace(start, coefficients=coefficients), none, errors).deviance
+            for model, start, coefficients in parts
+        )
 
     def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:
         """Return the law with coefficients as they are with the function, and the law with the function as terms."""
-        own, whole = law.select(self.problem.trials.objects), _whole(law, self, found)
+        narrow, whole = law.select(self.problem.trials.objects), _whole(law, self, found)
         in_law = np.zeros((len(law.schema.states), len(found.model.terms)), dtype=np.bool_)
         in_law[:, : len(self.law.terms)] = self.law.support
-        coefficients = own.coefficients.copy()
-        coefficients[:, own.support] = whole.coefficients[:, in_law]
+        coefficients = narrow.coefficients.copy()
+        coefficients[:, narrow.support] = whole.coefficients[:, in_law]
         uncertainty = replace(
             whole.uncertainty.restrict(in_law[whole.support]),
-            inclusion_probabilities=own.uncertainty.inclusion_probabilities,
+            inclusion_probabilities=narrow.uncertainty.inclusion_probabilities,
         )
-        return replace(own, coefficients=coefficients, uncertainty=uncertainty), whole
+        return replace(narrow, coefficients=coefficients, uncertainty=uncertainty), whole
 
 
 def candidates(
@@ -143,7 +146,7 @@ def candidates(
     zero_at: float | str | None,
 ) -> list[tuple[float, SmoothBasis, int]]:
     """Return functions of coordinates in equations after the value of each about the law alone, that of best first."""
-    found, reasons = [], []
+    pairs, reasons = [], []
     for coordinate in coordinates:
         try:
             values = setting.visited.evaluate(coordinate)
@@ -154,14 +157,14 @@ def candidates(
         except CommonlawError as error:
             reasons.append(error)
             continue
-        found += [(basis, equation) for equation in equations]
-    if not found:
+        pairs += [(basis, equation) for equation in equations]
+    if not pairs:
         raise CommonlawError("several", messages=reasons)
-    if len(found) == 1:
-        return [(0.0, *found[0])]
+    if len(pairs) == 1:
+        return [(0.0, *pairs[0])]
     alone = best(setting.annealed(setting.alone))
-    valued = [(setting.value(alone, setting.with_function(*each, zero_at)), *each) for each in found]
-    return sorted(valued, key=lambda each: each[0])
+    valued = [(setting.value(alone, setting.with_function(*pair, zero_at)), *pair) for pair in pairs]
+    return sorted(valued, key=lambda pair: pair[0])
 
 
 _FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (
@@ -186,16 +189,16 @@ def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tu
         weights = np.linalg.lstsq(values, function(visited), rcond=1e-10)[0]
         column = rows.shared @ weights
         size = np.sqrt(column @ column + sum(np.sum((name.across @ weights) ** 2) for name in rows.objects))
-        rests = [column, *(column - each * (each @ column) / (each @ each) for each in columns)]
+        rests = [column, *(column - earlier * (earlier @ column) / (earlier @ earlier) for earlier in columns)]
         if min(np.linalg.norm(rest) for rest in rests) > _MIN_NEW_SHARE * size:
             names.append(name)
             columns.append(column)
     groups = [*((i,) for i in range(len(names))), *combinations(range(len(names)), 2)]
-    found = [
+    described = [
         _described(fitted, basis, [names[i] for i in group], np.array([columns[i] for i in group]).T)
         for group in groups
     ]
-    return tuple(sorted(found, key=lambda each: -each.evidence)[:5])
+    return tuple(sorted(described, key=lambda description: -description.evidence)[:5])
 
 
 def _described(fitted: FunctionFit, basis: SmoothBasis, names: list[str], columns: Floats) -> Description:
@@ -224,11 +227,11 @@ def shares(
     steps = [given_deviance, _without_error(alone), _without_error(shared), chosen.deviance]
     falling = np.minimum.accumulate(steps)
     parts = dict(zip(("coefficients", "shared discrepancy", "trial"), -np.diff(falling), strict=True))
-    return {name: float(each / falling[0]) for name, each in (parts | {"noise": falling[-1]}).items()}
+    return {name: float(share / falling[0]) for name, share in (parts | {"noise": falling[-1]}).items()}
 
 
 def _without_error(found: Sequence[FunctionFit]) -> float:
-    return min(each.deviance for each in found if each is found[-1] or not each.has_model_error)
+    return min(fitted.deviance for fitted in found if fitted is found[-1] or not fitted.has_model_error)
 
 
 def discrepancy(
@@ -256,10 +259,10 @@ def discrepancy(
         if huber_threshold != HUBER_THRESHOLD:
             raise CommonlawError("not-with-observation", settings=["huber_threshold"])
         setting = ObservedSetting.of(law, trials, noise)
-    names, left = setting.visited.names, left_hand_sides(law)
-    own = [of] if of else [quoted(name) for name in law.terms.variables.measured]
+    names, sides = setting.visited.names, left_hand_sides(law)
+    coordinates = [of] if of else [quoted(name) for name in law.terms.variables.measured]
     # As terms are written, so that they can stand in one
-    written = [with_names(write(read(each, names)), [*map(quoted, names)]) for each in (times, *own)]
+    written = [with_names(write(read(text, names)), [*map(quoted, names)]) for text in (times, *coordinates)]
     if equation is not None:
         check_choice("equation", equation, law.schema.states)
     able = np.flatnonzero(setting.own.any(axis=1)).tolist() or list(range(len(law.schema.states)))
@@ -268,32 +271,34 @@ def discrepancy(
     least, basis, place = listed[0]
     setting = setting.resolving(basis)
     model = setting.with_function(basis, place, zero_at)
-    alone, shared = (setting.annealed(each) for each in (setting.alone, model))
-    law_alone, found = (setting.converged(best(each)) for each in (alone, shared))
+    alone, shared = (setting.annealed(function_model) for function_model in (setting.alone, model))
+    law_alone, fitted = (setting.converged(best(fits)) for fits in (alone, shared))
     # What the choice among several costs: all of them are as probable beforehand
-    evidence = law_alone.value - found.value - 2 * float(np.log(len(listed)))
+    evidence = law_alone.value - fitted.value - 2 * float(np.log(len(listed)))
     visited = setting.visited.evaluate(basis.coordinate)
     step = Step(
         "discrepancy",
-        f"a function of {basis.coordinate} in {left[place]}",
-        f"coefficients estimated jointly with it; noise scaled by {found.posterior.noise_factor:.3g}",
+        f"a function of {basis.coordinate} in {sides[place]}",
+        f"coefficients estimated jointly with it; noise scaled by {fitted.posterior.noise_factor:.3g}",
     )
-    narrow, wide = setting.refitted(law, found)
+    narrow, wide = setting.refitted(law, fitted)
     history, calls = (*law.history, step), (*law.provenance.calls, called)
     provenance = replace(law.provenance, history=history, calls=calls, with_discrepancy=wide)
     return Discrepancy(
         law=replace(narrow, provenance=provenance),
-        equation=left[place],
+        equation=sides[place],
         basis=basis,
-        weights=found.posterior.weights,
-        covariance=found.posterior.covariance,
+        weights=fitted.posterior.weights,
+        covariance=fitted.posterior.covariance,
         zero_at=model.zero_at,
         holds_nothing_of=model.held,
         visited=visited,
         evidence=evidence,
-        shares=shares(setting.given_deviance(), alone, shared, found),
-        descriptions=descriptions(found, basis, visited),
-        compared=tuple(Compared(own.coordinate, left[j], evidence + least - value) for value, own, j in listed),
+        shares=shares(setting.given_deviance(), alone, shared, fitted),
+        descriptions=descriptions(fitted, basis, visited),
+        compared=tuple(
+            Compared(candidate.coordinate, sides[j], evidence + least - value) for value, candidate, j in listed
+        ),
     )
 
 
@@ -309,8 +314,8 @@ def _whole(law: Law, setting: Setting, found: FunctionFit) -> Law:
     shared = np.zeros((len(objects), support.size, factor.shape[1]))
     shared[:, order] = np.concatenate([posterior.follow @ factor, np.tile(factor, (len(objects), 1, 1))], axis=1)
     covariance = shared @ shared.transpose(0, 2, 1)
-    own = np.flatnonzero(model.own)
-    covariance[:, own[:, np.newaxis], own] += posterior.own_covariance
+    columns = np.flatnonzero(model.own)
+    covariance[:, columns[:, np.newaxis], columns] += posterior.own_covariance
     kept = support.ravel()
     uncertainty = Uncertainty(
         covariance=covariance[:, kept][:, :, kept],

@@ -57,16 +57,18 @@ class ObservedSetting(AbstractSetting):
         problem, unknowns, law = fitted.begun.problem, fitted.optimum.unknowns, law.select(trials.objects)
         names, owners = law.terms.variables.measured, [trials.properties.get(name, {}) for name in trials.objects]
         more = [
-            name for name in property_names(trials.properties) if all(type(own.get(name)) is float for own in owners)
+            name
+            for name in property_names(trials.properties)
+            if all(type(attributes.get(name)) is float for attributes in owners)
         ]
         parts, points = list[list[Floats]](), list[Floats]()
-        for owner, own in zip(trials.objects, owners, strict=True):
+        for owner, attributes in zip(trials.objects, owners, strict=True):
             parts.append([])
-            for data in (each for each in problem.trials if each.trial.object == owner):
+            for data in (trial_data for trial_data in problem.trials if trial_data.trial.object == owner):
                 times, parameters = data.times[data.rows], data.parameters(unknowns)
                 states, inputs = problem.predicted(data, unknowns, False).states, data.inputs.at(times, parameters)
                 points.append(problem.model.point(states, inputs, times, parameters))
-                known = [np.full(len(times), own[name]) for name in more]
+                known = [np.full(len(times), attributes[name]) for name in more]
                 parts[-1].append(np.column_stack([points[-1][:, : len(names)], *known]))
         return cls(law, trials, fitted, Visited.of((*names, *more), parts), np.concatenate(points))
 
@@ -85,11 +87,11 @@ class ObservedSetting(AbstractSetting):
 
     def directions(self, equation: int) -> tuple[tuple[str, ...], Floats]:
         """Return the derivatives of a rate by parameters."""
-        begun, model, left = self.fitted.begun, self.fitted.begun.model, left_hand_sides(self.law)[equation]
+        begun, model, side = self.fitted.begun, self.fitted.begun.model, left_hand_sides(self.law)[equation]
         known = np.min(begun.unknowns.parameters, axis=0) < 0
         row = highest_columns(model.order, len(model.schema.states))[equation]
         slopes = model.rates.jacobian(self.points)[:, row, model.first_parameter :]
-        names = [f"d({left})/d({name})" for name in model.parameters]
+        names = [f"d({side})/d({name})" for name in model.parameters]
         return tuple(compress(names, ~known)), slopes[:, ~known]
 
     def rates(self, equation: int) -> Floats:
@@ -107,7 +109,7 @@ class ObservedSetting(AbstractSetting):
         """Return the functions as they are written, by the names of their weights."""
         names = [quoted(name) for name in self.variables.names]
         functions = model.terms.terms[len(self.law.terms) :]
-        return {f"weight {i}": each.text(names) for i, each in enumerate(functions, 1)}
+        return {f"weight {i}": function.text(names) for i, function in enumerate(functions, 1)}
 
     def _with_weights(self, model: FunctionModel) -> Problem:
         """Return the likelihood with weights of the functions as further unknowns, that all objects share."""
@@ -131,7 +133,7 @@ class ObservedSetting(AbstractSetting):
 
         Standardized residuals ``r + J (p - p0)`` are rows ``J p = J p0 - r``.
         """
-        noise, own = self.fitted.optimum.noise, len(self._free)
+        noise, count = self.fitted.optimum.noise, len(self._free)
         residuals, slopes = problem.residuals(unknowns, noise)
         if slopes is None or not np.isfinite(slopes).all():
             raise CommonlawError("discrepancy-fit-failed")
@@ -139,10 +141,10 @@ class ObservedSetting(AbstractSetting):
         columns = slopes[:, order]
         target = columns @ unknowns[order] - residuals
         factor = np.asarray(np.linalg.qr(np.column_stack([columns, target]), mode="r"))
-        rows = SharedRows.of([factor], own, max(len(residuals) - own, 1), 0.0)
+        rows = SharedRows.of([factor], count, max(len(residuals) - count, 1), 0.0)
         worth = np.inf if problem.known_noise.all() else NOISE_MEASUREMENTS * len(noise)
-        found = posterior(rows, model.factors, model.size, worth)
-        return FunctionFit(model, (), NO_ERROR, rows, worth, found, 0.0, float(residuals @ residuals))
+        estimate = posterior(rows, model.factors, model.size, worth)
+        return FunctionFit(model, (), NO_ERROR, rows, worth, estimate, 0.0, float(residuals @ residuals))
 
     def _mean(self, found: FunctionFit) -> Floats:
         """Return the unknowns at the mean of a posterior."""
@@ -155,18 +157,18 @@ class ObservedSetting(AbstractSetting):
         problem, noise = self._with_weights(model), self.fitted.optimum.noise
         unknowns = self.fitted.optimum.unknowns
         point = np.append(unknowns, np.zeros(problem.unknowns - len(unknowns)))
-        found = self._about(model, problem, point)
+        fitted = self._about(model, problem, point)
         for _ in range(MAX_ROUNDS):
-            step, last = self._mean(found) - point, found
+            step, last = self._mean(fitted) - point, fitted
             for halvings in range(10):
                 moved = point + step / 2**halvings
                 residuals = problem.residuals(moved, noise, False)[0]
-                if residuals @ residuals < (1 + _MAX_INCREASE) * found.deviance:  # Nor where it is not finite
-                    point, found = moved, self._about(model, problem, moved)
+                if residuals @ residuals < (1 + _MAX_INCREASE) * fitted.deviance:  # Nor where it is not finite
+                    point, fitted = moved, self._about(model, problem, moved)
                     break
-            if abs(found.value - last.value) < CONVERGED:
+            if abs(fitted.value - last.value) < CONVERGED:
                 break
-        return [found]
+        return [fitted]
 
     def value(self, alone: FunctionFit, model: FunctionModel) -> float:
         """Return the value about the solutions of the law alone."""
@@ -176,7 +178,7 @@ class ObservedSetting(AbstractSetting):
     def given_deviance(self) -> float:
         """Return the squares of residuals of the law as it was given."""
         residuals = untested(self.law, self.trials, measured_noise(self.fitted.law(())))[0]
-        return float(sum(np.nansum(own**2) for own in residuals.standardized))
+        return float(sum(np.nansum(series**2) for series in residuals.standardized))
 
     def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:
         """Return a law with coefficients as they are with the function, and the law with the function as terms."""

@@ -70,7 +70,9 @@ class AbstractPatterns(ShownInNotebooks):
             return "There are too few residuals to test."
         if not self.significant:
             return "The residuals look like white noise: no pattern is significant."
-        return "\n".join(f"Residuals of {each.state}, {each.pattern}: {each.meaning}." for each in self.significant)
+        return "\n".join(
+            f"Residuals of {pattern.state}, {pattern.pattern}: {pattern.meaning}." for pattern in self.significant
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +129,7 @@ class Residuals(AbstractPatterns):
 
     def correlations(self, state: int, lags: int = 20) -> Floats:
         """Return the correlation of a state's residuals with those so many samples later, shape (lags,), in trials."""
-        return correlations([each[:, state] for each in self.standardized], lags)[0]
+        return correlations([residuals[:, state] for residuals in self.standardized], lags)[0]
 
 
 def correlations(series: Sequence[Floats], lags: int) -> tuple[Floats, Floats]:
@@ -136,7 +138,7 @@ def correlations(series: Sequence[Floats], lags: int) -> tuple[Floats, Floats]:
     mean, variance = np.nanmean(level), np.nanvar(level)
     result, counts = np.zeros(lags), np.zeros(lags)
     for k in range(1, lags + 1):
-        pairs = [(own[k:] - mean) * (own[:-k] - mean) for own in series if len(own) > k]
+        pairs = [(values[k:] - mean) * (values[:-k] - mean) for values in series if len(values) > k]
         products = np.concatenate([np.empty(0), *pairs])
         products = products[np.isfinite(products)]
         counts[k - 1] = len(products)
@@ -178,7 +180,7 @@ class Trend:
 
     def __add__(self, other: "Trend") -> "Trend":
         low, high = min(self.low, other.low), max(self.high, other.high)
-        factors = [each._over(low, high) for each in (self, other)]
+        factors = [trend._over(low, high) for trend in (self, other)]
         return Trend(low, high, _first_of(np.concatenate([self.values, other.values])), triangular(np.vstack(factors)))
 
     def explained(self) -> tuple[int, float, float]:
@@ -223,17 +225,17 @@ class StateSums:
         seen = np.isfinite(whole[:, j])
         if not seen.any():
             return None
-        own, sizes = whole[seen, j], np.abs(against[state][seen])
-        cells, counts = np.unique(np.column_stack([_cell(np.abs(own)), _cell(sizes)]), axis=0, return_counts=True)
+        numbers, sizes = whole[seen, j], np.abs(against[state][seen])
+        cells, counts = np.unique(np.column_stack([_cell(np.abs(numbers)), _cell(sizes)]), axis=0, return_counts=True)
         return cls(
-            len(own),
-            np.array([np.sum(own**k) for k in (1, 2, 3, 4)]),
-            {name: Trend.of(values[seen], own) for name, values in against.items()},
-            tuple(_both(whole[:, other], whole[:, j]) for other in range(j)),
+            len(numbers),
+            np.array([np.sum(numbers**k) for k in (1, 2, 3, 4)]),
+            {name: Trend.of(values[seen], numbers) for name, values in against.items()},
+            tuple(_both(whole[:, earlier], whole[:, j]) for earlier in range(j)),
             sum((neighbours(residual[:, j]) for residual in residuals), np.zeros(4)),
             cells,
             np.asarray(counts, dtype=np.float64),
-            np.column_stack([own, sizes]) if len(own) <= MAX_KEPT else None,
+            np.column_stack([numbers, sizes]) if len(numbers) <= MAX_KEPT else None,
         )
 
     def __add__(self, other: "StateSums") -> "StateSums":
@@ -338,18 +340,18 @@ def patterns_of(
     """Return what tests say of residuals over noise, of which sums are known for each state that has some."""
     from scipy.stats import false_discovery_control
 
-    found = [
-        (name, *each)
-        for name, own, taken in zip(names, sums, spent, strict=True)
-        if own is not None and own.count >= _MIN_RESIDUALS
-        for each in _of_state(names, name, own, time, taken)
+    tested = [
+        (name, *test)
+        for name, state_sums, taken in zip(names, sums, spent, strict=True)
+        if state_sums is not None and state_sums.count >= _MIN_RESIDUALS
+        for test in _of_state(names, name, state_sums, time, taken)
     ]
-    if not found:
+    if not tested:
         return ()
-    adjusted = false_discovery_control([p_value for *_, p_value, _ in found], method="by")
+    adjusted = false_discovery_control([p_value for *_, p_value, _ in tested], method="by")
     return tuple(
         Pattern(name, pattern, statistic, p_value, share, meaning if share < FALSE_DISCOVERY_RATE else "")
-        for (name, pattern, statistic, p_value, meaning), share in zip(found, adjusted.tolist(), strict=True)
+        for (name, pattern, statistic, p_value, meaning), share in zip(tested, adjusted.tolist(), strict=True)
     )
 
 
@@ -370,18 +372,18 @@ def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent
     yield ("RMS over noise", ratio, p_value, larger if ratio > 1 else smaller)
     for variable, trend in sums.trends.items():
         yield _trend(trend, sums.count, variable, time)
-    for other, (count, factor) in zip(names, sums.together, strict=False):
-        yield _together(count, factor, other)
+    for earlier, (count, factor) in zip(names, sums.together, strict=False):
+        yield _together(count, factor, earlier)
     from scipy.stats import chi2
 
     pairs, *_, trials = sums.pairs.tolist()
     share = min((spent / sums.count), _MAX_SPENT)
-    found = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
+    correlation = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
     size = pairs + trials
-    total = size * (size + 2) * found**2 / pairs if pairs > 1 else 0.0
+    total = size * (size + 2) * correlation**2 / pairs if pairs > 1 else 0.0
     positive = "autocorrelated: an unmodelled force, or autocorrelated errors (`errors='autocorrelated'`)"
     negative = "negatively autocorrelated: rounded or differenced samples, or too coarse steps"
-    yield ("autocorrelation", float(found), float(chi2.sf(total, 1)), positive if found > 0 else negative)
+    yield ("autocorrelation", float(correlation), float(chi2.sf(total, 1)), positive if correlation > 0 else negative)
     yield _growth(sums, name, spent / sums.count)
     yield _normal(sums)
 
@@ -390,10 +392,10 @@ def _trend(trend: Trend, count: int, name: str, time: str) -> Tested:
     """Compare with a polynomial (F test); the statistic is the share of the variance that it explains."""
     from scipy.stats import f
 
-    powers, left, total = trend.explained()
+    powers, rest, total = trend.explained()
     free = count - powers - 1
-    share = 1 - left / total if total > 0 else 0.0
-    p_value = float(f.sf((total - left) / powers / (left / free), powers, free)) if powers and left > 0 else 1.0
+    share = 1 - rest / total if total > 0 else 0.0
+    p_value = float(f.sf((total - rest) / powers / (rest / free), powers, free)) if powers and rest > 0 else 1.0
     if name == time:
         meaning = "an unmodelled change with time, or a transient at the start"
     else:
@@ -409,10 +411,10 @@ def _together(count: int, factor: Floats, name: str) -> Tested:
     total = np.hypot(across, rest)
     if count < _MIN_RESIDUALS or not (factor[1, 1] and total):
         return (f"correlation with residuals of {name}", 0.0, 1.0, "")
-    found = float(np.sign(factor[1, 1]) * across / total)
-    p_value = 2 * float(beta.sf(abs(found), count / 2 - 1, count / 2 - 1, loc=-1, scale=2))
+    correlation = float(np.sign(factor[1, 1]) * across / total)
+    p_value = 2 * float(beta.sf(abs(correlation), count / 2 - 1, count / 2 - 1, loc=-1, scale=2))
     meaning = "a common disturbance or a common measurement error"
-    return (f"correlation with residuals of {name}", found, p_value, meaning)
+    return (f"correlation with residuals of {name}", correlation, p_value, meaning)
 
 
 def _growth(sums: StateSums, name: str, spent: float) -> Tested:
@@ -426,16 +428,16 @@ def _growth(sums: StateSums, name: str, spent: float) -> Tested:
         cells, counts = sums.cells, sums.counts
     else:
         cells, counts = np.abs(sums.kept), np.ones(sums.count)
-    first, second = (ranks(each, counts) - (sums.count + 1) / 2 for each in cells.T)
+    first, second = (ranks(column, counts) - (sums.count + 1) / 2 for column in cells.T)
     scale = np.sqrt((counts @ first**2) * (counts @ second**2))
     if not scale:
         return ("heteroscedasticity", 0.0, 1.0, "")
-    found = float(np.clip(counts @ (first * second) / scale, -1.0, 1.0))
+    correlation = float(np.clip(counts @ (first * second) / scale, -1.0, 1.0))
     free = sums.count - 2
-    odds = free / ((1 + found) * (1 - found)) if abs(found) < 1 else np.inf
+    odds = free / ((1 + correlation) * (1 - correlation)) if abs(correlation) < 1 else np.inf
     meaning = f"noise changes with {name}: `errors='proportional'`, or a logarithmic scale if it is above zero"
-    beyond = max(abs(found) - spent / 2, 0.0)
-    return ("heteroscedasticity", found, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
+    beyond = max(abs(correlation) - spent / 2, 0.0)
+    return ("heteroscedasticity", correlation, float(2 * t.sf(beyond * np.sqrt(odds), free)), meaning)
 
 
 def _normal(sums: StateSums) -> Tested:

@@ -47,9 +47,9 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     fitted = tuple(trajectory.states for trajectory in forecast.trajectories)
     states, errors = len(law.schema.states), law.uncertainty.error_model
     standardized = []
-    for trial, own in zip(forecast.trials, fitted, strict=True):
-        std = errors.measurement_std(own[:, :states], trial.std(noise))
-        standardized.append((trial.states - own[:, :states]) / std)
+    for trial, curve in zip(forecast.trials, fitted, strict=True):
+        std = errors.measurement_std(curve[:, :states], trial.std(noise))
+        standardized.append((trial.states - curve[:, :states]) / std)
     units = units_with_rates(law)
     rates = {name: units.get(name, "") for name in rate_names(law)}
     result = Residuals(forecast.trials, fitted, tuple(standardized), rates, ())
@@ -65,15 +65,15 @@ def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals,
     assert law.observation is not None
     forecast, measured = law.predict(trials), law.observation.measured
     forecast = forecast.followed or forecast
-    shown, curves = forecast.trials, [own.states for own in forecast.trajectories]
-    standardized = tuple((trial.states - own) / trial.std(noise) for trial, own in zip(shown, curves, strict=True))
+    shown, curves = forecast.trials, [trajectory.states for trajectory in forecast.trajectories]
+    standardized = tuple((trial.states - curve) / trial.std(noise) for trial, curve in zip(shown, curves, strict=True))
     names, units = law.terms.variables.states, units_with_rates(law)
     latent = [j for j, name in enumerate(names) if name not in measured.states]
     fitted = tuple(np.column_stack([a, b[:, latent]]) for a, b in zip(curves, forecast.latent, strict=True))
     counts = np.array(
         [np.sum([trial.counts.sum(axis=0) for trial in trials.of_object(name)], axis=0) for name in trials.objects]
     )
-    starts = [sum(each.object == name for each in law.observation.estimated) for name in trials.objects]
+    starts = [sum(estimate.object == name for estimate in law.observation.estimated) for name in trials.objects]
     parameters = int(law.support.sum()) + np.array(starts)
     spent = parameters[:, np.newaxis] * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
     return Residuals(shown, fitted, standardized, {names[j]: units.get(names[j], "") for j in latent}, ()), spent
@@ -87,17 +87,17 @@ def _spent(law: Law, trials: Trials) -> Floats:
     known, unpooled = law.uncertainty.covariance, law.uncertainty.unpooled
     shares = np.ones((len(law.objects), int(law.support.sum())))
     if known is not None:
-        own = known if unpooled is None else unpooled.covariance
-        scales = np.sqrt(np.diagonal(own, axis1=1, axis2=2))[:, :, np.newaxis]
+        covariance = known if unpooled is None else unpooled.covariance
+        scales = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, :, np.newaxis]
         scales = np.where(scales > 0, scales, np.inf)
         alike = scales * scales.transpose(0, 2, 1)
-        information = np.linalg.pinv(own / alike, hermitian=True)
+        information = np.linalg.pinv(covariance / alike, hermitian=True)
         shares = np.clip(np.einsum("nij,nji->ni", known / alike, information), 0.0, 1.0)
-    found = np.zeros((len(trials.objects), *law.support.shape))
-    for whole, name in zip(found, trials.objects, strict=True):
+    spent = np.zeros((len(trials.objects), *law.support.shape))
+    for whole, name in zip(spent, trials.objects, strict=True):
         if name in law.objects:
             whole[law.support] = shares[object_index(law, name)]
-    return np.asarray(found.sum(axis=2))
+    return np.asarray(spent.sum(axis=2))
 
 
 def noise_squares(trials: Trials) -> tuple[int, Floats]:
@@ -108,7 +108,7 @@ def noise_squares(trials: Trials) -> tuple[int, Floats]:
 
 def noise_of(parts: Sequence[tuple[int, Floats]]) -> Floats:
     """Return the noise of each state, shape (states,), from what `noise_squares` says of parts."""
-    count = sum(each for each, _ in parts)
+    count = sum(measured for measured, _ in parts)
     if not count:
         raise CommonlawError("noise-unknown-and-incomplete")
-    return np.asarray(np.sqrt(sum(own for each, own in parts if each) / count))
+    return np.asarray(np.sqrt(sum(squares for measured, squares in parts if measured) / count))

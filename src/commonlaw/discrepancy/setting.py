@@ -51,8 +51,8 @@ class Visited:
 
     def steps(self, values: Floats) -> Floats:
         """Return the sizes of the steps from sample to sample within trials."""
-        found = abs(np.diff(values))
-        return np.delete(found, np.array(self.begins[1:], dtype=int) - 1)
+        sizes = abs(np.diff(values))
+        return np.delete(sizes, np.array(self.begins[1:], dtype=int) - 1)
 
 
 class AbstractSetting(ABC):

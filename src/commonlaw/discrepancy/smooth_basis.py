@@ -52,9 +52,9 @@ class SmoothBasis:
 
     def terms(self, variables: Variables) -> tuple[Term, ...]:
         """Return the functions as terms, times what they are multiplied with: the line, then the bumps."""
-        own = f"({self.coordinate})"
-        bumps = (f"exp(-(({own} - ({knot!r}))/{self.width!r})**2/2)" for knot in self.knots.tolist())
-        texts = (f"({own} - ({self.centre!r}))", *bumps)
+        coordinate = f"({self.coordinate})"
+        bumps = (f"exp(-(({coordinate} - ({knot!r}))/{self.width!r})**2/2)" for knot in self.knots.tolist())
+        texts = (f"({coordinate} - ({self.centre!r}))", *bumps)
         return tuple(parse_term(f"({self.times})*{text}", variables) for text in texts)
 
     def values(self, coordinate: Floats) -> Floats:
@@ -125,19 +125,19 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     the law alone holds, and the function is orthogonal, over the samples, to such combinations that vanish there too;
     without that point to all of them.
     """
-    own = [basis.values(sample.coordinate) * sample.times[:, np.newaxis] for sample in samples]
-    whole = np.concatenate(own)
-    left, singular, right = np.linalg.svd(whole, full_matrices=False)
+    blocks = [basis.values(sample.coordinate) * sample.times[:, np.newaxis] for sample in samples]
+    whole = np.concatenate(blocks)
+    vectors, singular, right = np.linalg.svd(whole, full_matrices=False)
     resolved = singular > _RESOLVED * singular[0]
-    parts = np.split(left[:, resolved], np.cumsum([len(each) for each in own])[:-1])
+    parts = np.split(vectors[:, resolved], np.cumsum([len(block) for block in blocks])[:-1])
     rests = [part - _said(sample.terms, part) for part, sample in zip(parts, samples, strict=True)]
     _, sizes, directions = np.linalg.svd(np.concatenate(rests), full_matrices=False)
     both = directions[sizes < _REPRESENTED]
     weights = (both / singular[resolved]) @ right[resolved]
-    constraints = both @ left[:, resolved].T @ whole
-    pairs, first = list(zip(samples, own, strict=True)), samples[0]
+    constraints = both @ vectors[:, resolved].T @ whole
+    pairs, first = list(zip(samples, blocks, strict=True)), samples[0]
     count = first.terms.shape[1]
-    held = [k for k in range(count) if all(_is_said(each.terms[:, k], part) for each, part in pairs)]
+    held = [k for k in range(count) if all(_is_said(sample.terms[:, k], part) for sample, part in pairs)]
     at = basis.values(np.array([0.0 if zero_at is None else zero_at]))
     there = (at @ weights.T)[0]
     largest = np.abs(basis.values(np.concatenate([sample.coordinate for sample in samples])) @ weights.T).max(
@@ -148,8 +148,8 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     from scipy.linalg import null_space
 
     kept = null_space(there[np.newaxis]).T @ constraints
-    said = np.linalg.lstsq(own[0], first.terms[:, held], rcond=_RESOLVED)[0]
-    alive = np.abs(at @ said)[0] >= _VANISHING_TERM * np.abs(basis.values(first.coordinate) @ said).max(axis=0)
+    solution = np.linalg.lstsq(blocks[0], first.terms[:, held], rcond=_RESOLVED)[0]
+    alive = np.abs(at @ solution)[0] >= _VANISHING_TERM * np.abs(basis.values(first.coordinate) @ solution).max(axis=0)
     vanishing = [k for k, living in zip(held, alive, strict=True) if not living]
     return Meaning(np.concatenate([at, kept]), zero_at, tuple(vanishing))
 

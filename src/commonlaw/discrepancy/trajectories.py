@@ -53,12 +53,12 @@ class SharedRows:
     @classmethod
     def of(cls, factors: Sequence[Floats], own: int, numbers: float, constant: float) -> "SharedRows":
         """Return the rows of triangular factors ``[own | shared | target]``, one of each object."""
-        objects, left = [], []
+        objects, lower = [], []
         for factor in factors:
             objects.append(ObjectRows(factor[:own, :own], factor[:own, own:-1], factor[:own, -1]))
-            left.append(factor[own:, own:])
+            lower.append(factor[own:, own:])
             constant += 2 * float(np.sum(np.log(np.abs(np.diag(factor)[:own]))))
-        together = np.asarray(np.linalg.qr(np.concatenate(left), mode="r"))
+        together = np.asarray(np.linalg.qr(np.concatenate(lower), mode="r"))
         width = together.shape[1] - 1
         rest = float(np.sum(together[width:, -1] ** 2))
         return cls(tuple(objects), together[:width, :-1], together[:width, -1], rest, numbers, constant)
@@ -112,10 +112,10 @@ def posterior(rows: SharedRows, factors: Sequence[Floats], size: float, noise_me
         none = np.array([alone])
         variance = float(rows.variance(none, noise_measurements)[0])
         return _mixed(rows, rows.deviance(none, noise_measurements), [], variance)
-    values, found, amplitudes = list[float](), [], size * _AMPLITUDES
+    values, components, amplitudes = list[float](), [], size * _AMPLITUDES
     for factor in factors:
-        left, singular, right = np.linalg.svd(rows.shared @ factor, full_matrices=False)
-        turned, seen = factor @ right.T, left.T @ rows.target
+        vectors, singular, right = np.linalg.svd(rows.shared @ factor, full_matrices=False)
+        turned, seen = factor @ right.T, vectors.T @ rows.target
         rest = factor @ factor.T - turned @ turned.T
         signals = (amplitudes[:, np.newaxis] * singular) ** 2  # Over the noise, shape (amplitudes, directions)
         squares = alone - np.sum(signals / (1 + signals) * seen**2, axis=1)
@@ -124,8 +124,8 @@ def posterior(rows: SharedRows, factors: Sequence[Floats], size: float, noise_me
         for amplitude, signal, variance in zip(amplitudes, signals, variances, strict=True):
             mean = amplitude**2 * turned @ (singular / (1 + signal) * seen)
             covariance = variance * amplitude**2 * ((turned / (1 + signal)) @ turned.T + rest)
-            found.append((mean, covariance, float(variance)))
-    return _mixed(rows, np.array(values), found, 1.0)
+            components.append((mean, covariance, float(variance)))
+    return _mixed(rows, np.array(values), components, 1.0)
 
 
 def _mixed(
@@ -139,18 +139,18 @@ def _mixed(
     if found:
         probable /= probable.sum()
         weights = np.sum([p * mean for p, (mean, _, _) in zip(probable, found, strict=True)], axis=0)
-        for p, (mean, own, _) in zip(probable, found, strict=True):
-            covariance += p * (own + np.outer(mean - weights, mean - weights))
-        variance = float(probable @ np.array([each for _, _, each in found]))
+        for p, (mean, part_covariance, _) in zip(probable, found, strict=True):
+            covariance += p * (part_covariance + np.outer(mean - weights, mean - weights))
+        variance = float(probable @ np.array([part_variance for _, _, part_variance in found]))
     inverses = [name.inverse for name in rows.objects]
     pairs = list(zip(inverses, rows.objects, strict=True))
     return Posterior(
         value,
         weights,
         covariance,
-        np.array([inverse @ (each.target - each.across @ weights) for inverse, each in pairs]),
+        np.array([inverse @ (block.target - block.across @ weights) for inverse, block in pairs]),
         variance * np.array([inverse @ inverse.T for inverse in inverses]),
-        np.array([-inverse @ each.across for inverse, each in pairs]),
+        np.array([-inverse @ block.across for inverse, block in pairs]),
         float(np.sqrt(variance)),
     )
 
@@ -216,8 +216,14 @@ def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
     """Return the fits at all model errors, from large ones to none; raises `CommonlawError` if none can be computed."""
     # Smoothed measurements, with known coefficients and none of the others
     size, result = model.own.shape[1], list[FunctionFit]()
-    known = (np.pad(np.nan_to_num(own), ((0, 0), (0, size - own.shape[1]))) for own in problem.known)
-    estimates = tuple(replace(each, coefficients=own) for each, own in zip(problem.starts, known, strict=True))
+    known = (
+        np.pad(np.nan_to_num(coefficients), ((0, 0), (0, size - coefficients.shape[1])))
+        for coefficients in problem.known
+    )
+    estimates = tuple(
+        replace(estimate, coefficients=coefficients)
+        for estimate, coefficients in zip(problem.starts, known, strict=True)
+    )
     for model_error in ANY_ERROR:
         with suppress(NotPositiveError):
             first = fit_about(problem, model, estimates, model_error)
@@ -232,11 +238,11 @@ def converged(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
     """Return the fit after its trajectories have followed the coefficients until these converge."""
     for _ in range(MAX_ROUNDS):
         try:
-            found = fit_about(problem, fitted.model, followed(problem, fitted), fitted.model_error)
+            refitted = fit_about(problem, fitted.model, followed(problem, fitted), fitted.model_error)
         except NotPositiveError:
             break
-        last, fitted = fitted, found
-        if abs(found.value - last.value) < CONVERGED:
+        last, fitted = fitted, refitted
+        if abs(refitted.value - last.value) < CONVERGED:
             break
     return fitted
 
@@ -271,16 +277,16 @@ def fit_about(
         factors.append(np.asarray(np.linalg.qr(linear.problem.factor[:, order], mode="r")))
         constant += linear.log_determinant
         starts += trajectory.width * len(problem.trials.of_object(name))
-    own = int(model.own.sum())
-    numbers = max(sum(problem.measured) - starts - own * len(factors), 1)
+    count = int(model.own.sum())
+    numbers = max(sum(problem.measured) - starts - count * len(factors), 1)
     worth = np.inf if problem.noise_given else NOISE_MEASUREMENTS * len(problem.noise)
-    rows = SharedRows.of(factors, own, numbers, constant)
+    rows = SharedRows.of(factors, count, numbers, constant)
     penalty = float(np.log(sum(problem.measured))) if model_error else 0.0
-    found = posterior(rows, model.factors, model.size, worth)
+    mixture = posterior(rows, model.factors, model.size, worth)
     deviance = sum(estimate.deviance for estimate in estimates)
-    return FunctionFit(model, estimates, model_error, rows, worth, found, penalty, deviance)
+    return FunctionFit(model, estimates, model_error, rows, worth, mixture, penalty, deviance)
 
 
 def best(found: Sequence[FunctionFit]) -> FunctionFit:
     """Return the fit of largest evidence."""
-    return min(found, key=lambda each: each.value)
+    return min(found, key=lambda fitted: fitted.value)

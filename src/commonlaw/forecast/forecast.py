@@ -169,7 +169,7 @@ class Forecast(ShownInNotebooks):
         if not 2 <= points <= _MAX_POINTS:
             raise CommonlawError("curve-points", points=points, limit=_MAX_POINTS)
         more = [_between(trial.times, points) for trial in self.trials]
-        if self.at_more_times is None or not any(len(each) for each in more):
+        if self.at_more_times is None or not any(len(times) for times in more):
             return self
         return self.at_more_times(more)
 
@@ -207,7 +207,9 @@ class Forecast(ShownInNotebooks):
         centers = [part.forecast._states() for part in parts]
         known = [part.forecast.degrees_of_freedom for part in parts]
         states = len(self.trials.schema.states)
-        degrees = np.array([np.full(states, np.inf) if own is None else own for own in known])[:, np.newaxis, :]
+        degrees = np.array([np.full(states, np.inf) if freedom is None else freedom for freedom in known])[
+            :, np.newaxis, :
+        ]
         return tuple(
             mixture_interval(
                 np.array([part.weights[i] for part in parts]).reshape(-1, 1, 1),
@@ -246,7 +248,7 @@ class Forecast(ShownInNotebooks):
         if self.followed is not None:
             columns = np.isin(self.trials.schema.states, self.followed.trials.schema.logarithmic)
             pairs = zip(self.followed.measurement_std(white), self._states(), strict=True)
-            return tuple(own * np.where(columns, states, 1.0) for own, states in pairs)
+            return tuple(std * np.where(columns, states, 1.0) for std, states in pairs)
         errors = self.error_model.white_std if white else self.error_model.measurement_std
         return tuple(
             errors(states, trial.std(self.noise)) for trial, states in zip(self.trials, self._states(), strict=True)
@@ -259,7 +261,7 @@ class Forecast(ShownInNotebooks):
         std = None
         if self.std is not None:  # To first order
             columns = np.isin(schema.states, schema.logarithmic)
-            std = tuple(own * np.where(columns, x, 1.0) for own, x in zip(self.std, states, strict=True))
+            std = tuple(deviations * np.where(columns, x, 1.0) for deviations, x in zip(self.std, states, strict=True))
         return replace(
             self,
             trials=as_measured(self.trials, measured),
@@ -325,7 +327,7 @@ class Forecast(ShownInNotebooks):
         if isinstance(metric, str):
             check_choice("metric", metric, _METRICS)
             metric = _METRICS[metric]
-        measured, forecast = (np.concatenate(each) for each in zip(*self._compared(), strict=True))
+        measured, forecast = (np.concatenate(parts) for parts in zip(*self._compared(), strict=True))
         seen, forecast = np.isfinite(measured), np.where(np.isnan(forecast), np.inf, forecast)
         columns = np.flatnonzero(seen.any(axis=0))
         values = [float(metric(measured[seen[:, j], j], forecast[seen[:, j], j])) for j in columns]

@@ -80,7 +80,7 @@ class FilteredStart:
 
     def _before(self, values: Floats, times: Floats, after: Floats) -> Floats:
         earlier = times[: len(times) - len(after)]
-        return np.concatenate([np.column_stack([np.interp(earlier, self.times, own) for own in values.T]), after])
+        return np.concatenate([np.column_stack([np.interp(earlier, self.times, column) for column in values.T]), after])
 
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return a trajectory from this start whose derivatives follow the coefficients, and its covariance, (D, D)."""
@@ -104,22 +104,25 @@ def _fitted_states(
 
     With them the model, and the last model error; raises `CommonlawError` if the states are not finite.
     """
-    errors, own = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
+    errors, coefficients = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
     (mesh,) = meshes([trial], MESH_POINTS, len(trial))
     model_errors: tuple[float, ...] = MODEL_ERRORS
     unit = unit_of_errors(law, noise, trial)
     if errors.walk is not None:
         unit, model_errors = errors.walk * np.sqrt(np.median(mesh.steps)), (1.0,)
-    mesh, found = mesh.with_inputs(inputs), Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), own)
+    mesh, estimate = (
+        mesh.with_inputs(inputs),
+        Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), coefficients),
+    )
     for _ in range(errors.rounds):
-        white = errors.white_std(found.states[0][:, : len(noise)], with_typical(mesh.noise, noise)) * mesh.averaging
+        white = errors.white_std(estimate.states[0][:, : len(noise)], with_typical(mesh.noise, noise)) * mesh.averaging
         mesh = replace(mesh, scale=white / noise)
         model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
-        model, start = model.with_latent(errors.latent, replace(found, states=(found.states[0][:, : len(unit)],)))
-        found = fit(model, start, np.zeros(own.shape, dtype=np.bool_), model_errors)
-    if not np.isfinite(found.objective):
+        model, start = model.with_latent(errors.latent, replace(estimate, states=(estimate.states[0][:, : len(unit)],)))
+        estimate = fit(model, start, np.zeros(coefficients.shape, dtype=np.bool_), model_errors)
+    if not np.isfinite(estimate.objective):
         raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
-    return model, found, model_errors[-1]
+    return model, estimate, model_errors[-1]
 
 
 def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> Floats:
@@ -138,20 +141,20 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
     with np.errstate(all="ignore"):
         linear = jacobians(field, mesh, np.pad(between, ((0, 0), (0, latent.width))), steps)
         finite = np.asarray(np.isfinite(linear.end).all(axis=(1, 2)) & np.isfinite(linear.start).all(axis=(1, 2)))
-        start, end = (np.where(finite[:, np.newaxis, np.newaxis], each, 0.0) for each in (linear.start, linear.end))
+        start, end = (np.where(finite[:, np.newaxis, np.newaxis], slopes, 0.0) for slopes in (linear.start, linear.end))
         back = np.linalg.pinv(end)
         carried = -np.matmul(back, start)
         added = np.ones((len(mesh.steps), width + latent.width))
         walk = np.zeros(width) if errors.walk is None else errors.walk
         added[:, :width] = walk**2 * mesh.steps[:, np.newaxis]
         covariances = np.matmul(back * added[:, np.newaxis], back.transpose(0, 2, 1))
-        own = np.zeros((width + latent.width,) * 2)
+        covariance = np.zeros((width + latent.width,) * 2)
         if steps is not None:
-            own[range(width, len(own)), range(width, len(own))] = steps.std**2
-        variances = [np.diag(own)[:width]]
+            covariance[range(width, len(covariance)), range(width, len(covariance))] = steps.std**2
+        variances = [np.diag(covariance)[:width]]
         for transition, more in zip(carried, covariances, strict=True):
-            own = transition @ own @ transition.T + more
-            variances.append(np.diag(own)[:width])
+            covariance = transition @ covariance @ transition.T + more
+            variances.append(np.diag(covariance)[:width])
         followed = np.logical_and.accumulate(np.append(True, finite))[:, np.newaxis]
         std = np.sqrt(np.where(followed, variances, np.inf))[::MESH_POINTS]
         return np.where(np.isnan(states), np.nan, std)
@@ -248,21 +251,21 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     for name in unmeasured:
         states[:, law.schema.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
     guess = _curve(trial.times, states, with_rates(law.order, len(law.schema.states)))
-    model, found, model_error = _fitted_states(law, trial, inputs, guess, noise)
+    model, estimate, model_error = _fitted_states(law, trial, inputs, guess, noise)
     if not law.uncertainty.error_model:
-        start = found.states[0][0]
+        start = estimate.states[0][0]
         # At rest, with no scale of its own
         start = np.where(np.abs(start) < np.finfo(float).eps * model.unit, 0.0, start)
         return FittedInitialState(start, trial, model.observation)
     try:
-        (reduced,) = eliminate_states_of_meshes(model, found, law.support, model_error)
+        (reduced,) = eliminate_states_of_meshes(model, estimate, law.support, model_error)
         variances, last = reduced.state_covariances()
     except NotPositiveError:
         raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial)) from None
     inner = slice(0, model.width)
     return FilteredStart(
         trial.times,
-        found.states[0][::MESH_POINTS, inner],
+        estimate.states[0][::MESH_POINTS, inner],
         np.sqrt(variances[::MESH_POINTS, inner]),
         last[inner, inner],
         reduced.state_sensitivity[-1, inner],
@@ -295,7 +298,7 @@ def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
         rates = RobustSpline().differentiate(times, states, 1)
         return np.column_stack([rates.states, rates.derivatives[0][:, second]])
     pairs = zip(measured.T, states.T, strict=True)
-    lines = np.column_stack([np.interp(times, times[own], column[own]) for own, column in pairs])
+    lines = np.column_stack([np.interp(times, times[seen], column[seen]) for seen, column in pairs])
     return np.column_stack([lines, *(np.gradient(lines[:, j], times) for j in second)])
 
 
@@ -371,11 +374,13 @@ def begin(
     if not result:
         raise CommonlawError("forecast-no-trial", reason=why)
     notes = [f"trials not forecast {why.sentence(marked)}"] if lost else []
-    unknown = [each.start_samples.label for each in result if rate_names(law) and len(each.start_samples) == 1]
+    unknown = [
+        beginning.start_samples.label for beginning in result if rate_names(law) and len(beginning.start_samples) == 1
+    ]
     if unknown:
         notes.append(f"rates not identifiable from one sample were set to zero, without a band: {'; '.join(unknown)}")
     # Trials that are forecast as they are stay the same
-    kept = [each.trial for each in result]
+    kept = [beginning.trial for beginning in result]
     trials = trials if kept == list(trials) else trials.with_trials(kept)
     return (replace(trials, notes=(*trials.notes, *notes)) if notes else trials), result
 

@@ -43,12 +43,12 @@ def with_pooled_forecasts(law: Law, shared: Bools, others: bool) -> Law:
     shared, others
         See `commonlaw.law.pool_objects`.
     """
-    own = pool_objects(law, shared, False)
-    drawn = pool_objects(law, shared, True) if others else own
+    pooled = pool_objects(law, shared, False)
+    drawn = pool_objects(law, shared, True) if others else pooled
     if not others or drawn.uncertainty.unpooled is None:
-        return own
+        return pooled
     estimates = ObjectEstimates(drawn.coefficients[:, law.support], drawn.uncertainty.known_covariance())
-    return replace(own, uncertainty=replace(own.uncertainty, pooled=estimates), provenance=drawn.provenance)
+    return replace(pooled, uncertainty=replace(pooled.uncertainty, pooled=estimates), provenance=drawn.provenance)
 
 
 def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
@@ -71,11 +71,11 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
     known = law.uncertainty.covariance
     covariance = None
     if known is not None:
-        covariance = np.array([*known[indices], *(each.covariances for each in drawn)])
+        covariance = np.array([*known[indices], *(population.covariances for population in drawn)])
     result = replace(
         law,
         objects=(*seen, *unseen),
-        coefficients=np.array([*law.coefficients[indices], *(each.coefficients for each in drawn)]),
+        coefficients=np.array([*law.coefficients[indices], *(population.coefficients for population in drawn)]),
         uncertainty=replace(
             law.uncertainty,
             covariance=covariance,
@@ -83,11 +83,11 @@ def with_objects_of(law: Law, trials: Trials) -> tuple[Law, tuple[str, ...]]:
             unpooled=None,
             pooled=None,
             explanation=None,
-            other_laws=law.uncertainty.map_other_laws(lambda other: with_objects_of(other, trials)[0]),
+            other_laws=law.uncertainty.map_other_laws(lambda plausible: with_objects_of(plausible, trials)[0]),
         ),
         properties={},
     )
-    return result, tuple(each.note for each in drawn)
+    return result, tuple(population.note for population in drawn)
 
 
 def _by_pooled(law: Law) -> Law:
@@ -105,7 +105,7 @@ def is_typical(law: Law, name: str, trials: Trials) -> bool:
 def _unknown(law: Law, name: str, trials: Trials) -> list[str]:
     values = trials.properties.get(name, {})
     wanted = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
-    return [each for each in wanted if not isinstance(values.get(each), float)]
+    return [attribute for attribute in wanted if not isinstance(values.get(attribute), float)]
 
 
 def _drawn(law: Law, name: str, trials: Trials) -> Population:
@@ -127,11 +127,11 @@ def _drawn(law: Law, name: str, trials: Trials) -> Population:
     for i, relation in enumerate(explanation.relations):
         if relation is not None:
             part = slice(first, first + len(relation.factors))
-            own = [given[attribute] for attribute in relation.properties]
-            for each, value in zip(relation.properties, own, strict=True):
+            numbers = [given[attribute] for attribute in relation.properties]
+            for property_name, value in zip(relation.properties, numbers, strict=True):
                 if relation.exponents and not value > 0:
-                    raise CommonlawError("property-not-positive", property=each, object=name, value=value)
-            columns = relation.columns(np.array([own]).reshape(1, -1))[0]
+                    raise CommonlawError("property-not-positive", property=property_name, object=name, value=value)
+            columns = relation.columns(np.array([numbers]).reshape(1, -1))[0]
             mean, share, scatter[i] = _moments(relation, float(columns @ relation.factors))
             coefficients[tuple(indices[i])], turn[i, part], first = mean, share * columns, part.stop
     followed = f"that follow from its {' and '.join(given)}" if given else "of the typical object"
@@ -145,15 +145,18 @@ def _with_properties(law: Law, name: str, trials: Trials, drawn: Population) -> 
     errors, places = standard_errors(law), [*map(tuple, np.argwhere(law.support).tolist())]
     coefficients, covariances, taken = drawn.coefficients.copy(), drawn.covariances, list[str]()
     for product in named_parameters(law).products:
-        names, place = [each for each, _ in product.coefficients], (product.equation, product.term)
-        if not names or not all(each in known for each in names) or np.any(errors[:, *place] > 0):
+        names, place = [attribute for attribute, _ in product.coefficients], (product.equation, product.term)
+        if not names or not all(attribute in known for attribute in names) or np.any(errors[:, *place] > 0):
             continue
-        for each in names:
-            if not isinstance(given.get(each), float):
-                raise CommonlawError("property-missing", object=name, property=each)
-        values = {each: np.asarray(_in_unit(each, given[each], trials.schema, law.schema)) for each in names}
+        for attribute in names:
+            if not isinstance(given.get(attribute), float):
+                raise CommonlawError("property-missing", object=name, property=attribute)
+        values = {
+            attribute: np.asarray(_in_unit(attribute, given[attribute], trials.schema, law.schema))
+            for attribute in names
+        }
         coefficients[place] = product.value(values)
-        taken += [each for each in names if each not in taken]
+        taken += [attribute for attribute in names if attribute not in taken]
         if covariances is not None:
             covariances = covariances.copy()
             covariances[places.index(place)] = covariances[:, places.index(place)] = 0.0
@@ -206,8 +209,8 @@ def _typical(law: Law, note: str) -> Population:
     if covariance is None or count == 1:
         return Population(mean.coefficients[0], covariance if covariance is None else covariance[0], note)
     widened = (1 + 1 / count) * float(two_sided(0.95, count - 1) / two_sided(0.95)) ** 2
-    own = law.coefficients[:, law.support]
-    scatter = widened * np.cov(own, rowvar=False).reshape(own.shape[1], own.shape[1])
+    coefficients = law.coefficients[:, law.support]
+    scatter = widened * np.cov(coefficients, rowvar=False).reshape(coefficients.shape[1], coefficients.shape[1])
     return Population(mean.coefficients[0], covariance[0] + scatter, note)
 
 

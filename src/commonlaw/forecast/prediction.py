@@ -96,11 +96,11 @@ def _given_inputs(
     else:
         blocks = [(slice(0, len(names)), given)]
     functions, arrays = list[tuple[slice, InputFunction]](), np.zeros((len(grid), len(names)))
-    for columns, own in blocks:
-        if callable(own):
-            functions.append((columns, own))
+    for columns, signal in blocks:
+        if callable(signal):
+            functions.append((columns, signal))
             continue
-        values, shape = np.asarray(own, dtype=np.float64), arrays[:, columns].shape
+        values, shape = np.asarray(signal, dtype=np.float64), arrays[:, columns].shape
         if values.ndim and values.shape not in (shape, shape[:1] if shape[1] == 1 else ()):
             raise CommonlawError("input-shape", names=names[columns], shape=values.shape, samples=len(grid))
         arrays[:, columns] = values.reshape(shape) if values.ndim else values
@@ -109,14 +109,14 @@ def _given_inputs(
         return between
 
     def along(times: Floats) -> Floats:
-        found = between.at(times)
+        rows = between.at(times)
         for columns, function in functions:
             values = [np.atleast_1d(np.asarray(function(time), dtype=np.float64)) for time in times.tolist()]
-            found[:, columns] = np.array(values)
-        own = {name: found[:, [i]] for i, name in enumerate(names)}
+            rows[:, columns] = np.array(values)
+        by_name = {name: rows[:, [i]] for i, name in enumerate(names)}
         if pulses is not None:
-            own |= {name: pulses.at(times)[:, [i]] for i, name in enumerate(schema.doses)}
-        return np.hstack([own[name] for name in schema.inputs])
+            by_name |= {name: pulses.at(times)[:, [i]] for i, name in enumerate(schema.doses)}
+        return np.hstack([by_name[name] for name in schema.inputs])
 
     mesh = (
         grid if pulses is None else np.union1d(grid, pulses.knots[(pulses.knots > grid[0]) & (pulses.knots < grid[-1])])
@@ -170,18 +170,18 @@ def predict(
         begun, beginnings = begin(law, followed, times, start, from_time, input_interpolation)
         return _Forecaster(law, begun, tuple(beginnings), from_time, return_std, method, tolerance, seed).forecast()
 
-    own, *others = law.models if averaged else law.models[:1]
-    parts = [Part(own.probability, forecast(law))]
-    for each in others:
+    first, *others = law.models if averaged else law.models[:1]
+    parts = [Part(first.probability, forecast(law))]
+    for model in others:
         with suppress(CommonlawError):  # Its start may not be fitted where that of the law is
-            other = replace(each.law, provenance=law.provenance)
-            parts.append(Part(each.probability, forecast(other), equations="; ".join(other.structure)))
+            plausible = replace(model.law, provenance=law.provenance)
+            parts.append(Part(model.probability, forecast(plausible), equations="; ".join(plausible.structure)))
     result = average(parts)
-    if said := remarks_on(result):
-        result = replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *said)))
+    if notes := remarks_on(result):
+        result = replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *notes)))
     result = result if trials.schema.logarithmic == law.schema.logarithmic else result.as_measured(trials)
     # Where it leaves what the law was learned from
-    domain, left, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
+    domain, exceeded, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
     for trial, trajectory in zip(result.trials, result.trajectories, strict=True):
         visited = dict(zip((*law.schema.states, *rate_names(law)), trajectory.states.T, strict=True))
         visited |= dict(zip(result.trials.schema.inputs, trial.inputs.T, strict=True))
@@ -190,12 +190,12 @@ def predict(
         for name, values in visited.items():
             farthest = domain.left_by(name, values)
             if farthest is not None:
-                left.setdefault(name, {})[trial.label] = farthest
+                exceeded.setdefault(name, {})[trial.label] = farthest
         known = trial.times[np.isfinite(trial.states).any(axis=1)][-1]
         since = known if result.from_time is None else min(known, result.from_time)
         ahead = max(ahead, float(trial.times[-1] - since))
     unit = result.trials.schema.units.get(result.trials.schema.time, "")
-    remarks = tuple(domain.remarks(left, unit, ahead))
+    remarks = tuple(domain.remarks(exceeded, unit, ahead))
     if not remarks:
         return result
     return replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *remarks)))
@@ -226,18 +226,18 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: floa
     followed = with_logarithms(measured, law.schema.logarithmic)
     initial = np.append(followed.trials[0].states[0], start[states:])
     width, certain = len(variables), np.zeros((1, len(variables)))
-    own = followed.trials[0]
-    inputs = Inputs.of(own.times, own.inputs, law.schema.input_interpolation)
+    begun = followed.trials[0]
+    inputs = Inputs.of(begun.times, begun.inputs, law.schema.input_interpolation)
 
-    def forecast(each: Law) -> Forecast:
-        sensitivity = np.zeros((width, int(each.support.sum())))
+    def forecast(plausible: Law) -> Forecast:
+        sensitivity = np.zeros((width, int(plausible.support.sum())))
         fitted = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity)
-        beginning = Beginning(own, inputs, own.rows(slice(0, 1)), fitted)
+        beginning = Beginning(begun, inputs, begun.rows(slice(0, 1)), fitted)
         has_std = law.uncertainty.has_std
-        return _Forecaster(each, followed, (beginning,), None, has_std, "auto", 1e-8, 0, limit).forecast()
+        return _Forecaster(plausible, followed, (beginning,), None, has_std, "auto", 1e-8, 0, limit).forecast()
 
-    found = average([Part(model.probability, forecast(model.law)) for model in law.models])
-    return found.as_measured(measured) if law.schema.logarithmic else found
+    averaged = average([Part(model.probability, forecast(model.law)) for model in law.models])
+    return averaged.as_measured(measured) if law.schema.logarithmic else averaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,12 +258,14 @@ class _Forecaster:
         """Return the forecasts at the times of the trials."""
         problems = [self._problem(beginning) for beginning in self.beginnings]
         method, with_std = self.method, self.return_std
-        found = simulate(problems, method=method, tolerance=self.tolerance, sensitivities=with_std, limit=self.limit)
-        std, noise = (self._std(found), self.law.uncertainty.noise) if self.return_std else (None, None)
+        trajectories = simulate(
+            problems, method=method, tolerance=self.tolerance, sensitivities=with_std, limit=self.limit
+        )
+        std, noise = (self._std(trajectories), self.law.uncertainty.noise) if self.return_std else (None, None)
         again = None if self.law.order == 0 else self.at_more_times
         known = self.law.uncertainty
         # The derivatives have done their work, and are many times larger than the states
-        lighter = [replace(each, sensitivities=None) for each in found]
+        lighter = [replace(trajectory, sensitivities=None) for trajectory in trajectories]
         return Forecast(
             self.trials,
             tuple(
@@ -290,7 +292,7 @@ class _Forecaster:
             replace(beginning, trial=with_times(beginning.trial, beginning.inputs, more))
             for beginning, more in zip(self.beginnings, times, strict=True)
         ]
-        trials = self.trials.with_trials([each.trial for each in finer])
+        trials = self.trials.with_trials([beginning.trial for beginning in finer])
         return replace(self, trials=trials, beginnings=tuple(finer)).forecast()
 
     def _std(self, found: Sequence[Trajectory]) -> tuple[Floats, ...]:
@@ -300,8 +302,10 @@ class _Forecaster:
         for beginning, trajectory in zip(self.beginnings, found, strict=True):
             known = covariance[object_index(law, beginning.trial.object)]
             if beginning.fitted is None:
-                each = errors.measurement_std(beginning.start_samples.states, beginning.start_samples.std(noise))
-                std = trajectory_std(trajectory, known, start_covariance(law, beginning.start_samples, each, self.seed))
+                start_std = errors.measurement_std(beginning.start_samples.states, beginning.start_samples.std(noise))
+                std = trajectory_std(
+                    trajectory, known, start_covariance(law, beginning.start_samples, start_std, self.seed)
+                )
             else:
                 carried, initial = beginning.fitted.propagated(trajectory)
                 std = trajectory_std(carried, known, initial)
@@ -325,13 +329,13 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
 
     Raises `CommonlawError` if it has none, or the law was changed since.
     """
-    wider, own = law.provenance.with_discrepancy, law.support.any(axis=0)
+    wider, used = law.provenance.with_discrepancy, law.support.any(axis=0)
     if wider is None:
         raise CommonlawError("discrepancy-missing")
     if {*law.objects} <= {*wider.objects}:
         wider = wider.select(law.objects)
     if law.observation is None:
-        same = np.array_equal(wider.coefficients[:, :, : own.sum()], law.coefficients[:, :, own])
+        same = np.array_equal(wider.coefficients[:, :, : used.sum()], law.coefficients[:, :, used])
     else:
         narrow, whole = named_parameters(law), named_parameters(wider)
         both = [whole.names.index(name) for name in narrow.names if name in whole.names]
@@ -377,7 +381,7 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
     if len(law.objects) > 1:
         raise CommonlawError("object-unnamed", objects=others)
     note = f"no object is named: {name} has the coefficients of {others}, the only object of the law"
-    other_laws = law.uncertainty.map_other_laws(lambda other: replace(other, objects=(name,)))
+    other_laws = law.uncertainty.map_other_laws(lambda plausible: replace(plausible, objects=(name,)))
     uncertainty = replace(law.uncertainty, other_laws=other_laws)
     return replace(law, objects=(name,), uncertainty=uncertainty), trials.with_trials(trials.trials, note)
 
@@ -428,7 +432,7 @@ def average(parts: Sequence[Part]) -> Forecast:
     moments = [_moments(parts, i, weight) for i, weight in enumerate(weights)]
     return replace(
         first,
-        trajectories=tuple(own for own, _ in moments),
+        trajectories=tuple(trajectory for trajectory, _ in moments),
         std=None if first.std is None else tuple(std for _, std in moments),
         at_more_times=None if first.at_more_times is None else partial(_averaged_at, tuple(parts)),
         parts=tuple(part._replace(weights=tuple(weight[k] for weight in weights)) for k, part in enumerate(parts)),
@@ -438,33 +442,33 @@ def average(parts: Sequence[Part]) -> Forecast:
 def _averaged_at(parts: Sequence[Part], times: Sequence[Floats]) -> Forecast:
     """Return the average of the forecasts at more times; a function of a module, as processes hand it to each other."""
     pairs = [(part, part.forecast.at_more_times) for part in parts]
-    return average([each._replace(forecast=more(times)) for each, more in pairs if more])
+    return average([part._replace(forecast=more(times)) for part, more in pairs if more])
 
 
 def remarks_on(found: Forecast) -> tuple[str, ...]:
     """Return a sentence on rival laws where the law diverges, or where they shift a forecast by more than its error."""
     if len(found.parts) < 2:
         return ()
-    own, farthest = found.parts[0], 0.0
-    lost = [trial.label for trial, share in zip(found.trials, own.weights, strict=True) if not share]
+    first, farthest = found.parts[0], 0.0
+    lost = [trial.label for trial, share in zip(found.trials, first.weights, strict=True) if not share]
     if lost:
         return (
             f"the law diverges in {', '.join(lost)}: its forecasts there average the other plausible laws, of total "
-            f"posterior probability {1 - own.probability:.2g}",
+            f"posterior probability {1 - first.probability:.2g}",
         )
     if found.std is None:
         return ()
     width = len(found.trials.schema.states)
-    for i, (std, noise) in enumerate(zip(own.forecast.std or (), own.forecast.measurement_std(), strict=True)):
+    for i, (std, noise) in enumerate(zip(first.forecast.std or (), first.forecast.measurement_std(), strict=True)):
         middle = found.trajectories[i].states[:, :width]
         others = [(part.weights[i], part.forecast.trajectories[i].states[:, :width]) for part in found.parts]
         between = np.sqrt(sum(share * (states - middle) ** 2 for share, states in others if share))
         farthest = max(farthest, float(np.nanmax(between / np.hypot(std[:, :width], noise), initial=0.0)))
     if farthest <= 1:
         return ()
-    other = found.parts[1]
+    second = found.parts[1]
     return (
-        f"{other.equations} is also plausible (posterior probability {other.probability:.2g}): forecasts average "
+        f"{second.equations} is also plausible (posterior probability {second.probability:.2g}): forecasts average "
         f"{len(found.parts)} laws, which differ by more than the standard error of one forecast",
     )
 
@@ -484,14 +488,14 @@ def _weights(parts: Sequence[Part], trial: int) -> Floats:
 def _moments(parts: Sequence[Part], trial: int, weights: Floats) -> tuple[Trajectory, Floats]:
     """Return the median trajectory of a trial and the standard deviation about it, shape (n, width)."""
     kept = [(share, part.forecast) for share, part in zip(weights, parts, strict=True) if share]
-    states = np.array([each.trajectories[trial].states for _, each in kept])
+    states = np.array([forecast.trajectories[trial].states for _, forecast in kept])
     # The least of the values up to which half of the weight lies
     order = np.argsort(states, axis=0)
     reached = np.cumsum(weights[weights > 0][order], axis=0) >= 0.5 * (1 - 1e-12)
-    found = np.take_along_axis(order, reached.argmax(axis=0)[np.newaxis], axis=0)
-    median = np.take_along_axis(states, found, axis=0)[0]
+    places = np.take_along_axis(order, reached.argmax(axis=0)[np.newaxis], axis=0)
+    median = np.take_along_axis(states, places, axis=0)[0]
     variance = np.zeros_like(median)
-    for (share, each), state in zip(kept, states, strict=True):
+    for (share, forecast), state in zip(kept, states, strict=True):
         with np.errstate(invalid="ignore"):
-            variance += share * ((0.0 if each.std is None else each.std[trial]) ** 2 + (state - median) ** 2)
+            variance += share * ((0.0 if forecast.std is None else forecast.std[trial]) ** 2 + (state - median) ** 2)
     return replace(kept[0][1].trajectories[trial], states=median), np.sqrt(variance)
