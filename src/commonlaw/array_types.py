@@ -33,10 +33,12 @@ def same_content(one: Any, other: Any, without: Sequence[str] = ()) -> bool:
         is_numeric = one.dtype.kind in "fc" and other.dtype.kind in "fc"
         return np.array_equal(one, other, equal_nan=is_numeric)
     if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(same_content(own, other[name], without) for name, own in one.items())
+        return one.keys() == other.keys() and all(
+            same_content(entry, other[name], without) for name, entry in one.items()
+        )
     if isinstance(one, list | tuple) and type(one) is type(other):
         return len(one) == len(other) and all(same_content(*pair, without) for pair in zip(one, other, strict=True))
     if is_dataclass(one) and type(one) is type(other):
-        compared = [each.name for each in fields(one) if each.compare and each.name not in without]
+        compared = [field.name for field in fields(one) if field.compare and field.name not in without]
         return all(same_content(getattr(one, name), getattr(other, name), without) for name in compared)
     return bool(one == other)

@@ -60,7 +60,7 @@ class Diagnostic:
     def codes(self) -> tuple[str, ...]:
         """This code, and those of the diagnostics among the parameters."""
         inner = [parameter for parameter in self.parameters.values() if isinstance(parameter, Diagnostic)]
-        return (self.code, *chain.from_iterable(each.codes for each in inner))
+        return (self.code, *chain.from_iterable(diagnostic.codes for diagnostic in inner))
 
     def at(self, where: str) -> "Diagnostic":
         """Return the same message, with a further place before it."""
@@ -104,10 +104,10 @@ def kinds() -> Mapping[str, str]:
 
 def topic_of(code: str) -> str:
     """Return the topic with the longest beginning of the code of an error; empty if it has none."""
-    beginnings = {each: name for name, topic in topics().items() for each in topic["codes"]}
+    beginnings = {beginning: name for name, topic in topics().items() for beginning in topic["codes"]}
     parts = code.split("-")
-    found = ("-".join(parts[:n]) for n in range(len(parts), 0, -1))
-    return next((beginnings[each] for each in found if each in beginnings), "")
+    beginnings_of_code = ("-".join(parts[:n]) for n in range(len(parts), 0, -1))
+    return next((beginnings[beginning] for beginning in beginnings_of_code if beginning in beginnings), "")
 
 
 def reference(code: str) -> str:

@@ -75,7 +75,7 @@ def _plain(value: object) -> object:
     if isinstance(value, list):
         return [*map(_plain, value)]
     if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in value.items()}
+        return {key: _plain(part) for key, part in value.items()}
     return tuple(map(_plain, value)) if isinstance(value, Iterable) else str(value)
 
 
@@ -85,8 +85,8 @@ def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:
     >>> print(unknown("column", "hieght", ["t", "height"]))
     unknown column 'hieght': did you mean 'height'? Known: t, height [unknown-name]
     """
-    names = [str(each) for each in known]
-    folded = {each.casefold(): each for each in reversed(names)}
+    names = [str(known_name) for known_name in known]
+    folded = {known_name.casefold(): known_name for known_name in reversed(names)}
     near = get_close_matches(str(name).casefold(), folded, n=1, cutoff=0.6)
     hint = f"did you mean {folded[near[0]]!r}? " if near else ""
     return CommonlawError("unknown-name", kind=kind, name=str(name), hint=hint, known=names or ["none"])

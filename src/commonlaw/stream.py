@@ -84,7 +84,7 @@ def forecast_stream(
         raise CommonlawError("forecast-not-a-stream", type=type(stream).__name__)
     with on_cluster(client):
         parts = forecast_parts(law, stream, progress, folder, start=start, from_time=from_time)
-    result = [each for each in parts if len(each)]
+    result = [frame for frame in parts if len(frame)]
     if not result:
         raise CommonlawError("forecast-no-trial-from", from_time=from_time)
     return pd.concat(result, ignore_index=True)
@@ -223,24 +223,24 @@ def find_by_stream(
     rows = evenly_spaced(len(ranked), 24)
     names = {*ranked[rows].astype(str)}
     pieces = zip(stream.parts or (stream,), frames, strict=True)
-    parts = [each for each, frame in pieces if names & {*frame.iloc[:, 0]}]
+    parts = [piece for piece, frame in pieces if names & {*frame.iloc[:, 0]}]
     few, training = as_one(_read(names, parts, part(progress, 0.9, 1.0))), None
     if learned is not None:
-        own = _read(names, learned.parts or (learned,), part(progress, 0.9, 1.0))
-        training = as_one(own) if own else Trials((next(iter(learned)),), learned.schema)
-        there = {(each.object, each.name) for each in few}
-        others = [each for each in training if (each.object, each.name) not in there]
+        learned_parts = _read(names, learned.parts or (learned,), part(progress, 0.9, 1.0))
+        training = as_one(learned_parts) if learned_parts else Trials((next(iter(learned)),), learned.schema)
+        there = {(trial.object, trial.name) for trial in few}
+        others = [trial for trial in training if (trial.object, trial.name) not in there]
         few = as_one([few, training.with_trials(others)]) if others else few
     progress(Stage(f"assessing forecasts of {len(rows)} objects", 1.0))
-    found = find(law_of(law, few.objects), few, training)
-    law = replace(law, provenance=found.law.provenance)
-    return ManyFindings(law, errors, found)
+    findings = find(law_of(law, few.objects), few, training)
+    law = replace(law, provenance=findings.law.provenance)
+    return ManyFindings(law, errors, findings)
 
 
 def _read(names: set[str], parts: Sequence[TrialStream], progress: ProgressCallback) -> list[Trials]:
     """Return the trials of some objects in parts that have some."""
-    found = done_in_parts(partial(_some, names), parts, "reading representative objects", progress)
-    return [each for each in found if each is not None]
+    pieces = done_in_parts(partial(_some, names), parts, "reading representative objects", progress)
+    return [piece for piece in pieces if piece is not None]
 
 
 def _some(names: set[str], part: TrialStream) -> Trials | None:
@@ -323,19 +323,19 @@ def check_stream(
         if noise is None:
             noise = noise_of(done_in_parts(_noise, parts, "estimating noise", part(progress, 0.1, 0.2)))
         pieces = list(zip(laws, parts, strict=True))
-        found = done_in_parts(partial(_of_part, noise), pieces, "fitting trajectories", part(progress, 0.2, 1.0))
+        results = done_in_parts(partial(_of_part, noise), pieces, "fitting trajectories", part(progress, 0.2, 1.0))
     name = law.schema.object
-    rows = pd.concat([frame for frame, _ in found], ignore_index=True)
+    rows = pd.concat([frame for frame, _ in results], ignore_index=True)
     summed = rows.groupby([name, "state"], sort=False)
     rows = summed[[*_SUMS, "starts"]].sum().join(summed["coefficients"].first()).reset_index()
     rows["spent"] = rows["starts"] + rows["coefficients"]
     spent = rows.groupby("state", sort=False)["spent"].sum()
-    sums = [reduce(_added, own) for own in zip(*(each for _, each in found), strict=True)]
+    sums = [reduce(_added, state_sums) for state_sums in zip(*(part_sums for _, part_sums in results), strict=True)]
     patterns = patterns_of(
         law.schema.states, sums, law.schema.time, [float(spent.get(state, 0.0)) for state in law.schema.states]
     )
     rows = rows[rows["samples"] > 0]
-    tested = [size_over_noise(*each) for each in rows[["samples", "squares", "spent"]].itertuples(index=False)]
+    tested = [size_over_noise(*row) for row in rows[["samples", "squares", "spent"]].itertuples(index=False)]
     size, p_value = np.array(tested).T
     objects = rows[[name, "state", "samples"]].assign(
         **{
@@ -343,7 +343,7 @@ def check_stream(
             "RMS over noise": size,
             "p-value": p_value,
             "adjusted": false_discovery_control(p_value, method="by"),
-            "autocorrelation": correlation_of_neighbours(*(rows[each].to_numpy() for each in _SUMS)),
+            "autocorrelation": correlation_of_neighbours(*(rows[column].to_numpy() for column in _SUMS)),
         }
     )
     return StreamResiduals(objects.reset_index(drop=True), patterns)
@@ -361,9 +361,11 @@ def _of_part(noise: Floats, piece: tuple[Law, TrialStream]) -> "tuple[pd.DataFra
     """Return sums of each object's residuals, and over all those of each state."""
     law, trials = piece[0], piece[1].read()
     with unannounced():
-        found, spent = untested(law, trials, noise)
-    sums = [StateSums.of(j, found.standardized, found.columns, name) for j, name in enumerate(law.schema.states)]
-    return _rows(law, found, spent), sums
+        residuals, spent = untested(law, trials, noise)
+    sums = [
+        StateSums.of(j, residuals.standardized, residuals.columns, name) for j, name in enumerate(law.schema.states)
+    ]
+    return _rows(law, residuals, spent), sums
 
 
 def _rows(law: Law, found: Residuals, spent: Floats) -> "pd.DataFrame":
@@ -371,8 +373,8 @@ def _rows(law: Law, found: Residuals, spent: Floats) -> "pd.DataFrame":
     import pandas as pd
 
     rows, series = list[dict[str, object]](), dict[str, list[Floats]]()
-    for trial, own in zip(found.trials, found.standardized, strict=True):
-        series.setdefault(trial.object, []).append(own)
+    for trial, residuals in zip(found.trials, found.standardized, strict=True):
+        series.setdefault(trial.object, []).append(residuals)
     orders = np.broadcast_to(np.array(law.order), len(law.schema.states)).tolist()
     for (name, trials), taken in zip(series.items(), spent.tolist(), strict=True):
         for j, state in enumerate(law.schema.states):

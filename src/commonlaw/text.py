@@ -24,7 +24,7 @@ def visible(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(each if each in _LETS_BE or _is_plain(each) else escaped(each) for each in text)
+    return "".join(letter if letter in _LETS_BE or _is_plain(letter) else escaped(letter) for letter in text)
 
 
 def in_line(text: str) -> str:
@@ -33,7 +33,7 @@ def in_line(text: str) -> str:
     >>> print(in_line("a\nNote: b"))
     a\nNote: b
     """
-    return "".join(escaped(each) if each in "\n\t" else each for each in visible(text))
+    return "".join(escaped(letter) if letter in "\n\t" else letter for letter in visible(text))
 
 
 def as_text(name: str) -> str:
@@ -51,7 +51,7 @@ def in_latex(name: str) -> str:
     >>> print(in_latex("50% of \\input"))
     50\%\ of\ \backslash input
     """
-    return "".join(_LATEX.get(each, each) for each in in_line(name))
+    return "".join(_LATEX.get(letter, letter) for letter in in_line(name))
 
 
 def escaped(text: str) -> str:
@@ -121,9 +121,9 @@ def json_text(document: Mapping[str, Any]) -> str:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
+        return {str(key): _plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [_plain(part) for part in value]
     if hasattr(value, "tolist"):  # An array or number of NumPy, which is not loaded for text
         return _plain(value.tolist())
     return None if isinstance(value, float) and not isfinite(value) else value

@@ -63,7 +63,7 @@ def segments(trials: Trials, learned: Trials | None, order: Order) -> list[Segme
         held_out = list(_held_out(trials, learned, order))
         if held_out:
             return held_out
-    return [Segment(each, at, at, Kind.SEEN) for each in map(Trial.measured, trials) for at in origins(each, order)]
+    return [Segment(trial, at, at, Kind.SEEN) for trial in map(Trial.measured, trials) for at in origins(trial, order)]
 
 
 def origins(trial: Trial, order: Order) -> tuple[int, ...]:
@@ -86,7 +86,7 @@ def samples_before(count: int, order: Order) -> int:
 
 
 def _held_out(trials: Trials, learned: Trials, order: Order) -> Iterator[Segment]:
-    ends = {(each.object, each.name): each.measured().times[-1] for each in learned}
+    ends = {(trial.object, trial.name): trial.measured().times[-1] for trial in learned}
     for trial in trials:
         measured, end = trial.measured(), ends.get((trial.object, trial.name))
         if end is None:
@@ -94,7 +94,7 @@ def _held_out(trials: Trials, learned: Trials, order: Order) -> Iterator[Segment
                 yield Segment(measured, origin, origin, Kind.TRIAL)
         elif measured.times[-1] > end:
             first = int(np.searchsorted(measured.times, end, side="right"))
-            early = [each for each in origins(measured, order) if each < first]
+            early = [origin for origin in origins(measured, order) if origin < first]
             for origin in (*early, first):
                 yield Segment(measured, origin, first, Kind.LATER)
 
@@ -134,8 +134,8 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> tuple[pd.Data
     cells = {"error": errors, "persistence": last - measured, "inside": inside, "noise": noise}
     samples, columns = np.nonzero(np.isfinite(measured))
     leads = (trial.times[first:] - trial.times[origin - 1])[samples]
-    found = {"state": columns, "lead": leads} | {name: values[samples, columns] for name, values in cells.items()}
-    return pd.DataFrame(found), bool(forecast.outcomes)
+    table = {"state": columns, "lead": leads} | {name: values[samples, columns] for name, values in cells.items()}
+    return pd.DataFrame(table), bool(forecast.outcomes)
 
 
 _COLUMNS = ("state", "lead", "error", "persistence", "inside", "noise", "trial", "segment")
@@ -152,7 +152,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
     learned = None if learned is None else matched(law, learned, observed=True)
     judged, frames, diverged, not_assessable = list[Segment](), list[pd.DataFrame](), 0, list[str]()
     numbers = dict[tuple[str, str], int]()
-    whole = {(each.object, each.name): each for each in trials}
+    whole = {(trial.object, trial.name): trial for trial in trials}
     parts = segments(trials, learned, law.order)
     for segment in announced(parts, f"assessing {counted(len(parts), 'forecast')}", "take fewer trials"):
         trial = segment.trial
@@ -173,13 +173,13 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         frames.append(frame.assign(trial=number, segment=len(judged)))
         judged.append(segment)
         diverged += has_diverged
-    once = list({(each.trial.object, each.trial.name): each.trial for each in judged}.values())
+    once = list({(segment.trial.object, segment.trial.name): segment.trial for segment in judged}.values())
     spread = _spread(once, len(measured_schema(law).states))
     errors = pd.concat(frames) if frames else pd.DataFrame(columns=_COLUMNS, dtype=np.float64)
     errors = errors[np.isfinite(spread[errors["state"].astype(int)])]
     scales = spread[errors["state"].astype(int)]
     errors = errors.assign(scaled=errors["error"] / scales)
-    kinds = [each.kind for each in judged]
+    kinds = [segment.kind for segment in judged]
     known = {diagnostic.kind for diagnostic in law.diagnostics}
     is_inexact = not known.isdisjoint({OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION})
     measurements = errors.groupby(["trial", "segment"]).size().groupby("trial").max().sum()
@@ -200,7 +200,7 @@ def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict
         coverage=float(errors["inside"].mean()) if errors["inside"].notna().any() else None,
         poorly_known=_poorly_known(law),
         not_assessable=tuple(dict.fromkeys(not_assessable)),
-        unknown_objects=tuple(dict.fromkeys(each.object for each in once if is_typical(law, each.object, trials))),
+        unknown_objects=tuple(dict.fromkeys(trial.object for trial in once if is_typical(law, trial.object, trials))),
         exact=not (is_inexact or law.uncertainty.error_model.of_law),
         none_exact=is_inexact and bool(law.provenance.alternatives),
         few_samples=OutcomeKind.FEW_SAMPLES in known,
@@ -218,8 +218,8 @@ def _by_state(
     The noise of an approximation includes its lack of fit: there the difference-based estimate is taken, if less.
     """
     schema, result = trials.schema, list[StateError]()
-    dense = [each for each in judged if approximate and each.complete and noise_degrees_of_freedom(len(each))]
-    differences = np.array([noise_level(each.times, each.states) for each in dense] or [spread * np.nan])
+    dense = [trial for trial in judged if approximate and trial.complete and noise_degrees_of_freedom(len(trial))]
+    differences = np.array([noise_level(trial.times, trial.states) for trial in dense] or [spread * np.nan])
     for name in schema.measured:
         j = schema.states.index(name)
         of_state = errors[errors["state"] == j]
@@ -286,14 +286,18 @@ def _r_squared_error(errors: pd.DataFrame, trials: int) -> float:
 def _poorly_known(law: Law) -> tuple[str, ...]:
     """Return the coefficients with large errors, with the terms that they stand before and the objects they are of."""
     result, lefts, parameters = [], left_hand_sides(law), named_parameters(law)
-    for each, values, errors in zip(parameters.definitions, parameters.values.T, parameters.errors.T, strict=True):
+    for definition, values, errors in zip(
+        parameters.definitions, parameters.values.T, parameters.errors.T, strict=True
+    ):
         poor = np.flatnonzero(errors > _POOR * np.abs(values))
         if len(poor):
-            where = f"{lefts[each.equation]}, before {law.terms.factors[each.term]}"
+            where = f"{lefts[definition.equation]}, before {law.terms.factors[definition.term]}"
             some = [law.objects[i] for i in poor]
             of = "" if len(poor) == len(law.objects) else f", of {listed(some)}"
             # The equations of an explained law have parameters of their own
-            result.append(f"{each.name if law.uncertainty.explanation is None else 'a coefficient'} ({where}{of})")
+            result.append(
+                f"{definition.name if law.uncertainty.explanation is None else 'a coefficient'} ({where}{of})"
+            )
     return tuple(result)
 
 
@@ -379,7 +383,7 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     # Held-out trials, or if there are none of the objects of the law, the training data
     learned_from = _names(training)
     others = [trial for trial in whole if (trial.object, trial.name) not in learned_from]
-    held_out = [each for each in others if each.object in law.objects]
+    held_out = [trial for trial in others if trial.object in law.objects]
     checked = whole.with_trials(held_out or [trial for trial in whole if (trial.object, trial.name) in learned_from])
     start = samples_before(min(map(len, checked)), law.order) if can_fit_initial_state(law) or law.observation else None
     checking = partial(law.predict, checked, return_std=bands, start=start)

@@ -108,15 +108,15 @@ class Search:
             raise CommonlawError("design-too-expensive", budget=budget, cheapest=cheapest)
         return self._exchanged(picked, progress) if len(picked) > 1 else picked
 
-    def _exchanged(self, found: list[Candidate], progress: Callable[[str], None]) -> list[Candidate]:
+    def _exchanged(self, candidates: list[Candidate], progress: Callable[[str], None]) -> list[Candidate]:
         """Return experiments that tell together what these do, or more."""
         progress("exchanging experiments")
-        before = found
-        for i in [i for _ in range(2) for i in range(len(found))]:
-            candidate = found[i]
-            best = self._best([*found[:i], None, *found[i + 1 :]], candidate.experiment.cost, candidate)
-            found = [*found[:i], best or candidate, *found[i + 1 :]]
-        return max(before, found, key=lambda chosen: self.aim.bits(_sum(self._evidences(chosen, _MAX_DRAWS))))
+        before = candidates
+        for i in [i for _ in range(2) for i in range(len(candidates))]:
+            candidate = candidates[i]
+            best = self._best([*candidates[:i], None, *candidates[i + 1 :]], candidate.experiment.cost, candidate)
+            candidates = [*candidates[:i], best or candidate, *candidates[i + 1 :]]
+        return max(before, candidates, key=lambda chosen: self.aim.bits(_sum(self._evidences(chosen, _MAX_DRAWS))))
 
     @cached_property
     def _spread(self) -> list[Candidate]:

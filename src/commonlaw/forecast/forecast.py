@@ -234,7 +234,7 @@ class Forecast(ShownInNotebooks):
         if self.interval_inflation is not None:
             factors = [self.interval_inflation.at(ahead)[:, np.newaxis] for ahead in self.horizons]
         if not measured:
-            return [wider * each[:, :width] for wider, each in zip(factors, self.std, strict=True)]
+            return [wider * std[:, :width] for wider, std in zip(factors, self.std, strict=True)]
         triples = zip(factors, self.std, self.measurement_std(), strict=True)
         return [wider * np.hypot(std[:, :width], noise) for wider, std, noise in triples]
 

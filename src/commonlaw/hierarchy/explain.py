@@ -82,17 +82,20 @@ class RelationComparison:
     def choice(self, scatter: bool = True) -> RelationChoice:
         """Return the most probable relation, of the most probable kind; without scatter if that is not wanted."""
         every = [*self._power_laws(), *self._affine()]
-        found = [each for each in every if scatter or not each.scatter]
-        totals = {kind: _total([each for each in found if each.kind is kind]) for kind in {each.kind for each in found}}
+        allowed = [candidate for candidate in every if scatter or not candidate.scatter]
+        totals = {
+            kind: _total([candidate for candidate in allowed if candidate.kind is kind])
+            for kind in {candidate.kind for candidate in allowed}
+        }
         best = max(totals, key=lambda kind: totals[kind])
         relations: dict[object, list[RelationChoice]] = {}
-        for each in found:
-            if each.kind is best:
-                relations.setdefault(each.form, []).append(each)
-        score, own = max(((_total(relation), relation) for relation in relations.values()), key=lambda pair: pair[0])
-        chosen = max(own, key=lambda each: each.score)
+        for candidate in allowed:
+            if candidate.kind is best:
+                relations.setdefault(candidate.form, []).append(candidate)
+        score, alike = max(((_total(relation), relation) for relation in relations.values()), key=lambda pair: pair[0])
+        chosen = max(alike, key=lambda candidate: candidate.score)
         probability = float(np.exp(score - np.logaddexp.reduce(list(totals.values()))))
-        each_its_own = _total([each for each in every if each.kind is RelationKind.OWN])
+        each_its_own = _total([candidate for candidate in every if candidate.kind is RelationKind.OWN])
         weight = chosen.score - float(self._evidence(chosen.model.alone)[0])
         return replace(chosen, probability=probability, gain=totals[best] - each_its_own, log_weight=weight)
 
@@ -140,21 +143,21 @@ class RelationComparison:
 
         exact = CoefficientModel.powers(shapes, np.zeros((1, len(logs))), False)
         plain = self._scores(exact) + log_prior
-        coarse = [self._scores(scattered(slice(None), each)) for each in _SCATTERS[::_COARSE]]
+        coarse = [self._scores(scattered(slice(None), scatter)) for scatter in _SCATTERS[::_COARSE]]
         best = np.max(coarse, axis=0) + log_prior
         kept = np.unique(np.concatenate([[0], np.argsort(-plain)[:_KEPT], np.argsort(-best)[:_KEPT]]))
-        scores = np.array([self._scores(scattered(kept, each)) for each in _SCATTERS])
+        scores = np.array([self._scores(scattered(kept, scatter)) for scatter in _SCATTERS])
         summed, sizes, errors = _over_scatters(scores)
         for i, row in enumerate(kept.tolist()):
             columns = tuple(usable[k] for k in np.flatnonzero(exponents[row]))
             powers = tuple(exponents[row][exponents[row] != 0].tolist())
             kinds = (RelationKind.POWER_LAW,) * 2 if columns else (RelationKind.UNIVERSAL, RelationKind.OWN)
-            own = scattered(np.array([row]), sizes[i]).some(0)
+            model = scattered(np.array([row]), sizes[i]).some(0)
             universal = 0.0 if columns else np.log(_ODDS[RelationKind.UNIVERSAL])
             yield RelationChoice(kinds[0], columns, powers, 0.0, 0.0, exact.some(row), float(plain[row] + universal))
             score = float(summed[i] + log_prior[row])
             scatter, error = float(sizes[i] * self._unit), float(errors[i] * self._unit)
-            yield RelationChoice(kinds[1], columns, powers, scatter, error, own, score)
+            yield RelationChoice(kinds[1], columns, powers, scatter, error, model, score)
 
     def _affine(self) -> Iterator[RelationChoice]:
         """Yield affine functions, with scatter and without, where coefficient or properties are not of one sign."""
@@ -165,19 +168,19 @@ class RelationComparison:
             log_prior = np.log(_ODDS[kind] / 2 / len(chosen)) + (size - 1) * np.log(ONE_MORE)
             exact = self._affine_models(chosen, 0.0)
             plain = self._scores(exact) + log_prior
-            scores = np.array([self._scores(self._affine_models(chosen, each)) for each in _SCATTERS])
+            scores = np.array([self._scores(self._affine_models(chosen, scatter)) for scatter in _SCATTERS])
             summed, sizes, errors = _over_scatters(scores)
-            for i, each in enumerate(chosen):
-                yield RelationChoice(kind, each, (), 0.0, 0.0, exact.some(i), float(plain[i]))
-                own, score = self._affine_models([each], sizes[i]).some(0), float(summed[i] + log_prior)
+            for i, columns in enumerate(chosen):
+                yield RelationChoice(kind, columns, (), 0.0, 0.0, exact.some(i), float(plain[i]))
+                model, score = self._affine_models([columns], sizes[i]).some(0), float(summed[i] + log_prior)
                 scatter, error = float(sizes[i] * self._scale), float(errors[i] * self._scale)
-                yield RelationChoice(kind, each, (), scatter, error, own, score)
+                yield RelationChoice(kind, columns, (), scatter, error, model, score)
 
     def _affine_models(self, chosen: Sequence[tuple[int, ...]], scatter: float) -> CoefficientModel:
         """Return the affine functions of some properties each, as many of them, with a scatter relative to the size."""
         values = self.properties.standardized
         objects, ones = len(values), np.ones((len(chosen), len(values), 1))
-        columns = np.concatenate([ones, np.array([values[:, each] for each in chosen])], axis=2)
+        columns = np.concatenate([ones, np.array([values[:, subset] for subset in chosen])], axis=2)
         precision = np.append(0.0, np.full(len(chosen[0]), self._scale**-2))
         variances = np.full((1, objects), (scatter * self._scale) ** 2)
         return CoefficientModel(columns, np.zeros((1, objects)), variances, False, precision)
@@ -268,9 +271,9 @@ def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -
     units = np.sqrt(np.mean(estimates**2, axis=0))
     errors = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     lifted = covariances + JITTER * np.diag(errors**2)
-    own = Estimates(estimates / units, lifted / np.outer(units, units), estimates / units)
-    choices = _most_probable(own, properties.varying)
-    return _explained(own, choices, properties.varying, units)
+    scaled = Estimates(estimates / units, lifted / np.outer(units, units), estimates / units)
+    choices = _most_probable(scaled, properties.varying)
+    return _explained(scaled, choices, properties.varying, units)
 
 
 def _most_probable(own: Estimates, properties: PropertyTable) -> list[RelationChoice]:
@@ -281,9 +284,9 @@ def _most_probable(own: Estimates, properties: PropertyTable) -> list[RelationCh
     known: dict[int, RelationChoice] = {}
     while len(known) < size:
         models = [known[k].model if k in known else free for k in range(size)]
-        found = {k: _chosen(own, models, k, properties) for k in range(size) if k not in known}
-        best = max(found, key=lambda k: found[k].gain)
-        known[best] = found[best]
+        chosen = {k: _chosen(own, models, k, properties) for k in range(size) if k not in known}
+        best = max(chosen, key=lambda k: chosen[k].gain)
+        known[best] = chosen[best]
     choices = _swept(own, [known[k] for k in range(size)], properties, list(range(size)))
     score = _score(own, choices)
     # With correlated errors the scatters of coefficients are confounded, and the first coefficient took it
@@ -302,10 +305,10 @@ def _swept(
     """Return relations that are each the most probable given the others, chosen in this order."""
     result = list(choices)
     for _ in range(5 if len(result) > 1 else 0):
-        before = [each.form for each in result]
+        before = [choice.form for choice in result]
         for k in order:
-            result[k] = _chosen(own, [each.model for each in result], k, properties)
-        if before == [each.form for each in result]:
+            result[k] = _chosen(own, [choice.model for choice in result], k, properties)
+        if before == [choice.form for choice in result]:
             break
     return result
 
@@ -358,9 +361,9 @@ def _explained(
     relations, turns, first = [], [], 0
     for k, (choice, unit) in enumerate(zip(choices, units.tolist(), strict=True)):
         part = slice(first, first + choice.model.columns.shape[1])
-        found, turn = _in_given_units(choice, properties, factors[part], unit, signs[0, k])
+        relation, turn = _in_given_units(choice, properties, factors[part], unit, signs[0, k])
         relations.append(
-            replace(found, errors=tuple(np.sqrt(np.diag(turn @ covariance[part, part] @ turn.T)).tolist()))
+            replace(relation, errors=tuple(np.sqrt(np.diag(turn @ covariance[part, part] @ turn.T)).tolist()))
         )
         turns.append(turn)
         first = part.stop

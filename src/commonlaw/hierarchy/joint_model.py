@@ -96,15 +96,15 @@ class JointModel:
     @classmethod
     def of(cls, measured: Estimates, models: Sequence[CoefficientModel]) -> "JointModel":
         """Return the model of coefficients that each have a model."""
-        own = measured.in_logs([model.in_logs for model in models])
-        count, size = own.estimates.shape
+        logs = measured.in_logs([model.in_logs for model in models])
+        count, size = logs.estimates.shape
         offsets, variances, parts = np.zeros((count, size)), np.zeros((count, size)), [np.empty((count, size, 0))]
         for k, model in enumerate(models):
             offsets[:, k], variances[:, k] = model.offsets, model.variances
             part = np.zeros((count, size, model.columns.shape[1]))
             part[:, k] = model.columns
             parts.append(part)
-        return cls(own.estimates - offsets, own.covariances, variances, np.concatenate(parts, axis=2))
+        return cls(logs.estimates - offsets, logs.covariances, variances, np.concatenate(parts, axis=2))
 
     @property
     def precisions(self) -> Floats:
@@ -122,9 +122,9 @@ class JointModel:
     def log_evidence(self, precision: Floats) -> float:
         """Return the logarithm of the density of all estimates, factors integrated out, given their precision."""
         precisions = self.precisions
-        found, covariance = self.factors(precision)
+        factors, covariance = self.factors(precision)
         squares = np.einsum("ok,okl,ol->", self.residuals, precisions, self.residuals)
-        squares -= found @ np.linalg.solve(covariance, found)
+        squares -= factors @ np.linalg.solve(covariance, factors)
         sizes = np.linalg.slogdet(precisions)[1].sum() + np.linalg.slogdet(covariance)[1]
         proper = precision[precision > 0]
         constant = (len(precision) - len(proper) - self.residuals.size) * np.log(2 * np.pi) + np.log(proper).sum()
@@ -142,10 +142,10 @@ class JointModel:
             self.variances[:, others],
             self.design[:, others],
         )
-        found, covariance = part.factors(np.zeros(self.design.shape[2]))
+        factors, covariance = part.factors(np.zeros(self.design.shape[2]))
         gain = np.einsum("ok,okl->ol", total[:, index, others], part.precisions)
         moved = np.einsum("ok,okq->oq", gain, part.design)
-        mean = self.residuals[:, index] - np.einsum("ok,ok->o", gain, part.residuals - part.design @ found)
+        mean = self.residuals[:, index] - np.einsum("ok,ok->o", gain, part.residuals - part.design @ factors)
         spread = total[:, index, index] - np.einsum("ok,ok->o", gain, total[:, index, others])
         return mean, spread + np.einsum("oq,qr,or->o", moved, covariance, moved)
 
@@ -157,19 +157,19 @@ def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> Flo
     equal.
     """
     precisions, design = others.precisions, others.design
-    own, known = precisions[:, :, index], others.residuals.copy()
+    columns, known = precisions[:, :, index], others.residuals.copy()
     known[:, index] = 0.0
-    information = own[:, index]
+    information = columns[:, index]
     residuals = others.residuals[:, index] - tried.offsets
     # The scatter of one coefficient changes the precision by a product of two vectors (Sherman and Morrison 1950)
     less = 1 / (1 + tried.variances * information)
     lost = tried.variances * less
-    projected = np.einsum("ok,ok->o", own, known)
+    projected = np.einsum("ok,ok->o", columns, known)
     pull = projected + information * residuals
     squares = np.einsum("ok,okl,ol->", known, precisions, known)
     squares = squares + np.sum(2 * residuals * projected + information * residuals**2 - lost * pull**2, axis=1)
 
-    shared = np.einsum("okq,ok->oq", design, own)
+    shared = np.einsum("okq,ok->oq", design, columns)
     count, width = design.shape[2], tried.columns.shape[2]
     weighted = less[..., np.newaxis] * tried.columns
     total = np.empty((len(weighted), count + width, count + width))
@@ -185,8 +185,8 @@ def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> Flo
     sides = np.empty((models, count + width))
     sides[:, :count] = np.einsum("okq,okl,ol->q", design, precisions, known) + (residuals - lost * pull) @ shared
     sides[:, count:] = np.sum(weighted * pull[..., np.newaxis], axis=1)
-    found = np.matmul(np.linalg.inv(total), sides[..., np.newaxis])[..., 0]
-    deviance = squares - np.sum(found * sides, axis=1) + np.linalg.slogdet(total)[1]
+    factors = np.matmul(np.linalg.inv(total), sides[..., np.newaxis])[..., 0]
+    deviance = squares - np.sum(factors * sides, axis=1) + np.linalg.slogdet(total)[1]
     deviance = deviance + np.sum(np.log1p(tried.variances * information), axis=1)
     proper = tried.precision[tried.precision > 0]
     constant = (width - len(proper)) * np.log(2 * np.pi) + np.log(proper).sum()

@@ -61,8 +61,8 @@ class RandomEffects:
         deviations = self.estimates - means[:, np.newaxis]
         squares = np.einsum("moi,moij,moj->mo", deviations, precisions, deviations)
         # Neither is negative; for nearly collinear coefficients rounding may make it so
-        each = np.maximum(squares, 0.0) + np.maximum(np.linalg.slogdet(added)[1], 0.0)
-        return Marginal(added, total, means, each.sum(axis=1))
+        terms = np.maximum(squares, 0.0) + np.maximum(np.linalg.slogdet(added)[1], 0.0)
+        return Marginal(added, total, means, terms.sum(axis=1))
 
     def deviances(self, variances: Floats, parameter: int, tried: Floats) -> Floats:
         """Return the deviance of the `marginal` with each trial variance of one parameter, shape (models,).
@@ -75,11 +75,11 @@ class RandomEffects:
         added = np.eye(size) + self.information * others
         precisions = _symmetric(np.asarray(np.linalg.solve(added, self.information)))
         columns = precisions[:, :, parameter]
-        own = np.maximum(columns[:, parameter], np.finfo(float).tiny)
-        rest = precisions - columns[:, :, np.newaxis] * (columns / own[:, np.newaxis])[:, np.newaxis]
+        diagonal = np.maximum(columns[:, parameter], np.finfo(float).tiny)
+        rest = precisions - columns[:, :, np.newaxis] * (columns / diagonal[:, np.newaxis])[:, np.newaxis]
         rest[:, parameter] = rest[:, :, parameter] = 0.0
-        grown = tried[:, np.newaxis] * own
-        shares = 1 / (own * (1 + grown))
+        grown = tried[:, np.newaxis] * diagonal
+        shares = 1 / (diagonal * (1 + grown))
         outer = columns[:, :, np.newaxis] * columns[:, np.newaxis]
         total = rest.sum(axis=0) + np.tensordot(shares, outer, 1)
         total[:, range(size), range(size)] *= 1 + _RIDGE
@@ -167,12 +167,12 @@ class Shrinkage:
 
     def averaged(self, other: "Shrinkage", weight: float) -> "Shrinkage":
         """Return the mean with another, which has this weight; the covariances are those of the mixture."""
-        own, more = 1 - weight, (other.estimates - self.estimates)[:, :, np.newaxis]
+        rest, more = 1 - weight, (other.estimates - self.estimates)[:, :, np.newaxis]
         return Shrinkage(
-            own * self.estimates + weight * other.estimates,
-            own * self.covariances + weight * other.covariances + own * weight * more * more.swapaxes(1, 2),
-            own * self.shared_factors + weight * other.shared_factors,
-            own * self.shrinkage + weight * other.shrinkage,
+            rest * self.estimates + weight * other.estimates,
+            rest * self.covariances + weight * other.covariances + rest * weight * more * more.swapaxes(1, 2),
+            rest * self.shared_factors + weight * other.shared_factors,
+            rest * self.shrinkage + weight * other.shrinkage,
         )
 
 
@@ -199,7 +199,7 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     """
     # Means in which objects that say next to nothing hardly count
     units = 1 / np.sqrt(np.mean(1 / np.diagonal(covariances, axis1=1, axis2=2), axis=0))
-    own, size = estimates / units, len(units)
+    points, size = estimates / units, len(units)
     scaled = covariances / np.outer(units, units)
     errors: Floats = np.asarray(scaled + JITTER * scaled * np.eye(size))
     # An object that says nothing of one coefficient still does of others: its information has no large numbers
@@ -210,20 +210,22 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     typical = np.tensordot(weights / weights.sum(), errors, 1)
     is_lost = np.linalg.cond(typical) > WORST_CONDITION  # Coefficients that hang together to the last digits
     # Fewer objects than parameters do not determine axes: all their scatter is along some of them
-    is_determined = 1 < size <= len(own) or is_lost
+    is_determined = 1 < size <= len(points) or is_lost
     if not is_determined or not np.isnan(variances).all():
-        return _shrunk(own, information, variances)[0].mixed(scale)
+        return _shrunk(points, information, variances)[0].mixed(scale)
     # What stands before a later coefficient goes with it, as in the evidence: turned upside down
     root = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
-    axes = np.eye(size) if is_lost else np.linalg.eigh(np.cov(np.linalg.solve(root, own.T)))[1]
+    axes = np.eye(size) if is_lost else np.linalg.eigh(np.cov(np.linalg.solve(root, points.T)))[1]
     back = root @ axes
-    mixed, other = _shrunk(np.linalg.solve(back, own.T).T, _symmetric(back.T @ information @ back), variances)
+    mixed, turned_deviance = _shrunk(
+        np.linalg.solve(back, points.T).T, _symmetric(back.T @ information @ back), variances
+    )
     mixed = mixed.mixed(back)
     if is_lost:
         return mixed.mixed(scale)
-    found, deviance = _shrunk(own, information, variances)
-    more = (other + size * (size - 1) / 2 * np.log(len(own)) - deviance) / 2
-    return found.averaged(mixed, float(1 / (1 + np.exp(np.clip(more, -700, 700))))).mixed(scale)
+    shrunk, deviance = _shrunk(points, information, variances)
+    more = (turned_deviance + size * (size - 1) / 2 * np.log(len(points)) - deviance) / 2
+    return shrunk.averaged(mixed, float(1 / (1 + np.exp(np.clip(more, -700, 700))))).mixed(scale)
 
 
 def _shrunk(own: Floats, information: Floats, variances: Floats) -> tuple[Shrinkage, float]:
@@ -355,15 +357,15 @@ def _swept(
     The grids are the variances that are tried, by the index of the parameter. A step takes the sets of variances that
     are tried, shape (models, k), and the parameter in which they differ; it returns its variance and a result.
     """
-    found: list[_Result] = []
+    results: list[_Result] = []
     for _ in range(sweeps):
-        before, found = variances, []
+        before, results = variances, []
         for parameter, grid in grids.items():
             tried = np.tile(variances, (len(grid), 1))
             tried[:, parameter] = grid
             variance, result = step(tried, parameter)
             variances = np.where(np.arange(len(variances)) == parameter, variance, variances)
-            found.append(result)
+            results.append(result)
         if np.array_equal(before, variances):
             break
-    return variances, found
+    return variances, results

@@ -47,8 +47,8 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
     An exponent p/q, of at most 4, costs p + q bits, so that simple ones are more probable. Sets of the same number of
     properties share one probability, whichever these are: the more properties are offered, the less probable is each.
     """
-    found = {Fraction(p, q) for q in range(1, MAX_DENOMINATOR + 1) for p in range(1, 4 * q + 1)}
-    costs = [(each.numerator + each.denominator, float(each)) for each in sorted(found)]
+    fractions = {Fraction(p, q) for q in range(1, MAX_DENOMINATOR + 1) for p in range(1, 4 * q + 1)}
+    costs = [(fraction.numerator + fraction.denominator, float(fraction)) for fraction in sorted(fractions)]
     signed = [(bits, sign * value) for bits, value in costs if bits <= _MAX_BITS[0] for sign in (1, -1)]
     bits, values = np.array(signed).T
     norm = np.log2(np.sum(2.0**-bits))
@@ -63,9 +63,9 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
         if len(chosen) * len(indices) > 200_000:  # Three of more than ten properties, or two of more than 25
             break
         for columns in chosen:
-            own = np.zeros((len(indices), properties))
-            own[:, columns] = values[indices]
-            exponents.append(own)
+            rows = np.zeros((len(indices), properties))
+            rows[:, columns] = values[indices]
+            exponents.append(rows)
             log_prior.append(np.log(2) * -(cost + size * norm) + (size - 1) * np.log(ONE_MORE) - np.log(len(chosen)))
     weights = np.concatenate(log_prior)
     total = np.logaddexp.reduce(weights) if len(weights) else 0.0
@@ -146,14 +146,18 @@ class Dimensions:
 
         Ten times, if they leave a factor without a unit, and three times, if it has that of a known constant.
         """
-        own = self.coefficients[index]
-        if own is None:
+        dimension = self.coefficients[index]
+        if dimension is None:
             return np.zeros(len(exponents))
         known = np.array([name in self.properties for name in names], dtype=np.bool_)
-        used = np.array([self.properties.get(name, np.zeros_like(own)) for name in names]).reshape(len(names), len(own))
-        left = own - exponents @ used
-        constant = np.any([_same(left, each) for each in self.constants], axis=0) if len(self.constants) else False
-        odds = np.where(_same(left, np.zeros_like(own)), np.log(10), np.where(constant, np.log(3), 0.0))
+        used = np.array([self.properties.get(name, np.zeros_like(dimension)) for name in names]).reshape(
+            len(names), len(dimension)
+        )
+        rest = dimension - exponents @ used
+        constant = (
+            np.any([_same(rest, constant) for constant in self.constants], axis=0) if len(self.constants) else False
+        )
+        odds = np.where(_same(rest, np.zeros_like(dimension)), np.log(10), np.where(constant, np.log(3), 0.0))
         return np.where((exponents[:, ~known] != 0).any(axis=1), 0.0, odds)
 
 
@@ -210,8 +214,8 @@ def dimensions_of(coefficients: Sequence[str | None], properties: Mapping[str, s
     bases = sorted({base for unit in units for base in parse_unit(unit).dimensionality})
 
     def powers(unit: str) -> Floats:
-        own: Mapping[str, Any] = parse_unit(unit).dimensionality
-        return np.array([own.get(base, 0) for base in bases], dtype=np.float64)
+        dimension: Mapping[str, Any] = parse_unit(unit).dimensionality
+        return np.array([dimension.get(base, 0) for base in bases], dtype=np.float64)
 
     return Dimensions(
         [None if coefficient is None else powers(coefficient) for coefficient in coefficients],
@@ -226,8 +230,8 @@ def meaning(unit: str) -> str:
     >>> meaning("kg/m^3"), meaning("g/cm^3"), meaning("kg/s^7")
     ('a density', 'a density', '')
     """
-    own = parse_unit(unit).dimensionality
-    return next((name for name, each in CONSTANTS.items() if parse_unit(each).dimensionality == own), "")
+    dimension = parse_unit(unit).dimensionality
+    return next((name for name, constant in CONSTANTS.items() if parse_unit(constant).dimensionality == dimension), "")
 
 
 def quotient_unit(unit: str, powers: Sequence[tuple[str, float]]) -> str:
@@ -237,8 +241,8 @@ def quotient_unit(unit: str, powers: Sequence[tuple[str, float]]) -> str:
     ('1', 'kg/m³')
     """
     whole = parse_unit(unit)
-    for other, power in powers:
-        whole = whole / parse_unit(other) ** power
+    for divisor, power in powers:
+        whole = whole / parse_unit(divisor) ** power
     size = registry().Quantity(1.0, whole).to_base_units().magnitude if whole.dimensionless else np.nan
     return "1" if abs(size - 1) < 1e-12 else f"{whole:~P}"
 
@@ -264,11 +268,15 @@ def units_of_coefficients(
     plain = {name: known.get(name, registry().dimensionless) for name in measured}
     some = {name: registry().Unit("candela") for name in measured if name not in known}
     added = {name: unit for name, unit in some.items() if name != schema.time}
-    found, together, *alone = (
+    units, together, *alone = (
         _units_over(terms, support, schema, order, plain | given)
         for given in ({}, added, *({name: unit} for name, unit in some.items()))
     )
-    return {key: unit for key, unit in found.items() if all(each.get(key, together.get(key)) == unit for each in alone)}
+    return {
+        key: unit
+        for key, unit in units.items()
+        if all(alternative.get(key, together.get(key)) == unit for alternative in alone)
+    }
 
 
 def _units_over(

@@ -237,13 +237,13 @@ def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float
     They show all that was measured, and of forecasts and bands what lies within half of its span from it.
     """
     measured = np.concatenate([curve.measured for curve in curves])
-    forecasts = np.concatenate([each for curve in curves for each in (curve.low, curve.high)])
+    forecasts = np.concatenate([values for curve in curves for values in (curve.low, curve.high)])
     low, high = np.nanmin(measured), np.nanmax(measured)
     span = (high - low) or abs(high) or 1.0
     low = max(forecasts.min(initial=low), low - span / 2)
     high = min(forecasts.max(initial=high), high + span / 2)
     ends = ((curve.error, curve.forecast - curve.low, curve.high - curve.forecast) for curve in curves)
-    largest = np.max(np.abs(np.concatenate([each for end in ends for each in end])), initial=0)
+    largest = np.max(np.abs(np.concatenate([values for end in ends for values in end])), initial=0)
     bound = 1.1 * (min(largest, span) or span / 100)
     return (low - span / 20, high + span / 20), (-bound, bound)
 
@@ -284,9 +284,9 @@ def of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     again, followed = forecast.at_more_times, forecast.followed
 
     def at_more_times(times: Sequence[Floats]) -> Forecast:
-        own = dict(zip(kept, times, strict=True))
+        by_index = dict(zip(kept, times, strict=True))
         assert again is not None
-        return of_objects(again([own.get(i, np.empty(0)) for i in range(len(forecast.trials))]), objects)
+        return of_objects(again([by_index.get(i, np.empty(0)) for i in range(len(forecast.trials))]), objects)
 
     trajectories = tuple(forecast.trajectories[i] for i in kept)
     more = None if again is None else at_more_times
@@ -324,17 +324,19 @@ def plot_design(design: Design) -> Figure:
     size = fitting(max(5.4, 3.4 * len(states)), 0.8 + 2.5 * len(drawn))
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(len(drawn), len(states), squeeze=False)
-    for i, each in enumerate(drawn):
+    for i, planned in enumerate(drawn):
         for j, name in enumerate(states):
-            _draw(panels[i, j], each.forecasts, j)
-            is_ratio = name in each.forecasts.logarithmic
+            _draw(panels[i, j], planned.forecasts, j)
+            is_ratio = name in planned.forecasts.logarithmic
             label = f"{name} / first law" if is_ratio else f"{name} − first law"
             panels[i, j].set_ylabel(axis_label(label, "" if is_ratio else schema.units.get(name, "")))
-        panels[i, 0].set_title(plain(f"{i + 1}. {each.text}", 60 * len(states)), loc="left", fontsize=9)
+        panels[i, 0].set_title(plain(f"{i + 1}. {planned.text}", 60 * len(states)), loc="left", fontsize=9)
     for panel in panels[-1]:
         panel.set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
     laws = enumerate(design.laws[:_MAX_DRAWN])
-    keys = [key(plain(f"{'; '.join(own.law.structure)}  ({own.probability:.2f})", 60), **_look(k)) for k, own in laws]
+    keys = [
+        key(plain(f"{'; '.join(model.law.structure)}  ({model.probability:.2f})", 60), **_look(k)) for k, model in laws
+    ]
     figure.legend(handles=keys, loc="outside upper left")
     return frozen_layout(figure)
 
@@ -399,13 +401,13 @@ class ForecastPanels:
         panel.set(xlim=(0, columns), ylim=(lines * len(states), 0))
         panel.set_axis_off()
         for i, name in enumerate(names):
-            left, top = i % columns, i // columns * len(states)
-            panel.text(left + 0.03, top + 0.05, shorten(in_line(name), 24, placeholder=" …"), fontsize=7, va="top")
+            column, top = i % columns, i // columns * len(states)
+            panel.text(column + 0.03, top + 0.05, shorten(in_line(name), 24, placeholder=" …"), fontsize=7, va="top")
             for j in states:
                 # Draw a state of an object into the unit square right of and below a corner
                 curves = self._curves[name, j]
                 limits = self._limits[j][0]
-                corner = (left, top + j)
+                corner = (column, top + j)
                 (begin, end), (low, high) = self._times, limits
                 for curve in curves:
                     every = slice(None, None, -(-len(curve.times) // 15))  # At most 15 measurements of a trial
@@ -464,7 +466,7 @@ def plot_trials(
     chosen = trials if objects is None else trials.select(object=objects if isinstance(objects, str) else list(objects))
     figure = Figure(figsize=(9, 2 + 3 * len(states)), layout="constrained")
     panels = figure.subplots(len(states), 1, sharex=True, squeeze=False)[:, 0]
-    look, labels, references = looks(trials.objects), dict.fromkeys(each.name for each in chosen), references or {}
+    look, labels, references = looks(trials.objects), dict.fromkeys(trial.name for trial in chosen), references or {}
     dashes = dict(zip(labels, DASHES, strict=False)) if 1 < len(labels) <= len(DASHES) else {}
     for panel, name in zip(panels, states, strict=True):
         column, unit = schema.states.index(name), schema.units.get(name, "")

@@ -90,20 +90,20 @@ def equation_lines(law: Law) -> str:
     A last line defines rates and names.
     """
     lines = []
-    for j, left in enumerate(equation_labels(law)):
-        lines += _broken(f"{left} $=$", _summands(law, j))
+    for j, label in enumerate(equation_labels(law)):
+        lines += _broken(f"{label} $=$", _summands(law, j))
     if law.observation is not None:
         lefts, names = latex_lefts(law)[len(law.schema.states) :], law.observation.written
-        for j, (left, name) in enumerate(zip(lefts, names, strict=True), len(law.schema.states)):
-            lines += _broken(f"{math(left, name)} $=$", _summands(law, j))
+        for j, (label, name) in enumerate(zip(lefts, names, strict=True), len(law.schema.states)):
+            lines += _broken(f"{math(label, name)} $=$", _summands(law, j))
     rates = [
         f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
         for state, rate in state_rates(law)
     ]
     parameters = named_parameters(law)
     given = parameters.names if law.provenance.equations else law.terms.variables.parameters
-    own = zip(parameters.names, parameters.values[0], strict=True) if len(law.objects) == 1 else ()
-    values = [f"{math(latex_name(name), name)} $=$ {_number(value)}" for name, value in own if name in given]
+    pairs = zip(parameters.names, parameters.values[0], strict=True) if len(law.objects) == 1 else ()
+    values = [f"{math(latex_name(name), name)} $=$ {_number(value)}" for name, value in pairs if name in given]
     meaning = ", ".join([*rates, *values])
     return "\n".join([*lines, f"with {meaning}"] if meaning else lines)
 
@@ -120,7 +120,8 @@ def _factor_and_parameters(law: Law, equation: int, term: int) -> tuple[float, s
     for product in named_parameters(law).products:
         if (product.equation, product.term) == (equation, term):
             above, below = (
-                r"\, ".join(latex_name(name) for name, own in product.coefficients if own == power) for power in (1, -1)
+                r"\, ".join(latex_name(name) for name, exponent in product.coefficients if exponent == power)
+                for power in (1, -1)
             )
             latex = rf"\frac{{{above or 1}}}{{{below}}}" if below else above
             return product.factor, math(latex, " ".join(name for name, _ in product.coefficients))
@@ -130,7 +131,10 @@ def _factor_and_parameters(law: Law, equation: int, term: int) -> tuple[float, s
 def _summands(law: Law, j: int) -> list[tuple[str, str]]:
     """Return sign and text of each summand of equation j."""
     if law.provenance.equations:
-        return [("$-$" if each.negative else "$+$", math(each.name, each.name)) for each in latex_structure(law)[j]]
+        return [
+            ("$-$" if summand.negative else "$+$", math(summand.name, summand.name))
+            for summand in latex_structure(law)[j]
+        ]
     summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
     for k in np.flatnonzero(law.support[j] & law.terms.is_factor):
         value, names = (law.coefficients[0, j, k], "") if one else _factor_and_parameters(law, j, int(k))
@@ -282,7 +286,10 @@ class DotPlot:
 
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
-        learned, known = key("estimate", **_DOT), any(np.isfinite(each.true).any() for each in self.coefficients)
+        learned, known = (
+            key("estimate", **_DOT),
+            any(np.isfinite(coefficient.true).any() for coefficient in self.coefficients),
+        )
         bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", color=COLORS[0])]
         return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
 
@@ -299,25 +306,33 @@ class DotPlot:
         panel.set_xlabel(each.label)
 
     def _draw_lines(self, index: SubplotSpec) -> None:
-        groups = [[each for each in self.coefficients if each.equation == j] for j in range(self.lines)]
+        groups = [
+            [coefficient for coefficient in self.coefficients if coefficient.equation == j] for j in range(self.lines)
+        ]
         ratios = [1 + len(group) for group in groups]
         panels = index.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
-        for panel, group, left in zip(panels, groups, equation_labels(self.law), strict=True):
+        for panel, group, label in zip(panels, groups, equation_labels(self.law), strict=True):
             heights = np.arange(len(group))
-            panel.plot([each.learned[0] for each in group], heights, **_DOT)
-            panel.plot([each.true[0] for each in group], heights, **_OPEN)
-            _draw_bars(panel, heights, *np.array([(each.errors[0], each.low[0], each.high[0]) for each in group]).T)
-            for height, each in enumerate(group):  # Its value, right of its dot and interval
-                value, error = each.learned[0], each.errors[0]
+            panel.plot([coefficient.learned[0] for coefficient in group], heights, **_DOT)
+            panel.plot([coefficient.true[0] for coefficient in group], heights, **_OPEN)
+            _draw_bars(
+                panel,
+                heights,
+                *np.array(
+                    [(coefficient.errors[0], coefficient.low[0], coefficient.high[0]) for coefficient in group]
+                ).T,
+            )
+            for height, coefficient in enumerate(group):  # Its value, right of its dot and interval
+                value, error = coefficient.learned[0], coefficient.errors[0]
                 if np.isfinite(value):
                     number = powers_of_ten(with_error(value, error)) if error else number_text(value, 4)
-                    at = (np.fmax(value, each.high[0]), height)
-                    text = f"{number} {each.unit}".rstrip()
+                    at = (np.fmax(value, coefficient.high[0]), height)
+                    text = f"{number} {coefficient.unit}".rstrip()
                     panel.annotate(text, at, (8, 0), textcoords="offset points", va="center", fontsize=9)
-            panel.set_yticks(heights, [each.term for each in group])
+            panel.set_yticks(heights, [coefficient.term for coefficient in group])
             panel.set_ylim(len(group) - 0.4, -0.6)
             what = "parameters" if self._by_parameter else "terms"
-            panel.set_title(f"{what} of {left}", loc="left")
+            panel.set_title(f"{what} of {label}", loc="left")
             panel.margins(x=0.4 if self.law.uncertainty.covariance is None else 0.7)  # room for the printed values
         panels[-1].locator_params(axis="x", nbins=5)
         logarithmic = self._scale(panels[-1])
@@ -397,13 +412,13 @@ class IntervalPanels:
     @styled()
     def draw(self, panel: int) -> Figure:
         """Return the figure of a panel."""
-        each, named = self._dots.coefficients[panel], len(self.law.objects) <= _NAMED
+        coefficient, named = self._dots.coefficients[panel], len(self.law.objects) <= _NAMED
         figure = Figure(figsize=(3.6, 0.8 + 0.2 * len(self.law.objects) if named else 2.8), layout="constrained")
         axes = figure.add_subplot()
         if named:
-            self._dots.draw_panel(axes, each)
+            self._dots.draw_panel(axes, coefficient)
         else:
-            _draw_in_order(axes, each)
+            _draw_in_order(axes, coefficient)
         return frozen_layout(figure)
 
     @cached_property
@@ -415,7 +430,7 @@ def _draw_in_order(panel: Axes, each: Coefficient) -> None:
     order = np.argsort(each.learned)
     # There are no more points across a page
     ranks = np.array(evenly_spaced(len(order), 1000))
-    values, low, high = (own[order[ranks]] for own in (each.learned, each.low, each.high))
+    values, low, high = (numbers[order[ranks]] for numbers in (each.learned, each.low, each.high))
     panel.fill_betweenx(ranks, low, high, color=COLORS[0], alpha=0.25, linewidth=0)
     panel.plot(values, ranks, color=COLORS[0], linewidth=2)
     panel.set_xlabel(each.label)
@@ -492,10 +507,10 @@ class HeatMaps:
         panels = index.subgridspec(len(self.law.schema.states), 1).subplots(squeeze=False)[:, 0]
         norm, known = scale(self.law.coefficients), true_coefficients(self.law, self.truth)
         labels = [label for label, shown in zip(term_labels(self.law.terms), self.shown, strict=True) if shown]
-        for j, (panel, left) in enumerate(zip(panels, equation_labels(self.law), strict=True)):
+        for j, (panel, equation) in enumerate(zip(panels, equation_labels(self.law), strict=True)):
             values = self.law.coefficients[:, j, self.shown]
             mesh = heat_map(panel, values, norm)
-            panel.set_title(f"terms of {left}" + ("" if values.any() else ": none is there"), loc="left")
+            panel.set_title(f"terms of {equation}" + ("" if values.any() else ": none is there"), loc="left")
             panel.set_xticks(np.arange(len(labels)) + 0.5, labels, rotation=0 if self.fits else 90)
             panel.set_yticks(np.arange(len(self.names)) + 0.5, self.names)
             if self.fits:
@@ -524,8 +539,8 @@ def true_coefficients(law: Law, truth: Law | None) -> Floats | None:
     if truth is None:
         return None
     known, none = by_terms_of(law, truth, truth.coefficients), np.zeros(law.support.shape)
-    own = [known[object_index(truth, name)] if name in truth.objects else none for name in law.objects]
-    return absent_as_nan(np.array(own))
+    coefficients = [known[object_index(truth, name)] if name in truth.objects else none for name in law.objects]
+    return absent_as_nan(np.array(coefficients))
 
 
 def absent_as_nan(values: Floats) -> Floats:
@@ -674,7 +689,7 @@ def plot_relations(law: Law) -> Figure:
             if k == 0:
                 panel.set_ylabel(axis_label("−coefficient" if row.sign < 0 else "coefficient", row.unit))
                 panel.set_title(row.label, loc="left")
-    keys = [key(plain(name), linestyle="none", **own) for name, own in look.items()]
+    keys = [key(plain(name), linestyle="none", **style) for name, style in look.items()]
     keys.append(key("relation", color="black"))
     if any(row.relation.scatter for row in rows):
         keys.append(key("95 % of objects", color=GREY, linewidth=6, alpha=0.4))
@@ -686,9 +701,9 @@ def _coefficients(law: Law) -> Iterator[_RelatedCoefficient]:
     """Yield the coefficients that have a relation."""
     if law.uncertainty.explanation is None:
         raise CommonlawError("relations-missing-to-draw")
-    own = law.uncertainty.own_estimates(law.coefficients[:, law.support])
+    estimates = law.uncertainty.own_estimates(law.coefficients[:, law.support])
     reach = law.uncertainty.reach(len(law.schema.states))[np.nonzero(law.support)[0]]
-    halves = reach * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
+    halves = reach * np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2))
     units, lefts, terms = coefficient_units(law), equation_labels(law), term_labels(law.terms)
     sides = left_hand_sides(law)
     for i, ((j, k), relation) in enumerate(
@@ -696,13 +711,13 @@ def _coefficients(law: Law) -> Iterator[_RelatedCoefficient]:
     ):
         if relation is not None:
             known = [law.properties.get(name, {}) for name in law.objects]
-            if not all({*relation.properties} <= each.keys() for each in known):
+            if not all({*relation.properties} <= attributes.keys() for attributes in known):
                 raise CommonlawError("relations-without-properties")
-            rows = [[float(each[name]) for name in relation.properties] for each in known]
+            rows = [[float(attributes[name]) for name in relation.properties] for attributes in known]
             values = np.array(rows).reshape(len(law.objects), len(relation.properties))
             unit = units.get((sides[j], law.terms.names[k]), "")
             label = f"{terms[k]} in {lefts[j]}: {relation.kind}"
-            yield _RelatedCoefficient(label, unit, relation, own.coefficients[:, i], halves[:, i], values)
+            yield _RelatedCoefficient(label, unit, relation, estimates.coefficients[:, i], halves[:, i], values)
 
 
 def _positions(each: _RelatedCoefficient, column: int) -> Floats:

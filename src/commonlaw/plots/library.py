@@ -99,16 +99,16 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     figure = Figure(figsize=fitting(1.2 + 5 * columns, 5.2), layout="constrained")
     panels = figure.subplots(2, columns, sharex="col", sharey="row", squeeze=False)
     for (above, below), equation, label in zip(panels.T, left_hand_sides(law), equation_labels(law), strict=True):
-        own = path[path["equation"] == equation]
-        edges = _edges(own, marks)
-        size, error, deviation = own[["size", _ERROR, _DEVIATION]].to_numpy(dtype=np.float64).T
+        rows = path[path["equation"] == equation]
+        edges = _edges(rows, marks)
+        size, error, deviation = rows[["size", _ERROR, _DEVIATION]].to_numpy(dtype=np.float64).T
         above.step(edges, _closed(size), where="post", color=COLORS[0])
         below.step(edges, _closed(error), where="post", color=COLORS[1])
         # A band that went down to zero would have no end on a logarithmic axis
         low, high = np.maximum(error - deviation, error / 10), error + deviation
         below.fill_between(edges, _closed(low), _closed(high), step="post", color=COLORS[1], alpha=0.2, linewidth=0)
         for panel in (above, below):
-            for i in np.flatnonzero(own["chosen"]):
+            for i in np.flatnonzero(rows["chosen"]):
                 panel.axvspan(edges[i], edges[i + 1], color=COLORS[2], alpha=0.15, linewidth=0)
             for name, dash in lined:
                 panel.axvline(marks[name], color="black", linestyle=dash)

@@ -79,7 +79,7 @@ def plot_phase_plane(
     ]
     low, high = _window(np.concatenate([points for _, *both in curves for points in both]))
     names = law.schema.states if states == 2 else (law.schema.states[0], rate_names(law)[0])
-    labels = [math(latex_name(each), each) for each in names]
+    labels = [math(latex_name(name), name) for name in names]
     titles = {objects[0]: "all objects"} if shared else {owner: plain(owner, 60) for owner in objects}
 
     across = columns_for(len(titles), 3)

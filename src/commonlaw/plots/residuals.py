@@ -143,8 +143,8 @@ def plot_errors(forecast: Forecast) -> Figure:
     panels = figure.subplots(len(states), 1, sharex=True, squeeze=False)[:, 0]
     some_outside = False
     for j, (panel, state) in enumerate(zip(panels, states, strict=True)):
-        own = [curve for name in forecast.trials.objects for curve in curves[name, j]]
-        times, errors, outside = np.concatenate([_errors(each) for each in own], axis=1)
+        drawn = [curve for name in forecast.trials.objects for curve in curves[name, j]]
+        times, errors, outside = np.concatenate([_errors(curve) for curve in drawn], axis=1)
         some_outside |= bool(outside.any())
         every = -(-len(times) // 1500) or 1
         panel.axhline(0, color=GREY, linewidth=0.8)
@@ -190,8 +190,8 @@ def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     for end in (basis.low, basis.high):
         upper.axvline(end, color=GREY, linestyle=":", linewidth=0.8)
     upper.tick_params(labelbottom=False)
-    left = found.equation if basis.times == "1" else f"{found.equation} over {basis.times}"
-    upper.set_ylabel(plain(f"discrepancy of {left}", 40))
+    target = found.equation if basis.times == "1" else f"{found.equation} over {basis.times}"
+    upper.set_ylabel(plain(f"discrepancy of {target}", 40))
     upper.set_title(plain(f"2 log B = {found.evidence:.1f} relative to the law alone", 60), loc="left")
     lower.hist(found.visited, bins=40, color=GREY)
     lower.set_ylabel("samples")

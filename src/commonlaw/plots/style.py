@@ -99,9 +99,9 @@ def plain(text: str, width: int = 28) -> str:
 
 def math(latex: str, text: str) -> str:
     """Return LaTeX as mathtext, without dots over words, or `text` where mathtext lacks a command in it."""
-    if found := re.fullmatch(r"\\(d+)ot\{(\\mathrm.*)\}", latex):
-        power = "" if found[1] == "d" else "^2"
-        latex = rf"\mathrm{{d}}{power} {found[2]}/\mathrm{{d}}t{power}"
+    if match := re.fullmatch(r"\\(d+)ot\{(\\mathrm.*)\}", latex):
+        power = "" if match[1] == "d" else "^2"
+        latex = rf"\mathrm{{d}}{power} {match[2]}/\mathrm{{d}}t{power}"
     # Mathtext sets stretched bars small and close, and factors without a space between them
     latex = latex.replace(r"\left|", "|").replace(r"\right|", "|")
     latex = re.sub(r"(?<=[\w})|]) (?=[\\\w(|])", r"\\ " if r"\mathrm" in latex else r"\\,", latex)
@@ -137,7 +137,7 @@ def powers_of_ten(text: str) -> str:
     >>> powers_of_ten("(-9.4 ± 1.7)e-06")
     '(−9.4 ± 1.7) × 10⁻⁶'
     """
-    raised = re.sub(r"(?<=[\d)])e([-+]\d+)", lambda found: f" × 10{str(int(found[1])).translate(_SUPERSCRIPTS)}", text)
+    raised = re.sub(r"(?<=[\d)])e([-+]\d+)", lambda match: f" × 10{str(int(match[1])).translate(_SUPERSCRIPTS)}", text)
     return raised.replace("-", "−")
 
 
@@ -198,7 +198,7 @@ def add_legend(
     if place == "right":
         figure.legend(handles=list(keys), loc="outside right upper", ncols=ceil(len(keys) / 25), title=title or None)
         return
-    widths, most = [0.5 + 0.068 * len(str(each.get_label())) for each in keys], min(len(keys), 5)  # Inches, roughly
+    widths, most = [0.5 + 0.068 * len(str(line.get_label())) for line in keys], min(len(keys), 5)  # Inches, roughly
 
     def fits(columns: int) -> bool:
         return sum(float(part.max()) for part in np.array_split(widths, columns)) < figure.get_figwidth()

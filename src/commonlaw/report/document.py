@@ -252,12 +252,12 @@ _SVG, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}hre
 def within(svg: bytes, name: str) -> str:
     """Return a drawing as a part of a page: without what only files have, its anchors its own, of few elements."""
     root = ElementTree.fromstring(svg)
-    anchors = {key: each for each in root.iter() if (key := each.get("id")) is not None}
-    root[:] = [each for child in root for each in _light(child, anchors)]
-    for each in root.iter():
-        each.tag = each.tag.removeprefix(_SVG)
-        each.attrib = {key: _own(key, value, name) for key, value in each.attrib.items() if key != _LINK} | (
-            {"href": f"#{name}-{each.attrib[_LINK].removeprefix('#')}"} if _LINK in each.attrib else {}
+    anchors = {key: element for element in root.iter() if (key := element.get("id")) is not None}
+    root[:] = [element for child in root for element in _light(child, anchors)]
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(_SVG)
+        element.attrib = {key: _own(key, value, name) for key, value in element.attrib.items() if key != _LINK} | (
+            {"href": f"#{name}-{element.attrib[_LINK].removeprefix('#')}"} if _LINK in element.attrib else {}
         )
     width = float(root.attrib["width"].removesuffix("pt"))
     root.attrib = {"style": f"min-width: {0.64 * width:.0f}pt"} | root.attrib  # Narrower, its text cannot be read
@@ -276,7 +276,7 @@ def _own(attribute: str, value: str, name: str) -> str:
 
 def _light(element: Element, anchors: dict[str, Element]) -> list[Element]:
     """Return what is drawn of an element, markers of one kind as one line and groups without attributes taken apart."""
-    parts = [each for child in element for each in _light(child, anchors)]
+    parts = [part for child in element for part in _light(child, anchors)]
     if element.tag in (f"{_SVG}metadata", f"{_SVG}style") or (element.tag == f"{_SVG}defs" and not parts):
         return []
     element.tail = None
@@ -284,7 +284,7 @@ def _light(element: Element, anchors: dict[str, Element]) -> list[Element]:
         element.text = None
         element.attrib.pop("id", None)
         used = [part for part in parts if part.tag == f"{_SVG}use"]
-        if len(used) > 1 and len({(each.attrib[_LINK], each.get("style")) for each in used}) == 1:
+        if len(used) > 1 and len({(marker.attrib[_LINK], marker.get("style")) for marker in used}) == 1:
             parts = [*(part for part in parts if part not in used), *_markers(used, anchors)]
     element[:] = parts
     return parts if element.tag == f"{_SVG}g" and not element.attrib else [element]
@@ -297,5 +297,5 @@ def _markers(used: Sequence[Element], anchors: dict[str, Element]) -> Iterator[E
     anchors[key] = Element(f"{_SVG}marker", {"id": key, "overflow": "visible", "markerUnits": "userSpaceOnUse"})
     anchors[key].append(Element(f"{_SVG}path", looks))
     yield anchors[key]
-    points = " ".join(f"{each.attrib['x']},{each.attrib['y']}" for each in used)
+    points = " ".join(f"{marker.attrib['x']},{marker.attrib['y']}" for marker in used)
     yield Element(f"{_SVG}polyline", {"points": points, "style": f"fill: none; marker: url(#{key})"})

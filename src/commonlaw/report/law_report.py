@@ -113,19 +113,23 @@ def listed(lines: "list[str] | tuple[str, ...]") -> str:
 
 def data_checks(case: LawCase) -> Section:
     """Return the part on what the data checks found."""
-    found = case.findings.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
-    notes = [note for note in dict.fromkeys(found.notes) if not note.startswith(GUESSED)]
-    remarks = [*found.lines(), *notes, *map(str, case.law.diagnostics)]
-    said = " Data checks: no problem found." if not remarks else listed([case.said(remark) for remark in remarks])
+    checked = case.findings.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
+    notes = [note for note in dict.fromkeys(checked.notes) if not note.startswith(GUESSED)]
+    remarks = [*checked.lines(), *notes, *map(str, case.law.diagnostics)]
+    remarks_text = (
+        " Data checks: no problem found." if not remarks else listed([case.said(remark) for remark in remarks])
+    )
     trials = case.findings.trials
     objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
     counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
     learned, some = sum(map(len, case.findings.training)), counted(len(case.findings.training), "trial")
     held_out = "" if case.findings.training is trials else f" Training data: {learned} samples of {some}."
-    frame = found.to_frame().drop(columns="clipped")
+    frame = checked.to_frame().drop(columns="clipped")
     frame.columns = [_head(name, trials.schema) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
-    return Section("data-checks", "Data checks", (Text(f"{counts}{held_out}{said}"), folded(table, "All trials")))
+    return Section(
+        "data-checks", "Data checks", (Text(f"{counts}{held_out}{remarks_text}"), folded(table, "All trials"))
+    )
 
 
 def _head(name: str, schema: Schema) -> str:
@@ -141,7 +145,7 @@ def _head(name: str, schema: Schema) -> str:
 def choices(case: LawCase) -> Section:
     """Return the part on every choice on the way."""
     rows = [
-        {"stage": each.stage, "choice": each.choice, "reason": case.words(each.reason)} for each in case.law.history
+        {"stage": step.stage, "choice": step.choice, "reason": case.words(step.reason)} for step in case.law.history
     ]
     block: Block = Text("No history is recorded.")
     if rows:
@@ -212,18 +216,18 @@ def residuals(case: LawCase) -> Section:
 def _patterns(case: LawCase) -> Iterator[Block]:
     """Yield what measurements are off the law's trajectories, and which patterns that has."""
     try:
-        found = case.law.residuals(case.findings.trials)
+        tested = case.law.residuals(case.findings.trials)
     except _FAILURES as error:
         yield Text(f"The residuals could not be tested: {case.said(error)}.")
         return
     meaning = "Residuals are measured minus fitted, in standard deviations of the noise. "
     meaning += "Orange: means of neighbouring residuals with 95 % intervals."
-    if len(found.significant) > 1:
+    if len(tested.significant) > 1:
         meaning += " Several patterns often have one cause: start with the smallest p-value."
-    yield Text(meaning + listed([case.said(line) for line in str(found).splitlines()]))
+    yield Text(meaning + listed([case.said(line) for line in str(tested).splitlines()]))
     # Small figures of residuals, those of the first state at once
-    panels = ResidualPanels(found)
-    for j, state in enumerate(found.trials.schema.states):
+    panels = ResidualPanels(tested)
+    for j, state in enumerate(tested.trials.schema.states):
         pictures = [
             Picture(f"residuals-{j + 1}-{k + 1}", f"**Residuals of {literal(state)}.** {literal(caption)}", draw)
             for k, caption in enumerate(panels.captions(j))
@@ -231,7 +235,7 @@ def _patterns(case: LawCase) -> Iterator[Block]:
         ]
         gallery = Gallery(tuple(pictures))
         yield Fold(f"Residuals of {literal(state)}", (gallery,)) if j else gallery
-    tests = found.tests()
+    tests = tested.tests()
     if len(tests):
         yield Fold("Tests of the residuals", (Table("tests", "adjusted: p-values by false discovery rate.", tests),))
 
@@ -242,21 +246,21 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
         yield Text("A discrepancy shared by all objects was not estimated: there are many objects.")
         return
     try:
-        found = case.law.discrepancy(case.findings.training)
+        estimate = case.law.discrepancy(case.findings.training)
     except _FAILURES as error:
         yield Text(f"A discrepancy shared by all objects could not be estimated: {case.said(error)}.")
         return
-    of = literal(f"{found.basis.coordinate} in {found.equation}")
-    strength = f"2 log B = {found.evidence:.1f}".replace("-", "−")
-    if found.claimed:
+    of = literal(f"{estimate.basis.coordinate} in {estimate.equation}")
+    strength = f"2 log B = {estimate.evidence:.1f}".replace("-", "−")
+    if estimate.claimed:
         yield Text(f"Strong evidence for a discrepancy shared by all objects, a function of {of} ({strength}).")
     else:
         yield Text(
             f"No strong evidence for a discrepancy shared by all objects. The most probable is a function of {of} "
             f"({strength}; above {STRONG:.0f} is strong)."
         )
-    picture = Picture("discrepancy", "Discrepancy with its 95 % band.", partial(plot_discrepancy, found))
-    lines = Text(listed([case.said(line) for line in str(found).splitlines()]))
+    picture = Picture("discrepancy", "Discrepancy with its 95 % band.", partial(plot_discrepancy, estimate))
+    lines = Text(listed([case.said(line) for line in str(estimate).splitlines()]))
     yield Fold("Discrepancy", (picture, lines))
 
 
@@ -266,7 +270,11 @@ def _errors(case: LawCase) -> Iterator[Block]:
     if law.uncertainty.noise is not None:
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
         kinds = (("noise", law.uncertainty.noise), (f"autocorrelated errors ({time})", errors.correlated))
-        levels = [f"{kind} of {levels_in_words(own, schema)}" for kind, own in kinds if own is not None]
+        levels = [
+            f"{kind} of {levels_in_words(levels_of_kind, schema)}"
+            for kind, levels_of_kind in kinds
+            if levels_of_kind is not None
+        ]
         levels += [f"noise of {grown}" for grown in errors.heteroscedastic_in_words(schema.states).values()]
         yield Text(f"Measurement errors: {literal('; '.join(levels))}.")
     if errors.of_law:
@@ -378,8 +386,8 @@ def candidates(case: LawCase) -> Section:
     if case.rivals or len(law.objects) <= 100:  # Of more, fits take long
         blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
     caption = "Candidates of each equation (* chosen)."
-    there = {name for each in listed for name in each.measures}
-    caption += "".join(f" {said}" for name, said in _MEASURES.items() if name in there)
+    there = {name for candidate in listed for name in candidate.measures}
+    caption += "".join(f" {explanation}" for name, explanation in _MEASURES.items() if name in there)
     table = Table("compared", caption, readable_candidates(listed))
     return Section("candidates", "Candidate laws", (*blocks, folded(table, "Candidates")))
 
@@ -392,13 +400,13 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     score = f"1 − R² of {'forecasts' if held_out else 'the fit'}"
     rows = [
         {
-            "": "*" * each.chosen,
-            "terms": each.size,
-            "law": "; ".join(each.law.structure),
-            "2 log B": each.evidence,
-            score: 1 - _score(case, each.law),
+            "": "*" * candidate.chosen,
+            "terms": candidate.size,
+            "law": "; ".join(candidate.law.structure),
+            "2 log B": candidate.evidence,
+            score: 1 - _score(case, candidate.law),
         }
-        for each in found
+        for candidate in found
     ]
     caption = "Laws with few to many terms, fitted to the same trials (* chosen)."
     if held_out:
@@ -410,19 +418,21 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
 
 def _score(case: LawCase, law: Law) -> float:
     """Return R^2 of what is held out, or else of the fit; NaN where there is none."""
-    found = case.findings
+    findings = case.findings
     try:
-        if found.fit is not None and not found.is_held_out:
-            return fitted(law, found.training).score()
-        return law.predict(found.forecast.trials, start=found.start).score() if found.forecast else float("nan")
+        if findings.fit is not None and not findings.is_held_out:
+            return fitted(law, findings.training).score()
+        return (
+            law.predict(findings.forecast.trials, start=findings.start).score() if findings.forecast else float("nan")
+        )
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return float("nan")
 
 
 def experiments(case: LawCase) -> Section:
     """Return the part on what to measure next."""
-    title, found = "Next experiment", suggestions(case.law, case.findings.training)
-    if not found:
+    title, designs = "Next experiment", suggestions(case.law, case.findings.training)
+    if not designs:
         needs = "a law in continuous time of measured states, with a covariance matrix"
         text = f"No suggestion: experimental design needs {needs}."
         return Section("experiments", title, (Text(text),))
@@ -431,10 +441,10 @@ def experiments(case: LawCase) -> Section:
         "sampling as before."
     )
     lines = []
-    for purpose, design in found.items():
+    for purpose, design in designs.items():
         (planned,) = design.experiments
-        said = " ".join(map(literal, design.sentences))
-        lines.append(f"**{literal(purpose)}**: {literal(planned.text)}. {said}")
+        sentences = " ".join(map(literal, design.sentences))
+        lines.append(f"**{literal(purpose)}**: {literal(planned.text)}. {sentences}")
     return Section("experiments", title, (Text(intro + listed(lines)),))
 
 
@@ -547,12 +557,12 @@ class Curves:
         schema, rms = self.forecast.trials.schema, self._rms.loc[name]
         if np.isinf(rms).any():
             return "diverges"
-        said = [
+        errors = [
             f"{value:.2g} {schema.units.get(state, '')}".rstrip() + f" ({state})" * (len(rms) > 1)
             for state, value in zip(schema.states, rms, strict=True)
             if np.isfinite(value)
         ]
-        return " and ".join(said) or "not measured"
+        return " and ".join(errors) or "not measured"
 
     def _by_state(self) -> pd.DataFrame:
         frame, rows, schema = self.forecast.to_frame(), [], self.forecast.trials.schema
@@ -620,8 +630,8 @@ def law_page(
     if isinstance(learned, Trials):
         raise CommonlawError("learned-not-a-stream")
     with on_cluster(client):
-        found = find_by_stream(law, trials, on_terminal(), learned)
-    made = law_report(found.few, table=Source("runs/*.parquet", stream=True), everything=found)
+        findings = find_by_stream(law, trials, on_terminal(), learned)
+    made = law_report(findings.few, table=Source("runs/*.parquet", stream=True), everything=findings)
     return Page(to_page(made).decode())
 
 

@@ -50,7 +50,7 @@ def parts_of(latex: str) -> list[list[str]]:
     _, *lines, _ = _spelled(latex).splitlines()
     parts = [_parts(line.removesuffix(r"\\").rstrip().replace("&", "", 1)) for line in lines]
     # An empty group before a sign leaves it between two things, so that it has space around it
-    return [[first, *(f"{{}}{each}" for each in others)] for first, *others in parts]
+    return [[first, *(f"{{}}{part}" for part in others)] for first, *others in parts]
 
 
 def _latex(law: Law) -> str:
@@ -103,11 +103,11 @@ def _rows(line: str) -> list[str]:
 def _parts(line: str) -> list[str]:
     """Return an equation cut before the signs that are outside of brackets."""
     cuts, depth = [0], 0
-    for found in re.finditer(r"\\left\(|\\right\)|[{}]| [-+] ", line):
-        if found[0].strip() in ("+", "-"):
-            cuts += [found.start()] * (depth == 0 and line[found.start() - 1] != "=")
+    for match in re.finditer(r"\\left\(|\\right\)|[{}]| [-+] ", line):
+        if match[0].strip() in ("+", "-"):
+            cuts += [match.start()] * (depth == 0 and line[match.start() - 1] != "=")
         else:
-            depth += 1 if found[0] in (r"\left(", "{") else -1
+            depth += 1 if match[0] in (r"\left(", "{") else -1
     return [line[begin:end] for begin, end in pairwise([*cuts, len(line)])]
 
 
@@ -161,7 +161,7 @@ def code(text: str, language: str = "") -> str:
     x = 1
     ```
     """
-    fence = "`" * max(3, *(1 + len(each) for each in re.findall("`+", text)), 3)
+    fence = "`" * max(3, *(1 + len(run) for run in re.findall("`+", text)), 3)
     return f"\n\n{fence}{language}\n{text.rstrip()}\n{fence}\n\n"
 
 

@@ -37,7 +37,7 @@ def notebook_html(
     """Return a value as HTML for a notebook; figures of many objects show the first ones."""
     match value:
         case History():
-            rows = [(each.stage, each.choice, each.reason) for each in value]
+            rows = [(step.stage, step.choice, step.reason) for step in value]
             steps = pd.DataFrame(rows, columns=["stage", "choice", "reason"])
             return visible(str(steps.to_html(index=False, border=0, justify="left")))
         case LawVerdict():
@@ -64,7 +64,7 @@ def notebook_html(
             drawn = (
                 _drawn(lambda: plot_intervals(value.select(value.objects[:_OBJECTS]))) if value.support.any() else ""
             )
-            wide = "".join(f'<div class="commonlaw-law">{each}</div>' for each in (shown, _table(table)))
+            wide = "".join(f'<div class="commonlaw-law">{part}</div>' for part in (shown, _table(table)))
             return _joined(repr(value), _STYLE + wide + notes, drawn)
         case Trials():
             frame = value.check(order=0).to_frame().iloc[:, :5]
@@ -78,7 +78,7 @@ def notebook_html(
 def _page(title: str, sentences: Sequence[str], of_table: str, table: pd.DataFrame) -> str:
     """Return a heading, the first sentence in bold, the others as a list, and a table under its own heading."""
     first, *others = [escape(in_line(sentence)) for sentence in sentences] or [""]
-    listed = "".join(f"<li>{each}</li>" for each in others)
+    listed = "".join(f"<li>{sentence}</li>" for sentence in others)
     below = f"<h5>{of_table}</h5>{_table(table)}" if len(table) else ""
     return visible(f"<div><h4>{title}</h4><p><strong>{first}</strong></p><ul>{listed}</ul>{below}</div>")
 
