@@ -146,7 +146,7 @@ _POOR = 0.5
 """Coefficients with a standard error above this share of their size are poorly known."""
 
 
-def judge(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
+def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
     """Return what a law is good for, see `Law.assess`."""
     trials = matched(law, trials, observed=True)
     learned = None if learned is None else matched(law, learned, observed=True)
@@ -379,7 +379,7 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     bands = bands and has_bands(law)
     fitting = partial(fitted, law, training, bands)
     fit = _tried("the law has no fitted curves", fitting, failures) if law.order != 0 else None
-    verdict = _tried("the forecast assessment failed", partial(judge, law, whole, training), failures)
+    verdict = _tried("the forecast assessment failed", partial(assess, law, whole, training), failures)
     # Held-out trials, or if there are none of the objects of the law, the training data
     learned_from = _names(training)
     others = [trial for trial in whole if (trial.object, trial.name) not in learned_from]

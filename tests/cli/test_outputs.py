@@ -67,7 +67,7 @@ def table(tmp_path):
     [
         ("commonlaw.law.law.Law.explain", ["--explain"], "the coefficients were not explained"),
         ("commonlaw.verdict.find", [], "the law was not checked"),
-        ("commonlaw.verdict.judge", [], "the forecast assessment failed"),
+        ("commonlaw.verdict.assess", [], "the forecast assessment failed"),
         ("commonlaw.law.law.Law.predict", [], "the law was not checked by forecasts"),
         ("commonlaw.plots.plot_law", ["--save", "law.svg"], "law.svg was not made"),
     ],
@@ -87,7 +87,7 @@ def test_the_law_is_on_disk_before_the_next_step_begins(run, tmp_path, monkeypat
         assert cl.Law.load(tmp_path / "found.json").support.sum() == 2
         raise SystemExit(130)
 
-    monkeypatch.setattr("commonlaw.verdict.judge", interrupted)
+    monkeypatch.setattr("commonlaw.verdict.assess", interrupted)
     code, _, _ = run("discover", "drops.csv", *QUICK, "--save", "found.json")
     assert code == 130
     assert cl.Law.load(tmp_path / "found.json").support.sum() == 2

@@ -120,7 +120,7 @@ def test_a_verdict_that_cannot_be_had_leaves_forecasts_and_its_reason(law, drops
     def fails(*_):
         raise error
 
-    monkeypatch.setattr(verdict, "judge", fails)
+    monkeypatch.setattr(verdict, "assess", fails)
     found = find(law, drops)
     assert (found.verdict, found.failures, found.sentences, found.is_exact) == (None, (words,), (words,), True)
     assert found.forecast is not None

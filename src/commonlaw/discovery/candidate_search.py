@@ -245,7 +245,7 @@ class CandidateSearch:
                 continue
             fine = resolved(pool, progress)
             candidate = replace(candidate, screened=screened, pool=fine)
-            if not may_hide or pool.best.reason_for_errors or not fine.best.reason_for_errors:
+            if not may_hide or pool.best.reason_for_error_model or not fine.best.reason_for_error_model:
                 return candidate
             may_hide = False
 

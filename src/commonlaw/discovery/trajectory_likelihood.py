@@ -224,10 +224,10 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
 def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[list[Candidate], list[CommonlawError]]:
     """Return candidates under the chosen error models, the best first, and the errors of those without one."""
     is_auto, best, failed = search.options.errors == "auto", min(candidates), list[CommonlawError]()
-    if len(candidates) > 1 and is_auto and not best.pool.best.reason_for_errors:
+    if len(candidates) > 1 and is_auto and not best.pool.best.reason_for_error_model:
         candidates, failed = apply_to_each(search.resolved, candidates)  # A coarse mesh may hide it
         best = min(candidates)
-    if len(candidates) == 1 or not is_auto or best.pool.best.reason_for_errors:
+    if len(candidates) == 1 or not is_auto or best.pool.best.reason_for_error_model:
         candidates, more = apply_to_each(search.with_errors, candidates)
         failed = [*failed, *more]
     return sorted(candidates), failed

@@ -362,8 +362,8 @@ class _Planned:
             by_unknowns = np.zeros((len(measured), known.unknowns))
         else:
             by_unknowns = measured @ known.roots[known.objects.index(name)]
-        known_starts = np.isfinite(self.start_std)
-        off = by_set[:, known_starts] * self.start_std[known_starts]
+        is_known = np.isfinite(self.start_std)
+        off = by_set[:, is_known] * self.start_std[is_known]
         if off.any():
             coloured = off @ off.T + (0.0 if coloured is None else coloured)
         white = len(self.times) / len(experiment.times) * found.white  # Each sample stands for the mean of several

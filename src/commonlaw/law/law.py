@@ -558,7 +558,7 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         >>> print(law.assess(drops, drops.select(trial=1)).sentences[0])
         This law can be used for forecasts up to 2.6 s ahead (longest horizon tested).
         """
-        return cast("LawVerdict", _call("verdict:judge", self, trials, learned))
+        return cast("LawVerdict", _call("verdict:assess", self, trials, learned))
 
     def discrepancy(
         self,

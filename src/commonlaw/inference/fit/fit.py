@@ -217,7 +217,7 @@ class Fit:
         return bool(sum(problem.measured) < settings.MIN_SAMPLES_PER_TERM * numbers)
 
     @property
-    def reason_for_errors(self) -> str:
+    def reason_for_error_model(self) -> str:
         """Why errors other than white noise are estimated, as text; empty if they are not."""
         reason = "; ".join(self.departures) or self.lack_of_fit
         if reason or not self.problem.errors:

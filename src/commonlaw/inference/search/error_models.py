@@ -43,7 +43,7 @@ def choose_errors(
     With ``"auto"`` it is that of largest evidence if the residuals are not white noise. Compared are the supports of
     the pool, and that which `propose` returns for the best fit among plain terms, shape (equations, terms).
     """
-    reason = pool.best.reason_for_errors if errors == "auto" else "as asked for"
+    reason = pool.best.reason_for_error_model if errors == "auto" else "as asked for"
     if not reason:
         return pool
     progress(Stage(f"{reason}: estimating errors jointly with the law", 0.2))
