@@ -10,7 +10,7 @@ from unicodedata import category
 _LETS_BE = frozenset("\n\t\u200c\u200d")
 """Ends of lines, tabs, and the joiners that some scripts need."""
 
-_LATEX = {"\\": r"\backslash ", "~": r"\sim ", "^": r"\hat{}", " ": r"\ "} | {each: f"\\{each}" for each in "#$%&_{}"}
+_LATEX = {"\\": r"\backslash ", "~": r"\sim ", "^": r"\hat{}", " ": r"\ "} | {sign: f"\\{sign}" for sign in "#$%&_{}"}
 
 
 def visible(text: str) -> str:

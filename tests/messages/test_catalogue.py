@@ -24,6 +24,7 @@ _REPLACED = re.compile(
 )
 """Words of ordinary language where the field has a term, and verbs that only people can do."""
 _REPLACED_IN_NAMES = re.compile(r"(^|_)(told|dearer|honest|alike|unseen|nobody|leftovers|drives|judge|verdict)(_|$)")
+_UNSPECIFIC = {"own", "each", "found", "left", "said", "other"}
 
 _SOURCES = sorted(Path(commonlaw.__file__).parent.rglob("*.py"))
 
@@ -96,6 +97,17 @@ def test_sentences_are_short_and_in_the_terms_of_the_field() -> None:
 def test_public_names_are_terms_of_the_field() -> None:
     names = {*dir(commonlaw), *dir(commonlaw.Law), *dir(commonlaw.Trials)}
     assert not [name for name in names if name[0] != "_" and _REPLACED_IN_NAMES.search(name)]
+
+
+def test_variables_are_named_by_what_they_hold() -> None:
+    for path in _SOURCES:
+        fields = {id(node.target) for node in _nodes(path) if isinstance(node, ast.AnnAssign)}
+        names = [node for node in _nodes(path) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+        assert not [
+            f"{path.name}:{node.lineno}: {node.id}"
+            for node in names
+            if node.id in _UNSPECIFIC and id(node) not in fields
+        ]
 
 
 def test_a_note_has_one_of_the_kinds_and_a_code_of_its_own() -> None:

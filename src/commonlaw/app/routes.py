@@ -38,8 +38,8 @@ from commonlaw.runtime.files import read_json
 from commonlaw.runtime.packages import optional_import
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
-_NAMES = [each.name for each in files("commonlaw.app").joinpath("page").iterdir()]
-ASSETS = {each: get_data("commonlaw.app", f"page/{each}") or b"" for each in _NAMES if Path(each).suffix in _TYPES}
+_NAMES = [file.name for file in files("commonlaw.app").joinpath("page").iterdir()]
+ASSETS = {name: get_data("commonlaw.app", f"page/{name}") or b"" for name in _NAMES if Path(name).suffix in _TYPES}
 """All files that are served, by their name: no other can be named."""
 
 

@@ -39,7 +39,8 @@ __all__ = [
 ]
 
 DATASETS: Mapping[str, Dataset[...]] = {
-    each.name: each for each in (ball_drops, linear_drag, reynolds_drag, nonlinear_oscillator, lotka_volterra, lorenz)
+    dataset.name: dataset
+    for dataset in (ball_drops, linear_drag, reynolds_drag, nonlinear_oscillator, lotka_volterra, lorenz)
 }
 
 
