@@ -206,14 +206,14 @@ class CandidateSearch:
     def with_first_offer(self, candidate: Candidate) -> Candidate:
         """Return the law with terms of the first offer, if it is simple; a law of one term an equation as it is.
 
-        The offer must have fewer terms than the library and not be the last. Central forces of vectors are an example:
+        The offer must have fewer terms than a later one. Central forces of vectors are an example:
         they come before terms of higher degree in all variables, and before other orders.
         """
         offers = self._offers(candidate.screened)[1]
         first = next((i for i, offer in enumerate(offers) if offer.count), len(offers))
-        if candidate.has_richer or not any(offer.count for offer in offers[first + 1 :]):
-            return candidate
-        if not may_be_simpler(candidate.pool.best, 1) or offers[first].count > len(candidate.screened.terms):
+        most = max((offer.count for offer in offers[first + 1 :]), default=0)
+        is_smaller = most > 0 and offers[first].count < most
+        if candidate.has_richer or not is_smaller or not may_be_simpler(candidate.pool.best, 1):
             return candidate
         more = self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=True, most=first + 1)
         return replace(more, has_richer=True) if more.is_simple else candidate
