@@ -6,7 +6,7 @@ from axe_core_python.selenium import Axe
 
 
 def open_page(page, app, table=None):
-    """Open the app by the address that people are told, which goes on to its page: with a table, or the last one."""
+    """Open the app by the address that its command prints, which redirects to its page: with a table, or the last."""
     if table is not None:
         assert app.say("POST", f"{app.room}tables?name={table.name}", table.read_bytes())[0] == 200
     page.get(app.address)

@@ -95,8 +95,8 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, app, table):
     wait(page, "$('own_plot').querySelector('canvas')")
     over = page.find_element("css selector", "#forecast_plot .u-over")
     ActionChains(page).move_to_element_with_offset(over, 10, 10).perform()
-    told = page.find_element("css selector", "#forecast_plot .readout").text
-    assert re.search(r"Ball 1: fitted [\d.]+ \([\d.]+ to [\d.]+\), measured [\d.]+ at t", told)
+    readout = page.find_element("css selector", "#forecast_plot .readout").text
+    assert re.search(r"Ball 1: fitted [\d.]+ \([\d.]+ to [\d.]+\), measured [\d.]+ at t", readout)
     assert text(page, "see_title") == "Measurements and fit"
     choose(page, "view", "1")
     assert text(page, "see_title") == "Measurements and forecast from the first 7 samples"

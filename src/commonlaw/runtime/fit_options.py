@@ -144,8 +144,7 @@ def documented(cls: type[T]) -> type[T]:
         lines += [name, *(f"    {line}" for line in wrap(f"{about.text}{choices}{default}", 112))]
     if cls.__doc__:
         cls.__doc__ = cls.__doc__.replace("{parameters}", "\n    ".join(lines))
-    # A class decorator replaces the method that `dataclass` made, which no checker of types can express
-    cls.__init__ = with_renamed_arguments(cls.__init__)  # type: ignore[method-assign]
+    type.__setattr__(cls, "__init__", with_renamed_arguments(cls.__init__))
     return cls
 
 

@@ -51,7 +51,7 @@ _INPUT = _vocabulary(
 _AMOUNT = _vocabulary("dose doses dosage amt")
 """What names amounts that are given: an empty cell is none."""
 _RECORD = _vocabulary("evid mdv cmt")
-"""What says in data sets of pharmacology whether a row is a dose or a measurement, beside the amounts."""
+"""Columns of pharmacological data sets that mark a row as a dose or a measurement, as the amounts do."""
 _DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
 _VELOCITIES = _vocabulary("v w")
 """Names next to which u is another velocity, and not an input."""
@@ -472,7 +472,7 @@ def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:
 
 
 _DEFAULT = "value"
-"""Name of what stands in the columns, if nobody names it."""
+"""Default name of the quantity in the columns."""
 _WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
 """Of a plate of up to 384 wells, after the name of what was measured or without it."""
 _NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
@@ -556,7 +556,7 @@ def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
 
 
 def quantity(columns: Sequence[str], wide: bool | str) -> str:
-    """Return the name of what was measured: if nobody names it, what the names of wells begin with."""
+    """Return the name of the measured quantity, by default the common beginning of the names of wells."""
     if isinstance(wide, str):
         return wide
     begins = {match[1] or "" if (match := _WELL.fullmatch(name)) else "" for name in columns}

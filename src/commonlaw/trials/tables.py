@@ -82,7 +82,7 @@ def long_table(
 _MIN_TIMES = 3
 """Columns named by times from which on they are taken for such."""
 _VALUE, _TIME = "value", "time"
-"""What stands in the columns, and when, if nobody names it."""
+"""Default names of the quantity in the columns, and of the time."""
 
 
 def times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] | None:
