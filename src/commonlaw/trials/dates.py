@@ -1,7 +1,8 @@
 """Dates and times of day in the column of times, as time since the first of them."""
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from datetime import date, datetime, time, timedelta
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -29,12 +30,10 @@ _CLOCK = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?(?: ?([ap])\.?m\.?)?"
 _AFTER_DATE = rf"(?:[ T,]+{_CLOCK}({_OFFSET})?)?"
 _LOCAL = re.compile(rf"(\d{{1,4}})([./-])(\d{{1,2}})\2(\d{{1,4}}){_AFTER_DATE}", re.ASCII | re.IGNORECASE)
 """31.03.2020 12:30, 3/31/20 12:30 PM, 2020/03/31."""
-_NAMED = re.compile(
-    rf"(?:(\d{{1,2}})\.?[ -]([a-z]{{3,9}})\.?|([a-z]{{3,9}})\.? (\d{{1,2}}),?)[ -](\d{{2,4}}){_AFTER_DATE}",
-    re.ASCII | re.IGNORECASE,
-)
-"""31-Mar-2020, 31 March 2020 12:30, Mar 31, 2020."""
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_MONTH = rf"({'|'.join(_MONTHS)})[a-z]{{0,6}}\.?"
+_NAMED = re.compile(rf"(?:(\d{{1,2}})\.?[ -]{_MONTH}|{_MONTH} (\d{{1,2}}),?)[ -](\d{{2,4}})", re.ASCII | re.IGNORECASE)
+"""31-Mar-2020, 31 March 2020, Mar 31, 2020."""
 _DURATION = re.compile(
     r"(-)?(?:(\d+) days?,? ?)?(\d+):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?(?: ?([ap])\.?m\.?)?", re.ASCII | re.IGNORECASE
 )
@@ -190,8 +189,7 @@ def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
             )
         if seconds is None and half is None and pairs == "m:ss":
             hours, minutes, seconds = "0", hours, minutes
-        hour = int(hours or 0) % 12 + 12 * (half.casefold() == "p") if half else int(hours or 0)
-        whole = _DAY * int(days or 0) + 3600 * hour + 60 * int(minutes) + int(seconds or 0)
+        whole = _DAY * int(days or 0) + 3600 * _hours(hours or "0", half) + 60 * int(minutes) + int(seconds or 0)
         values[row] = (-1.0 if sign else 1.0) * (whole + float(f"0.{fraction or 0}"))
     return values
 
@@ -253,89 +251,65 @@ def _no_date(table: Table, name: str, row: int, what: str) -> CommonlawError:
     )
 
 
-class _Parts(NamedTuple):
-    """Three numbers of a date in the order in which they are written, and the rest as ISO 8601 has it."""
-
-    numbers: tuple[int, int, int]
-    orders: tuple[str, ...]
-    """In which they may be meant, by how they are written."""
-    rest: str
-
-
 def _in_iso_order(table: Table, name: str, cells: Column, present: Bools, order: DateOrder | None) -> Column:
     """Return dates as ISO 8601 writes them; the order of day and month is that which is possible in all rows."""
-    parts = {cell: _parts(cell) for cell in dict.fromkeys(cells[present].tolist()) if isinstance(cell, str)}
-    local = {cell: part for cell, part in parts.items() if part is not None}
+    texts = dict.fromkeys(cell for cell in cells[present].tolist() if isinstance(cell, str))
+    local = {cell: readings for cell in texts if (readings := _readings(cell, order)) is not None}
+    orders: tuple[DateOrder, ...] = ("dmy", "mdy", "ymd")
+    for row in np.flatnonzero(present):
+        if local.get(cells[row]) == {} and (order in orders or not any(_readings(cells[row], way) for way in orders)):
+            raise _no_date(table, name, int(row), f"a date{f' in the order {order}' if order else ''}")
+    by_order: dict[str, list[str]] = {}
+    for candidate in orders:
+        dates = [readings[candidate] for readings in local.values() if candidate in readings]
+        if len(dates) == len(local) and dates not in by_order.values():
+            by_order[candidate] = dates
     if not local:
         return cells
-    possible = [
-        candidate
-        for candidate in ("dmy", "mdy", "ymd")
-        if all(candidate in part.orders and _date(part, candidate) for part in local.values())
-    ]
-    if order in ("dmy", "mdy", "ymd"):
-        possible = [order] if all(_date(part, order) for part in local.values()) else []
-    if len(possible) == 2 and all(_iso(part, possible[0]) == _iso(part, possible[1]) for part in local.values()):
-        possible = possible[:1]
     first = next(iter(local))
-    if len(possible) > 1:
-        ways = " or ".join(_iso(local[first], candidate)[:10] for candidate in possible)
-        choices = [Diagnostic("dates-in-order", {"order": candidate}) for candidate in possible]
+    if len(by_order) > 1:
+        ways = " or ".join(dates[0][:10] for dates in by_order.values())
+        choices = [Diagnostic("dates-in-order", {"order": candidate}) for candidate in by_order]
         raise CommonlawError(
             "dates-ambiguous", where=table.source, column=name, first=first, ways=ways, choices=choices
         )
-    if not possible:
-        orders = [order] if order in ("dmy", "mdy", "ymd") else ["dmy", "mdy", "ymd"]
-        for row in np.flatnonzero(present):
-            part = local.get(cells[row])
-            if part is not None and not any(_date(part, candidate) for candidate in orders):
-                raise _no_date(table, name, int(row), f"a date{f' in the order {order}' if order else ''}")
+    if not by_order:
         raise CommonlawError("dates-without-order", where=table.source, column=name, first=first)
-    return np.array([_iso(local[cell], possible[0]) if cell in local else cell for cell in cells], dtype=object)
+    chosen = dict(zip(local, *by_order.values(), strict=True))
+    return np.array([chosen.get(cell, cell) for cell in cells], dtype=object)
 
 
-def _parts(cell: str) -> _Parts | None:
-    """Return the parts of a date that is not written as ISO 8601 does."""
-    if _ISO.fullmatch(cell):
+def _readings(cell: str, order: DateOrder | None) -> dict[str, str] | None:
+    """Return a date as ISO 8601 writes it, by the possible orders of its numbers; None if it needs none, or is none."""
+    if named := _NAMED.match(cell):
+        month = _MONTHS.index((named[2] or named[3]).casefold()) + 1
+        cell = f"{named[1] or named[4]}.{month}.{named[5]}{cell[named.end() :]}"
+    if _ISO.fullmatch(cell) or (match := _LOCAL.fullmatch(cell)) is None:
         return None
-    if match := _LOCAL.fullmatch(cell):
-        first, mark, second, third, *clock, offset = match.groups()[:10]
-        numbers = int(first), int(second), int(third)
-        orders: tuple[str, ...] = ("dmy",) if mark == "." else ("dmy", "mdy")
-        if len(first) > 2:
-            orders = ("ymd",)
-        elif mark == "-" and len(third) <= 2:
-            orders = ("dmy", "mdy", "ymd")
-        return _Parts(numbers, orders, _clock_text(clock, offset))
-    if match := _NAMED.fullmatch(cell):
-        month = (match[2] or match[3]).casefold()[:3]
-        if month not in _MONTHS:
-            return None
-        numbers = int(match[1] or match[4]), _MONTHS.index(month) + 1, int(match[5])
-        return _Parts(numbers, ("dmy",), _clock_text(match.groups()[5:10], match[11]))
-    return None
+    first, mark, second, third, hour, minute, seconds, fraction, half, offset, *_ = match.groups()
+    if order in ("dmy", "mdy", "ymd"):
+        orders: tuple[str, ...] = (order,)
+    elif len(first) > 2:
+        orders = ("ymd",)
+    elif mark == ".":
+        orders = ("dmy",)
+    else:
+        orders = ("dmy", "mdy", "ymd") if mark == "-" and len(third) <= 2 else ("dmy", "mdy")
+    rest = ""
+    if hour is not None:
+        rest = f"T{_hours(hour, half):02}:{minute}:{seconds or '00'}.{fraction or '0'}{(offset or '').strip()}"
+    result = dict[str, str]()
+    for candidate in orders:
+        year, month, day = (int((first, second, third)[candidate.index(letter)]) for letter in "ymd")
+        with suppress(ValueError):
+            # Two digits from 69 on are years of the twentieth century, as POSIX has it
+            result[candidate] = f"{date(year + (0 if year > 99 else 1900 if year >= 69 else 2000), month, day)}{rest}"
+    return result
 
 
-def _clock_text(clock: Sequence[str | None], offset: str | None) -> str:
-    hour, minute, second, fraction, half = clock
-    if hour is None:
-        return ""
-    hours = int(hour) % 12 + 12 * (half.casefold() == "p") if half else int(hour)
-    return f"T{hours:02}:{minute}:{second or '00'}.{fraction or '0'}{(offset or '').strip()}"
-
-
-def _date(parts: _Parts, order: str) -> date | None:
-    """Return the date that is meant in an order; None if there is no such."""
-    year, month, day = (parts.numbers[order.index(letter)] for letter in "ymd")
-    try:
-        # Two digits from 69 on are years of the twentieth century, as POSIX has it
-        return date(year + (0 if year > 99 else 1900 if year >= 69 else 2000), month, day)
-    except ValueError:
-        return None
-
-
-def _iso(parts: _Parts, order: str) -> str:
-    return f"{_date(parts, order)}{parts.rest}"
+def _hours(text: str, half: str | None) -> int:
+    """Return the hours since midnight, of a clock of twelve hours in a `half` of the day."""
+    return int(text) % 12 + 12 * (half.casefold() == "p") if half else int(text)
 
 
 def _cells(column: Column) -> tuple[Column, Bools]:
@@ -370,5 +344,5 @@ def _compact(values: Floats) -> tuple[Column, Bools] | None:
 
 def _is_date(cell: object) -> bool:
     if isinstance(cell, str):
-        return (_ISO.fullmatch(cell) or _DIGITS.fullmatch(cell)) is not None or _parts(cell) is not None
+        return (_ISO.fullmatch(cell) or _DIGITS.fullmatch(cell)) is not None or _readings(cell, None) is not None
     return isinstance(cell, date)
