@@ -471,8 +471,6 @@ def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:
     return result
 
 
-_DEFAULT = "value"
-"""Default name of the quantity in the columns."""
 _WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
 """Of a plate of up to 384 wells, after the name of what was measured or without it."""
 _NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
@@ -551,16 +549,16 @@ def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
         return ()
     return (
         f"{shown_columns(states)} are taken as states of one object; if each is an object of its own, read them with "
-        f"`wide={_DEFAULT!r}`, or the name of what was measured",
+        "`wide='value'`, or the name of what was measured",
     )
 
 
-def quantity(columns: Sequence[str], wide: bool | str) -> str:
-    """Return the name of the measured quantity, by default the common beginning of the names of wells."""
+def quantity(columns: Sequence[str], wide: bool | str | None) -> str:
+    """Return the name of the measured quantity, by default the common beginning of the names of wells, or "value"."""
     if isinstance(wide, str):
         return wide
     begins = {match[1] or "" if (match := _WELL.fullmatch(name)) else "" for name in columns}
-    return begins.pop().strip(" _-.:") or _DEFAULT if len(begins) == 1 else _DEFAULT
+    return (begins.pop().strip(" _-.:") if len(begins) == 1 else "") or "value"
 
 
 def shown_columns(names: Sequence[str]) -> str:

@@ -2,7 +2,7 @@
 
 import itertools
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -19,109 +19,62 @@ from commonlaw.trials.columns import Codes, Column, Table, column_of, with_numbe
 from commonlaw.trials.dates import Elapsed, elapsed, first_time, holds_dates, with_dates_as_times, years_of
 from commonlaw.trials.headers import joined_units, known_unit, label, split_header
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
-from commonlaw.trials.reading import Reading, Restarts, checked, notation_of
+from commonlaw.trials.reading import Reading, Restarts, WrittenReading, checked, notation_of
 from commonlaw.trials.recognition import input_values, quantity, shown_columns, unit_in_name
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 
-NOISE = " noise"
-"""What the name of a column of standard deviations has behind that of its state."""
 
+def _stacked(
+    table: Table, names: Sequence[str], repeated: Iterable[str], more: Mapping[str, Column]
+) -> tuple[Table, Codes]:
+    """Return a table with a row for each cell of some columns, one column below the other, and the rows of its cells.
 
-def long_table(
-    table: Table, time: str, columns: Sequence[str], noise: Mapping[str, str], wide: object
-) -> tuple[Table, str, Codes]:
-    """Return a table with a row for each sample of each object, the name of its state, and the row that each was in.
-
-    Given are the column of times; those of the objects, and of standard deviations by them, which go to the column
-    of the state's name and `NOISE`; and the name of the state. Rows ahead of the first time are conditions.
+    It has the `repeated` columns, and `more` of as many rows.
     """
-    if not isinstance(wide, bool | str) or not wide:
-        raise CommonlawError("wide-not-a-name", value=wide)
-    name, unit = split_header(quantity(columns, wide))
-    units = {table.units.get(column, "") for column in columns}
-    if not unit and len(units) > 1:
-        raise CommonlawError("wide-units", where=table.source, units=sorted(units))
-    unit = unit or next(iter(units), "")
-    repeated = [column for column in table.columns if column not in (time, *columns, *noise.values())]
-    if name in (time, *repeated, "object"):
-        raise CommonlawError("wide-name-taken", where=table.source, name=name)
-    if not columns:
-        raise CommonlawError("wide-without-objects", where=table.source)
-    first = first_time(table, time)
-    rows, count = np.arange(first, len(table)), len(columns)
-    measured = table.taken(rows)
-    made: dict[str, Column] = {"object": np.repeat(np.array(columns, dtype=object), len(rows))}
-    made |= {column: np.tile(measured.columns[column], count) for column in (time, *repeated)}
-    made[name] = np.concatenate([_quantified(measured, column) for column in columns])
-    if noise:
-        if without := [column for column in columns if column not in noise]:
-            raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
-        made[name + NOISE] = np.concatenate([measured.numbers(noise[column], missing=True) for column in columns])
-    conditions = {
-        label.strip(): column_of([table.columns[column][row] for column in columns])[0]
-        for row, label in enumerate(table.columns[time][:first])
-        if isinstance(label, str)
-    }
-    if twice := conditions.keys() & made.keys():
-        raise CommonlawError("wide-name-twice", where=table.source, name=min(twice))
-    made |= {key: np.repeat(values, len(rows)) for key, values in conditions.items()}
-    kept_units = {column: table.units[column] for column in (time, *repeated) if column in table.units}
-    long = replace(
-        measured,
-        columns=made,
-        units=kept_units | ({name: unit} if unit else {}),
-        loose=frozenset((table.loose - set(columns)) | conditions.keys()),
-        locate=lambda row: f"{measured.locate(row % len(rows))}, column {columns[row // len(rows)]!r}",
-        number=lambda row: measured.number(row % len(rows)),
-        parsed={},
+    rows = np.tile(np.arange(len(table)), len(names))
+    columns = {name: table.columns[name][rows] for name in repeated} | more
+    return (
+        replace(
+            table,
+            columns=columns,
+            units={name: unit for name, unit in table.units.items() if name in columns},
+            loose=table.loose & columns.keys(),
+            locate=lambda row: f"{table.locate(int(rows[row]))}, column {names[row // len(table)]!r}",
+            number=lambda row: table.number(int(rows[row])),
+            parsed={},
+        ),
+        rows,
     )
-    return long, name, np.tile(rows, count)
 
 
-_MIN_TIMES = 3
-"""Columns named by times from which on they are taken for such."""
-_VALUE, _TIME = "value", "time"
-"""Default names of the quantity in the columns, and of the time."""
-
-
-def times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] | None:
+def _times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] | None:
     """Return a table whose columns are times as a row for each cell, and the rows of these; None if they are not."""
     dates = [name for name in table.columns if holds_dates(np.array([name], dtype=object))]
-    years = years_of(table.columns) if len(dates) < _MIN_TIMES else {}
-    times = dates if len(dates) >= _MIN_TIMES else list(years)
+    years = years_of(table.columns) if len(dates) < 3 else {}
+    times = list(years) if len(dates) < 3 else dates
     others = [name for name in table.columns if name not in set(times)]
-    if len(times) < _MIN_TIMES or len(times) < len(others) or not all(map(table.is_numeric, times)):
+    if len(times) < max(3, len(others)) or not all(map(table.is_numeric, times)):
         return None
     words = [name for name in others if not table.is_numeric(name)]
     if years and not (words and all(here < there for here, there in pairwise(years.values()))):
         return None
     name, labels = _objects(table, words)
-    rows, state = np.repeat(np.arange(len(table)), len(times)), wide if isinstance(wide, str) else _VALUE
+    state, count = quantity((), wide), len(table)
     stamps = np.array([years.get(time, time) for time in times], dtype=np.float64 if years else object)
-    columns: dict[str, Column] = {name: labels[rows]}
-    columns |= {column: table.columns[column][rows] for column in others if column != name}
-    columns[_TIME] = np.tile(stamps, len(table))
-    columns[state] = np.column_stack([_quantified(table, time) for time in times]).ravel()
-    units = {key: unit for key, unit in table.units.items() if key in columns} | ({_TIME: "year"} if years else {})
+    more = {
+        name: np.tile(labels, len(times)),
+        "time": np.repeat(stamps, count),
+        state: np.concatenate([_quantified(table, time) for time in times]),
+    }
+    long, rows = _stacked(table, times, others, more)
     note = (
         f"{table.source}: the columns {times[0]} to {times[-1]} are times, and each row is an object, named by {name}: "
         f"{state} is what was measured"
     )
-    return (
-        replace(
-            table,
-            columns=columns,
-            units=units,
-            locate=lambda row: f"{table.locate(int(rows[row]))}, column {times[row % len(times)]!r}",
-            number=lambda row: table.number(int(rows[row])),
-            loose=table.loose & columns.keys(),
-            parsed={},
-            roles={**table.roles, "object": name, "time": _TIME, "states": [state]},
-            notes=(*table.notes, note),
-        ),
-        rows,
-    )
+    roles: WrittenReading = {**table.roles, "object": name, "time": "time", "states": [state]}
+    units = {**long.units, "time": "year"} if years else long.units
+    return replace(long, units=units, roles=roles, notes=(*table.notes, note)), rows
 
 
 def _objects(table: Table, words: Sequence[str]) -> tuple[str, Column]:
@@ -147,14 +100,6 @@ Cells = tuple[Floats, Floats, Floats, Floats, Floats]
 """Of all rows: times, shape (n,), states, inputs, standard deviations of the states and limits that they are below of,
 each of shape (n, columns)."""
 
-_RANDOM = 1.5
-"""Standard deviations from the number of times that rows in random order go back, beyond which they are in no such."""
-
-_MAX_MISPLACED_SHARE = 0.1
-"""Of the rows of a trial, those that may stand out of place without being asked about."""
-_HOLE = 1.5
-"""Median steps that times are apart between which a row is missing: more than one step, less than two."""
-
 
 @dataclass(frozen=True)
 class Group:
@@ -179,16 +124,6 @@ def read_cells(table: Table, schema: Schema) -> Cells:
         j = schema.states.index(state)
         noise[:, j] = table.deviations(name, np.isfinite(states[:, j]))
     return times, states, inputs, noise, np.column_stack([table.limits(name) for name in schema.states])
-
-
-def groups_of(owners: Codes, objects: Sequence[str], runs: Codes, labels: Sequence[str]) -> list[Group]:
-    """Return the rows of each object and label of a trial, in order of first appearance."""
-    codes, first, which = np.unique(owners * len(labels) + runs, return_index=True, return_inverse=True)
-    in_order = np.argsort(first)
-    rank = np.argsort(in_order)[which]
-    rows = np.split(np.argsort(rank, kind="stable"), np.cumsum(np.bincount(rank))[:-1])
-    names = ((objects[code // len(labels)], labels[code % len(labels)]) for code in codes[in_order])
-    return [Group(*name, row) for name, row in zip(names, rows, strict=True)]
 
 
 def trials_of(
@@ -269,14 +204,14 @@ def _refuse_restarts(table: Table, times: Floats, groups: Sequence[Group]) -> No
     """Refuse a table whose times go back, but not as in reverse or random order or by single rows.
 
     Of n rows in random order, (n - 1) / 2 have a time before the one above, with a variance of (n + 1) / 12 (Eulerian
-    numbers). All groups count together, as a table is shuffled as a whole.
+    numbers): within 1.5 standard deviations they are. All groups count together, as a table is shuffled as a whole.
     """
     wild = [(group, back) for group in groups if _is_out_of_order(times[group.rows], back := _back(times, group))]
     if not wild:
         return
     sizes = np.array([len(group.rows) for group, _ in wild])
     off = sum(len(back) for _, back in wild) - np.sum(sizes - 1) / 2
-    if abs(off) <= _RANDOM * np.sqrt(np.sum(sizes + 1) / 12):
+    if abs(off) <= 1.5 * np.sqrt(np.sum(sizes + 1) / 12):
         return
     group, back = wild[0]
     here, there = (int(group.rows[i]) for i in (back[0] - 1, back[0]))
@@ -295,10 +230,10 @@ def _refuse_restarts(table: Table, times: Floats, groups: Sequence[Group]) -> No
 
 
 def _is_out_of_order(times: Floats, back: Codes) -> bool:
-    """Say whether times go back, at these indices, not as in reverse nor by a few single rows that are out of place."""
+    """Say whether times go back, at these indices, not as in reverse nor by single rows, at most a tenth of them."""
     if not 0 < len(back) < len(times) - 1:
         return False
-    if len(back) > max(2, _MAX_MISPLACED_SHARE * len(times)):
+    if len(back) > max(2, 0.1 * len(times)):
         return True
     # Whether times can increase up to a row, if single rows before it, no two adjacent, are left out
     can = [True, True]
@@ -314,8 +249,8 @@ def _is_out_of_order(times: Floats, back: Codes) -> bool:
     late = np.setdiff1d(np.arange(len(times)), kept)
     rest = np.delete(times, late)
     steps = np.diff(rest, prepend=-np.inf, append=np.inf)
-    # Where a row is out of place, one is missing in another
-    return bool(np.any(steps[np.searchsorted(rest, times[late])] < _HOLE * np.median(np.diff(rest))))
+    # Where a row is out of place, one is missing in another: times are there apart by more than one step
+    return bool(np.any(steps[np.searchsorted(rest, times[late])] < 1.5 * np.median(np.diff(rest))))
 
 
 def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> Diagnostic:
@@ -417,7 +352,7 @@ def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, Co
     table, origin = with_numbers(table, notation_of(reading)), None
     if table.facts:
         table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))
-    if reading.get("time") not in table.columns and (across := times_across(table, reading.get("wide"))) is not None:
+    if reading.get("time") not in table.columns and (across := _times_across(table, reading.get("wide"))) is not None:
         table, origin = across
         reading = cast(Reading, {**table.roles, **reading, "wide": None})
     time = time_of(table, reading)
@@ -430,19 +365,49 @@ def _with_times(table: Table, roles: Reading, time: str) -> Table:
     return with_dates_as_times(table, time, roles.get("dates"), free_columns(table, roles))
 
 
-def _long_rows(table: Table, said: Reading, columns: ColumnRoles) -> Rows:
-    """Return the trials in a table that has a column for each object."""
+def _long_rows(table: Table, reading: Reading, columns: ColumnRoles) -> Rows:
+    """Return the trials in a table that has a column for each object; rows ahead of the first time are conditions."""
+    time, names, wide = columns.time, columns.states, columns.wide
     if columns.object is not None:
         raise CommonlawError("wide-with-object", where=table.source, column=columns.object)
-    long, state, origin = long_table(table, columns.time, columns.states, columns.noise_columns, columns.wide)
-    noise = {state: state + NOISE} if state + NOISE in long.columns else {}
+    if not isinstance(wide, bool | str):
+        raise CommonlawError("wide-not-a-name", value=wide)
+    state, unit = split_header(quantity(names, wide))
+    units = {table.units.get(name, "") for name in names}
+    if not unit and len(units) > 1:
+        raise CommonlawError("wide-units", where=table.source, units=sorted(units))
+    unit = unit or next(iter(units), "")
+    repeated = [name for name in table.columns if name not in (*names, *columns.noise_columns.values())]
+    if state in (*repeated, "object"):
+        raise CommonlawError("wide-name-taken", where=table.source, name=state)
+    if not names:
+        raise CommonlawError("wide-without-objects", where=table.source)
+    first = first_time(table, time)
+    measured = table.taken(np.arange(first, len(table)))
+    more = {"object": np.repeat(np.array(names, dtype=object), len(measured))}
+    more[state] = np.concatenate([_quantified(measured, name) for name in names])
+    noise = {state: f"{state} noise"} if columns.noise_columns else {}
+    if noise:
+        if without := [name for name in names if name not in columns.noise_columns]:
+            raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
+        deviations = [measured.numbers(columns.noise_columns[name], missing=True) for name in names]
+        more[noise[state]] = np.concatenate(deviations)
+    conditions = {
+        label.strip(): np.repeat(column_of([table.columns[name][row] for name in names])[0], len(measured))
+        for row, label in enumerate(table.columns[time][:first])
+        if isinstance(label, str)
+    }
+    if twice := conditions.keys() & {*repeated, *more}:
+        raise CommonlawError("wide-name-twice", where=table.source, name=min(twice))
+    long, origin = _stacked(measured, names, repeated, more | conditions)
+    units_of = {**long.units, state: unit} if unit else long.units
+    long = replace(long, units=units_of, loose=long.loose | conditions.keys())
     roles: Reading = {
-        **said, "object": "object", "time": columns.time, "states": [state], "inputs": columns.inputs,
-        "noise_columns": noise,
+        **reading, "object": "object", "time": time, "states": [state], "inputs": columns.inputs, "noise_columns": noise
     }  # fmt: skip
-    long = _with_times(long, roles, columns.time)
-    rows = _rows(long, roles, column_roles(long, roles, columns.time), columns).at(origin)
-    return replace(rows, data=rows.data._replace(schema=replace(rows.data.schema, wide=columns.states)))
+    long = _with_times(long, roles, time)
+    rows = _rows(long, roles, column_roles(long, roles, time), columns).at(origin)
+    return replace(rows, data=rows.data._replace(schema=replace(rows.data.schema, wide=names)))
 
 
 def read_rows(table: Table, roles: Reading) -> Rows:
@@ -455,6 +420,8 @@ def read_rows(table: Table, roles: Reading) -> Rows:
 
 def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles) -> Rows:
     """Return the trials in a table whose columns have these roles, of a long one those `shown` of a wide one."""
+    import pandas as pd
+
     if columns.object is not None and "object_name" in roles:
         raise CommonlawError("object-column-and-name", where=table.source, column=columns.object)
     owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or table.label)
@@ -477,7 +444,8 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     located = replace(
         table, locate=lambda row: f"{table.locate(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}"
     )
-    groups = groups_of(owners, objects, runs, labels)
+    by_label = pd.Series(np.arange(len(table))).groupby([owners, runs], sort=False)
+    groups = [Group(objects[owner], labels[run], rows.to_numpy()) for (owner, run), rows in by_label]
     cells = read_cells(located, schema)
     trials, row_indices, empty, notes = trials_of(
         table, cells, groups, roles.get("restarts"), named=columns.trial is not None
