@@ -15,15 +15,7 @@ from commonlaw.trials.trial import Schema, Trial, TrialData
 if TYPE_CHECKING:
     import pandas as pd
 
-_SHORT = 5  # samples; fewer leave nothing to judge a rate by
-_JITTER = 0.1  # of the median step
-_REGULAR = 0.075  # of the median step: 5 ms for video at 15 frames a second
-_MAX_IRREGULAR_SHARE = 0.25  # of the steps; where more are irregular, no frame is out of the ordinary
-_JUMP = 10.0  # robust standard deviations of second differences
-_ROUNDED = 1e-4  # of the median step
-_EVEN = 1e-9  # of the median step; what steps differ by less is rounding
-_MANY = 4  # cases that are summed up as one
-_UNEVEN = 2.0  # ratio of the numbers of samples of an object's longest and shortest trials
+_MIN_SAMPLES = 5  # fewer leave nothing to judge a rate by
 
 
 @dataclass(frozen=True)
@@ -91,7 +83,7 @@ class Report:
             kinds.setdefault(re.sub(r"^.*?: |(?<!\w)-?\d[\d.e+-]*", "", finding.text), []).append(finding)
         lines: dict[str, tuple[Finding, ...]] = {}
         for same in kinds.values():
-            if len(same) < _MANY:
+            if len(same) <= 3:
                 lines |= {finding.text: (finding,) for finding in same}
             else:
                 lines[f"in {len(same)} cases, such as {same[0]}"] = tuple(same)
@@ -136,7 +128,7 @@ def check(data: TrialData, tolerance: float | None) -> Report:
     uneven = [
         Finding(f"{name}: trials of very different lengths, {min(length)} to {max(length)} samples", name)
         for name, length in lengths.items()
-        if max(length) >= _UNEVEN * min(length)
+        if max(length) >= 2 * min(length)
     ]
     copies = [
         _in(trial, f"an exact copy of {before.label}, which adds no information")
@@ -160,7 +152,7 @@ def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> T
     if len(steps):
         median = float(np.median(steps))
         deviation = float(np.abs(steps - median).max())
-        deviation = deviation if deviation > _EVEN * median else 0.0
+        deviation = deviation if deviation > 1e-9 * median else 0.0  # Less is rounding
     measured = {name: column[~np.isnan(column)] for name, column in zip(names, trial.states.T, strict=True)}
     return TrialCheck(
         trial.object,
@@ -178,19 +170,20 @@ def _figures(trial: Trial, names: tuple[str, ...], tolerance: float | None) -> T
 
 def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | None) -> Iterator[Finding]:
     """Yield findings about a trial's length, steps and gaps."""
-    if row.samples < _SHORT:
+    if row.samples < _MIN_SAMPLES:
         yield _in(trial, f"very short, {row.samples} samples")
-    if row.clipped and np.mean(_irregular(trial.times, tolerance)) <= _MAX_IRREGULAR_SHARE:
+    # Where more than a quarter of the steps are irregular, no frame is out of the ordinary
+    if row.clipped and np.mean(_irregular(trial.times, tolerance)) <= 0.25:
         kept = row.samples - row.clipped
         text = f"irregular frame: `clip_irregular()` would keep {kept} of {row.samples} samples"
         yield _in(trial, text, kept, schema.time)
-    elif row.median_step and row.largest_deviation and row.largest_deviation > _JITTER * row.median_step:
+    elif row.median_step and row.largest_deviation and row.largest_deviation > 0.1 * row.median_step:
         off, usual = (f"{step:.3g}{_unit(schema, schema.time)}" for step in (row.largest_deviation, row.median_step))
         text = f"irregular sampling: steps are up to {off} off their median {usual}"
         late = int(np.argmax(np.abs(np.diff(trial.times) - row.median_step))) + 1
         yield _in(trial, text, late, schema.time)
     rounding = float(np.spacing(np.abs(trial.times).max()))
-    if row.median_step and rounding > _ROUNDED * row.median_step:
+    if row.median_step and rounding > 1e-4 * row.median_step:
         text = (
             f"times are rounded to {rounding:.2g}, {rounding / row.median_step:.2g} of a step, as they are so large: "
             "count them from the beginning of the trial"
@@ -224,7 +217,7 @@ def _jump(times: Floats, values: Floats) -> int | None:
     A jump is a second difference farther from the median of its neighbours than 10 robust standard deviations of all of
     them; where most are zero, than 10 of the smallest changes between samples.
     """
-    if len(values) < _SHORT:
+    if len(values) < _MIN_SAMPLES:
         return None
     slopes = np.diff(values) / np.diff(times) * np.median(np.diff(times))
     bends = np.diff(slopes)
@@ -235,7 +228,7 @@ def _jump(times: Floats, values: Floats) -> int | None:
     if deviation <= rounding:
         changes = np.abs(slopes)[np.abs(slopes) > rounding]
         deviation = changes.min(initial=np.inf)
-    wild = np.flatnonzero(distances > _JUMP * deviation)
+    wild = np.flatnonzero(distances > 10 * deviation)
     if not len(wild):
         return None
     before, after = np.abs(slopes[wild[0] : wild[0] + 2] - np.median(slopes))
@@ -246,7 +239,7 @@ def exact_copies(trials: Iterable[Trial]) -> tuple[tuple[Trial, Trial], ...]:
     """Return each trial, of five samples or more, that equals one before it to the last bit, and that one."""
     by_digest = dict[tuple[object, ...], Trial]()
     pairs = list[tuple[Trial, Trial]]()
-    for trial in (trial for trial in trials if len(trial) >= _SHORT):
+    for trial in (trial for trial in trials if len(trial) >= _MIN_SAMPLES):
         content = b"".join(values.tobytes() for values in (trial.times, trial.states, trial.inputs))
         before = by_digest.setdefault((trial.states.shape, hashlib.sha256(content).digest()), trial)
         if before is not trial:
@@ -258,7 +251,7 @@ def regular_length(times: Floats, tolerance: float | None) -> int:
     """Return the number of samples, from the first, that clipping at the last irregular frame keeps.
 
     With steps dt = diff(t), a frame i is irregular if abs(dt[i] - median(dt)) > tolerance, by default 7.5 % of the
-    median.
+    median: 5 ms for video at 15 frames a second.
     """
     irregular = np.flatnonzero(_irregular(times, tolerance))
     return int(irregular[-1]) + 1 if len(irregular) else len(times)
@@ -267,4 +260,4 @@ def regular_length(times: Floats, tolerance: float | None) -> int:
 def _irregular(times: Floats, tolerance: float | None) -> Bools:
     steps = np.diff(times)
     median = np.median(steps) if len(steps) else 0.0
-    return np.asarray(np.abs(steps - median) > (_REGULAR * median if tolerance is None else tolerance))
+    return np.asarray(np.abs(steps - median) > (0.075 * median if tolerance is None else tolerance))

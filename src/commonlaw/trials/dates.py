@@ -40,12 +40,9 @@ _DURATION = re.compile(
 """1:30:00, 26:10:05.25, 1 day 2:10:05, 1:30:00 PM; and 1:30, which may be hours or minutes."""
 _MINUTES = re.compile(r"(-)?()()(\d+):([0-5]\d)[.,](\d+)()", re.ASCII)
 """1:30.5: minutes and seconds, as spreadsheets show them."""
-_HALF_A_DAY, _DAY = 43_200.0, 86_400.0
+_DAY = 86_400.0
+"""Seconds."""
 
-_EPOCHS: dict[Literal["s", "ms", "us", "ns"], float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Seconds of the units in which computers count the time since 1970."""
-_EPOCH_YEARS = 946_684_800.0, 4_102_444_800.0
-"""Seconds since 1970 of the years 2000 and 2100, between which such a count is taken for a date."""
 _EPOCH_NAME = re.compile("time|date|stamp|epoch|unix|utc|zeit", re.IGNORECASE)
 
 
@@ -86,7 +83,7 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
     elif is_clock(column):
         values = _durations(table, name, order)
         kept = np.flatnonzero(np.isfinite(values))
-        after_midnight = np.cumsum(np.diff(values[kept], prepend=-np.inf) < -_HALF_A_DAY)
+        after_midnight = np.cumsum(np.diff(values[kept], prepend=-np.inf) < -_DAY / 2)
         note = f"{name}: taken as time in seconds since 0:00:00"
         if len(kept) and after_midnight[-1] and np.max(values[kept]) < _DAY:
             values[kept] += _DAY * after_midnight
@@ -205,9 +202,11 @@ def _epochs(table: Table, name: str) -> "pd.Series[Any] | None":
     except CommonlawError:  # A cell that is no number is for the reader of times to refuse
         return None
     kept = values[np.isfinite(values)]
-    for unit, scale in _EPOCHS.items():
+    units: dict[Literal["s", "ms", "us", "ns"], float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    first, last = (pd.Timestamp(year, 1, 1).timestamp() for year in (2000, 2100))
+    for unit, scale in units.items():
         is_known = table.units.get(name, unit) in (unit, unit.replace("us", "µs"))
-        if is_known and len(kept) and _EPOCH_YEARS[0] <= kept.min() * scale and kept.max() * scale < _EPOCH_YEARS[1]:
+        if is_known and len(kept) and first <= kept.min() * scale and kept.max() * scale < last:
             return pd.Series(pd.Timestamp(0, tz="UTC") + pd.to_timedelta(values, unit=unit))
     return None
 

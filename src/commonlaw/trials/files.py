@@ -50,9 +50,6 @@ if TYPE_CHECKING:
 _ENDINGS = frozenset([".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".xlsx", ".xls", ".ods", ".gz", ".bz2", ".xz"])
 """Of files of tables in a folder."""
 
-_SECONDS = 30
-"""What reading a workbook may take."""
-
 Rows = list[tuple[int, list[Any]]]
 """Numbers, from the header's, and cells of rows that are not empty."""
 
@@ -63,13 +60,14 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
     The rows of sheets stand below each other; several sheets without a column ``object`` are an object each.
     """
     optional_import("python_calamine", "reading workbooks", "excel")
+    seconds = 30  # What reading may take
     # With -P Python does not import what lies in the working folder
     command = [sys.executable, "-P", str(Path(workbook_process.__file__))]
     try:
         with put_away_first() as ending, ending.waiting():
-            done = subprocess.run(command, input=content, capture_output=True, timeout=_SECONDS)
+            done = subprocess.run(command, input=content, capture_output=True, timeout=seconds)
     except subprocess.TimeoutExpired:
-        raise CommonlawError("workbook-too-slow", source=source, seconds=_SECONDS) from None
+        raise CommonlawError("workbook-too-slow", source=source, seconds=seconds) from None
     if done.returncode == workbook_process.NO_WORKBOOK:
         reason = done.stderr.decode(errors="replace").strip()
         raise CommonlawError("workbook-damaged", source=source, reason=reason)
@@ -88,10 +86,13 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
         shown = "; ".join(f"{name!r} ({header})" for name, header in headers.items())
         raise CommonlawError("workbook-sheets", where=source, sheets=shown)
     many, header = len(chosen) > 1, max((rows[0][1] for rows in chosen.values()), key=len)
-    titles = [str(cell) for cell in header]
-    below_header = {name: _unit_row(rows) for name, (_, *rows) in chosen.items()}
-    titles = headers_with_units(titles, max((units for units, _ in below_header.values()), key=len))
-    listed = [(name, *row) for name, (_, rows) in below_header.items() for row in rows]
+    units, listed = list[str](), list[tuple[str, int, list[Any]]]()
+    for name, (_, *rows) in chosen.items():
+        first = [str(cell) for cell in rows[0][1]] if rows else []
+        if are_units(first):
+            units, rows = max(units, first, key=len), rows[1:]
+        listed += [(name, *row) for row in rows]
+    titles = headers_with_units([str(cell) for cell in header], units)
     cells = [[None if cell == "" else cell for cell in row] + [None] * (len(header) - len(row)) for *_, row in listed]
     made = [column_of([row[i] for row in cells]) for i in range(len(header))]
     columns, loose = [column for column, _ in made], [i for i, (_, is_mixed) in enumerate(made) if is_mixed]
@@ -103,12 +104,6 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
         return f"row {number}" + f" of sheet {name!r}" * many
 
     return filled_table(source, titles, columns, loose=loose, locate=locate, number=lambda row: listed[row][1])
-
-
-def _unit_row(rows: Rows) -> tuple[list[str], Rows]:
-    """Return the units in the first of these rows, and the rows without it; no units if it holds none."""
-    first = [str(cell) for cell in rows[0][1]] if rows else []
-    return (first, rows[1:]) if are_units(first) else ([], rows)
 
 
 TablePath = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]

@@ -14,9 +14,6 @@ from commonlaw.trials.files import read_table
 from commonlaw.trials.headers import label
 from commonlaw.trials.trial import Property, property_names
 
-_MAX_MISTAKEN_SHARE = 0.1
-"""Of an object's rows, those that may be mistaken in a column that is a property."""
-
 
 @dataclass(frozen=True)
 class Properties:
@@ -84,13 +81,13 @@ def constant_columns(table: Table, names: Sequence[str], codes: Codes, *, others
 
 
 def _refuse_nearly_constant(table: Table, name: str, cells: Floats, codes: Codes) -> None:
-    """Refuse a column that is constant for at least half of the objects, and but for a few rows for the others."""
+    """Refuse a column that is constant for at least half of the objects, and but for a tenth of the rows of others."""
     values = np.unique(cells, return_inverse=True)[1]
     pairs, which, counts = np.unique(codes * len(cells) + values, return_inverse=True, return_counts=True)
     sizes, most = np.bincount(codes), np.zeros(codes.max() + 1, dtype=np.int64)
     np.maximum.at(most, pairs // len(cells), counts)
     odd = sizes - most
-    few = (odd < most) & (odd <= np.maximum(1, _MAX_MISTAKEN_SHARE * sizes))
+    few = (odd < most) & (odd <= np.maximum(1, 0.1 * sizes))
     row = int(np.argmax(counts[which] < most[codes]))
     usual = cells[(codes == codes[row]) & (counts[which] == most[codes[row]])][0]
     if not few.all() or 2 * np.sum(odd > 0) > len(odd) or np.isnan(usual):

@@ -206,8 +206,6 @@ def _above(rows: Sequence[Row]) -> list[str]:
     return [f"left out above the header: {shown(texts)}"] if texts else []
 
 
-_SAMPLE = 200_000
-"""Characters at the beginning of a file by which its layout is found."""
 _MISSING = ["NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
 """Words that are no text, unless they are in quotes."""
 _QUOTED_MISSING = re.compile(r'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
@@ -326,9 +324,10 @@ def _separators(text: str) -> _Separators:
     return ways[counts.index(best)] if best[0] else _Separators(",")
 
 
-def _sample(text: str) -> str:
-    end = text.rfind("\n", 0, _SAMPLE)
-    return text if len(text) <= _SAMPLE or end < 0 else text[:end]
+def _sample(text: str, length: int = 200_000) -> str:
+    """Return the lines at the beginning of a file by which its layout is found."""
+    end = text.rfind("\n", 0, length)
+    return text if len(text) <= length or end < 0 else text[:end]
 
 
 def _read(source: str, text: str, delimiter: str, before: int = 0) -> Iterator[Row]:

@@ -357,11 +357,8 @@ def without_notes_on(doses: Sequence[str], trials: Trials) -> Trials:
     return replace(trials, notes=tuple(note for note in trials.notes if note not in answered))
 
 
-_DIFFERENCES = 10
+_MIN_DIFFERENCES = 10
 """Differences of neighbouring samples by which a state at rest is known."""
-
-_SHARE = 0.01
-"""Share of the mean variance of all objects below which that of one does not count in a law common to all."""
 
 
 def objects_at_rest(trials: Trials) -> tuple[str, ...]:
@@ -381,10 +378,10 @@ def objects_at_rest(trials: Trials) -> tuple[str, ...]:
         count[o], differences[o], deviations[o] = np.sum(sums, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = deviations / count
-    counted = np.where(count >= _DIFFERENCES, variance, np.nan)
+    counted = np.where(count >= _MIN_DIFFERENCES, variance, np.nan)
     if np.isnan(counted).all(axis=0).any():
         return ()
-    is_small = variance < _SHARE * np.nanmean(counted, axis=0)
+    is_small = variance < 0.01 * np.nanmean(counted, axis=0)
     at_rest = (_is_white(count, differences, deviations) & is_small).all(axis=1) & ~driven
     return tuple(name for name, rests in zip(names, at_rest, strict=True) if rests)
 
@@ -439,7 +436,7 @@ def _is_white(count: Floats, differences: Floats, deviations: Floats) -> Bools:
     """Return where the ratio of von Neumann is that of white noise."""
     with np.errstate(divide="ignore", invalid="ignore"):
         is_noise = differences >= (2 - 4 / np.sqrt(count)) * deviations
-    return np.asarray((count >= _DIFFERENCES) & is_noise)
+    return np.asarray((count >= _MIN_DIFFERENCES) & is_noise)
 
 
 def without_objects(trials: Trials, names: tuple[str, ...]) -> Trials:
