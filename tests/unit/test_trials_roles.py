@@ -150,6 +150,31 @@ def test_a_time_that_is_called_like_a_unit_has_it():
     assert Trials.from_frame(frame.rename(columns={"hours": "age"})).schema.units == {}
 
 
+@pytest.mark.parametrize(
+    ("names", "units"),
+    [
+        (["x_mm", "y_mm"], {"x_mm": "mm", "y_mm": "mm"}),
+        (["temp_C", "mass_g"], {"temp_C": "degC", "mass_g": "g"}),
+        (["voltage_V", "current_A"], {"voltage_V": "V", "current_A": "A"}),
+        (["outdoor air temperature_K", "speed_m_s"], {"outdoor air temperature_K": "K", "speed_m_s": "m/s"}),
+        (["V_m", "T_s", "T_C", "E_g", "k_B", "v_m", "x_m", "m_s", "I_A", "pop_h"], {}),
+        (["x_cm", "pos_cm", "x_in", "x_bar", "x_min", "x_max", "x_ref"], {}),
+        (["temp_in", "pressure_at", "mass_t", "speed_c", "temp_s", "mass_m", "voltage_A", "light_V"], {}),
+        (["temp_A", "Temp_B", "temp_C"], {}),
+        (["current_A", "current_B"], {}),
+        (["mass_g", "mass_kg"], {}),
+        (["temp_C", "temp_C_sd"], {"temp_C": "degC"}),
+    ],
+)
+def test_names_of_quantities_may_end_in_units_and_other_names_do_not(names, units):
+    trials = Trials.from_frame(stacked([{}], **dict.fromkeys(names, decay)), inputs=[])
+    assert dict(trials.schema.units) == units
+    assert set(trials.schema.states) | {*trials.schema.noise_columns.values()} == set(names)
+    assert any("units read from names" in note for note in trials.notes) == bool(units)
+    chosen = dict.fromkeys(trials.schema.states, "")
+    assert not Trials.from_frame(stacked([{}], **dict.fromkeys(names, decay)), inputs=[], units=chosen).schema.units
+
+
 def test_of_two_times_the_user_is_asked_and_another_clock_is_no_state():
     frame = pd.DataFrame({"minutes": T, "seconds": 60 * T, "x": np.exp(-T)})
     with refused("time-ambiguous"):

@@ -3,6 +3,7 @@
 import re
 import unicodedata
 from collections.abc import Sequence
+from itertools import product
 from math import comb
 from typing import Any
 
@@ -61,20 +62,6 @@ _ROW_NUMBER = _vocabulary("no nr number index row record line obs observation po
 _OF_TIME = {"[time]": 1.0}
 _CLOCK = re.compile(r"\W*\d[\d\W_]*(T\d[\d\W]*Z?)?([ap]m)?\W*", re.IGNORECASE)
 """What may be a date or a time of day."""
-_ORDERS = range(2, 9)
-"""Of differences between neighbours, by which noise is estimated."""
-_WHITE = slice(2, None)
-"""Those of 4 to 8, which leave nothing of a course that the samples resolve."""
-_EVEN = 1.5
-"""By how much estimates of white noise from these differ at most."""
-_DIGITS = 300
-"""Last digits in the range of a smooth waveform: fewer are the steps of a coarse sensor."""
-_EXACT = 1e-5
-"""Noise, as a share of the range, below that of instruments: the differences of a computed waveform are as small."""
-_FEWEST_EVEN, _ROUNDED = 5, 10
-"""Rows that show equal steps, and last digits in a step that may be rounded."""
-_ROUNDING = 1e-3
-"""Of a last digit, what binary numbers may be off."""
 
 
 def words(name: str) -> list[str]:
@@ -156,6 +143,40 @@ def unit_in_name(time: str) -> dict[str, str]:
     return {time: f"{unit:~}"} if unit is not None and dict(unit.dimensionality) == _OF_TIME else {}
 
 
+_SUFFIXES = {
+    "pos position displacement": "nm um mm m km",
+    "x y z": "mm km",
+    "height altitude depth length width distance radius diameter": "nm um mm cm m km",
+    "speed velocity vel": "mm_s cm_s m_s km_h",
+    "mass weight": "mg g kg",
+    "temp temperature": "C degC F degF K",
+    "voltage": "uV mV V kV",
+    "current": "nA uA mA A",
+    "pressure": "Pa hPa kPa MPa mbar bar",
+    "force": "mN N kN",
+    "power": "mW W kW",
+    "angle": "rad deg",
+}
+"""Units at the end of names, by quantities. The cm of a position may be its centre of mass, and x_m any x of an m."""
+
+
+def units_in_names(names: Sequence[str]) -> dict[str, str]:
+    """Return the units that names of quantities end in, by the name; where others begin alike, the end is an index.
+
+    >>> units_in_names(["water temp_C", "x_mm", "speed_m_s", "V_m", "y_cm", "current_A", "current_B", "mass_g_sd"])
+    {'x_mm': 'mm', 'speed_m_s': 'm/s', 'water temp_C': 'degC'}
+    """
+    result = dict[str, str]()
+    for name, (quantities, suffixes) in product(names, _SUFFIXES.items()):
+        for suffix in suffixes.split():
+            stem = name.removesuffix(f"_{suffix}")
+            folded = [column.casefold() for column in names if not column.startswith(name)]
+            alike = [column for column in folded if column.startswith(f"{stem}_".casefold())]
+            if stem != name and not alike and not {*words(stem)[-1:]}.isdisjoint(quantities.split()):
+                result[name] = {"C": "degC", "F": "degF"}.get(suffix, suffix.replace("_", "/"))
+    return result
+
+
 def _rises(table: Table, name: str) -> bool:
     """Say whether values go up at least twice as often as down, as times do even in trials of three samples."""
     if not table.is_numeric(name):
@@ -166,7 +187,7 @@ def _rises(table: Table, name: str) -> bool:
 
 def _is_even(table: Table, name: str, names: Sequence[str]) -> bool:
     """Say whether a column goes up by equal steps, to its last digit, as sampled times do and measurements do not."""
-    if not table.is_numeric(name) or len(table) < _FEWEST_EVEN or is_called(name, _ROW_NUMBER):
+    if not table.is_numeric(name) or len(table) < 5 or is_called(name, _ROW_NUMBER):
         return False
     values = readable(table, name)
     begins = np.flatnonzero(np.append(True, np.diff(values) <= 0))
@@ -176,8 +197,8 @@ def _is_even(table: Table, name: str, names: Sequence[str]) -> bool:
     longest = begins[np.argmax(lengths)], begins[np.argmax(lengths)] + max(lengths) - 1
     step, digit = np.ptp(values[[*longest]]) / (max(lengths) - 1), last_digit(values)
     lines = np.repeat(values[begins], lengths) + step * (np.arange(len(values)) - np.repeat(begins, lengths))
-    rounding = digit if step > _ROUNDED * digit else 0.0
-    if (np.abs(values - lines) > rounding + _EXACT * step).any():
+    rounding = digit if step > 10 * digit else 0.0
+    if (np.abs(values - lines) > rounding + 1e-5 * step).any():
         return False
     others = [column for column in names if column != name and table.is_numeric(column)]
     is_count = bool(step == 1 and values[0] in (0, 1))
@@ -364,8 +385,8 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     spans = {name: float(np.ptp(values)) or 1.0 if len(values) else 1.0 for name, values in known.items()}
     digits = {name: last_digit(values) / spans[name] for name, values in cells.items()}
     noise = {name: _noise(values, trials) / spans[name] for name, values in cells.items()}
-    # Estimates of white noise are alike by all orders of differences
-    white = [name for name in names if noise[name][_WHITE].max() < _EVEN * noise[name][_WHITE].min()]
+    # Estimates of white noise are alike by all orders of differences that leave nothing of a course
+    white = [name for name in names if noise[name][2:].max() < 1.5 * noise[name][2:].min()]
     reasons = dict[str, str]()
     for name, values in cells.items():
         runs, others = [values[rows] for rows in trials], [column for column in names if column != name]
@@ -381,8 +402,8 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
         elif any(np.isfinite(cells[column]).all() for column in others) and len({*courses}) < len(courses):
             reasons[name] = "the same in several trials"
         elif (
-            0 < digits[name] < 1 / _DIGITS
-            and noise[name].min() < max(digits[name], _EXACT)
+            0 < digits[name] < 1 / 300  # Fewer are the steps of a coarse sensor
+            and noise[name].min() < max(digits[name], 1e-5)  # Less than that of instruments
             and any(
                 noise[column].min() > 3 * max(digits[column], noise[name].min()) for column in white if column != name
             )
@@ -451,19 +472,19 @@ def last_digit(values: Floats) -> float:
     first = int(np.floor(np.log10(largest)))
     for place in range(first, first - 12, -1):
         scaled = finite / 10.0**place
-        if (np.abs(scaled - np.round(scaled)) < _ROUNDING).all():
+        if (np.abs(scaled - np.round(scaled)) < 1e-3).all():
             return float(10.0**place)
     return 0.0
 
 
 def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:
-    """Return the standard deviation of noise of evenly spaced values by each order of differences of neighbours.
+    """Return the standard deviation of noise of evenly spaced values by differences of neighbours of orders 2 to 8.
 
     The difference of order m of white noise of variance s^2 has variance (2m choose m) s^2; of a smooth course high
     orders leave least (Gasser, Sroka and Jennen-Steinmetz 1986). Infinite where there are too few samples.
     """
-    result = np.full(len(_ORDERS), np.inf)
-    for i, order in enumerate(_ORDERS):
+    result = np.full(7, np.inf)
+    for i, order in enumerate(range(2, 9)):
         parts = np.concatenate([np.diff(values[rows], order) for rows in trials])
         parts = parts[np.isfinite(parts)]
         if len(parts) > order:

@@ -20,7 +20,7 @@ from commonlaw.trials.dates import Elapsed, elapsed, first_time, holds_dates, wi
 from commonlaw.trials.headers import joined_units, known_unit, label, split_header
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
 from commonlaw.trials.reading import Reading, Restarts, WrittenReading, checked, notation_of
-from commonlaw.trials.recognition import input_values, quantity, shown_columns, unit_in_name
+from commonlaw.trials.recognition import input_values, quantity, shown_columns, unit_in_name, units_in_names
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 
@@ -431,8 +431,10 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     else:
         known = column_properties(table, columns.properties, owners, objects)
     names = [columns.time, *columns.states, *columns.inputs, *columns.noise_columns.values()]
-    headers = {**unit_in_name(columns.time), **table.units, **known.units}
+    ends = {name: unit for name, unit in units_in_names([*table.columns]).items() if name not in table.units}
+    headers = {**unit_in_name(columns.time), **table.units, **ends, **known.units}
     units = joined_units(headers, roles.get("units"), [*table.columns, *known.names], [*names, *known.names])
+    read = [f"{name} [{unit}]" for name, unit in ends.items() if units.get(name) == unit]
     for state, name in columns.noise_columns.items():
         if state in units and name in units and known_unit(units[state]) != known_unit(units[name]):
             unit, state_unit = units[name], units[state]
@@ -445,12 +447,14 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
         table, locate=lambda row: f"{table.locate(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}"
     )
     by_label = pd.Series(np.arange(len(table))).groupby([owners, runs], sort=False)
-    groups = [Group(objects[owner], labels[run], rows.to_numpy()) for (owner, run), rows in by_label]
+    parts = [rows.to_numpy() for _, rows in by_label]
+    groups = [Group(objects[owners[rows[0]]], labels[runs[rows[0]]], rows) for rows in parts]
     cells = read_cells(located, schema)
     trials, row_indices, empty, notes = trials_of(
         table, cells, groups, roles.get("restarts"), named=columns.trial is not None
     )
     shown = replace(shown, properties=columns.properties, notes=tuple(dict.fromkeys((*shown.notes, *columns.notes))))
+    notes += [f"units read from names: {', '.join(read)}"] if read else []
     remarks = (*table.notes, *spelled, *spelled_runs, *shown.lines, *known.notes, *notes)
     nameless = columns.object is None and "object_name" not in roles
     data = TrialData(tuple(trials), schema, known.values, remarks, nameless)
