@@ -33,7 +33,7 @@ def _stacked(
     It has the `repeated` columns, and `more` of as many rows.
     """
     rows = np.tile(np.arange(len(table)), len(names))
-    columns = {name: table.columns[name][rows] for name in repeated} | more
+    columns = {**{name: table.columns[name][rows] for name in repeated}, **more}
     return (
         replace(
             table,
