@@ -1,14 +1,11 @@
 """Integration by LSODA (Petzold 1983) of SciPy, for stiff and nonstiff problems, and any function of the states.
 
-Sensitivities S solve the linear variational equations ``S' = J S + df/dp`` along a trajectory, by Radau IIA of order 5
-(Hairer and Wanner 1996, Solving Ordinary Differential Equations II, table IV.5.6), which is stable for stiff laws, for
-all steps at once; steps are halved until the two halves agree with the whole.
+Sensitivities S solve the variational equations ``S' = J S + df/dp`` together with the states.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import LSODA, DenseOutput, OdeSolution
@@ -28,123 +25,8 @@ from commonlaw.integration.problem import (
     state_scale,
     step_limit,
 )
+from commonlaw.integration.vector_field import VectorField
 from commonlaw.runtime.packages import quiet
-
-_ROOT, _ROUNDS = np.sqrt(6), 20
-_NODES = np.array([(4 - _ROOT) / 10, (4 + _ROOT) / 10, 1.0])
-_WEIGHTS = np.array(
-    [
-        [(88 - 7 * _ROOT) / 360, (296 - 169 * _ROOT) / 1800, (-2 + 3 * _ROOT) / 225],
-        [(296 + 169 * _ROOT) / 1800, (88 + 7 * _ROOT) / 360, (-2 - 3 * _ROOT) / 225],
-        [(16 - _ROOT) / 36, (16 + _ROOT) / 36, 1 / 9],
-    ]
-)
-
-
-class _Steps(NamedTuple):
-    """Affine maps ``S -> by_states S + added`` of sensitivities over steps from `starts` to `ends`, shape (m,).
-
-    `by_states` has shape (m, D, D), `added` (m, D, p). They are composed of two halves; `off_by_states` and `off_added`
-    are the differences to one step, the error estimate.
-    """
-
-    starts: Floats
-    ends: Floats
-    by_states: Floats
-    added: Floats
-    off_by_states: Floats
-    off_added: Floats
-
-
-def sensitivities(
-    problem: InitialValueProblem, path: Callable[[Floats], Floats], knots: Floats, reached: int, tolerance: float
-) -> Floats:
-    """Return derivatives of the states by parameters and then by the initial states, shape (n, D, p + D).
-
-    The path is what was integrated: from times, shape (m,), to states, (m, D), a few steps of the integrator between
-    the knots, shape (k,). It reached so many of the n times; derivatives are NaN after these. The tolerance is the
-    relative error of a step.
-    """
-    times, width, size = problem.times[:reached], len(problem.initial), len(problem.field.parameters)
-    slopes = np.full((len(problem.times), width, size + width), np.nan)
-    slopes[0] = np.eye(width, size + width, size)
-    if reached == 1:
-        return slopes
-    edges = np.unique(np.concatenate([times, problem.stops, knots]))
-    edges = edges[(edges >= times[0]) & (edges <= times[-1])]
-    # Relative to the sizes of states and parameters
-    sizes = np.abs(problem.field.parameters) / (np.max(np.abs(problem.initial)) or 1.0)
-    scale = np.concatenate([np.where(sizes == 0, 1.0, sizes), np.ones(width)])
-    steps = _halved(problem, path, edges[:-1], edges[1:])
-    for round_ in range(_ROUNDS + 1):
-        path_slopes = _along(steps, slopes[0])
-        with np.errstate(all="ignore"):  # Steps with an error above the tolerance
-            residuals = steps.off_by_states @ path_slopes[:-1]
-            residuals[:, :, :size] += steps.off_added
-            error, after = (np.abs(array).max(axis=1) * scale for array in (residuals, path_slopes[1:]))
-            coarse = (error > tolerance * np.maximum(1.0, after)).any(axis=1)
-        if not coarse.any() or round_ == _ROUNDS or len(coarse) > 300_000:
-            break
-        starts, ends = steps.starts[coarse], steps.ends[coarse]
-        middles = (starts + ends) / 2
-        finer = _halved(problem, path, np.concatenate([starts, middles]), np.concatenate([middles, ends]))
-        order = np.argsort(np.concatenate([steps.starts[~coarse], finer.starts]))
-        pairs = zip(steps, finer, strict=True)
-        steps = _Steps(*(np.concatenate([old[~coarse], new])[order] for old, new in pairs))
-    slopes[1:reached] = path_slopes[1:][np.searchsorted(steps.ends, times[1:])]
-    return slopes
-
-
-def _along(steps: _Steps, first: Floats) -> Floats:
-    """Return the first sensitivities, shape (D, p + D), and those after each of m steps, shape (m + 1, D, p + D)."""
-    slopes, size = np.empty((len(steps.starts) + 1, *first.shape)), steps.added.shape[2]
-    slopes[0] = first
-    with np.errstate(all="ignore"):
-        for k, (by_states, added) in enumerate(zip(steps.by_states, steps.added, strict=True), 1):
-            np.matmul(by_states, slopes[k - 1], out=slopes[k])
-            slopes[k, :, :size] += added
-    return slopes
-
-
-def _halved(problem: InitialValueProblem, path: Callable[[Floats], Floats], starts: Floats, ends: Floats) -> _Steps:
-    """Return steps between times, each composed of two halves."""
-    parts, together = [], 20_000  # More would fill memory
-    for first in range(0, len(starts), together):
-        some, until = starts[first : first + together], ends[first : first + together]
-        middles = (some + until) / 2
-        spans = (some, middles), (middles, until), (some, until)
-        (first_half, more), (right, last), (whole, added) = (_radau(problem, path, *span) for span in spans)
-        with np.errstate(all="ignore"):
-            halves = right @ first_half, right @ more + last
-            parts.append((*halves, whole - halves[0], added - halves[1]))
-    return _Steps(starts, ends, *(np.concatenate(blocks) for blocks in zip(*parts, strict=True)))
-
-
-def _radau(
-    problem: InitialValueProblem, path: Callable[[Floats], Floats], starts: Floats, ends: Floats
-) -> tuple[Floats, Floats]:
-    """Return the affine maps of single Radau steps, without knots of inputs in between."""
-    field, count, lengths = problem.field, len(starts), (ends - starts)[:, np.newaxis]
-    # At the end itself the inputs are those before it
-    times = np.minimum(starts[:, np.newaxis] + lengths * _NODES, np.nextafter(ends, starts)[:, np.newaxis]).ravel()
-    inputs = np.empty((len(times), 0)) if field.inputs is None else field.inputs.at(times)
-    with np.errstate(all="ignore"):
-        _, by_states, by_parameters = field.linearize(np.column_stack([path(times), inputs, times]))
-        width, nodes = by_states.shape[1], len(_NODES)
-        shares = lengths[:, :, np.newaxis] * _WEIGHTS
-        slopes = by_states.reshape(count, nodes, width, width)
-        pushes = by_parameters.reshape(count, nodes, width, -1)
-        matrix = np.eye(nodes * width) - np.einsum("mij,mjab->miajb", shares, slopes).reshape(count, nodes * width, -1)
-        pushed = np.einsum("mij,mjap->miap", shares, pushes).reshape(count, nodes * width, -1)
-        unit = np.broadcast_to(np.tile(np.eye(width), (nodes, 1)), (count, nodes * width, width))
-        matrix[~np.isfinite(matrix).all(axis=(1, 2))] = np.nan
-        columns = np.concatenate([unit, pushed], axis=2)
-        try:
-            solved = np.linalg.solve(matrix, columns)[:, -width:]
-        except np.linalg.LinAlgError:
-            solved = (np.linalg.pinv(np.nan_to_num(matrix)) @ columns)[:, -width:]
-    return solved[:, :, :width], solved[:, :, width:]
-
 
 _STALLED_STEPS, _STALLED_SHARE = 5000, 1e-6
 """Number of steps that must cover at least this share of the time span; else the integration ends."""
@@ -159,24 +41,28 @@ class LsodaIntegrator(AbstractIntegrator):
     options: OutputOptions
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        """Return the trajectory of a problem; sensitivities solve the variational equations along it."""
-        options, vector_field, search = self.options, problem.field, None
+        """Return the trajectory of a problem."""
+        options, vector_field, start, search = self.options, problem.field, problem.initial, None
         if options.events:
             functions = EventFunctions(options.events, vector_field)
-            first = functions.at_start(problem.start, problem.initial, float(np.ptp(problem.times)))
+            first = functions.at_start(problem.start, start, float(np.ptp(problem.times)))
             search = _EventSearch(functions, problem.start, first)
-        rhs, dense = RightHandSide(vector_field, vector_field.jacobian), options.dense or options.sensitivities
-        arguments = problem.initial, problem.times, options.tolerance, problem.where, search, dense, problem.stops
-        result = solve(rhs, *arguments, options.limit)
+        rhs, width = RightHandSide(vector_field, vector_field.jacobian), len(start)
+        # Sensitivities are multiplied with these, so that they have the size of the states
+        size = np.max(np.abs(start)) or 1.0
+        scale = np.append(np.abs(vector_field.parameters), np.full(width, size))
+        scale[scale == 0] = size
+        if options.sensitivities:
+            rhs = _with_sensitivities(vector_field, scale)
+            start = np.concatenate([start, np.eye(width, len(scale), len(scale) - width).T.ravel() * size])
+        arguments = rhs, start, problem.times, options.tolerance, problem.where, width
+        result = solve(*arguments, search, options.dense, problem.stops, options.limit)
         crossings = search.crossings if search else []
-        result = replace(result, events=occurrences(options.events, crossings, len(problem.initial)))
+        result = replace(result, events=occurrences(options.events, crossings, width))
         if not options.sensitivities:
             return result
-        assert isinstance(result.dense, _DenseOutput)
-        # Sensitivity steps of four steps of the states
-        knots, reached = np.array(result.dense.knots[::4]), int(np.isfinite(result.states[:, 0]).sum())
-        derivatives = sensitivities(problem, result.dense, knots, reached, options.tolerance)
-        return replace(result, sensitivities=derivatives, dense=result.dense if options.dense else None)
+        slopes = result.states[:, width:].reshape(-1, len(scale), width).swapaxes(1, 2) / scale
+        return replace(result, states=result.states[:, :width], sensitivities=slopes)
 
 
 @dataclass(frozen=True)
@@ -193,6 +79,23 @@ class RightHandSide:
             lambda t, y: derivatives(min(t, last), y),
             None if jacobian is None else lambda t, y: jacobian(min(t, last), y),
         )
+
+
+def _with_sensitivities(field: VectorField, scale: Floats) -> RightHandSide:
+    """Return the right-hand side of the states followed by their derivatives by each parameter and initial state.
+
+    Derivatives are multiplied with their `scale`. The Jacobian leaves out how J changes with the states.
+    """
+    copies, size = len(scale) + 1, len(field.parameters)
+
+    def derivatives(t: float, y: Floats) -> Floats:
+        columns = y.reshape(copies, -1).T
+        rates, by_states, by_parameters = (array[0] for array in field.linearize(field.point(t, columns[:, 0])))
+        slopes = by_states @ columns[:, 1:]
+        slopes[:, :size] += by_parameters * scale[:size]
+        return np.column_stack([rates, slopes]).T.ravel()
+
+    return RightHandSide(derivatives, lambda t, y: np.kron(np.eye(copies), field.jacobian(t, y[: len(y) // copies])))
 
 
 @dataclass
@@ -236,6 +139,7 @@ def solve(
     times: Floats,
     tolerance: float,
     where: str,
+    width: int,
     search: _EventSearch | None = None,
     dense: bool = False,
     stops: Floats | None = None,
@@ -243,12 +147,13 @@ def solve(
 ) -> Trajectory:
     """Return the trajectory from a valid `start`, shape (d,), see `integrate`.
 
-    The absolute tolerance is 1/1000 of the relative one times the scale of the states. No step passes one of the
-    `stops`, the last of which is the last time. A state above the limit diverges.
+    Its first `width` numbers are states, which events and divergences are of. The absolute tolerance is 1/1000 of the
+    relative one times the scale of the states. No step passes one of the `stops`, the last of which is the last time. A
+    state above the limit diverges.
     """
-    states, width = np.full((len(times), len(start)), np.nan), len(start)
+    states = np.full((len(times), len(start)), np.nan)
     states[0] = start
-    dense_output = _DenseOutput(start, [float(times[0])]) if dense else None
+    dense_output = _DenseOutput(start[:width], [float(times[0])]) if dense else None
     if len(times) == 1:
         return Trajectory(times, states, dense=dense_output)
     with np.errstate(all="ignore"):
@@ -257,11 +162,11 @@ def solve(
             return Trajectory(
                 times, states, diverged(ended, "the law is not finite there", where), ended, dense=dense_output
             )
-        size = state_scale(start, rhs.derivatives, times)
+        size = state_scale(start[:width], lambda t, _: rhs.derivatives(t, start)[:width], times)
         # Not solve_ivp: it counts an initial state on the level of an event as a crossing, misses two crossings in one
         # step, has no limit of steps before a blow-up, and returns infinite states as a success
         stops = times[-1:] if stops is None else stops
-        scale = _ABSOLUTE * _size_reached(rhs, start, times[0], min(times[1], stops[0]), tolerance, size)
+        scale = _ABSOLUTE * _size_reached(rhs, start, times[0], min(times[1], stops[0]), tolerance, size, width)
         steps = _steps(rhs, start, times[0], stops, tolerance, tolerance * scale)
         reached, stop, how, why = 1, None, "ends", f"{step_limit(stops)} steps were not enough"
         least, mark = _STALLED_SHARE * (times[-1] - times[0]), -np.inf
@@ -273,7 +178,7 @@ def solve(
                 mark = solver.t
             before = solver.t
             with quiet(UserWarning):
-                bad = solver.step() or _divergence(solver.y, FAR * size if limit is None else limit)
+                bad = solver.step() or _divergence(solver.y[:width], FAR * size if limit is None else limit)
             if bad:
                 how, why = "ran away", bad
                 break
@@ -295,18 +200,20 @@ def solve(
     return Trajectory(times, states, diverged(ended, why, where, how), ended, dense=dense_output)
 
 
-def _size_reached(rhs: RightHandSide, start: Floats, time: float, until: float, tolerance: float, size: float) -> float:
+def _size_reached(
+    rhs: RightHandSide, start: Floats, time: float, until: float, tolerance: float, size: float, width: int
+) -> float:
     """Return the scale of the states up to the first sample, at most that from their initial rates."""
-    reached = np.max(np.abs(start))
+    reached = np.max(np.abs(start[:width]))
     while size * _ABSOLUTE > reached:
         steps = _steps(rhs, start, time, np.array([until]), tolerance, _ABSOLUTE * tolerance * size)
         for solver in islice(steps, _STALLED_STEPS):
             with quiet(UserWarning):
                 solver.step()
-            reached = np.fmax(reached, np.max(np.abs(solver.y)))
+            reached = np.fmax(reached, np.max(np.abs(solver.y[:width])))
         if not 0 < reached < size * _ABSOLUTE:
             return size
-        size, reached = reached, np.max(np.abs(start))
+        size, reached = reached, np.max(np.abs(start[:width]))
     return size
 
 
@@ -334,7 +241,7 @@ class _DenseOutput:
         if not self.interpolants:
             return np.tile(self.start, (len(times), 1))
         whole = OdeSolution(self.knots, self.interpolants)
-        return np.asarray(whole(np.minimum(times, self.knots[-1])).T)
+        return np.asarray(whole(np.minimum(times, self.knots[-1])).T[:, : len(self.start)])
 
 
 def _divergence(states: Floats, limit: float) -> str | None:

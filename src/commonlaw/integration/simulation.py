@@ -174,7 +174,7 @@ def integrate(
 
     initial, times = np.asarray(initial, dtype=np.float64), np.asarray(times, dtype=np.float64)
     check_start(initial, times, where)
-    return solve(RightHandSide(field, jacobian), initial, times, relative_tolerance, where)
+    return solve(RightHandSide(field, jacobian), initial, times, relative_tolerance, where, len(initial))
 
 
 @dataclass(frozen=True)
