@@ -1,6 +1,6 @@
 """Trials in other variables: units, logarithms, rates, properties and doses as inputs, latent states, without rest."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
@@ -84,28 +84,27 @@ def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
 
 
 def _converted(trial: Trial, schema: Schema, changed: Mapping[str, Conversion]) -> Trial:
-    states, below = trial.states.copy(), trial.below.copy()
     inputs, earlier, factors = trial.inputs.copy(), trial.earlier.copy(), np.ones(len(schema.states))
+    functions = dict[int, Callable[[Floats], Floats]]()
     for j, name in enumerate(schema.states):
         how = changed.get(name, Conversion())
-        is_logarithm = name in schema.logarithmic
-        factors[j] = 1.0 if is_logarithm else how.scale
-        for values in (states, below):
-            values[:, j] = values[:, j] + np.log(how.scale) if is_logarithm else how.of(values[:, j])
+        functions[j] = Conversion(1.0, float(np.log(how.scale))).of if name in schema.logarithmic else how.of
+        factors[j] = 1.0 if name in schema.logarithmic else how.scale
     for j, name in enumerate(schema.inputs):
         inputs[:, j] = changed.get(name, Conversion()).of(inputs[:, j])
     for column, name in zip(earlier.T, (schema.time, *schema.inputs), strict=False):
         column[:] = changed.get(name, Conversion()).of(column)
-    return replace(
-        trial,
-        times=changed.get(schema.time, Conversion()).of(trial.times),
-        states=states,
-        noise=trial.noise * np.abs(factors),
-        inputs=inputs,
-        repeats=trial.repeats and trial.repeats.scaled(factors),
-        earlier=earlier,
-        below=below,
-    )
+    times = changed.get(schema.time, Conversion()).of(trial.times)
+    return _mapped(replace(trial, times=times, inputs=inputs, earlier=earlier), functions, factors)
+
+
+def _mapped(trial: Trial, functions: Mapping[int, Callable[[Floats], Floats]], factors: Floats) -> Trial:
+    """Return a trial with functions of some states, by column; `factors` are their derivatives at the measurements."""
+    states, below = trial.states.copy(), trial.below.copy()
+    for values, (j, function) in product((states, below), functions.items()):
+        values[:, j] = function(values[:, j])
+    repeats = trial.repeats and trial.repeats.scaled(factors)
+    return replace(trial, states=states, below=below, noise=trial.noise * np.abs(factors), repeats=repeats)
 
 
 def with_logarithms(trials: Trials, states: Sequence[str]) -> Trials:
@@ -150,10 +149,9 @@ def natural(states: Floats, schema: Schema) -> Floats:
 
 
 def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str]) -> Trial:
-    states, noise, factors = trial.states.copy(), trial.noise.copy(), np.ones(trial.states.shape)
-    below = trial.below.copy()
+    factors = np.ones(trial.states.shape)
     for j in columns:
-        least = np.fmin(states[:, j], below[:, j])
+        least = np.fmin(trial.states[:, j], trial.below[:, j])
         low = np.flatnonzero(least <= 0)
         if len(low):
             i = int(low[0])
@@ -166,11 +164,8 @@ def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str])
                 time=trial.times[i],
                 count=len(low),
             )
-        noise[:, j] /= states[:, j]
-        factors[:, j] = 1 / states[:, j]
-        states[:, j], below[:, j] = np.log(states[:, j]), np.log(below[:, j])
-    repeats = trial.repeats and trial.repeats.scaled(factors)
-    return replace(trial, states=states, noise=noise, below=below, repeats=repeats)
+        factors[:, j] = 1 / trial.states[:, j]
+    return _mapped(trial, dict.fromkeys(columns, np.log), factors)
 
 
 def without_rates(trials: Trials, rates: Mapping[str, str]) -> Trials:
