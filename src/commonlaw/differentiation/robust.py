@@ -14,7 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import check_number
 
 _MIN_SAMPLES = 16
-"""Values of which none can be called an outlier."""
+"""Of fewer values none can be called an outlier."""
 _OUTLYING = 5.0
 """Scales beyond which a value does not fit in with its neighbours."""
 _FALLING = 0.85

@@ -177,9 +177,6 @@ _FUNCTIONS: tuple[tuple[str, Callable[[Floats], Floats]], ...] = (
     ("sqrt(abs({0}))", lambda u: np.sqrt(np.abs(u))),
 )
 
-_MIN_NEW_SHARE = 1e-3
-"""Share of a function that the law's own terms do not say, nor a simpler function; less says nothing new."""
-
 
 def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tuple[Description, ...]:
     """Return simple functions of the visited coordinate, shape (n,), and pairs of these, the largest evidence first."""
@@ -190,7 +187,8 @@ def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tu
         column = rows.shared @ weights
         size = np.sqrt(column @ column + sum(np.sum((name.across @ weights) ** 2) for name in rows.objects))
         rests = [column, *(column - earlier * (earlier @ column) / (earlier @ earlier) for earlier in columns)]
-        if min(np.linalg.norm(rest) for rest in rests) > _MIN_NEW_SHARE * size:
+        # Less than a thousandth is said by the law's own terms, or by a simpler function
+        if min(np.linalg.norm(rest) for rest in rests) > 1e-3 * size:
             names.append(name)
             columns.append(column)
     groups = [*((i,) for i in range(len(names))), *combinations(range(len(names)), 2)]

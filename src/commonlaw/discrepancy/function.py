@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.settings import STRONG
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import with_error
 from commonlaw.runtime.notebooks import ShownInNotebooks
@@ -20,10 +21,6 @@ if TYPE_CHECKING:
 
 
 LawType = TypeVar("LawType")
-
-STRONG = 6.0
-"""2 log B from which a discrepancy counts as there: strong evidence (Kass and Raftery 1995). Where there is none, the
-Bayes factor is 1 on average, and so above 20 in at most one case of twenty (Markov's inequality)."""
 
 
 class Description(NamedTuple):

@@ -31,9 +31,6 @@ from commonlaw.library.notation import quoted
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import property_names
 
-_MAX_INCREASE = 0.01
-"""Share by which the sum of squares may grow in a step, as the function is shrunk."""
-
 
 @dataclass(frozen=True, eq=False)
 class ObservedSetting(AbstractSetting):
@@ -163,7 +160,8 @@ class ObservedSetting(AbstractSetting):
             for halvings in range(10):
                 moved = point + step / 2**halvings
                 residuals = problem.residuals(moved, noise, False)[0]
-                if residuals @ residuals < (1 + _MAX_INCREASE) * fitted.deviance:  # Nor where it is not finite
+                # It may grow by a hundredth as the function is shrunk, but not be infinite
+                if residuals @ residuals < 1.01 * fitted.deviance:
                     point, fitted = moved, self._about(model, problem, moved)
                     break
             if abs(fitted.value - last.value) < CONVERGED:

@@ -16,9 +16,6 @@ from commonlaw.law import Law
 from commonlaw.library import Terms, Variables
 from commonlaw.library.grammar import evaluate, read
 
-_NEAR_ZERO = 0.25
-"""Zero is near the visited range if it is this share of it away."""
-
 
 @dataclass(frozen=True, eq=False)
 class Visited:
@@ -119,7 +116,8 @@ class AbstractSetting(ABC):
         names, matrix = self.directions(equation)
         samples = [Samples(values[name], times[name], matrix[name]) for name in visited.objects]
         if zero_at == "auto":
-            near = basis.low - _NEAR_ZERO * basis.range <= 0.0 <= basis.high + _NEAR_ZERO * basis.range
+            margin = 0.25 * basis.range
+            near = basis.low - margin <= 0.0 <= basis.high + margin
             zero_at = 0.0 if near and basis.coordinate != law.schema.time else None
         kept = meaning(basis, samples, None if zero_at is None else float(zero_at))
         size = float(np.sqrt(np.mean(self.rates(equation) ** 2))) / np.sqrt(np.mean(times**2))

@@ -10,22 +10,20 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.library import Term, Variables, parse_term
 
-_BUMPS_IN_RANGE = 6
-"""Bumps in the range that was visited: what is narrower is no smooth function."""
-
 
 @dataclass(frozen=True)
 class SmoothBasis:
     """Functions that span the smooth functions of a coordinate between `low` and `high`.
 
     The coordinate is an expression over the variables of a law, and `times` a term that the functions are multiplied
-    with.
+    with. So many `bumps` are in the visited range: what is narrower is no smooth function.
     """
 
     coordinate: str
     times: str
     low: float
     high: float
+    bumps: int = 6
 
     @property
     def range(self) -> float:
@@ -35,12 +33,12 @@ class SmoothBasis:
     @property
     def width(self) -> float:
         """The standard deviation of a bump."""
-        return self.range / _BUMPS_IN_RANGE
+        return self.range / self.bumps
 
     @cached_property
     def knots(self) -> Floats:
         """Where the bumps are: in the visited range, and as far beyond it on both sides, shape (bumps,)."""
-        return np.linspace(self.low - self.range, self.high + self.range, 3 * _BUMPS_IN_RANGE + 1)
+        return np.linspace(self.low - self.range, self.high + self.range, 3 * self.bumps + 1)
 
     @property
     def centre(self) -> float:
@@ -63,31 +61,24 @@ class SmoothBasis:
         return np.column_stack([coordinate - self.centre, bumps])
 
 
-LENGTHS = (0.5, 1.0, 2.0)
-"""Length scales over which weights are correlated, in units of the visited range."""
-
 _REPRESENTED = 0.05
 """Share of a function, or of a term, below which what the others leave of it is nothing."""
-
-_VANISHING = 0.05
-"""Share of a function's largest value below which it is zero."""
-
-_VANISHING_TERM = 0.3
-"""The same of a term, whose function is known from one object only, for what is said of it."""
 
 _RESOLVED = 1e-6
 """Singular values below this share of the largest tell nothing."""
 
 
-def factors(basis: SmoothBasis, constraints: Floats) -> list[Floats]:
-    """Return factors of the prior covariance of the weights, one for each of the `LENGTHS`.
+def factors(basis: SmoothBasis, constraints: Floats, lengths: Sequence[float] = (0.5, 1.0, 2.0)) -> list[Floats]:
+    """Return factors of the prior covariance of the weights, one for each length scale over which they are correlated.
+
+    Lengths are in units of the visited range.
 
     The sum of the bumps has variance one, and so has the line at both ends of twice the visited range. Linear
     combinations of the weights, shape (constraints, functions), are zero.
     """
     result, bumps = list[Floats](), basis.values(np.array([basis.centre]))[0, 1:]
     distances = np.subtract.outer(basis.knots, basis.knots) / basis.range
-    for length in LENGTHS:
+    for length in lengths:
         covariance = np.zeros((len(basis), len(basis)))
         covariance[1:, 1:] = np.exp(-((distances / length) ** 2) / 2)
         covariance /= bumps @ covariance[1:, 1:] @ bumps
@@ -143,13 +134,14 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     largest = np.abs(basis.values(np.concatenate([sample.coordinate for sample in samples])) @ weights.T).max(
         initial=0.0
     )
-    if zero_at is None or not np.any(np.abs(there) > _VANISHING * largest):
+    if zero_at is None or not np.any(np.abs(there) > 0.05 * largest):
         return Meaning(constraints, None, tuple(held))
     from scipy.linalg import null_space
 
     kept = null_space(there[np.newaxis]).T @ constraints
     solution = np.linalg.lstsq(blocks[0], first.terms[:, held], rcond=_RESOLVED)[0]
-    alive = np.abs(at @ solution)[0] >= _VANISHING_TERM * np.abs(basis.values(first.coordinate) @ solution).max(axis=0)
+    # More coarsely, as these functions are known from one object only
+    alive = np.abs(at @ solution)[0] >= 0.3 * np.abs(basis.values(first.coordinate) @ solution).max(axis=0)
     vanishing = [k for k, living in zip(held, alive, strict=True) if not living]
     return Meaning(np.concatenate([at, kept]), zero_at, tuple(vanishing))
 

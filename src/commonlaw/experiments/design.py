@@ -28,9 +28,6 @@ from commonlaw.law.provenance import Domain
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Schema, Trials
 
-_REST = 0.02
-"""Estimated rates at the start below this share of their later range are zero: the objects are let go."""
-
 
 def design(
     law: Law | Sequence[Law],
@@ -187,7 +184,8 @@ def usual(law: Law, trials: Trials) -> dict[str, Options]:
     rates = [rate for _, rate in state_rates(law)]
     for j, name in enumerate(law.terms.variables.states):
         spread = max(np.ptp(states[:, j]) for states in courses)
-        if name in rates and np.abs(starts[:, j]).max() < _REST * spread and name not in given:
+        # Rates that begin below a fiftieth of their later range are zero: the objects are let go
+        if name in rates and np.abs(starts[:, j]).max() < 0.02 * spread and name not in given:
             result[name] = (0.0,)
         elif name not in given:
             result[name] = _between(starts[:, j])

@@ -29,13 +29,6 @@ EACH = "each"
 
 TIMING = ("duration", "rate", "samples", "times", "repeats", "object")
 
-MAX_OBJECTS = 20
-"""Of which experiments are looked at."""
-
-
-_CORNERS = 6
-"""Ranges of which all corners are looked at."""
-
 
 @dataclass(frozen=True)
 class Range:
@@ -66,7 +59,7 @@ Options = Range | tuple[Value, ...]
 class Settings:
     """All that can be set, in ranges or lists; a point in the unit cube is one choice of all.
 
-    Of more than `MAX_OBJECTS` objects so many are taken, evenly spread. For the names of options see `design`.
+    Of more than 20 objects so many are taken, evenly spread. For the names of options see `design`.
     """
 
     objects: tuple[str, ...]
@@ -130,16 +123,19 @@ class Settings:
                 result[name] = option[min(int(share * len(option)), len(option) - 1)]
         return result
 
-    def spread(self, count: int, seed: int) -> Floats:
-        """Return points all over the unit cube, shape (points, varied): corners, and as many more (Sobol 1967)."""
+    def spread(self, count: int, seed: int, all_corners: int = 6) -> Floats:
+        """Return points all over the unit cube, shape (points, varied): corners, and as many more (Sobol 1967).
+
+        Of more ranges than `all_corners` some corners are drawn.
+        """
         from scipy.stats import qmc
 
         if not self.varied:
             return np.zeros((1, 0))
         ranges = [j for j, name in enumerate(self.varied) if isinstance(self.options[name], Range)]
         inner = qmc.Sobol(len(self.varied), seed=seed).random_base2(int(np.ceil(np.log2(count))))
-        if len(ranges) > _CORNERS:
-            ends = np.random.default_rng(seed).integers(2, size=(2**_CORNERS, len(ranges))).astype(float)
+        if len(ranges) > all_corners:
+            ends = np.random.default_rng(seed).integers(2, size=(2**all_corners, len(ranges))).astype(float)
         else:
             ends = np.array(list(product((0.0, 1.0), repeat=len(ranges))))
         lists = [len(options) for name in self.varied if not isinstance(options := self.options[name], Range)]
@@ -229,9 +225,9 @@ def check_amount(what: str, value: object) -> None:
         raise CommonlawError("setting-negative", name=what, value=value)
 
 
-def _some(names: tuple[str, ...]) -> tuple[str, ...]:
+def _some(names: tuple[str, ...], most: int = 20) -> tuple[str, ...]:
     """Return names, of many some that are evenly spread."""
-    return tuple(names[i] for i in evenly_spaced(len(names), MAX_OBJECTS))
+    return tuple(names[i] for i in evenly_spaced(len(names), most))
 
 
 def _check_complete(options: Mapping[str, Options], law: Law) -> None:

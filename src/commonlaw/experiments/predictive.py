@@ -22,10 +22,6 @@ from commonlaw.library import highest_columns
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import property_names
 
-_CONVERGED_DEVIANCE = 1.0
-"""Twice the log-likelihood by which a fit may still get better; laws are distinguished by several times that."""
-
-
 Linearise = Callable[[Sequence[int], Sequence[Floats]], Sequence[Gaussian | None]]
 """From trials, by their numbers, and points to a law's predictions about these; None where it diverges.
 
@@ -66,8 +62,8 @@ class _Fit:
 
     @property
     def converged(self) -> bool:
-        """Whether the predicted decrease is negligible."""
-        return self.deviance < self.gauss_newton[1] + _CONVERGED_DEVIANCE
+        """Whether the predicted decrease is at most one: laws are distinguished by several times that."""
+        return self.deviance < self.gauss_newton[1] + 1.0
 
 
 def refitted(
@@ -97,9 +93,6 @@ def refitted(
 MAX_MEASUREMENTS, _MIN_MEASUREMENTS, _MAX_MEASUREMENTS_OF_ALL = 64, 16, 192
 """Measurements of a trial that are looked at: where there are more, each stands for several, with less noise. Where
 each object makes a trial, as many as the last together; and always so many times as the second."""
-
-_MAX_RELATIVE_STATE = 10
-"""How many times larger than a law says at first states may become on the way of a fit."""
 
 
 Simulated = tuple[Floats, tuple[Gaussian, ...]]
@@ -212,7 +205,8 @@ class Hypothesis:
         names = [*experiment.objects] * len(measured)
         points = [plan.point(unknown) for unknown, _ in initial for _ in range(count)]
         predicted = [gaussian for _, listed in initial for gaussian in listed]
-        highest = _MAX_RELATIVE_STATE * max((float(np.abs(gaussian.mean).max()) for gaussian in predicted), default=1.0)
+        # On the way of a fit states may become ten times larger than at first
+        highest = 10 * max((float(np.abs(gaussian.mean).max()) for gaussian in predicted), default=1.0)
         highest = highest if limit is None else min(highest, limit)
 
         def linearised(indices: Sequence[int], moved: Sequence[Floats]) -> list[Gaussian | None]:

@@ -15,9 +15,8 @@ from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
 from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis
 from commonlaw.law import Law
 
-POINTS, _SHARE, _WIDTHS = 256, 8, (0.2, 0.05)
-"""Experiments that are looked at all over the ranges; and one in so many of them in each of the narrowing surroundings
-of the best, of these widths."""
+POINTS = 256
+"""Experiments that are looked at all over the ranges."""
 
 _MIN_DRAWS, _DRAWS, _MAX_DRAWS = 16, 64, 192
 """Of measurements by all hypotheses together: to look at an experiment that seems best, to choose by, and of what is
@@ -30,14 +29,6 @@ MAX_REPEATS = 100
 
 MIN_RELATIVE_GAIN = 0.01
 """A share that is no gain: a hundredth is what laws are left out for."""
-
-_PATIENCE = 6
-"""Experiments that are simulated one after the other, and none tells more than the best so far, before no more are."""
-
-
-_MAX_EXCURSION_RATIO = 1000
-"""A forecast that goes so many times farther than states have been, or start from, diverges: what a law predicts there,
-linearised about its coefficients, means nothing, and rivals on their way to infinity take steps without end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +131,12 @@ class Search:
         enough = 1 + MIN_RELATIVE_GAIN if self.aim.of_law else 1.0
         best, most = first, worth(first) if first else -np.inf
         listed = self._spread
-        for round_, width in enumerate((*_WIDTHS, None)):
+        # Then an eighth as many in each of the narrowing surroundings of the best
+        for round_, width in enumerate((0.2, 0.05, None)):
             values = [worth(candidate) if candidate.experiment.cost <= budget else -np.inf for candidate in listed]
             failed = 0
-            while failed < _PATIENCE and max(values, default=-np.inf) > (most * enough if most > 0 else most):
+            # No more are simulated after six in a row that tell no more than the best so far
+            while failed < 6 and max(values, default=-np.inf) > (most * enough if most > 0 else most):
                 i = values.index(max(values))
                 for draws in (_MIN_DRAWS, _DRAWS) if self.aim.of_law else ():
                     if values[i] > most and listed[i].simulated < draws:
@@ -155,7 +148,7 @@ class Search:
                 values[i] = -np.inf
             if best is None or width is None or not len(best.point):
                 break
-            listed = self.candidates(self.settings.near(best.point, width, self.points // _SHARE, self.seed + round_))
+            listed = self.candidates(self.settings.near(best.point, width, self.points // 8, self.seed + round_))
         return best
 
     def candidates(self, points: Floats) -> list[Candidate]:
@@ -175,12 +168,16 @@ class Search:
 
     @cached_property
     def _farthest(self) -> float | None:
-        """How large a state may become, if it is known where they have been."""
+        """How large a state may become, if it is known where they have been: a thousand times larger.
+
+        What a law predicts beyond, linearised about its coefficients, means nothing, and rivals on their way to
+        infinity take steps without end.
+        """
         names, visited = self.law.terms.variables.states, self.law.provenance.domain.visited
         been = [value for name in names for value in visited.get(name, ())]
         been += self.law.observation.sizes.values() if self.law.observation else []
         starts = [value for name in names for value in numbers_of(self.settings.options.get(name, ()))]
-        return _MAX_EXCURSION_RATIO * float(np.abs([*been, *starts]).max()) if been else None
+        return 1000 * float(np.abs([*been, *starts]).max()) if been else None
 
     def chance(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> float:
         """Return how probable it is that the right law is the most probable after these experiments."""

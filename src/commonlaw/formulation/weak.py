@@ -28,12 +28,6 @@ _POWER = 16
 _WIDTH = sqrt(2 * _POWER + 3)
 """Radii in a test function's standard deviation."""
 
-_UNEVEN = 1e-6
-"""Share of the step by which the times of a regular grid may be off."""
-
-_DEGREE = 9
-"""Of the polynomial that is fitted to the samples nearest to a step of an irregular grid."""
-
 
 @dataclass(frozen=True, eq=False)
 class CompactTestFunctions:
@@ -89,8 +83,9 @@ class CompactTestFunctions:
         from scipy.sparse import vstack
 
         step = (times[-1] - times[0]) / (len(times) - 1)
-        even = bool(np.abs(np.diff(times) - step).max() <= _UNEVEN * step)
-        wide = (self.radii > (MIN_RADIUS - _UNEVEN) * step) & even
+        uneven = 1e-6 * step  # What the times of a regular grid may be off
+        even = bool(np.abs(np.diff(times) - step).max() <= uneven)
+        wide = (self.radii > MIN_RADIUS * step - uneven) & even
         steps = np.full(len(times), step)
         summed = [self._take(wide)._values(times, steps, order) for order in range(highest + 1)]
         if wide.all():
@@ -98,7 +93,7 @@ class CompactTestFunctions:
         nodes, gauss = np.polynomial.legendre.leggauss(8)
         halves = np.diff(times)[:, np.newaxis] / 2
         points = times[:-1, np.newaxis] + halves * (1 + nodes)
-        fit = _interpolation(times, points, _DEGREE + 1 if even else 16)
+        fit = _interpolation(times, points, 10 if even else 16)
         narrow, factors = self._take(~wide), (halves * gauss).ravel()
         fitted = [narrow._values(points.ravel(), factors, order) @ fit for order in range(highest + 1)]
         indices = np.argsort(np.append(np.flatnonzero(wide), np.flatnonzero(~wide)))
@@ -154,7 +149,10 @@ def _derivative(s: Floats, derivative: int) -> Floats:
 
 
 def _interpolation(times: Floats, points: Floats, size: int) -> "csr_array":
-    """Return the matrix, ((n - 1) m, n), from samples to values at points of each step, (n - 1, m)."""
+    """Return the matrix, ((n - 1) m, n), from samples to values at points of each step, (n - 1, m).
+
+    Polynomials of degree 9 are fitted to so many samples, the nearest.
+    """
     from scipy.sparse import csr_array
 
     size = min(size, len(times))
@@ -162,7 +160,7 @@ def _interpolation(times: Floats, points: Floats, size: int) -> "csr_array":
     indices = first[:, np.newaxis] + np.arange(size)
     near = times[indices]
     middle, half = (near[:, [-1]] + near[:, [0]]) / 2, (near[:, [-1]] - near[:, [0]]) / 2
-    powers = np.arange(min(_DEGREE, size - 1) + 1)
+    powers = np.arange(min(9, size - 1) + 1)
     samples, wanted = (
         ((points_of_step - middle) / half)[:, :, np.newaxis] ** powers for points_of_step in (near, points)
     )

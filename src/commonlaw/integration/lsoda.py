@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 
 from commonlaw.array_types import Floats
 from commonlaw.integration.problem import (
+    ABSOLUTE_TOLERANCE,
     FAR,
     AbstractIntegrator,
     EventFunctions,
@@ -28,10 +29,8 @@ from commonlaw.integration.problem import (
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.runtime.packages import quiet
 
-_STALLED_STEPS, _STALLED_SHARE = 5000, 1e-6
-"""Number of steps that must cover at least this share of the time span; else the integration ends."""
-_ABSOLUTE = 1e-3
-"""Absolute tolerance over the relative one, in scales of the states."""
+_STALLED_STEPS = 5000
+"""Number of steps that must cover at least a millionth of the time span; else the integration ends."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,10 @@ def _with_sensitivities(field: VectorField, scale: Floats) -> RightHandSide:
         slopes[:, :size] += by_parameters * scale[:size]
         return np.column_stack([rates, slopes]).T.ravel()
 
-    return RightHandSide(derivatives, lambda t, y: np.kron(np.eye(copies), field.jacobian(t, y[: len(y) // copies])))
+    def jacobian(t: float, y: Floats) -> Floats:
+        return np.asarray(np.kron(np.eye(copies), field.jacobian(t, y[: len(y) // copies])))
+
+    return RightHandSide(derivatives, jacobian)
 
 
 @dataclass
@@ -166,10 +168,12 @@ def solve(
         # Not solve_ivp: it counts an initial state on the level of an event as a crossing, misses two crossings in one
         # step, has no limit of steps before a blow-up, and returns infinite states as a success
         stops = times[-1:] if stops is None else stops
-        scale = _ABSOLUTE * _size_reached(rhs, start, times[0], min(times[1], stops[0]), tolerance, size, width)
+        scale = ABSOLUTE_TOLERANCE * _size_reached(
+            rhs, start, times[0], min(times[1], stops[0]), tolerance, size, width
+        )
         steps = _steps(rhs, start, times[0], stops, tolerance, tolerance * scale)
         reached, stop, how, why = 1, None, "ends", f"{step_limit(stops)} steps were not enough"
-        least, mark = _STALLED_SHARE * (times[-1] - times[0]), -np.inf
+        least, mark = 1e-6 * (times[-1] - times[0]), -np.inf
         for count, solver in enumerate(islice(steps, step_limit(stops))):
             if count % _STALLED_STEPS == 0:
                 if solver.t - mark < least:
@@ -205,13 +209,13 @@ def _size_reached(
 ) -> float:
     """Return the scale of the states up to the first sample, at most that from their initial rates."""
     reached = np.max(np.abs(start[:width]))
-    while size * _ABSOLUTE > reached:
-        steps = _steps(rhs, start, time, np.array([until]), tolerance, _ABSOLUTE * tolerance * size)
+    while size * ABSOLUTE_TOLERANCE > reached:
+        steps = _steps(rhs, start, time, np.array([until]), tolerance, ABSOLUTE_TOLERANCE * tolerance * size)
         for solver in islice(steps, _STALLED_STEPS):
             with quiet(UserWarning):
                 solver.step()
             reached = np.fmax(reached, np.max(np.abs(solver.y[:width])))
-        if not 0 < reached < size * _ABSOLUTE:
+        if not 0 < reached < size * ABSOLUTE_TOLERANCE:
             return size
         size, reached = reached, np.max(np.abs(start[:width]))
     return size

@@ -15,7 +15,6 @@ from commonlaw.library import Terms, parse_term
 from commonlaw.outcomes import Outcome, note
 
 _SIGNS = {"rising": 1, "falling": -1, "any": 0}
-_ROUNDING = 4 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ class EventFunctions:
         """
         with np.errstate(all="ignore"):
             values = self(t, y)
-            zero = np.abs(values) <= _ROUNDING * (np.abs(values + self.levels) + np.abs(self.levels))
+            zero = np.abs(values) <= 4 * np.finfo(float).eps * (np.abs(values + self.levels) + np.abs(self.levels))
             if zero.any():
                 step = 1e-6 * span
                 later = y + step * self.field(t, y + step * self.field(t, y))
@@ -237,6 +236,8 @@ def diverged(time: float, why: str, where: str, how: str = "ran away") -> Outcom
 Function = Callable[[float, Floats], Floats]
 
 MAX_STEPS = 100_000
+ABSOLUTE_TOLERANCE = 1e-3
+"""Absolute tolerance over the relative one, in scales of the states."""
 FAR = 1e10
 """Limit of states, relative to the initial states and their change over the first sample, beyond which they diverge."""
 

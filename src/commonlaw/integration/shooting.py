@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
+from commonlaw.integration.problem import ABSOLUTE_TOLERANCE
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.kernel import CONSTANTS, ProgramStructure, address, kernel
 from commonlaw.library.program import Program
 
-_ABSOLUTE = 1e-3
-"""Absolute tolerance over the relative one, in scales of the states."""
 (_MAX_CROSSINGS,), (_MIN_INTERVAL,), (_CROSSING,) = (
     CONSTANTS[name] for name in ("MAX_CROSSINGS", "MIN_INTERVAL", "CROSSING")
 )
@@ -113,7 +112,7 @@ def shoot(
     if library is None:
         return _by_scipy(program, parameters, times, sizes, inputs, states, slopes, tolerance)
     values, times = (np.ascontiguousarray(array, dtype=np.float64) for array in (parameters, times))
-    absolute = np.ascontiguousarray(tolerance * _ABSOLUTE * sizes)
+    absolute = np.ascontiguousarray(tolerance * ABSOLUTE_TOLERANCE * sizes)
     counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
     arrays = tuple(map(np.ascontiguousarray, (program.constants, program.code, program.outputs)))
     structure = ProgramStructure(*counts, *map(address, arrays))
@@ -244,7 +243,7 @@ def _by_scipy(
     y = states[0] if slopes is None else np.concatenate([states[0], np.eye(count, width, len(parameters)).ravel()])
     if slopes is not None:
         slopes[0] = np.eye(count, width, len(parameters))
-    absolute = tolerance * _ABSOLUTE * (sizes if slopes is None else np.append(sizes, np.repeat(sizes, width)))
+    absolute = tolerance * ABSOLUTE_TOLERANCE * (sizes if slopes is None else np.append(sizes, np.repeat(sizes, width)))
     switches[regular:] = 1.0
     set_switches(times[0], y)
     pieces, crossings, occurred, endless = [*pairwise(edges.tolist())][::-1], 0, (-1, 0.0), False

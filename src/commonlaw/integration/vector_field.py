@@ -14,10 +14,6 @@ from commonlaw.library import Order, Terms, highest_columns, with_rates
 
 _NODES = (1 - np.cos(np.pi * (np.arange(8) + 0.5) / 8)) / 2
 """Chebyshev nodes of the unit interval, interior, so that a function may jump at its ends."""
-_CHECKED = (0.03, 0.5, 0.97)
-"""Points of the unit interval at which a polynomial is compared with its function."""
-_HALVINGS = 40
-"""Halvings of an interval with a jump, down to rounding."""
 
 BETWEEN = ("held", "linear", "cubic")
 """Interpolation of inputs: zero-order hold, linear, or cubic spline (not-a-knot)."""
@@ -75,12 +71,13 @@ class Inputs:
                 len(starts), len(shares), -1
             )
 
-        for halving in range(_HALVINGS + 1):
-            seen, checked = values(_NODES), values(np.array(_CHECKED))
+        compared = np.array([0.03, 0.5, 0.97])
+        for halving in range(41):  # Down to rounding
+            seen, checked = values(_NODES), values(compared)
             polynomials = to_powers @ seen
             largest = max(largest, float(np.abs(seen).max(initial=0.0)))
-            errors = np.abs(np.vander(_CHECKED, len(_NODES), increasing=True) @ polynomials - checked)
-            done = (errors.max(axis=(1, 2)) <= tolerance * largest) | (halving == _HALVINGS)
+            errors = np.abs(np.vander(compared, len(_NODES), increasing=True) @ polynomials - checked)
+            done = (errors.max(axis=(1, 2)) <= tolerance * largest) | (halving == 40)
             knots.append(starts[done])
             powers = widths[done, np.newaxis, np.newaxis] ** np.arange(len(_NODES))[:, np.newaxis]
             coefficients.append(polynomials[done] / powers)

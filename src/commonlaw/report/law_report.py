@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 
 from commonlaw import __version__
-from commonlaw.discrepancy.function import STRONG
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
+from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, relations_frame, to_script
 from commonlaw.law.equilibria import depends_on, has_phase_plane
 from commonlaw.law.parameters import named_parameters, state_rates, units_with_rates

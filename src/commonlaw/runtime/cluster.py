@@ -33,9 +33,6 @@ _ANSWER = 10.0
 """Seconds to wait for the scheduler, which runs already where its address is known."""
 _PATIENCE = 30.0
 """Seconds to wait for the first worker, which a queue may start, and for all to end."""
-_PER_CORE = 4
-"""Processes that are started here for each core: of more than one, others compute while some wait for files, and each
-takes memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,10 +283,10 @@ def _started(distributed: Any, count: str) -> Any:
     """Return workers on this machine."""
     if not count.isdecimal() or not int(count):
         raise ValueError(f"{count!r} is no number of workers")
-    cores = os.cpu_count() or 1
-    if int(count) > _PER_CORE * cores:
+    cores, per_core = os.cpu_count() or 1, 4  # Some compute while others wait for files, and each takes memory
+    if int(count) > per_core * cores:
         raise CommonlawError(
-            "cluster-too-many-processes", count=count, limit=_PER_CORE * cores, cores=cores, per_core=_PER_CORE
+            "cluster-too-many-processes", count=count, limit=per_core * cores, cores=cores, per_core=per_core
         )
     import dask.config
 
