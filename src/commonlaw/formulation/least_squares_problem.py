@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from ctypes import CDLL
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import accumulate
 from operator import add
@@ -46,58 +46,6 @@ def _compiled(library: CDLL, factors: Floats, inside: Indices, near: float, boun
     return result
 
 
-_MAX_SQUARED_NORM = 1e4
-"""Squared norm of a preconditioned column beyond which the rows so far become the preconditioner. The factor's error
-is that much times rounding, at most; the first rows last for ten thousand times as many of their kind."""
-
-
-@dataclass
-class PreconditionedGram:
-    """Rows above a triangular factor of earlier ones, as the Gram matrix of rows times its inverse.
-
-    Cholesky factorization of a Gram matrix squares the condition, unless rows are preconditioned by a factor R of
-    similar rows: the columns of A R^-1 are nearly orthogonal, and the factor of their Gram matrix times R is as
-    accurate as by orthogonal transformations (Yamazaki, Tomov and Dongarra 2015, "Mixed-precision Cholesky QR
-    factorization and its case studies on multicore CPU with multiple GPUs", section 3). `factor` is upper triangular,
-    shape (k, k), see `can_precondition`.
-    """
-
-    factor: Floats
-    gram: Floats = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.gram = np.eye(len(self.factor), order="F")
-
-    def add(self, block: Floats) -> bool:
-        """Add rows, shape (n, k) in Fortran order, and say whether it was possible: whether they are like the first."""
-        from scipy.linalg import blas
-
-        gram = np.asarray(blas.dsyrk(1.0, blas.dtrsm(1.0, self.factor, block, side=1), trans=1))
-        if not gram.diagonal().max() <= _MAX_SQUARED_NORM:  # NaN is not, too
-            return False
-        self.gram += gram
-        return True
-
-    @property
-    def is_full(self) -> bool:
-        """Whether these rows had better become the preconditioner of others."""
-        return bool(self.gram.diagonal().max() > _MAX_SQUARED_NORM)
-
-    def joined(self) -> Floats:
-        """Return the factor of all rows, shape (k, k)."""
-        from scipy.linalg import blas, lapack
-
-        upper, failed = lapack.dpotrf(self.gram)
-        assert not failed, "the Gram matrix is the identity and more"
-        return np.asarray(blas.dtrmm(1.0, upper, self.factor))
-
-
-def can_precondition(factor: Floats) -> bool:
-    """Whether no column of a triangular factor depends on those before it: more of its norm is left than rounding."""
-    norms = np.sqrt(np.einsum("ij,ij->j", factor, factor))
-    return bool(np.all(np.abs(factor.diagonal()) > 1e-12 * norms))
-
-
 BLOCK = 1024
 """Rows that are absorbed together."""
 
@@ -112,8 +60,7 @@ class LeastSquaresProblem:
     Least squares on it equals least squares on all rows to rounding, for every subset of the terms: rows are ``Q @
     factor`` with orthonormal ``Q``, so inner products of columns are those of the factor (Golub and Van Loan, Matrix
     Computations, section 5.3). Householder reflections keep errors small column by column, so that badly scaled
-    libraries lose nothing; similar rows take Cholesky factorization (`PreconditionedGram`). Problems of the same
-    library merge with ``+``.
+    libraries lose nothing. Problems of the same library merge with ``+``.
 
     Parameters
     ----------
@@ -156,18 +103,9 @@ class LeastSquaresProblem:
         A block ``[library | targets]`` is used as workspace: its values are lost.
         """
         factor, rows = np.zeros((columns, columns), order="F"), 0
-        gram: PreconditionedGram | None = None
         for block in blocks:
-            if rows and gram is None and can_precondition(factor):
-                gram = PreconditionedGram(factor)
-            rows += len(block)
-            if gram is not None and gram.add(block):
-                if gram.is_full:
-                    gram = PreconditionedGram(gram.joined())
-                continue
-            factor = _absorb(factor if gram is None else gram.joined(), block, workspace=True)
-            gram = None
-        return cls(factor if gram is None else gram.joined(), terms, rows)
+            factor, rows = _absorb(factor, block, workspace=True), rows + len(block)
+        return cls(factor, terms, rows)
 
     def __add__(self, other: "LeastSquaresProblem") -> "LeastSquaresProblem":
         """Return the problem of both sets of rows."""
@@ -285,12 +223,14 @@ def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[Lea
     """Return for each draw of several problems, shape (draws, problems), the one with so many copies of each.
 
     Gram matrices of the problems' factors, preconditioned by the factor of all, are summed by one matrix product for
-    all draws, see `PreconditionedGram`; ill-conditioned draws are merged by orthogonal transformations.
+    all draws: such columns are nearly orthogonal, so that the Cholesky factor loses no digits (Yamazaki, Tomov and
+    Dongarra 2015, "Mixed-precision Cholesky QR factorization and its case studies on multicore CPU with multiple GPUs",
+    section 3). Ill-conditioned draws are merged by orthogonal transformations.
     """
     from scipy.linalg import solve_triangular
 
     factor, rows = merge(problems).factor, counts @ np.array([problem.rows for problem in problems])
-    if not can_precondition(factor):
+    if not _is_independent(factor):
         return [_merged_as_drawn(problems, count) for count in counts]
     mixed = np.array([solve_triangular(factor, problem.factor.T, trans="T").T for problem in problems])
     grams = np.matmul(mixed.transpose(0, 2, 1), mixed).reshape(len(problems), -1)
@@ -312,7 +252,7 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
     from scipy.linalg import blas, lapack
 
     factor, terms = LeastSquaresProblem.of(library, targets).factor, library.shape[1]
-    if not can_precondition(factor):
+    if not _is_independent(factor):
         return [LeastSquaresProblem.of(library, targets, count) for count in counts]
     inverse, size = np.triu(lapack.dtrtri(factor)[0]), len(factor)
     (upper_rows, upper_columns), together = np.triu_indices(size), 128  # Rows whose products are held at a time
@@ -334,6 +274,12 @@ def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[Least
         else:
             result.append(LeastSquaresProblem(drawn_factor, terms, len(library)))
     return result
+
+
+def _is_independent(factor: Floats) -> bool:
+    """Whether no column of a triangular factor depends on those before it: more of its norm remains than rounding."""
+    norms = np.sqrt(np.einsum("ij,ij->j", factor, factor))
+    return bool(np.all(np.abs(factor.diagonal()) > 1e-12 * norms))
 
 
 def _factor_of(gram: Floats, factor: Floats, terms: int) -> Floats | None:
