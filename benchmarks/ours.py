@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 import commonlaw as cl
 from benchmarks.problem import Problem
-from commonlaw.formulation import law_variables, merge, redrawn, redrawn_rows
+from commonlaw.formulation import LeastSquaresProblem, law_variables, merge, redrawn
 from commonlaw.library import Terms
 
 Floats = NDArray[np.float64]
@@ -59,7 +59,8 @@ def bootstrap_rows(problem: Problem) -> Run:
         generator, counts = np.random.default_rng(0), np.empty((problem.models, len(library)))
         for count in counts:
             count[:] = np.bincount(generator.integers(len(library), size=len(library)), minlength=len(library))
-        return np.stack([_solved([each], problem.thresholds[0]) for each in redrawn_rows(library, targets, counts)])
+        drawn = (LeastSquaresProblem.of(library, targets, count) for count in counts)
+        return np.stack([_solved([system], problem.thresholds[0]) for system in drawn])
 
     return run
 
@@ -73,7 +74,7 @@ def bootstrap_blocks(problem: Problem) -> Run:
         generator = np.random.default_rng(0)
         draws = (generator.integers(SEGMENTS, size=SEGMENTS) for _ in range(problem.models))
         counts = np.array([np.bincount(drawn, minlength=SEGMENTS) for drawn in draws], dtype=np.float64)
-        return np.stack([_solved([system], problem.thresholds[0]) for system in redrawn(parts, counts)])
+        return np.stack([_solved([redrawn(parts, count)], problem.thresholds[0]) for count in counts])
 
     return run
 

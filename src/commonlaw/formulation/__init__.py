@@ -19,7 +19,6 @@ from commonlaw.formulation.least_squares_problem import (
     leave_one_out,
     merge,
     redrawn,
-    redrawn_rows,
 )
 from commonlaw.formulation.sampled import (
     DiscreteForm,
@@ -53,7 +52,6 @@ __all__ = [
     "merged_rows",
     "plain_rates",
     "redrawn",
-    "redrawn_rows",
     "refuse_constant_states",
     "refuse_vanishing_states",
     "reweight",

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from ctypes import CDLL
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import accumulate
 from operator import add
@@ -219,86 +219,10 @@ def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
     return LeastSquaresProblem(factor, terms, sum(problem.rows for problem in listed))
 
 
-def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> list[LeastSquaresProblem]:
-    """Return for each draw of several problems, shape (draws, problems), the one with so many copies of each.
-
-    Gram matrices of the problems' factors, preconditioned by the factor of all, are summed by one matrix product for
-    all draws: such columns are nearly orthogonal, so that the Cholesky factor loses no digits (Yamazaki, Tomov and
-    Dongarra 2015, "Mixed-precision Cholesky QR factorization and its case studies on multicore CPU with multiple GPUs",
-    section 3). Ill-conditioned draws are merged by orthogonal transformations.
-    """
-    from scipy.linalg import solve_triangular
-
-    factor, rows = merge(problems).factor, counts @ np.array([problem.rows for problem in problems])
-    if not _is_independent(factor):
-        return [_merged_as_drawn(problems, count) for count in counts]
-    mixed = np.array([solve_triangular(factor, problem.factor.T, trans="T").T for problem in problems])
-    grams = np.matmul(mixed.transpose(0, 2, 1), mixed).reshape(len(problems), -1)
-    factors = (_factor_of(gram, factor, problems[0].terms) for gram in (counts @ grams).reshape(-1, *factor.shape))
-    return [
-        _merged_as_drawn(problems, count)
-        if drawn is None
-        else LeastSquaresProblem(drawn, problems[0].terms, int(number))
-        for count, number, drawn in zip(counts, rows, factors, strict=True)
-    ]
-
-
-def redrawn_rows(library: Floats, targets: Floats, counts: Floats) -> list[LeastSquaresProblem]:
-    """Return for each draw of rows, shape (draws, n), the problem with so many copies of each.
-
-    Products of each row's values, preconditioned by the factor of all rows, are summed by one matrix product for all
-    draws, block by block; ill-conditioned draws are compressed by orthogonal transformations.
-    """
-    from scipy.linalg import blas, lapack
-
-    factor, terms = LeastSquaresProblem.of(library, targets).factor, library.shape[1]
-    if not _is_independent(factor):
-        return [LeastSquaresProblem.of(library, targets, count) for count in counts]
-    inverse, size = np.triu(lapack.dtrtri(factor)[0]), len(factor)
-    (upper_rows, upper_columns), together = np.triu_indices(size), 128  # Rows whose products are held at a time
-    sums, products = np.zeros((len(upper_rows), len(counts)), order="F"), np.empty((len(upper_rows), together))
-    for begin in range(0, len(library), together):
-        some = slice(begin, begin + together)
-        mixed = inverse.T @ np.concatenate([library[some].T, targets[some].T])
-        block, first = products[:, : mixed.shape[1]], 0
-        for column in range(size):
-            np.multiply(mixed[column:], mixed[column], out=block[first : first + size - column])
-            first += size - column
-        sums = blas.dgemm(1.0, block.T, counts[:, some].T, 1.0, sums, trans_a=True, overwrite_c=True)
-    gram, result = np.zeros((size, size), order="F"), list[LeastSquaresProblem]()
-    for packed, drawn in zip(sums.T, counts, strict=True):
-        gram[upper_rows, upper_columns] = packed
-        drawn_factor = _factor_of(gram, factor, terms)
-        if drawn_factor is None:
-            result.append(LeastSquaresProblem.of(library, targets, drawn))
-        else:
-            result.append(LeastSquaresProblem(drawn_factor, terms, len(library)))
-    return result
-
-
-def _is_independent(factor: Floats) -> bool:
-    """Whether no column of a triangular factor depends on those before it: more of its norm remains than rounding."""
-    norms = np.sqrt(np.einsum("ij,ij->j", factor, factor))
-    return bool(np.all(np.abs(factor.diagonal()) > 1e-12 * norms))
-
-
-def _factor_of(gram: Floats, factor: Floats, terms: int) -> Floats | None:
-    """Return the factor of rows from the upper half of their Gram matrix, preconditioned by a factor.
-
-    None where rounding would be magnified more than ten thousand times: columns are much nearer to collinear than in
-    that factor (a diagonal entry below a hundredth of the largest), or the residual of targets is rounding.
-    """
-    from scipy.linalg import lapack
-
-    upper, failed = lapack.dpotrf(gram)
-    shares = upper.diagonal() / upper.diagonal().max()
-    if failed or shares[:terms].min(initial=1.0) < 1e-2 or shares[terms:].min(initial=1.0) < 1e-4:
-        return None
-    return np.asarray(np.triu(upper) @ factor)
-
-
-def _merged_as_drawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> LeastSquaresProblem:
-    return merge(problem.weighted(count) for problem, count in zip(problems, counts, strict=True) if count)
+def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> LeastSquaresProblem:
+    """Return the problem with so many copies of each of several problems, shape (problems,)."""
+    drawn = merge(problem.weighted(count) for problem, count in zip(problems, counts, strict=True) if count)
+    return replace(drawn, rows=int(counts @ [problem.rows for problem in problems]))
 
 
 def leave_one_out(problems: Sequence[LeastSquaresProblem]) -> list[LeastSquaresProblem]:

@@ -208,6 +208,5 @@ def _supports(
     blocks: Sequence[Sequence[LeastSquaresProblem]], path: Path, drawn: Sequence[Sequence[Floats]]
 ) -> list[tuple[Bools, ...]]:
     """Return the supports on the path of each of some resamples, which say how often objects draw their blocks."""
-    by_object = zip(*drawn, strict=True)
-    problems = [redrawn(block, np.array(counts)) for block, counts in zip(blocks, by_object, strict=True)]
-    return [tuple(candidate.support for candidate in path(some)) for some in zip(*problems, strict=True)]
+    problems = [[redrawn(*pair) for pair in zip(blocks, counts, strict=True)] for counts in drawn]
+    return [tuple(candidate.support for candidate in path(some)) for some in problems]

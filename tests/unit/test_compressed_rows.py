@@ -1,9 +1,9 @@
-"""Rows compressed block by block, and drawn again by preconditioned Gram matrices, against all rows at once."""
+"""Rows compressed block by block, and drawn again, against all rows at once."""
 
 import numpy as np
 import pytest
 
-from commonlaw.formulation import LeastSquaresProblem, merge, redrawn, redrawn_rows
+from commonlaw.formulation import LeastSquaresProblem, merge, redrawn
 from commonlaw.formulation.least_squares_problem import BLOCK
 
 TERMS = 70
@@ -105,7 +105,9 @@ def test_draws_of_blocks_are_the_merger_of_what_was_drawn(columns):
     blocks.append(LeastSquaresProblem.of(*np.split(only, [-2], axis=1)))
     counts = np.array([np.bincount(generator.integers(31, size=31), minlength=31) for _ in range(12)], dtype=np.float64)
     assert (counts[:, -1] == 0).any()
-    for found, own in zip(redrawn(blocks, counts), counts, strict=True):
+    for own in counts:
+        found = redrawn(blocks, own)
+        assert found.rows == own @ [block.rows for block in blocks]
         merged = merge(block.weighted(count) for block, count in zip(blocks, own, strict=True) if count)
         assert found.terms == merged.terms
         scale = np.linalg.norm(merged.factor, axis=0)
@@ -121,33 +123,24 @@ def test_draws_of_blocks_with_dependent_columns_are_merged():
     library = np.random.default_rng(7).normal(size=(400, 6))
     library[:, 3] = library[:, 2]
     blocks = [LeastSquaresProblem.of(library[i : i + 50], library[i : i + 50, :1]) for i in range(0, 400, 50)]
-    (found,) = redrawn(blocks, np.ones((1, 8)))
+    found = redrawn(blocks, np.ones(8))
     np.testing.assert_allclose(found.factor.T @ found.factor, merge(blocks).factor.T @ merge(blocks).factor, atol=1e-9)
     assert found.rows == 400
 
 
-def test_draws_of_rows_are_those_of_weighted_rows():
+def test_weighted_rows_are_copies_of_these():
     generator = np.random.default_rng(5)
     library = monomials(walk(3000))[:, :30]
     targets = library[:, :2] @ [[1.0, 2.0], [3.0, -1.0]] + 1e-3 * generator.normal(size=(3000, 2))
     targets[-1] += 5.0  # A row without which much less is left
-    counts = np.array([np.bincount(generator.integers(3000, size=3000), minlength=3000) for _ in range(8)], dtype=float)
-    assert (counts[:, -1] == 0).any()
     support = np.ones(30, dtype=bool)
-    for found, count in zip(redrawn_rows(library, targets, counts), counts, strict=True):
-        expected = LeastSquaresProblem.of(library, targets, count)
-        assert (found.terms, found.rows) == (30, 3000)
+    for _ in range(8):
+        count = np.bincount(generator.integers(3000, size=3000), minlength=3000)
+        found = LeastSquaresProblem.of(library, targets, count.astype(float))
+        expected = LeastSquaresProblem.of(np.repeat(library, count, axis=0), np.repeat(targets, count, axis=0))
+        assert (found.terms, found.rows, expected.rows) == (30, 3000, 3000)
         for target in range(2):
             values = expected.least_squares(support, target)
             misses = (found.least_squares(support, target) - values) * expected.norms
             assert np.abs(misses).max() < 1e-8 * np.abs(values * expected.norms).max()
             assert found.rss(values, target) == pytest.approx(expected.rss(values, target), rel=1e-7)
-
-
-def test_draws_of_rows_with_dependent_columns_are_compressed_one_by_one():
-    library = np.random.default_rng(7).normal(size=(400, 6))
-    library[:, 3] = library[:, 2]
-    counts = np.full((1, 400), 2.0)
-    (found,) = redrawn_rows(library, library[:, :1], counts)
-    expected = LeastSquaresProblem.of(library, library[:, :1], counts[0]).factor
-    np.testing.assert_allclose(found.factor.T @ found.factor, expected.T @ expected, atol=1e-9)
