@@ -14,8 +14,6 @@ from commonlaw.formulation.base import AbstractSampledForm, Segment, check_order
 from commonlaw.library import Order, Terms, highest_order, order_of_each, split_derivatives
 from commonlaw.trials import Trial
 
-_WHOLE = slice(None)
-
 
 @dataclass(frozen=True)
 class StrongForm(AbstractSampledForm):
@@ -54,14 +52,11 @@ class StrongForm(AbstractSampledForm):
     def takes_missing(self) -> bool:
         return self.differentiation.takes_missing and self.library_states == "smoothed"
 
-    def rates(self, trial: Trial, segment: slice = _WHOLE) -> Rates:
-        """Return smoothed states and derivatives of one trial, or of a segment of it; errors name the trial."""
+    def rates(self, trial: Trial) -> Rates:
+        """Return smoothed states and derivatives of one trial; errors name the trial."""
         try:
-            highest = highest_order(self.order)
-            return self.differentiation.differentiate(trial.times[segment], trial.states[segment], highest)
+            return self.differentiation.differentiate(trial.times, trial.states, highest_order(self.order))
         except CommonlawError as error:
-            if segment != _WHOLE:
-                self.rates(trial)  # Its message counts the samples of the whole trial
             raise error.at(trial.label) from None
 
     def span(self, trial: Trial) -> tuple[int, int]:
@@ -71,22 +66,12 @@ class StrongForm(AbstractSampledForm):
         return first, last
 
     def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
-        first, last = self.span(trial)
-        reach = self.differentiation.reach(highest_order(self.order))
-        size = 8192  # Samples that are differentiated together stay in cache
-        local = reach is not None and len(trial) > size
-        edges = sorted({first, last, *cuts, *(range(first, last, size) if local else ())})
-        # Twice the reach, so that a segment at an end of the trial is also long enough for a whole window
-        halo = 2 * reach if local and reach is not None else len(trial)
-        rates: Rates | None = None
-        for start, stop in pairwise(edges):
-            before = max(0, start - halo)
-            if rates is None or local:
-                rates = self.rates(trial, slice(before, stop + halo) if local else _WHOLE)
-            inside = slice(start - before, stop - before)
-            states = rates.states[inside] if self.library_states == "smoothed" else trial.states[start:stop]
-            lower, targets = split_derivatives([derivative[inside] for derivative in rates.derivatives], self.order)
-            columns = [states.T, lower.T, trial.inputs[start:stop].T, trial.times[np.newaxis, start:stop]]
+        (first, last), rates = self.span(trial), self.rates(trial)
+        states = rates.states if self.library_states == "smoothed" else trial.states
+        together = 8192  # Samples whose rows are made at a time
+        for start, stop in pairwise(sorted({first, last, *cuts, *range(first, last, together)})):
+            lower, targets = split_derivatives([derivative[start:stop] for derivative in rates.derivatives], self.order)
+            columns = [states[start:stop].T, lower.T, trial.inputs[start:stop].T, trial.times[np.newaxis, start:stop]]
             yield start, np.concatenate(columns).T, targets
 
 
