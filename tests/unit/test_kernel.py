@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from commonlaw import kernel as kernels
-from commonlaw.formulation import explained
 from commonlaw.library import Term, Terms, Variables, parse_library
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.likelihood import (
@@ -333,20 +332,6 @@ def test_numbers_beyond_all_bounds_end_as_with_numpy(monkeypatch):
     assert fit(model, far, free, ERRORS).objective == fitting.fit(model, far, free, ERRORS).objective == np.inf
     with pytest.raises(NotPositiveError):
         linearize(model, far, 0.1)
-
-
-@pytest.mark.usefixtures("library")
-@pytest.mark.parametrize("bound", [False, True])
-@pytest.mark.parametrize("inside", [[], [2], [3, 0], [0, 2, 3, 4]])
-def test_what_columns_explain_is_the_same_compiled(monkeypatch, inside, bound):
-    rows = np.random.default_rng(0).standard_normal((3, 8, 6))
-    rows[1, :, 1] = 2 * rows[1, :, 2] - rows[1, :, 0]
-    found = []
-    for choice in ("compiled", "numpy"):
-        monkeypatch.setenv(kernels.VARIABLE, choice)
-        found.append(explained(rows, np.array(inside, dtype=int), 1e-12, bound=bound))
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-10, atol=1e-10)
-    assert np.all(found[0][inside] == (found[0][-1] if bound else 0))
 
 
 def test_polynomials_share_what_they_have_in_common():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commonlaw.formulation import LeastSquaresProblem, least_squares_of_each, leave_one_out, merge
+from commonlaw.formulation import LeastSquaresProblem, explained, least_squares_of_each, leave_one_out, merge
 from commonlaw.library import PolynomialLibrary, Variables
 from commonlaw.likelihood import Estimate, NotPositiveError, ObservationModel, TrajectoryModel, fit, linearize
 from commonlaw.likelihood.collocation import jacobians
@@ -215,3 +215,26 @@ def test_numbers_that_are_not_finite_are_refused():
     with pytest.raises(NotPositiveError), np.errstate(all="ignore"):
         linearize(model, estimate, 0.1)
     assert fit(model, estimate, field.free, (0.1,)).objective == np.inf
+
+
+@pytest.mark.parametrize("bound", [False, True])
+@pytest.mark.parametrize("inside", [[], [2], [3, 0], [0, 2, 3, 4]])
+def test_what_columns_explain_is_what_they_lower_the_residual_by(inside, bound):
+    rows = np.random.default_rng(0).standard_normal((3, 8, 6))
+    rows[1, :, 1] = 2 * rows[1, :, 2] - rows[1, :, 0]
+
+    def residual(block, columns):
+        coefficients = np.linalg.lstsq(block[:, columns], block[:, -1], rcond=None)[0]
+        return np.sum((block[:, -1] - block[:, columns] @ coefficients) ** 2)
+
+    found, expected = explained(rows, np.array(inside, dtype=int), 1e-12, bound=bound), np.zeros(6)
+    for block in rows:
+        least = residual(block, inside)
+        expected[-1] += least
+        for column in range(5):
+            known = [*inside, column]
+            if np.linalg.matrix_rank(block[:, known]) == len(known):
+                expected[column] += least - residual(block, known)
+            else:
+                expected[column] += least if bound else 0.0
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)

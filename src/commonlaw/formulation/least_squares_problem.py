@@ -1,7 +1,6 @@
 """Compressed least-squares problems: merged, solved on any support, and factorised from rows."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from ctypes import CDLL
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import accumulate
@@ -10,7 +9,6 @@ from operator import add
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.kernel import address, kernel
 
 
 def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = False) -> Floats:
@@ -20,9 +18,6 @@ def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = Fa
     inside leave a smaller share of the squares than `near` have too few digits: they explain nothing, or with `bound`
     everything, which bounds the residual from below.
     """
-    library = kernel()
-    if library is not None:
-        return _compiled(library, factors, inside, near, bound)
     basis, _ = np.linalg.qr(factors[:, :, inside])
     rest = factors - np.matmul(basis, np.matmul(basis.transpose(0, 2, 1), factors))
     before, after = np.sum(factors**2, axis=1), np.sum(rest**2, axis=1)
@@ -33,17 +28,6 @@ def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = Fa
         clear, np.divide(inner**2, after, out=np.zeros_like(inner), where=clear), residual if bound else 0.0
     )
     return np.asarray(np.append(reductions[:, :-1].sum(axis=0), residual.sum()))
-
-
-def _compiled(library: CDLL, factors: Floats, inside: Indices, near: float, bound: bool) -> Floats:
-    factors, result = np.ascontiguousarray(factors), np.empty(factors.shape[2])
-    chosen = np.ascontiguousarray(inside, dtype=np.int64)
-    failed = library.commonlaw_explained(
-        *factors.shape, address(factors), len(chosen), address(chosen), near, bound, address(result)
-    )
-    if failed:
-        raise MemoryError
-    return result
 
 
 BLOCK = 1024

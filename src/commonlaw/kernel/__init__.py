@@ -148,10 +148,6 @@ def _declared(library: ctypes.CDLL) -> ctypes.CDLL:
         *(address, address, address, real, Vagueness),  # free, states, coefficients of each, model error
         *(address, address),  # factors, log-determinants
     )
-    library.commonlaw_explained.argtypes = (
-        *(number, number, number, address),  # objects, rows, columns, factors
-        *(number, address, real, number, address),  # how many inside, which, near, bound, result
-    )
     library.commonlaw_evidence.argtypes = (
         *(number, number, address, number, address, number),  # objects, terms, factors, the support's, common ones
         *(MeasuredStructure, real, real),  # measured, needed, worst condition
