@@ -12,6 +12,8 @@ import pytest
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime import files
 from commonlaw.trials import Trials
+from commonlaw.trials.files import table_in
+from commonlaw.trials.tables import rows_of
 from tests.refusals import refused
 
 MINUTES = [0.0, 2.0, 4.0, 6.0]
@@ -166,6 +168,8 @@ def test_objects_of_which_the_last_is_named_by_a_word_are_all_kept(tmp_path):
 def test_rows_of_properties_below_the_header_of_a_plate_are_kept(tmp_path):
     plate = "time,A1,B1\nstrain,WT,mut\nglucose,0,1\n0,0.1,0.2\n1,0.2,0.3\n2,0.3,0.5\n"
     assert read(tmp_path, plate, wide="OD").properties["B1"] == {"strain": "mut", "glucose": 1}
+    samples = rows_of(table_in("plate.csv", plate.encode()), {"wide": "OD"}).row_indices
+    assert [rows.tolist() for rows in samples] == [[2, 3, 4], [2, 3, 4]]
 
 
 def test_a_header_of_numbers_beside_a_name_is_one(tmp_path):

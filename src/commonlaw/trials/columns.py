@@ -63,10 +63,14 @@ class Table:
     """What was guessed of how the table is written."""
     parsed: dict[str, Numerals | Unreadable] = field(default_factory=dict)
     """Columns of text as far as they have been read as numbers."""
+    rows: Codes = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    """Index of each row in the table as it came in, shape (n,)."""
 
     def __post_init__(self) -> None:
         if not len(self):
             raise CommonlawError("table-without-rows", where=self.source)
+        if not len(self.rows):
+            object.__setattr__(self, "rows", np.arange(len(self)))
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -147,6 +151,7 @@ class Table:
         return replace(
             self,
             columns={name: column[rows] for name, column in self.columns.items()},
+            rows=self.rows[rows],
             locate=lambda row: self.locate(int(rows[row])),
             number=lambda row: self.number(int(rows[row])),
             parsed={},

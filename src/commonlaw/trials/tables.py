@@ -25,31 +25,27 @@ from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 
 
-def _stacked(
-    table: Table, names: Sequence[str], repeated: Iterable[str], more: Mapping[str, Column]
-) -> tuple[Table, Codes]:
-    """Return a table with a row for each cell of some columns, one column below the other, and the rows of its cells.
+def _stacked(table: Table, names: Sequence[str], repeated: Iterable[str], more: Mapping[str, Column]) -> Table:
+    """Return a table with a row for each cell of some columns, one column below the other.
 
     It has the `repeated` columns, and `more` of as many rows.
     """
     rows = np.tile(np.arange(len(table)), len(names))
     columns = {**{name: table.columns[name][rows] for name in repeated}, **more}
-    return (
-        replace(
-            table,
-            columns=columns,
-            units={name: unit for name, unit in table.units.items() if name in columns},
-            loose=table.loose & columns.keys(),
-            locate=lambda row: f"{table.locate(int(rows[row]))}, column {names[row // len(table)]!r}",
-            number=lambda row: table.number(int(rows[row])),
-            parsed={},
-        ),
-        rows,
+    return replace(
+        table,
+        columns=columns,
+        units={name: unit for name, unit in table.units.items() if name in columns},
+        loose=table.loose & columns.keys(),
+        locate=lambda row: f"{table.locate(int(rows[row]))}, column {names[row // len(table)]!r}",
+        number=lambda row: table.number(int(rows[row])),
+        rows=table.rows[rows],
+        parsed={},
     )
 
 
-def _times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] | None:
-    """Return a table whose columns are times as a row for each cell, and the rows of these; None if they are not."""
+def _times_across(table: Table, wide: bool | str | None) -> Table | None:
+    """Return a table whose columns are times as one with a row for each cell; None if they are not."""
     dates = [name for name in table.columns if holds_dates(np.array([name], dtype=object))]
     years = years_of(table.columns) if len(dates) < 3 else {}
     times = list(years) if len(dates) < 3 else dates
@@ -67,14 +63,14 @@ def _times_across(table: Table, wide: bool | str | None) -> tuple[Table, Codes] 
         "time": np.repeat(stamps, count),
         state: np.concatenate([_quantified(table, time) for time in times]),
     }
-    long, rows = _stacked(table, times, others, more)
+    long = _stacked(table, times, others, more)
     note = (
         f"{table.source}: the columns {times[0]} to {times[-1]} are times, and each row is an object, named by {name}: "
         f"{state} is what was measured"
     )
     roles: WrittenReading = {**table.roles, "object": name, "time": "time", "states": [state]}
     units = {**long.units, "time": "year"} if years else long.units
-    return replace(long, units=units, roles=roles, notes=(*table.notes, note)), rows
+    return replace(long, units=units, roles=roles, notes=(*table.notes, note))
 
 
 def _objects(table: Table, words: Sequence[str]) -> tuple[str, Column]:
@@ -166,7 +162,7 @@ def trials_of(
             times, states, inputs, noise, below = (cell[rows[kept]] for cell in cells)
             earlier = inputs_before(cells[0][rows], cells[2][rows], kept)
             made.append(Trial(group.object, group.trial, times, states, inputs, noise, earlier=earlier, below=below))
-            row_indices.append(rows[kept])
+            row_indices.append(table.rows[rows[kept]])
         else:
             empty.append(group.label)
     notes += [f"rows without a measured state left out: {'; '.join(gaps)}"] if gaps else []
@@ -312,26 +308,20 @@ class Rows:
     data: TrialData
     empty: tuple[str, ...]
     row_indices: tuple[Codes, ...]
-    """Of each trial the indices of the rows of its samples, shape (n,)."""
+    """Of each trial the indices of the rows of its samples in the table as it came in, shape (n,)."""
     columns: ColumnRoles
     """What columns were taken for."""
-
-    def at(self, rows: Codes) -> "Rows":
-        """Return the same, where each row was one of these of another table."""
-        return replace(self, row_indices=tuple(rows[row_index] for row_index in self.row_indices))
 
 
 def rows_of(table: Table, roles: Reading) -> Rows:
     """Return what the rows of a whole table make, see `Trials.read`."""
-    table, reading, samples, columns, origin = _recognized(table, roles)
+    table, reading, samples, columns = _recognized(table, roles)
     if columns.wide:
         rows = _long_rows(table, reading, columns)
     elif len(samples) < len(table):
         rows = read_rows(table, reading)
     else:
         rows = _rows(samples, reading, columns, columns)
-    if origin is not None:
-        rows = rows.at(origin)
     if rows.empty:
         raise CommonlawError("nothing-measured", trial=rows.empty[0])
     check_measured(rows.data.trials, rows.data.schema.states)
@@ -343,22 +333,21 @@ def column_roles_of(table: Table, roles: Reading) -> ColumnRoles:
     return _recognized(table, roles)[3]
 
 
-def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, ColumnRoles, Codes | None]:
+def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, ColumnRoles]:
     """Return a table with its numbers read, what is said of it, its rows from the first time on, and its columns.
 
-    If its columns were times, it has a row for each cell: last come the rows of these in the table as it came in.
+    If its columns were times, it has a row for each cell.
     """
     reading = cast(Reading, {**table.roles, **checked(roles)})
-    table, origin = with_numbers(table, notation_of(reading)), None
+    table = with_numbers(table, notation_of(reading))
     if table.facts:
         table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))
     if reading.get("time") not in table.columns and (across := _times_across(table, reading.get("wide"))) is not None:
-        table, origin = across
-        reading = cast(Reading, {**table.roles, **reading, "wide": None})
+        table, reading = across, cast(Reading, {**across.roles, **reading, "wide": None})
     time = time_of(table, reading)
     first = first_time(table, time)
     samples = _with_times(table.taken(np.arange(first, len(table))) if first else table, reading, time)
-    return table, reading, samples, column_roles(samples, reading, time), origin
+    return table, reading, samples, column_roles(samples, reading, time)
 
 
 def _with_times(table: Table, roles: Reading, time: str) -> Table:
@@ -399,14 +388,14 @@ def _long_rows(table: Table, reading: Reading, columns: ColumnRoles) -> Rows:
     }
     if twice := conditions.keys() & {*repeated, *more}:
         raise CommonlawError("wide-name-twice", where=table.source, name=min(twice))
-    long, origin = _stacked(measured, names, repeated, more | conditions)
+    long = _stacked(measured, names, repeated, more | conditions)
     units_of = {**long.units, state: unit} if unit else long.units
     long = replace(long, units=units_of, loose=long.loose | conditions.keys())
     roles: Reading = {
         **reading, "object": "object", "time": time, "states": [state], "inputs": columns.inputs, "noise_columns": noise
     }  # fmt: skip
     long = _with_times(long, roles, time)
-    rows = _rows(long, roles, column_roles(long, roles, time), columns).at(origin)
+    rows = _rows(long, roles, column_roles(long, roles, time), columns)
     return replace(rows, data=rows.data._replace(schema=replace(rows.data.schema, wide=names)))
 
 
