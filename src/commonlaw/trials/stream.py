@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, compress, groupby
 from pathlib import Path
-from typing import NamedTuple, NoReturn, Unpack, cast
+from typing import NoReturn, Unpack, cast
 from urllib.parse import unquote
 
 import numpy as np
@@ -128,16 +128,17 @@ class TrialStream:
         parts, chosen = self.parts or (self,), Named(wanted)
         looked = done_in_parts(partial(_looked_for, chosen), parts, "looking for trials", on_terminal())
         for role, names in wanted.items():
-            if missing := sorted(names.difference(*(summary.names[role] for summary in looked))):
+            if missing := sorted(names.difference(*(present[role] for present, _ in looked))):
                 raise CommonlawError("stream-without-role", role=role, name=missing[0])
-        if not any(summary.chosen for summary in looked):
+        if not any(True in fit for _, fit in looked):
             raise CommonlawError("no-trial-fits", conditions=", ".join(f"{role}={asked[role]}" for role in wanted))
         kept, rest = (
-            [TrialStream(self.schema, _Kept(part, selection)) for part, has in zip(parts, flags, strict=True) if has]
-            for selection, flags in (
-                (chosen, [summary.chosen for summary in looked]),
-                (replace(chosen, others=True), [summary.others for summary in looked]),
-            )
+            [
+                TrialStream(self.schema, _Kept(part, replace(chosen, others=not fits)))
+                for part, (_, fit) in zip(parts, looked, strict=True)
+                if fits in fit
+            ]
+            for fits in (True, False)
         )
         return self._of(kept), self._of(rest)
 
@@ -186,22 +187,15 @@ class TrialStream:
         return cls(schema, partial(chain.from_iterable, parts), parts)
 
 
-class _Looked(NamedTuple):
-    """The wanted names that a part of a stream has, by role, and whether it has trials that are chosen, and others."""
-
-    names: dict[str, set[str]]
-    chosen: bool
-    others: bool
-
-
-def _looked_for(wanted: Named, part: TrialStream) -> _Looked:
+def _looked_for(wanted: Named, part: TrialStream) -> tuple[dict[str, set[str]], set[bool]]:
+    """Return which wanted names a part of a stream has, by role, and whether trials of it fit, do not, or both."""
     seen: dict[str, set[str]] = {role: set() for role in wanted.names}
     fit = set[bool]()
     for trial in part:
         for role, name in wanted.names.items():
             seen[role] |= name & {name_of(trial, role)}
         fit.add(wanted.fits(trial))
-    return _Looked(seen, True in fit, False in fit)
+    return seen, fit
 
 
 def _has_trials(part: TrialStream) -> bool:
