@@ -374,7 +374,7 @@ def test_fits_to_lines_are_the_lines():
     measured = [row + 0.2 * noise for each in made for row, noise in zip(each, draws.noise, strict=True)]
     fits = [refitted([lines[k]] * 10, [begin] * 10, measured, linearise(k)) for k in range(2)]
     np.testing.assert_allclose(
-        Evidence.refitted(measured, fits).log_densities, Evidence.of(lines, draws).log_densities, rtol=1e-8
+        Evidence.about(np.array(measured), fits).log_densities, Evidence.of(lines, draws).log_densities, rtol=1e-8
     )
 
 

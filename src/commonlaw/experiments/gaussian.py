@@ -129,43 +129,31 @@ class Evidence:
     def of(cls, hypotheses: Sequence[Gaussian], draws: Draws) -> Self:
         """Return that of one trial, of which each hypothesis predicts the same in all draws."""
         noise = draws.noise[:, : len(hypotheses[0].mean)]
-        pairs = zip(hypotheses, draws.unknowns, strict=True)
-        made = np.array(
-            [
-                hypothesis.mean + unknowns @ hypothesis.by_unknowns.T + noise @ hypothesis.root.T
-                for hypothesis, unknowns in pairs
-            ]
-        )
-        deviance, gradients, information = [], [], []
-        for hypothesis in hypotheses:
-            whitened = hypothesis.whitened()
-            off = (made - hypothesis.mean) @ whitened.contrasts.T
-            deviance.append(np.sum(off**2, axis=2) + whitened.constant)
-            gradients.append(off @ whitened.slopes)
-            information.append((whitened.slopes.T @ whitened.slopes)[np.newaxis, np.newaxis])
-        return cls(np.array(deviance).swapaxes(0, 1), tuple(gradients), tuple(information))
+        made = [
+            hypothesis.mean + unknowns @ hypothesis.by_unknowns.T + noise @ hypothesis.root.T
+            for hypothesis, unknowns in zip(hypotheses, draws.unknowns, strict=True)
+        ]
+        return cls.about(np.concatenate(made), [[hypothesis] for hypothesis in hypotheses])
 
     @classmethod
-    def refitted(cls, measured: Sequence[Floats], hypotheses: Sequence[Sequence[Gaussian]]) -> Self:
-        """Return that of one trial, with what each hypothesis predicts of each draw.
+    def about(cls, measured: Floats, hypotheses: Sequence[Sequence[Gaussian]]) -> Self:
+        """Return that of one trial, with what each hypothesis predicts of all draws, or of each of them.
 
-        Measurements, shape (n,), are in the order of the hypotheses that made them.
+        Measurements, shape (K draws, n), are in the order of the hypotheses that made them.
         """
-        count = len(hypotheses)
-        shape = (count, len(measured) // count)
+        shape = (len(hypotheses), len(measured) // len(hypotheses))
         deviance, gradients, information = [], [], []
         for hypothesis in hypotheses:
-            all_ = [predicted.whitened() for predicted in hypothesis]
-            off = [
-                whitened.contrasts @ (y - predicted.mean)
-                for whitened, predicted, y in zip(all_, hypothesis, measured, strict=True)
-            ]
-            values = [one @ one + whitened.constant for whitened, one in zip(all_, off, strict=True)]
-            deviance.append(np.reshape(values, shape))
-            gradient = [one @ whitened.slopes for whitened, one in zip(all_, off, strict=True)]
-            gradients.append(np.reshape(gradient, (*shape, -1)))
-            known = [whitened.slopes.T @ whitened.slopes for whitened in all_]
-            information.append(np.reshape(known, (*shape, *known[0].shape)))
+            values, gradient, known = list[Floats](), list[Floats](), list[Floats]()
+            for predicted, rows in zip(hypothesis, np.split(measured, len(hypothesis)), strict=True):
+                whitened = predicted.whitened()
+                off = (rows - predicted.mean) @ whitened.contrasts.T
+                values.append(np.sum(off**2, axis=1) + whitened.constant)
+                gradient.append(off @ whitened.slopes)
+                known.append(whitened.slopes.T @ whitened.slopes)
+            deviance.append(np.concatenate(values).reshape(shape))
+            gradients.append(np.concatenate(gradient).reshape(*shape, -1))
+            information.append(np.reshape(known, (*(shape if len(known) > 1 else (1, 1)), *known[0].shape)))
         return cls(np.stack(deviance, axis=1), tuple(gradients), tuple(information))
 
     def __add__(self, other: "Evidence") -> "Evidence":

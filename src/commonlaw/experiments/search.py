@@ -223,8 +223,9 @@ class Search:
             fitted.append(law.refitted(experiment, [*chain.from_iterable(initial)], measured, limit))
         trials = range(len(experiment.objects))
         return _sum(
-            Evidence.refitted(
-                [numbers[i] for numbers in measured], [[gaussians[i] for gaussians in refits] for refits in fitted]
+            Evidence.about(
+                np.array([numbers[i] for numbers in measured]),
+                [[gaussians[i] for gaussians in refits] for refits in fitted],
             )
             for i in trials
         )
