@@ -16,7 +16,6 @@ from commonlaw.formulation.least_squares_problem import (
     column_scales,
     explained,
     least_squares_of_each,
-    leave_one_out,
     merge,
     redrawn,
 )
@@ -47,7 +46,6 @@ __all__ = [
     "explained",
     "law_variables",
     "least_squares_of_each",
-    "leave_one_out",
     "merge",
     "merged_rows",
     "plain_rates",

@@ -2,9 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
-from itertools import accumulate
-from operator import add
+from functools import cached_property
 
 import numpy as np
 
@@ -93,8 +91,7 @@ class LeastSquaresProblem:
 
     def __add__(self, other: "LeastSquaresProblem") -> "LeastSquaresProblem":
         """Return the problem of both sets of rows."""
-        factor = _absorb(self.factor, other.factor, triangular=True)
-        return LeastSquaresProblem(factor, self.terms, self.rows + other.rows)
+        return merge((self, other))
 
     @property
     def targets(self) -> int:
@@ -192,15 +189,11 @@ def column_scales(columns: Floats) -> Floats:
 
 def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:
     """Return the problem of the rows of all of these, of which there is at least one."""
-    listed = list(problems)
-    terms, columns = listed[0].terms, len(listed[0].factor)
-    if len(listed) < 4:  # Merging more like rows is faster
-        return reduce(add, listed)
-    together = max(1, BLOCK // columns)
-    stacks = (listed[i : i + together] for i in range(0, len(listed), together))
-    blocks = (np.concatenate([problem.factor.T for problem in stack], axis=1).T for stack in stacks)
-    factor = LeastSquaresProblem.of_blocks(blocks, terms, columns).factor
-    return LeastSquaresProblem(factor, terms, sum(problem.rows for problem in listed))
+    first, *others = problems
+    factor, together = first.factor, max(1, BLOCK // len(first.factor))
+    for i in range(0, len(others), together):
+        factor = _absorb(factor, np.concatenate([problem.factor for problem in others[i : i + together]]))
+    return LeastSquaresProblem(factor, first.terms, first.rows + sum(problem.rows for problem in others))
 
 
 def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> LeastSquaresProblem:
@@ -209,20 +202,9 @@ def redrawn(problems: Sequence[LeastSquaresProblem], counts: Floats) -> LeastSqu
     return replace(drawn, rows=int(counts @ [problem.rows for problem in problems]))
 
 
-def leave_one_out(problems: Sequence[LeastSquaresProblem]) -> list[LeastSquaresProblem]:
-    """Return for each of several problems the merger of all others, with three mergers for each."""
-    before = [None, *accumulate(problems[:-1], add)]
-    after = [*reversed([None, *accumulate(reversed(problems[1:]), add)])]
-    pairs = zip(before, after, strict=True)
-    return [merge(problem for problem in pair if problem is not None) for pair in pairs]
-
-
-def _absorb(factor: Floats, rows: Floats, *, triangular: bool = False, workspace: bool = False) -> Floats:
+def _absorb(factor: Floats, rows: Floats, *, workspace: bool = False) -> Floats:
     """Return the triangular factor of a triangular factor above more rows, by blocked Householder reflections."""
     from scipy.linalg import lapack
 
-    size = len(factor)
-    merged, *_ = lapack.dtpqrt(
-        size if triangular else 0, min(8, size), factor, rows, overwrite_a=workspace, overwrite_b=workspace
-    )
+    merged, *_ = lapack.dtpqrt(0, min(8, len(factor)), factor, rows, overwrite_a=workspace, overwrite_b=workspace)
     return np.asarray(merged)

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.formulation import LeastSquaresProblem, leave_one_out, merge, redrawn
+from commonlaw.formulation import LeastSquaresProblem, merge, redrawn
 from commonlaw.law import Law
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.solvers import Candidate
@@ -50,7 +50,8 @@ def make_folds(groups: ProblemGroups, count: int = 10) -> tuple[Fold, ...]:
             raise CommonlawError("one-segment-to-hold-out")
         used = min(count, len(units))
         held = [merge(units[k::used]) for k in range(used)]
-        for k, (part, rest) in enumerate(zip(held, leave_one_out(held), strict=True)):
+        for k, part in enumerate(held):
+            rest = merge(held[:k] + held[k + 1 :])
             out = tuple(range(k, len(units), used)) if several else ()
             folds.append(Fold(index, part, rest, out, 1 / (used * len(groups))))
     return tuple(folds)
