@@ -369,8 +369,6 @@ def _long_rows(table: Table, reading: Reading, columns: ColumnRoles) -> Rows:
     repeated = [name for name in table.columns if name not in (*names, *columns.noise_columns.values())]
     if state in (*repeated, "object"):
         raise CommonlawError("wide-name-taken", where=table.source, name=state)
-    if not names:
-        raise CommonlawError("wide-without-objects", where=table.source)
     first = first_time(table, time)
     measured = table.taken(np.arange(first, len(table)))
     more = {"object": np.repeat(np.array(names, dtype=object), len(measured))}
