@@ -1,5 +1,6 @@
 """The experiments that are worth most: each given those before it, then each given all others."""
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
@@ -249,13 +250,7 @@ class Search:
             return 1
         if not settled(MAX_REPEATS):
             return None
-        low, high = 1, 2
-        while not settled(high):
-            low, high = high, min(2 * high, MAX_REPEATS)
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if settled(middle) else (middle, high)
-        return high
+        return bisect_left(range(MAX_REPEATS), True, lo=2, key=settled)
 
     def limit(self, chosen: Chosen) -> float:
         """Return the largest chance that is seen if experiments are made `MAX_REPEATS` times: these, or another."""
