@@ -13,7 +13,7 @@ from commonlaw.errors import CommonlawError
 
 _MIN_SAMPLES, _MAX_ORDER = 8, 10
 """Samples of a trial, and the highest order of differences."""
-FAR = 4.0
+OUTLIER_THRESHOLD = 4.0
 """Standard deviations beyond which a value, or a difference that it is in, is an outlier."""
 
 MEDIAN_SIZE = NormalDist().inv_cdf(0.75)
@@ -141,7 +141,7 @@ def without_outliers(differences: Floats, order: int) -> Bools:
     for _ in range(20):
         # Coarse rounding of a slow state makes most differences zero, and the median with them
         scale = np.median(sizes[kept]) / MEDIAN_SIZE or sqrt(np.mean(sizes[kept] ** 2))
-        far = kept & (sizes > FAR * (1 + margin) * scale)
+        far = kept & (sizes > OUTLIER_THRESHOLD * (1 + margin) * scale)
         # The middle weight is the largest, so that an outlier is at the middle of the largest difference around it
         peaks = far & (sizes == maximum_filter1d(sizes * kept, near))
         clean = kept & ~maximum_filter1d(peaks, near)

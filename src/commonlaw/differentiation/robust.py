@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.base import AbstractDifferentiator, Rates
-from commonlaw.differentiation.noise import FAR, MEDIAN_SIZE, differences
+from commonlaw.differentiation.noise import MEDIAN_SIZE, OUTLIER_THRESHOLD, differences
 from commonlaw.differentiation.penalized import SmoothingSpline, cross_validated, smoothing_spline
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import check_number
@@ -87,7 +87,7 @@ class RobustSpline(AbstractDifferentiator):
         if not far.any():
             return far
         distances = np.abs(values - self._bounded(times, values))
-        far &= distances > FAR * _scales(distances, distances)
+        far &= distances > OUTLIER_THRESHOLD * _scales(distances, distances)
         while far.any():
             turns = binary_opening(far, np.ones(4, dtype=np.bool_))  # More than three in a row
             before: Indices = np.cumsum(~far) - ~far
@@ -97,7 +97,7 @@ class RobustSpline(AbstractDifferentiator):
             if not restored.any():
                 rates = SmoothingSpline(self.strength).differentiate(times[~far], values[~far, np.newaxis], 1)
                 distances = np.abs(values - _natural(times[~far], rates.states[:, 0], times, 1)[0])
-                bounds = FAR * _scales(distances, distances[~far])
+                bounds = OUTLIER_THRESHOLD * _scales(distances, distances[~far])
                 bounds[(times < times[~far][0]) | (times > times[~far][-1])] *= 3  # The curve goes on straight there
                 restored = far & (distances <= bounds)
             if not restored.any():

@@ -13,7 +13,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.integration.problem import (
-    FAR,
+    MAX_RELATIVE_STATE,
     AbstractIntegrator,
     EventFunctions,
     InitialValueProblem,
@@ -266,7 +266,9 @@ class HeyokaIntegrator(AbstractIntegrator):
             rows = np.full((len(problem.times), path.rows.shape[1]), np.nan)
             reached, states = len(path.rows), np.abs(path.rows[:, :width])
             # Most states are small relative to the initial ones: then rates are not needed
-            if self.options.limit is not None or not states.max() <= FAR * np.max(np.abs(problem.initial)):
+            if self.options.limit is not None or not states.max() <= MAX_RELATIVE_STATE * np.max(
+                np.abs(problem.initial)
+            ):
                 within = (states <= largest_state(problem, self.options)).all(axis=1)
                 reached = int(np.logical_and.accumulate(within).sum())
             rows[:reached] = path.rows[:reached]

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from commonlaw.array_types import Floats
 from commonlaw.integration.problem import (
     ABSOLUTE_TOLERANCE,
-    FAR,
+    MAX_RELATIVE_STATE,
     AbstractIntegrator,
     EventFunctions,
     Function,
@@ -182,7 +182,9 @@ def solve(
                 mark = solver.t
             before = solver.t
             with quiet(UserWarning):
-                bad = solver.step() or _divergence(solver.y[:width], FAR * size if limit is None else limit)
+                bad = solver.step() or _divergence(
+                    solver.y[:width], MAX_RELATIVE_STATE * size if limit is None else limit
+                )
             if bad:
                 how, why = "ran away", bad
                 break

@@ -238,7 +238,7 @@ Function = Callable[[float, Floats], Floats]
 MAX_STEPS = 100_000
 ABSOLUTE_TOLERANCE = 1e-3
 """Absolute tolerance over the relative one, in scales of the states."""
-FAR = 1e10
+MAX_RELATIVE_STATE = 1e10
 """Limit of states, relative to the initial states and their change over the first sample, beyond which they diverge."""
 
 
@@ -271,7 +271,7 @@ def largest_state(problem: InitialValueProblem, options: OutputOptions) -> float
     """Return the limit of states beyond which they diverge."""
     if options.limit is not None:
         return options.limit
-    return FAR * state_scale(problem.initial, problem.field, problem.times)
+    return MAX_RELATIVE_STATE * state_scale(problem.initial, problem.field, problem.times)
 
 
 def not_integrated(time: float, why: str, where: str) -> Outcome:

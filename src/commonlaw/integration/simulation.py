@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration.problem import (
-    FAR,
+    MAX_RELATIVE_STATE,
     AbstractIntegrator,
     Event,
     InitialValueProblem,
@@ -46,7 +46,7 @@ class Iteration(AbstractIntegrator):
         with np.errstate(all="ignore"):
             for k, t in enumerate(problem.times[:-1]):
                 following = vector_field(t, states[k])
-                limit = limit or FAR * float(np.max(np.abs([states[k], following])))
+                limit = limit or MAX_RELATIVE_STATE * float(np.max(np.abs([states[k], following])))
                 peak = np.max(np.abs(following))
                 if not peak <= limit:
                     why = f"a state reached {peak:.3g}" if np.isfinite(peak) else "a state is not finite"
