@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import commonlaw as cl
 from commonlaw.formulation import law_variables
@@ -14,8 +15,8 @@ from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.result.history import outcomes_of_fit
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import minimum
-from commonlaw.integration import VectorField, integrate, runge_kutta_step
-from commonlaw.library import PolynomialLibrary, Variables, parse_library
+from commonlaw.integration import InitialValueProblem, VectorField, integrate, runge_kutta_step, simulate
+from commonlaw.library import PolynomialLibrary, Terms, Variables, parse_library, parse_term
 from commonlaw.outcomes import OutcomeKind
 from tests.refusals import refused
 
@@ -201,3 +202,12 @@ def test_a_step_of_runge_and_kutta_is_exact_to_fourth_order_in_states_and_simpso
     assert found == pytest.approx(1.5 * np.polyval([1 / 24, 1 / 6, 1 / 2, 1, 1], -2 * h), rel=1e-14)
     (found,) = runge_kutta_step(lambda _, share: np.array([3 * (share * h) ** 2]), np.array([1.0]), h)
     assert found == pytest.approx(1 + h**3, rel=1e-14)
+
+
+def test_a_fast_beginning_between_samples_costs_no_accuracy():
+    """Rates at first would carry the states 1e5 times as far as they go, and the absolute tolerance with them."""
+    variables = Variables(("x", "y"))
+    terms = Terms(variables, tuple(parse_term(name, variables) for name in ("x", "y")))
+    rates, start, times = np.array([[-1e5, 1e5], [-1.0, 0.0]]), np.array([3.0, 1.0]), np.linspace(0, 3, 4)
+    (found,) = simulate([InitialValueProblem(VectorField(terms, rates), start, times)], method="scipy")
+    np.testing.assert_allclose(found.states, [expm(rates * t) @ start for t in times], rtol=2e-7)
