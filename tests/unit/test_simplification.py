@@ -214,6 +214,14 @@ def test_ones_and_ties_are_shown_in_one_line():
     assert second in ("w' = 0.5015 u - 0.5015 w", "w' = 0.502 u - 0.502 w")
 
 
+def test_parameters_that_agree_with_each_other_are_written_by_one():
+    reaction = ("A' = a A B", "B' = b A B", "C' = c A B")
+    values, errors = {"a": -0.2995, "b": -0.301, "c": 0.3}, {"a": 0.004, "b": 0.005, "c": 0.006}
+    (line,) = within_errors(law(reaction, values, errors, objects=3))
+    letters = [part.split("=")[1].split()[0].lstrip("-") for part in line.split("; ")]
+    assert len(set(letters)) == 1
+
+
 def test_nothing_is_shown_where_nothing_is_simpler():
     found = law("x' = a - b x", {"a": 2.0, "b": 0.7}, {"a": 0.01, "b": 0.01})
     assert within_errors(found) == []

@@ -228,7 +228,7 @@ def within_errors(law: Law) -> list[str]:
     if len(law.objects) == 1:
         values = zip(parameters.names, estimates.values[0].tolist(), errors.tolist(), strict=True)
         written = {name: (value < 0, rounded(abs(value), error)) for name, value, error in values}
-    for constraint in constraints:
+    for constraint in reversed(constraints):  # what replaces a parameter may be replaced by a later constraint
         negative, text = (False, "1") if constraint.other is None else written[parameters.names[constraint.other]]
         written[constraint.parameter] = (negative != (constraint.number < 0), text)
     write = {name: (lambda _, pair=pair: pair) for name, pair in written.items()}

@@ -66,21 +66,21 @@ class Regression:
 
 
 def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Floats, free: Bools) -> Floats:
-    """Return the sensitivities of states to initial states and coefficients, (n, D, D + p), by a parallel scan."""
+    """Return the sensitivities of states to initial states and coefficients, (n, D, D + p), by a banded system."""
+    from scipy.linalg import lapack
+
     width, size = model.width, int(free.sum())
     linear = jacobians(model.field(coefficients, free), mesh, states[:, :width])
-    steps, sensitivities = np.zeros((len(mesh), width, width)), np.zeros((len(mesh), width, width + size))
+    sensitivities, bands = np.zeros((len(mesh), width, width + size)), np.zeros((2 * width, len(mesh) * width))
     sensitivities[mesh.first] = np.eye(width, width + size)
     on = mesh.contiguous
-    solved = np.linalg.solve(linear.end[on], -np.concatenate([linear.start[on], linear.coefficients[on]], axis=2))
-    after = np.flatnonzero(on) + 1
-    steps[after], sensitivities[after, :, width:] = solved[:, :, :width], solved[:, :, width:]
-    stride = 1
-    while stride < len(mesh):
-        sensitivities[stride:] += steps[stride:] @ sensitivities[:-stride]
-        steps[stride:] = steps[stride:] @ steps[:-stride]
-        stride *= 2
-    return sensitivities
+    solved = np.linalg.solve(linear.end[on], np.concatenate([linear.start[on], -linear.coefficients[on]], axis=2))
+    sensitivities[1:][on, :, width:] = solved[:, :, width:]
+    for i, j in np.ndindex(width, width):  # Of the states after a step by those before it
+        bands[width + i - j, j:-width:width][on] = solved[:, i, j]
+    return np.asarray(lapack.dtbtrs(bands, sensitivities.reshape(-1, width + size), uplo="L", diag="U")[0]).reshape(
+        sensitivities.shape
+    )
 
 
 MISSING = 100.0
