@@ -27,7 +27,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.forecast.population import is_typical
 from commonlaw.forecast.prediction import predict
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.runtime.cluster import done_in_parts, on_cluster
 from commonlaw.runtime.files import make_folder, write_whole
 from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal, part, unannounced
@@ -119,7 +119,7 @@ def law_of(law: Law, names: Collection[str]) -> Law:
     if unseen and law.uncertainty.explanation is None:
         raise CommonlawError("object-unknown", object=unseen[0])
     some = law.objects[:2] if unseen else ()  # A law of a single object would be taken for that of all
-    return law.select(list(dict.fromkeys([*(name for name in names if name in known), *some])))
+    return select_objects(law, list(dict.fromkeys([*(name for name in names if name in known), *some])))
 
 
 def _errors(how: dict[str, Any], piece: tuple[Law, TrialStream, Path | None]) -> pd.DataFrame:

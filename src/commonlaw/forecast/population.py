@@ -9,8 +9,9 @@ from numpy.polynomial.hermite import hermgauss
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation
-from commonlaw.law import average_law, pool_objects
-from commonlaw.law.law import Law, object_index, with_estimates, with_other_laws
+from commonlaw.law import average_law, pool_objects, select_objects
+from commonlaw.law.law import Law, object_index, with_other_laws
+from commonlaw.law.objects import with_estimates
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.uncertainty import ObjectEstimates
@@ -203,7 +204,7 @@ def _typical(law: Law, note: str) -> Population:
         law = pool_objects(with_other_laws(law, ()))
         factor = law.uncertainty.shared_factor
         if factor is not None:  # Objects without information keep their own, see `pooled`
-            law = law.select([law.objects[i] for i in np.flatnonzero(factor.any(axis=(1, 2)))])
+            law = select_objects(law, [law.objects[i] for i in np.flatnonzero(factor.any(axis=(1, 2)))])
     mean, count = average_law(law), len(law.objects)
     covariance = mean.uncertainty.covariance
     if covariance is None or count == 1:

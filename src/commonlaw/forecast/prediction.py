@@ -23,7 +23,7 @@ from commonlaw.forecast.initial_state import (
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.integration.vector_field import InputFunction
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import named_parameters, rate_names, vector_field
@@ -333,7 +333,7 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
     if wider is None:
         raise CommonlawError("discrepancy-missing")
     if {*law.objects} <= {*wider.objects}:
-        wider = wider.select(law.objects)
+        wider = select_objects(wider, law.objects)
     if law.observation is None:
         same = np.array_equal(wider.coefficients[:, :, : used.sum()], law.coefficients[:, :, used])
     else:
@@ -375,7 +375,7 @@ def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
     name, others = trials.objects[0], ", ".join(law.objects)
     if not trials.nameless or name in law.objects:
         if len(law.objects) == 1:
-            law.select(trials.objects)
+            select_objects(law, trials.objects)
         law, notes = with_objects_of(law, trials)
         return law, replace(trials, notes=(*trials.notes, *notes)) if notes else trials
     if len(law.objects) > 1:

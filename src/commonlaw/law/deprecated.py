@@ -24,7 +24,7 @@ def _parameters(law: Any) -> Any:
 DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "adapt": ("update(trials)", lambda law: law.update),
     "alternatives": ("provenance.alternatives", lambda law: law.provenance.alternatives),
-    "average": ("commonlaw.law.average_law(law)", _method("law:average_law")),
+    "average": ("commonlaw.law.average_law(law)", _method("objects:average_law")),
     "bounds": ("commonlaw.bounds(law, trials)", lambda law: partial(resolve_name("commonlaw.inference:bounds"), law)),
     "candidates": (
         "comparison",
@@ -32,7 +32,10 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     ),
     "coefficient_intervals": ("conf_int(level)", _method("parameters:coefficient_intervals")),
     "coefficient_units": ("params", _method("parameters:coefficient_units")),
-    "coefficients_of": ("select([name]).coefficients", lambda law: lambda name: law.select([name]).coefficients[0]),
+    "coefficients_of": (
+        "commonlaw.law.select_objects(law, [name]).coefficients",
+        lambda law: lambda name: resolve_name("commonlaw.law:select_objects")(law, [name]).coefficients[0],
+    ),
     "covariance": ("uncertainty.covariance", lambda law: law.uncertainty.covariance),
     "differentiation": ("provenance.differentiation", lambda law: law.provenance.differentiation),
     "domain": (
@@ -43,8 +46,10 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "each_other": ("uncertainty.map_other_laws", lambda law: law.uncertainty.map_other_laws),
     "evaluate": ("rhs(name, values)", lambda law: law.rhs),
     "explanation": ("uncertainty.explanation", lambda law: law.uncertainty.explanation),
+    "export": ("save(path)", lambda law: law.save),
     "from_json": ("commonlaw.law.from_json(text)", lambda _: resolve_name("commonlaw.law:from_json")),
     "has_std": ("uncertainty.has_std", lambda law: law.uncertainty.has_std),
+    "history": ("provenance.history", lambda law: law.provenance.history),
     "inclusion_probabilities": (
         "uncertainty.inclusion_probabilities",
         lambda law: law.uncertainty.inclusion_probabilities,
@@ -71,6 +76,11 @@ DEPRECATED: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "pool": ("commonlaw.law.pool_objects(law)", _method("pooling:pool_objects")),
     "rates": ("terms.variables.states", _value("parameters:rate_names")),
     "relations": ("commonlaw.law.relations_frame(law)", _method("printing:relations_frame")),
+    "score": (
+        "predict(trials).metric(metric)",
+        lambda law: lambda trials, metric="r2", *, start=None: law.predict(trials, start=start).metric(metric),
+    ),
+    "select": ("commonlaw.law.select_objects(law, objects)", _method("objects:select_objects")),
     "shared": ("support", _value("law:shares_terms")),
     "standard_errors": ("params", _value("parameters:standard_errors")),
     "state_rates": ("terms.variables.states", _value("parameters:state_rates")),

@@ -510,8 +510,8 @@ WRITERS: Mapping[str, Callable[[_System, str], bytes]] = {
 
 
 def exported(law: Law, path: str | os.PathLike[str], name: str | None = None, initial: Any = None) -> bytes:
-    """Return the content of a file that a law is exported to, see `Law.export`."""
+    """Return the content of a file that a law is exported to, see `Law.save`."""
     file = Path(path)
     if file.suffix.lower() not in WRITERS:
-        raise CommonlawError("export-format", path=str(path), endings=[*WRITERS])
+        raise CommonlawError("export-format", path=str(path), endings=[".json", ".parquet", *WRITERS])
     return WRITERS[file.suffix.lower()](_system(law, name, initial), file.stem)

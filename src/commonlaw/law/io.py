@@ -8,15 +8,19 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from math import prod
+from pathlib import Path
 from typing import Any, Literal, cast
 
 import msgspec
 import numpy as np
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
+from commonlaw.law.export import exported
 from commonlaw.law.law import Law, with_other_laws
+from commonlaw.law.objects import select_objects
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative, Domain, Provenance, Step
@@ -508,10 +512,17 @@ _BY_OBJECT = ("coefficients", "covariance", "shared_factor", "properties")
 _OBJECTS = "object"
 
 
-def law_bytes(law: Law, path: str | os.PathLike[str]) -> bytes:
-    """Return the file of a law: Parquet if it is named so, else JSON."""
-    name, content = law_file(law, str(path))
-    if name != str(path):
+def file_content(
+    law: Law, path: str | os.PathLike[str], name: str | None = None, initial: ArrayLike | None = None
+) -> bytes:
+    """Return the content of a file of a law in the format of its extension, see `Law.save`."""
+    if Path(path).suffix.lower() not in ("", ".json", ".parquet"):
+        return exported(law, path, name, initial)
+    if initial is not None:
+        raise CommonlawError("export-initial-of-law", path=str(path))
+    law = law if name is None else select_objects(law, [name])
+    file, content = law_file(law, str(path))
+    if file != str(path):
         raise CommonlawError("law-too-large-for-json", objects=len(law.objects))
     return content
 

@@ -11,7 +11,8 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
 from commonlaw.hierarchy.relation import dimensions_of
-from commonlaw.law.law import Law, shares_terms, with_estimates, with_other_laws
+from commonlaw.law.law import Law, shares_terms, with_other_laws
+from commonlaw.law.objects import with_estimates
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters
 from commonlaw.law.printing import dependence
 from commonlaw.law.provenance import Step
@@ -34,10 +35,10 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
     """Return a law with coefficients partially pooled over objects (parametric empirical Bayes; Morris 1983).
 
     ``c~_o = c_o - E_o (E_o + T)^-1 (c_o - mu)``: the coefficients c_o of object o with covariance E_o are shrunk to the
-    population mean mu, the more so the smaller the between-object covariance T. ``history`` has the shrinkage of each
-    coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `shared` coefficients, shape
-    (equations, terms), become the same for all objects; the `others` are shrunk. Objects without information on any
-    coefficient, such as blanks among cultures, are left as they are.
+    population mean mu, the more so the smaller the between-object covariance T. ``provenance.history`` has the
+    shrinkage of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `shared`
+    coefficients, shape (equations, terms), become the same for all objects; the `others` are shrunk. Objects without
+    information on any coefficient, such as blanks among cultures, are left as they are.
 
     Raises `CommonlawError` if the covariance is not known, or the law is already pooled.
 
@@ -89,7 +90,7 @@ def _with_values(law: Law, values: Floats, step: Step, **known: Any) -> Law:
     """Return a law with other coefficients in its support, shape (objects, parameters), their errors and a step."""
     coefficients = law.coefficients.copy()
     coefficients[:, law.support] = values
-    provenance = replace(law.provenance, history=(*law.history, step))
+    provenance = replace(law.provenance, history=(*law.provenance.history, step))
     uncertainty = replace(law.uncertainty, pooled=None, **known)
     return replace(law, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
 

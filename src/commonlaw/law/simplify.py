@@ -11,7 +11,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.law import Law, average_law, shares_terms
+from commonlaw.law.law import Law, shares_terms
+from commonlaw.law.objects import average_law
 from commonlaw.law.parameters import Parameters, left_hand_sides, named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.simplification import Replacement, Simplification, p_value
