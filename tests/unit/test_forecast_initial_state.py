@@ -270,8 +270,9 @@ def test_a_forecast_begins_with_the_first_row_even_if_that_is_below_a_limit(star
     states[0], limits = np.nan, np.full((9, 1), np.nan)
     limits[0] = 2.0
     trials = Trials((Trial("tank", "1", times, states, below=limits),), law.schema)
-    (curve,) = law.predict(trials, start=start).trajectories
-    np.testing.assert_allclose(curve.states[:, 0], np.exp(-0.5 * times), rtol=1e-6)
+    forecast = law.predict(trials, start=start)
+    for curve in (forecast.trajectories[0], forecast.smooth(20).trajectories[0]):
+        np.testing.assert_allclose(curve.states[:, 0], np.exp(-0.5 * curve.times), rtol=1e-6)
 
 
 def test_a_forecast_from_one_sample_begins_with_the_first_that_is_measured():

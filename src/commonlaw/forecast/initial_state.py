@@ -487,13 +487,15 @@ def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
     between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)
     grid = np.concatenate([trial.times, wanted[between]])
     order = np.argsort(grid)
-    states = np.pad(trial.states, ((0, between.sum()), (0, 0)), constant_values=np.nan)
+    more = (0, between.sum()), (0, 0)
+    states, below = (np.pad(values, more, constant_values=np.nan)[order] for values in (trial.states, trial.below))
     noise = [np.interp(grid[order], trial.times, column, right=np.nan) for column in trial.noise.T]
     rows = np.flatnonzero(order < len(trial))
     return replace(
         trial,
         times=grid[order],
-        states=states[order],
+        states=states,
+        below=below,
         inputs=inputs.at(grid[order]),
         noise=np.stack(noise, axis=1),
         repeats=trial.repeats and trial.repeats.placed(rows, len(grid)),
