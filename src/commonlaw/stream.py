@@ -282,7 +282,7 @@ class StreamResiduals(AbstractPatterns):
     The residuals look like white noise: no pattern is significant.
     """
 
-    objects: "pd.DataFrame"
+    objects: pd.DataFrame
     patterns: tuple[Pattern, ...]
 
     def __repr__(self) -> str:
@@ -311,7 +311,6 @@ def check_stream(
     progress
         Takes the text of each step. Default: written to the terminal after two seconds.
     """
-    import pandas as pd
     from scipy.stats import false_discovery_control
 
     if not isinstance(stream, TrialStream):
@@ -330,7 +329,8 @@ def check_stream(
     rows = summed[[*_SUMS, "starts"]].sum().join(summed["coefficients"].first()).reset_index()
     rows["spent"] = rows["starts"] + rows["coefficients"]
     spent = rows.groupby("state", sort=False)["spent"].sum()
-    sums = [reduce(_added, state_sums) for state_sums in zip(*(part_sums for _, part_sums in results), strict=True)]
+    by_state = zip(*(part_sums for _, part_sums in results), strict=True)
+    sums = [reduce(lambda total, more: total + more if total and more else total or more, sums) for sums in by_state]
     patterns = patterns_of(
         law.schema.states, sums, law.schema.time, [float(spent.get(state, 0.0)) for state in law.schema.states]
     )
@@ -353,11 +353,7 @@ def _noise(stream: TrialStream) -> tuple[int, Floats]:
     return noise_squares(stream.read())
 
 
-def _added(first: StateSums | None, second: StateSums | None) -> StateSums | None:
-    return first + second if first and second else first or second
-
-
-def _of_part(noise: Floats, piece: tuple[Law, TrialStream]) -> "tuple[pd.DataFrame, list[StateSums | None]]":
+def _of_part(noise: Floats, piece: tuple[Law, TrialStream]) -> tuple[pd.DataFrame, list[StateSums | None]]:
     """Return sums of each object's residuals, and over all those of each state."""
     law, trials = piece[0], piece[1].read()
     with unannounced():
@@ -368,10 +364,8 @@ def _of_part(noise: Floats, piece: tuple[Law, TrialStream]) -> "tuple[pd.DataFra
     return _rows(law, residuals, spent), sums
 
 
-def _rows(law: Law, found: Residuals, spent: Floats) -> "pd.DataFrame":
+def _rows(law: Law, found: Residuals, spent: Floats) -> pd.DataFrame:
     """Return a row for each object and state."""
-    import pandas as pd
-
     rows, series = list[dict[str, object]](), dict[str, list[Floats]]()
     for trial, residuals in zip(found.trials, found.standardized, strict=True):
         series.setdefault(trial.object, []).append(residuals)
