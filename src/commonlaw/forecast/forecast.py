@@ -37,9 +37,6 @@ _METRICS: dict[str, Callable[[Floats, Floats], float]] = {
     "mae": lambda measured, forecast: float(np.mean(np.abs(measured - forecast))),
 }
 
-_MAX_POINTS = 1_000_000
-"""Points of a curve; no screen has as many."""
-
 
 class Part(NamedTuple):
     """The forecast by one of the laws of an average, with that law's probability and equations.
@@ -166,8 +163,9 @@ class Forecast(ShownInNotebooks):
         that `Law.predict` did not make, stay as they are. Raises `CommonlawError` if there are not 2 to a million
         points.
         """
-        if not 2 <= points <= _MAX_POINTS:
-            raise CommonlawError("curve-points", points=points, limit=_MAX_POINTS)
+        limit = 1_000_000  # No screen has as many
+        if not 2 <= points <= limit:
+            raise CommonlawError("curve-points", points=points, limit=limit)
         more = [_between(trial.times, points) for trial in self.trials]
         if self.at_more_times is None or not any(len(times) for times in more):
             return self

@@ -91,12 +91,6 @@ class FilteredStart:
         return replace(trajectory, sensitivities=carried), self.covariance
 
 
-def unit_of_errors(law: Law, noise: Floats, trial: Trial) -> Floats:
-    """Return the unit of the model error, shape (width,): that of a rate moves the state by its noise."""
-    second = with_rates(law.order, len(law.schema.states))
-    return np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
-
-
 def _fitted_states(
     law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise: Floats
 ) -> tuple[TrajectoryModel, Estimate, float]:
@@ -107,7 +101,9 @@ def _fitted_states(
     errors, coefficients = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
     (mesh,) = meshes([trial], MESH_POINTS, len(trial))
     model_errors: tuple[float, ...] = MODEL_ERRORS
-    unit = unit_of_errors(law, noise, trial)
+    # A model error of this size in a rate moves the state by its noise
+    second = with_rates(law.order, len(law.schema.states))
+    unit = np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
     if errors.walk is not None:
         unit, model_errors = errors.walk * np.sqrt(np.median(mesh.steps)), (1.0,)
     mesh, estimate = (

@@ -19,9 +19,6 @@ from commonlaw.trials import Schema, Trials
 from commonlaw.trials.transformations import Conversion
 from commonlaw.trials.trial import Property, property_names
 
-_NODES = 20
-"""Values of a scatter that a band is an average over."""
-
 
 class Population(NamedTuple):
     """Coefficients of objects, shape (objects, equations, terms), and covariances, where they are known; a remark."""
@@ -187,10 +184,10 @@ def _spread(relation: Relation) -> float:
     """
     if not relation.scatter:
         return relation.scatter_error
-    nodes, weights = hermgauss(_NODES)
+    nodes, weights = hermgauss(20)
     deviation = np.sqrt(np.log1p((relation.scatter_error / relation.scatter) ** 2))
     scales = relation.scatter * np.exp(np.sqrt(2) * deviation * nodes)
-    _, high = mixture_interval(weights / weights.sum(), np.zeros(_NODES), scales, np.inf, 0.95)
+    _, high = mixture_interval(weights / weights.sum(), np.zeros_like(scales), scales, np.inf, 0.95)
     return float(high / two_sided(0.95))
 
 

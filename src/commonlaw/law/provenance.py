@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 _BEYOND = 0.1
 """Share of a range that values may lie beyond it before it counts as left."""
 
-_SEGMENT, _SEGMENTS = 500, 20
-"""Samples of a segment, and segments, of long trials whose rates are looked at."""
-
 
 @dataclass(frozen=True)
 class Domain:
@@ -112,11 +109,10 @@ class Domain:
 
 
 def _rates(trial: Trial) -> Floats:
-    """Return the rates of all states at the samples, shape (n, states); of long trials, in some segments."""
+    """Return the rates of all states at the samples, shape (n, states); of long trials, in twenty segments of 500."""
     result, segments = np.full(trial.states.shape, np.nan), [slice(len(trial))]
-    if len(trial) > _SEGMENTS * _SEGMENT:  # Evenly spread
-        begins = np.linspace(0, len(trial) - _SEGMENT, _SEGMENTS).astype(int)
-        segments = [slice(begin, begin + _SEGMENT) for begin in begins]
+    if len(trial) > 20 * 500:  # Evenly spread
+        segments = [slice(begin, begin + 500) for begin in np.linspace(0, len(trial) - 500, 20).astype(int)]
     for rows, j in product(segments, range(trial.states.shape[1])):
         column = trial.states[rows, j]
         seen = np.isfinite(column)
