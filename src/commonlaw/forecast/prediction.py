@@ -177,28 +177,22 @@ def predict(
             plausible = replace(model.law, provenance=law.provenance)
             parts.append(Part(model.probability, forecast(plausible), equations="; ".join(plausible.structure)))
     result = average(parts)
-    if notes := remarks_on(result):
-        result = replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *notes)))
+    notes = remarks_on(result)
     result = result if trials.schema.logarithmic == law.schema.logarithmic else result.as_measured(trials)
     # Where it leaves what the law was learned from
-    domain, exceeded, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
+    visited, ahead = list[tuple[str, dict[str, Floats]]](), 0.0
     for trial, trajectory in zip(result.trials, result.trajectories, strict=True):
-        visited = dict(zip((*law.schema.states, *rate_names(law)), trajectory.states.T, strict=True))
-        visited |= dict(zip(result.trials.schema.inputs, trial.inputs.T, strict=True))
+        columns = dict(zip((*law.schema.states, *rate_names(law)), trajectory.states.T, strict=True))
+        columns |= dict(zip(result.trials.schema.inputs, trial.inputs.T, strict=True))
         properties = result.trials.properties.get(trial.object, {})
-        visited |= {name: np.array([value]) for name, value in properties.items() if isinstance(value, float)}
-        for name, values in visited.items():
-            farthest = domain.left_by(name, values)
-            if farthest is not None:
-                exceeded.setdefault(name, {})[trial.label] = farthest
+        columns |= {name: np.array([value]) for name, value in properties.items() if isinstance(value, float)}
+        visited.append((trial.label, columns))
         known = trial.times[np.isfinite(trial.states).any(axis=1)][-1]
         since = known if result.from_time is None else min(known, result.from_time)
         ahead = max(ahead, float(trial.times[-1] - since))
     unit = result.trials.schema.units.get(result.trials.schema.time, "")
-    remarks = tuple(domain.remarks(exceeded, unit, ahead))
-    if not remarks:
-        return result
-    return replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *remarks)))
+    notes += tuple(law.provenance.domain.remarks(visited, unit, ahead))
+    return replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *notes))) if notes else result
 
 
 def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: float | None = None) -> Forecast:
