@@ -306,11 +306,9 @@ class Forecast(ShownInNotebooks):
         1 is perfect, 0 is as good as each trial's mean, minus infinity a divergence; NaN if no state varied. Missing
         measurements do not count.
         """
-        compared = self._compared()
-        if any(np.isnan(forecast).any() for _, forecast in compared):
+        if any(np.isnan(forecast).any() for _, forecast in self._compared()):
             return -np.inf
-        missed = _sum_of_squares([forecast - states for states, forecast in compared])
-        varied = _sum_of_squares([states - _means(states) for states, _ in compared])
+        missed, varied = self._sums_of_squares().sum(axis=1)
         return float(np.mean(1 - missed[varied > 0] / varied[varied > 0])) if varied.any() else np.nan
 
     def metric(self, metric: Metric = "r2") -> float:
@@ -338,14 +336,19 @@ class Forecast(ShownInNotebooks):
         One forecast that fails does not outweigh many good ones. Missing measurements and states that did not vary do
         not count; NaN if none did.
         """
-        scores = list[Floats]()
+        missed, varied = self._sums_of_squares()
+        scores = np.maximum(1 - missed[varied > 0] / varied[varied > 0], -1.0)
+        return float(np.mean(scores)) if len(scores) else np.nan
+
+    def _sums_of_squares(self) -> Floats:
+        """Return those of errors and of variations about the mean of each state in each trial, (2, trials, states)."""
+        sums = list[Floats]()
         for states, forecast in self._compared():
-            variation = states - _means(states)
-            errors = np.where(np.isnan(variation), 0.0, np.nan_to_num(forecast - states, nan=np.inf))
-            missed, varied = np.sum(errors**2, axis=0), np.nansum(variation**2, axis=0)
-            scores.append(np.maximum(1 - missed[varied > 0] / varied[varied > 0], -1.0))
-        known = np.concatenate(scores)
-        return float(np.mean(known)) if len(known) else np.nan
+            seen = np.isfinite(states)
+            mean = np.sum(states, axis=0, where=seen) / np.maximum(seen.sum(axis=0), 1)
+            errors = np.where(seen, np.nan_to_num(forecast - states, nan=np.inf), 0.0)
+            sums.append(np.array([np.sum(errors**2, axis=0), np.sum((states - mean) ** 2, axis=0, where=seen)]))
+        return np.stack(sums, axis=1)
 
     @property
     def ahead(self) -> tuple[Bools, ...]:
@@ -377,12 +380,3 @@ def _between(times: Floats, points: int) -> Floats:
 def _measured(trial: Trial) -> Bools:
     """Return in which samples of a trial anything was measured, shape (n,)."""
     return np.asarray(np.isfinite(trial.states).any(axis=1))
-
-
-def _sum_of_squares(parts: Sequence[Floats]) -> Floats:
-    return np.asarray(sum(np.nansum(part**2, axis=0) for part in parts))
-
-
-def _means(states: Floats) -> Floats:
-    """Return the means of measured states, shape (d,); zero for one that never was."""
-    return np.asarray(np.nansum(states, axis=0) / np.maximum(np.sum(~np.isnan(states), axis=0), 1))
