@@ -200,7 +200,7 @@ def compared_with_the_best(alternatives: Sequence[Alternative]) -> tuple[Alterna
         return np.inf if value is None else value
 
     def compared(alternative: Alternative) -> Alternative:
-        best = min(value_of(other) for other in alternatives if other.equation == alternative.equation)
+        best = min(value_of(rival) for rival in alternatives if rival.equation == alternative.equation)
         difference = {_BAYES_FACTOR: value_of(alternative) - best} if value_of(alternative) < np.inf else {}
         return replace(alternative, measures={**alternative.measures, **difference})
 

@@ -23,7 +23,7 @@ def select_objects(law: Law, objects: Sequence[str]) -> Law:
     <Law of mug: T' = -k T>
     """
     indices = [object_index(law, name) for name in objects]
-    others = law.uncertainty.map_other_laws(lambda other: select_objects(other, objects))
+    others = law.uncertainty.map_other_laws(lambda plausible: select_objects(plausible, objects))
     return _of_others(law, tuple(objects), law.coefficients[indices], law.uncertainty.select(indices), others)
 
 
