@@ -1,7 +1,7 @@
 """Laws: their text, right-hand sides, trajectories and files, the ranges that they know, and their comparison."""
 
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -52,6 +52,11 @@ def predators():
     coefficients[0, 0, [terms.index("x"), terms.index("x y")]] = [1.0, -0.5]
     coefficients[0, 1, [terms.index("y"), terms.index("x y")]] = [-2.0, 0.25]
     return Law(terms, Schema(("x", "y")), 1, ("island",), coefficients)
+
+
+def test_a_law_has_at_most_25_members_beside_its_fields():
+    names = {field.name for field in fields(Law)}
+    assert len([name for name in dir(Law) if not name.startswith("_") and name not in names]) <= 25
 
 
 def test_equations_as_text(drag, predators):

@@ -27,9 +27,6 @@ from commonlaw.trials.trial import property_names
 if TYPE_CHECKING:
     import pandas as pd
 
-_MIN_SHARED, _MAX_SPECIFIC = 0.9, 0.1
-"""Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""
-
 
 def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> Law:
     """Return a law with coefficients partially pooled over objects (parametric empirical Bayes; Morris 1983).
@@ -75,7 +72,7 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
     errors[inner], factor[inner] = shrunk.covariances, shrunk.shared_factors
     choices, lefts = [], left_hand_sides(law)
     for (j, k), share in zip(np.argwhere(law.support).tolist(), shrinkage.tolist(), strict=True):
-        how = "shared" if share > _MIN_SHARED else "object-specific" if share < _MAX_SPECIFIC else "partly pooled"
+        how = "shared" if share > 0.9 else "object-specific" if share < 0.1 else "partly pooled"
         choices.append(f"{law.terms.names[k]} in {lefts[j]}: {how} ({share:.2f})")
     reason = "shrinkage of each object's coefficient to the mean, by the between-object variance"
     if not informed.all():
