@@ -84,41 +84,16 @@ class FilteredStart:
 
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return a trajectory from this start whose derivatives follow the coefficients, and its covariance, (D, D)."""
-        assert trajectory.sensitivities is not None
-        by_own, by_start = np.split(trajectory.sensitivities, [-self.states.shape[1]], axis=2)
-        with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
-            carried = np.concatenate([by_own + by_start @ self.sensitivity, by_start], axis=2)
-        return replace(trajectory, sensitivities=carried), self.covariance
+        return _following(trajectory, self.sensitivity), self.covariance
 
 
-def _fitted_states(
-    law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise: Floats
-) -> tuple[TrajectoryModel, Estimate, float]:
-    """Return the states at the samples of a trial, from a guess of shape (k, D), under a law at fixed coefficients.
-
-    With them the model, and the last model error; raises `CommonlawError` if the states are not finite.
-    """
-    errors, coefficients = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
-    (mesh,) = meshes([trial], MESH_POINTS, len(trial))
-    model_errors: tuple[float, ...] = MODEL_ERRORS
-    # A model error of this size in a rate moves the state by its noise
-    second = with_rates(law.order, len(law.schema.states))
-    unit = np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
-    if errors.walk is not None:
-        unit, model_errors = errors.walk * np.sqrt(np.median(mesh.steps)), (1.0,)
-    mesh, estimate = (
-        mesh.with_inputs(inputs),
-        Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), coefficients),
-    )
-    for _ in range(errors.rounds):
-        white = errors.white_std(estimate.states[0][:, : len(noise)], with_typical(mesh.noise, noise)) * mesh.averaging
-        mesh = replace(mesh, scale=white / noise)
-        model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
-        model, start = model.with_latent(errors.latent, replace(estimate, states=(estimate.states[0][:, : len(unit)],)))
-        estimate = fit(model, start, np.zeros(coefficients.shape, dtype=np.bool_), model_errors)
-    if not np.isfinite(estimate.objective):
-        raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
-    return model, estimate, model_errors[-1]
+def _following(trajectory: Trajectory, sensitivity: Floats) -> Trajectory:
+    """Return a trajectory whose start has these derivatives by the coefficients, shape (D, parameters)."""
+    assert trajectory.sensitivities is not None
+    by_own, by_start = np.split(trajectory.sensitivities, [-len(sensitivity)], axis=2)
+    with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
+        carried = np.concatenate([by_own + by_start @ sensitivity, by_start], axis=2)
+    return replace(trajectory, sensitivities=carried)
 
 
 def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> Floats:
@@ -268,7 +243,6 @@ class FittedInitialState(_AtFirstSample):
         assert trajectory.sensitivities is not None
         width, states = len(self.initial), self.trial.states.shape[1]
         samples = np.searchsorted(trajectory.times, self.trial.times)
-        by_own, by_start = np.split(trajectory.sensitivities, [-width], axis=2)
         noise = self.observation_model.noise
         scale = self.trial.std(noise) / noise
         weights = self.observation_model.weights(self.trial.states - trajectory.states[samples, :states], scale)
@@ -280,10 +254,7 @@ class FittedInitialState(_AtFirstSample):
             root = np.linalg.inv(factor)
         except np.linalg.LinAlgError:
             return trajectory, np.full((width, width), np.nan)
-        follow = -root @ (basis.T @ rows[:, :-width])
-        with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
-            carried = np.concatenate([by_own + by_start @ follow, by_start], axis=2)
-        return replace(trajectory, sensitivities=carried), root @ root.T
+        return _following(trajectory, -root @ (basis.T @ rows[:, :-width])), root @ root.T
 
 
 Start = MeasuredStart | FittedInitialState | FilteredStart
@@ -319,15 +290,32 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     states, visited = trial.states.copy(), law.provenance.domain.visited
     for name in unmeasured:
         states[:, law.schema.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
-    guess = _curve(trial.times, states, with_rates(law.order, len(law.schema.states)))
-    model, estimate, model_error = _fitted_states(law, trial, inputs, guess, noise)
-    if not law.uncertainty.error_model:
+    second = with_rates(law.order, len(law.schema.states))
+    guess = _curve(trial.times, states, second)
+    errors, coefficients = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
+    (mesh,) = meshes([trial], MESH_POINTS, len(trial))
+    # A model error of this size in a rate moves the state by its noise
+    unit = np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
+    model_errors: tuple[float, ...] = MODEL_ERRORS
+    if errors.walk is not None:
+        unit, model_errors = errors.walk * np.sqrt(np.median(mesh.steps)), (1.0,)
+    mesh = mesh.with_inputs(inputs)
+    estimate = Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), coefficients)
+    for _ in range(errors.rounds):
+        white = errors.white_std(estimate.states[0][:, : len(noise)], with_typical(mesh.noise, noise)) * mesh.averaging
+        mesh = replace(mesh, scale=white / noise)
+        model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
+        model, begun = model.with_latent(errors.latent, replace(estimate, states=(estimate.states[0][:, : len(unit)],)))
+        estimate = fit(model, begun, np.zeros(coefficients.shape, dtype=np.bool_), model_errors)
+    if not np.isfinite(estimate.objective):
+        raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
+    if not errors:
         start = estimate.states[0][0]
         # At rest, with no scale of its own
         start = np.where(np.abs(start) < np.finfo(float).eps * model.unit, 0.0, start)
         return FittedInitialState(start, trial, model.observation)
     try:
-        (reduced,) = eliminate_states_of_meshes(model, estimate, law.support, model_error)
+        (reduced,) = eliminate_states_of_meshes(model, estimate, law.support, model_errors[-1])
         variances, last = reduced.state_covariances()
     except NotPositiveError:
         raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial)) from None
