@@ -323,13 +323,8 @@ def from_json(content: str | bytes, functions: Iterable[Callable[..., Any]] = ()
     try:
         raw = read_json(content.encode() if isinstance(content, str) else content, dict[str, Any])
     except CommonlawError as error:
-        raise not_a_law(error) from None
+        raise CommonlawError("not-a-law", error=error) from None
     return decode_document(raw, functions)
-
-
-def not_a_law(error: Exception) -> CommonlawError:
-    """Return what is said of a document that is no law."""
-    return CommonlawError("not-a-law", error=error)
 
 
 def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]] = ()) -> Law:
@@ -340,7 +335,9 @@ def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]]
             document = msgspec.convert(as_now(raw, version), type=LawDocument, dec_hook=_parsed)
             check_numbers(raw)
     except (CommonlawError, msgspec.ValidationError) as error:
-        raise error.__cause__ if isinstance(error.__cause__, CommonlawError) else not_a_law(error) from None
+        raise (
+            error.__cause__ if isinstance(error.__cause__, CommonlawError) else CommonlawError("not-a-law", error=error)
+        ) from None
     if not 1 <= version <= VERSION:
         raise CommonlawError("law-version", version=version, supported=VERSION)
     if version < 3:
@@ -541,11 +538,6 @@ def law_file(law: Law, path: str) -> tuple[str, bytes]:
     return path, parquet_bytes(columns, {_METADATA: json.dumps(rest).encode()})
 
 
-def decoded_file(content: bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
-    """Return the law of a file, which may call these functions of Python."""
-    return (_of_parquet if content.startswith(_PARQUET) else from_json)(content, functions)
-
-
 def _walked(value: Any, path: str, change: Callable[[str, dict[str, Any], str], Any]) -> Any:
     """Return a document with what is by object changed, given its key and the path to it."""
     if isinstance(value, list):
@@ -560,7 +552,10 @@ def _walked(value: Any, path: str, change: Callable[[str, dict[str, Any], str], 
     }
 
 
-def _of_parquet(content: bytes, functions: Iterable[Callable[..., Any]]) -> Law:
+def decoded_file(content: bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
+    """Return the law of a file, which may call these functions of Python."""
+    if not content.startswith(_PARQUET):
+        return from_json(content, functions)
     columns, metadata = parquet_columns("the law", content)
     if _METADATA not in metadata or _OBJECTS not in columns:
         raise CommonlawError("not-a-law-but-measurements")
@@ -581,9 +576,9 @@ def _of_parquet(content: bytes, functions: Iterable[Callable[..., Any]]) -> Law:
         rest = read_json(metadata[_METADATA], dict[str, Any])
         raw = _walked(rest, "", of_columns)
     except KeyError as error:
-        raise not_a_law(ValueError(f"it lacks {error}")) from None
+        raise CommonlawError("not-a-law", error=f"it lacks {error}") from None
     except (CommonlawError, TypeError, ValueError) as error:
-        raise not_a_law(error) from None
+        raise CommonlawError("not-a-law", error=error) from None
     assert isinstance(raw, dict)
     return decode_document(raw, functions)
 
