@@ -24,7 +24,7 @@ from commonlaw.discrepancy.residual_tests import (
 )
 from commonlaw.discrepancy.residuals import noise_of, noise_squares, refuse_discrete_time, untested
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.forecast import Forecast
+from commonlaw.forecast.forecast import Forecast, variation
 from commonlaw.forecast.population import is_typical
 from commonlaw.forecast.prediction import predict
 from commonlaw.law import Law, select_objects
@@ -154,15 +154,12 @@ def _compared(forecast: Forecast, index: int, band: tuple[Floats, Floats] | None
     """Return of each state of a trial how many samples are compared, their standard deviation, the share in bands."""
     ahead = forecast.ahead[index]
     states = forecast.trials[index].states[ahead]
-    seen = np.isfinite(states)
-    counts = np.maximum(seen.sum(axis=0), 1)
-    means = np.nansum(states, axis=0) / counts
-    spread = np.sqrt(np.nansum((states - means) ** 2, axis=0) / counts)
+    counts, squares = variation(states)
     share = np.full(states.shape[1], np.nan)
     if band is not None:
         low, high = (end[ahead] for end in band)
-        share = ((low <= states) & (states <= high) & seen).sum(axis=0) / counts
-    return seen.sum(axis=0), spread, share
+        share = ((low <= states) & (states <= high)).sum(axis=0) / np.maximum(counts, 1)
+    return counts, np.sqrt(squares / np.maximum(counts, 1)), share
 
 
 @dataclass(frozen=True, eq=False)

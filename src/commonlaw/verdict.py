@@ -15,6 +15,7 @@ from commonlaw.diagnostics import marked
 from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
+from commonlaw.forecast.forecast import variation
 from commonlaw.forecast.initial_state import can_fit_initial_state
 from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law import Law
@@ -233,12 +234,9 @@ def _by_state(
 
 def _spread(trials: Sequence[Trial], states: int) -> Floats:
     """Return the standard deviation of each state within trials, shape (states,); NaN for one that does not change."""
-    squares, counts = np.zeros(states), np.zeros(states)
-    for trial in trials:
-        seen = np.isfinite(trial.states)
-        means = np.nansum(trial.states, axis=0) / np.maximum(seen.sum(axis=0), 1)
-        squares, counts = squares + np.nansum((trial.states - means) ** 2, axis=0), counts + seen.sum(axis=0)
-    return np.sqrt(np.where(squares > 0, squares, np.nan) / np.maximum(counts, 1))
+    sums = [np.zeros((2, states)), *(np.array(variation(trial.states)) for trial in trials)]
+    counts, squares = np.sum(sums, axis=0)
+    return np.asarray(np.sqrt(np.where(squares > 0, squares, np.nan) / np.maximum(counts, 1)))
 
 
 def _horizon(leads: Floats, scaled: Floats) -> float:

@@ -344,10 +344,8 @@ class Forecast(ShownInNotebooks):
         """Return those of errors and of variations about the mean of each state in each trial, (2, trials, states)."""
         sums = list[Floats]()
         for states, forecast in self._compared():
-            seen = np.isfinite(states)
-            mean = np.sum(states, axis=0, where=seen) / np.maximum(seen.sum(axis=0), 1)
-            errors = np.where(seen, np.nan_to_num(forecast - states, nan=np.inf), 0.0)
-            sums.append(np.array([np.sum(errors**2, axis=0), np.sum((states - mean) ** 2, axis=0, where=seen)]))
+            errors = np.where(np.isfinite(states), np.nan_to_num(forecast - states, nan=np.inf), 0.0)
+            sums.append(np.array([np.sum(errors**2, axis=0), variation(states)[1]]))
         return np.stack(sums, axis=1)
 
     @property
@@ -363,6 +361,14 @@ class Forecast(ShownInNotebooks):
     def _states(self) -> list[Floats]:
         width = len(self.trials.schema.states)
         return [trajectory.states[:, :width] for trajectory in self.trajectories]
+
+
+def variation(states: Floats) -> tuple[Floats, Floats]:
+    """Return how many values of each state are measured, and their sum of squares about the mean, shape (d,) each."""
+    seen = np.isfinite(states)
+    counts = seen.sum(axis=0, dtype=np.float64)
+    means = np.sum(states, axis=0, where=seen) / np.maximum(counts, 1)
+    return counts, np.sum((states - means) ** 2, axis=0, where=seen)
 
 
 def _measured_at(again: Callable[[Sequence[Floats]], Forecast], measured: Trials, times: Sequence[Floats]) -> Forecast:
