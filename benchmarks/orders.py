@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             laws = [found(name, level, seed) for seed in range(chosen.seeds if level else 1)]
             right = f"{sum(law.order == order for law in laws)} of {len(laws)}"
             took = (time.process_time() - begun) / len(laws)
-            why = laws[0].history[0].reason
+            why = laws[0].provenance.history[0].reason
             print(f"| {name} | {order} | {100 * level:g} % | {right} | {why} | {took:.1f} |", flush=True)
 
 

@@ -131,7 +131,7 @@ def equations(truth: Truth) -> list[str]:
 
 
 def _score(law: cl.Law, trials: cl.Trials, truth: Truth, setting: Setting, noise: float, problem: str) -> Score:
-    seen = law.select(law.objects[: setting.objects])
+    seen = cl.law.select_objects(law, law.objects[: setting.objects])
     explained = seen.explain(_with_decoys(seen.properties, setting.decoys, int(problem.rpartition(" ")[2])))
     found = {(each["equation"], each["term"]): each for each in relations_frame(explained).to_dict(orient="records")}
     wrong, errors = [], []

@@ -24,10 +24,10 @@ from commonlaw.discrepancy.residual_tests import (
 )
 from commonlaw.discrepancy.residuals import noise_of, noise_squares, refuse_discrete_time, untested
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.forecast import Forecast
+from commonlaw.forecast.forecast import Forecast, variation
 from commonlaw.forecast.population import is_typical
 from commonlaw.forecast.prediction import predict
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.runtime.cluster import done_in_parts, on_cluster
 from commonlaw.runtime.files import make_folder, write_whole
 from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal, part, unannounced
@@ -119,7 +119,7 @@ def law_of(law: Law, names: Collection[str]) -> Law:
     if unseen and law.uncertainty.explanation is None:
         raise CommonlawError("object-unknown", object=unseen[0])
     some = law.objects[:2] if unseen else ()  # A law of a single object would be taken for that of all
-    return law.select(list(dict.fromkeys([*(name for name in names if name in known), *some])))
+    return select_objects(law, list(dict.fromkeys([*(name for name in names if name in known), *some])))
 
 
 def _errors(how: dict[str, Any], piece: tuple[Law, TrialStream, Path | None]) -> pd.DataFrame:
@@ -154,15 +154,12 @@ def _compared(forecast: Forecast, index: int, band: tuple[Floats, Floats] | None
     """Return of each state of a trial how many samples are compared, their standard deviation, the share in bands."""
     ahead = forecast.ahead[index]
     states = forecast.trials[index].states[ahead]
-    seen = np.isfinite(states)
-    counts = np.maximum(seen.sum(axis=0), 1)
-    means = np.nansum(states, axis=0) / counts
-    spread = np.sqrt(np.nansum((states - means) ** 2, axis=0) / counts)
+    counts, squares = variation(states)
     share = np.full(states.shape[1], np.nan)
     if band is not None:
         low, high = (end[ahead] for end in band)
-        share = ((low <= states) & (states <= high) & seen).sum(axis=0) / counts
-    return seen.sum(axis=0), spread, share
+        share = ((low <= states) & (states <= high)).sum(axis=0) / np.maximum(counts, 1)
+    return counts, np.sqrt(squares / np.maximum(counts, 1)), share
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +279,7 @@ class StreamResiduals(AbstractPatterns):
     The residuals look like white noise: no pattern is significant.
     """
 
-    objects: "pd.DataFrame"
+    objects: pd.DataFrame
     patterns: tuple[Pattern, ...]
 
     def __repr__(self) -> str:
@@ -311,7 +308,6 @@ def check_stream(
     progress
         Takes the text of each step. Default: written to the terminal after two seconds.
     """
-    import pandas as pd
     from scipy.stats import false_discovery_control
 
     if not isinstance(stream, TrialStream):
@@ -330,7 +326,8 @@ def check_stream(
     rows = summed[[*_SUMS, "starts"]].sum().join(summed["coefficients"].first()).reset_index()
     rows["spent"] = rows["starts"] + rows["coefficients"]
     spent = rows.groupby("state", sort=False)["spent"].sum()
-    sums = [reduce(_added, state_sums) for state_sums in zip(*(part_sums for _, part_sums in results), strict=True)]
+    by_state = zip(*(part_sums for _, part_sums in results), strict=True)
+    sums = [reduce(lambda total, more: total + more if total and more else total or more, sums) for sums in by_state]
     patterns = patterns_of(
         law.schema.states, sums, law.schema.time, [float(spent.get(state, 0.0)) for state in law.schema.states]
     )
@@ -353,11 +350,7 @@ def _noise(stream: TrialStream) -> tuple[int, Floats]:
     return noise_squares(stream.read())
 
 
-def _added(first: StateSums | None, second: StateSums | None) -> StateSums | None:
-    return first + second if first and second else first or second
-
-
-def _of_part(noise: Floats, piece: tuple[Law, TrialStream]) -> "tuple[pd.DataFrame, list[StateSums | None]]":
+def _of_part(noise: Floats, piece: tuple[Law, TrialStream]) -> tuple[pd.DataFrame, list[StateSums | None]]:
     """Return sums of each object's residuals, and over all those of each state."""
     law, trials = piece[0], piece[1].read()
     with unannounced():
@@ -368,10 +361,8 @@ def _of_part(noise: Floats, piece: tuple[Law, TrialStream]) -> "tuple[pd.DataFra
     return _rows(law, residuals, spent), sums
 
 
-def _rows(law: Law, found: Residuals, spent: Floats) -> "pd.DataFrame":
+def _rows(law: Law, found: Residuals, spent: Floats) -> pd.DataFrame:
     """Return a row for each object and state."""
-    import pandas as pd
-
     rows, series = list[dict[str, object]](), dict[str, list[Floats]]()
     for trial, residuals in zip(found.trials, found.standardized, strict=True):
         series.setdefault(trial.object, []).append(residuals)

@@ -24,7 +24,10 @@ def visible(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(letter if letter in _LETS_BE or _is_plain(letter) else escaped(letter) for letter in text)
+    return "".join(
+        letter if letter in _LETS_BE or letter.isprintable() or category(letter) == "Zs" else escaped(letter)
+        for letter in text
+    )
 
 
 def in_line(text: str) -> str:
@@ -63,14 +66,6 @@ def escaped(text: str) -> str:
     return json.dumps(text)[1:-1]
 
 
-def _is_plain(character: str) -> bool:
-    return character.isprintable() or category(character) == "Zs"
-
-
-_SHOWN = 3
-"""Names that a note lists."""
-
-
 def counted(count: int, noun: str, ending: str = "s") -> str:
     """Return a number of things.
 
@@ -80,10 +75,10 @@ def counted(count: int, noun: str, ending: str = "s") -> str:
     return f"{count} {noun}{'' if count == 1 else ending}"
 
 
-def shown(names: Sequence[str], noun: str = "") -> str:
+def shown(names: Sequence[str], noun: str = "", most: int = 3) -> str:
     """Return how many there are of a noun, if one is given, and the first names, for a note."""
     count = counted(len(names), noun) if noun else f"{len(names)}"
-    return f"{count} ({', '.join(names[:_SHOWN])}{', ...' if len(names) > _SHOWN else ''})"
+    return f"{count} ({', '.join(names[:most])}{', ...' if len(names) > most else ''})"
 
 
 def r_squared(score: float) -> str:

@@ -15,6 +15,7 @@ from commonlaw.diagnostics import marked
 from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
+from commonlaw.forecast.forecast import variation
 from commonlaw.forecast.initial_state import can_fit_initial_state
 from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law import Law
@@ -26,13 +27,6 @@ from commonlaw.outcomes import OutcomeKind
 from commonlaw.runtime.progress import announced
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
-
-_BEFORE = 0.2
-"""Share of a trial, its beginning, that tells where a forecast starts: so much averages the noise of a start, and
-leaves growth that has just begun to be forecast."""
-
-_RATES = 5
-"""Samples that tell the first rates at least: fewer leave them to the noise."""
 
 
 class Kind(StrEnum):
@@ -81,8 +75,11 @@ def origins(trial: Trial, order: Order) -> tuple[int, ...]:
 
 
 def samples_before(count: int, order: Order) -> int:
-    """Return how many of the samples of a trial tell where its forecast starts, if these average the noise."""
-    return max(_RATES if highest_order(order) == 2 else 1, int(np.ceil(_BEFORE * count)))
+    """Return how many of the samples of a trial tell where its forecast starts, if these average the noise.
+
+    A fifth leaves growth that has just begun to be forecast. Fewer than five samples leave rates to the noise.
+    """
+    return max(5 if highest_order(order) == 2 else 1, int(np.ceil(0.2 * count)))
 
 
 def _held_out(trials: Trials, learned: Trials, order: Order) -> Iterator[Segment]:
@@ -139,11 +136,6 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> tuple[pd.Data
 
 
 _COLUMNS = ("state", "lead", "error", "persistence", "inside", "noise", "trial", "segment")
-_PARTS, _MEASURED_IN_PART = 10, 3
-"""Parts of the errors, by how far ahead they are, that determine the horizon, and errors in each part at least."""
-
-_POOR = 0.5
-"""Coefficients with a standard error above this share of their size are poorly known."""
 
 
 def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
@@ -242,20 +234,20 @@ def _by_state(
 
 def _spread(trials: Sequence[Trial], states: int) -> Floats:
     """Return the standard deviation of each state within trials, shape (states,); NaN for one that does not change."""
-    squares, counts = np.zeros(states), np.zeros(states)
-    for trial in trials:
-        seen = np.isfinite(trial.states)
-        means = np.nansum(trial.states, axis=0) / np.maximum(seen.sum(axis=0), 1)
-        squares, counts = squares + np.nansum((trial.states - means) ** 2, axis=0), counts + seen.sum(axis=0)
-    return np.sqrt(np.where(squares > 0, squares, np.nan) / np.maximum(counts, 1))
+    sums = [np.zeros((2, states)), *(np.array(variation(trial.states)) for trial in trials)]
+    counts, squares = np.sum(sums, axis=0)
+    return np.asarray(np.sqrt(np.where(squares > 0, squares, np.nan) / np.maximum(counts, 1)))
 
 
 def _horizon(leads: Floats, scaled: Floats) -> float:
-    """Return how far ahead errors, relative to the spread, stay within bounds; 0 if they do not."""
+    """Return how far ahead errors, relative to the spread, stay within bounds; 0 if they do not.
+
+    They are judged in ten parts by how far ahead they are, of three errors at least.
+    """
     order = np.argsort(leads, kind="stable")
     nearest = order[leads[order] == np.min(leads, initial=np.inf)]
     horizon = 0.0
-    for part in (nearest, *np.array_split(order, max(1, min(_PARTS, len(order) // _MEASURED_IN_PART)))):
+    for part in (nearest, *np.array_split(order, max(1, min(10, len(order) // 3)))):
         if not len(part) or not _rms(scaled[part]) <= SMALL_ERROR:
             break
         horizon = float(leads[part[-1]])
@@ -284,12 +276,12 @@ def _r_squared_error(errors: pd.DataFrame, trials: int) -> float:
 
 
 def _poorly_known(law: Law) -> tuple[str, ...]:
-    """Return the coefficients with large errors, with the terms that they stand before and the objects they are of."""
+    """Return coefficients with errors above half of their size, the terms that they stand before, and their objects."""
     result, lefts, parameters = [], left_hand_sides(law), named_parameters(law)
     for definition, values, errors in zip(
         parameters.definitions, parameters.values.T, parameters.errors.T, strict=True
     ):
-        poor = np.flatnonzero(errors > _POOR * np.abs(values))
+        poor = np.flatnonzero(errors > 0.5 * np.abs(values))
         if len(poor):
             where = f"{lefts[definition.equation]}, before {law.terms.factors[definition.term]}"
             some = [law.objects[i] for i in poor]

@@ -50,7 +50,7 @@ class Choice:
     @property
     def errors(self) -> str:
         """What beside white noise explains the heights, in the words of the law's history."""
-        steps = {step.stage: step.choice for step in self.law.history}
+        steps = {step.stage: step.choice for step in self.law.provenance.history}
         memory = steps.get("errors with a memory")
         return steps["model error"] if memory is None else f"an error of the heights with a memory, {memory}"
 

@@ -11,7 +11,7 @@ from commonlaw.datasets.sphere_drag import AIR_DENSITY, AIR_VISCOSITY, drag_coef
 from commonlaw.discovery import fit
 from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.law.printing import dependence
 from commonlaw.plots import plot_relations
 from commonlaw.report import Picture, Table, Text
@@ -134,7 +134,7 @@ def _curves(curve: pd.DataFrame) -> list[Curve]:
 
 def _unseen(law: Law, drops: Trials, name: str) -> Unseen:
     """Return forecasts of one ball from its first second, by the others' law and by its own."""
-    others = law.select([other for other in law.objects if other != name]).explain(_PROPERTIES)
+    others = select_objects(law, [other for other in law.objects if other != name]).explain(_PROPERTIES)
     own, last = drops.select(object=name), HORIZON - 1
     found, known = (each.predict(own, start=RATE_SAMPLES, return_std=True) for each in (others, law))
     errors = [

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.law import to_latex
+from commonlaw.law import select_objects, to_latex
 from commonlaw.plots import plot_trials, render
 
 CLEAR = "\x1b[2J\x1b]0;title\x07"
@@ -69,7 +69,7 @@ def test_a_law_that_is_printed_in_python_is_harmless_too(named):
         assert CONTROLS.findall(text) == []
         assert "\nNote: all is well" not in text
     with pytest.raises(cl.CommonlawError) as refused:
-        named.select([f"c{CLEAR}"])
+        select_objects(named, [f"c{CLEAR}"])
     assert CONTROLS.findall(str(refused.value)) == []
 
 

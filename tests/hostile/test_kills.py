@@ -53,7 +53,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cl.datasets.linear_drag(drag=(-0.1, -0.3), noise=0.01).to_csv(folder / "drops.csv")
     (folder / "again.csv").write_bytes((folder / "drops.csv").read_bytes())
     pd.read_csv(folder / "drops.csv").to_excel(folder / "drops.xlsx", index=False)
-    law = cl.datasets.truth_of("linear-drag").select(["Ball 1", "Ball 2"])
+    law = cl.law.select_objects(cl.datasets.truth_of("linear-drag"), ["Ball 1", "Ball 2"])
     law.save(folder / "law.json")
     return folder
 

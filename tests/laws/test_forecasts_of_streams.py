@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.law import select_objects
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.script import Source, to_script
 from commonlaw.law.tables import quantile_frame, spread_tables
@@ -68,7 +69,7 @@ def explained(drops):
 
 def test_objects_that_the_law_has_not_seen_are_forecast_by_their_properties(explained, law, drops, stream):
     with refused("object-unknown", object="Ball 31"):
-        cl.forecast_stream(law.select(list(drops.objects[:30])), stream)
+        cl.forecast_stream(select_objects(law, list(drops.objects[:30])), stream)
     expected = explained.predict(drops, return_std=True).errors()
     np.testing.assert_allclose(cl.forecast_stream(explained, stream)["rms error"], expected["rms error"], rtol=1e-6)
 
@@ -123,7 +124,7 @@ def test_what_was_held_out_of_a_stream_judges_the_law_as_in_memory(part, stream,
     assert found.score == pytest.approx(expected.score(), abs=1e-8)
     assert found.trials == len(trials)
     some = [*found.few.law.objects]
-    judged = find(law.select(some), drops.select(object=some), training.select(object=some))
+    judged = find(select_objects(law, some), drops.select(object=some), training.select(object=some))
     assert found.few.sentences == judged.sentences
     assert found.few.is_held_out == judged.is_held_out
 

@@ -11,6 +11,7 @@ import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference.fit import covariance
+from commonlaw.law import select_objects
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import standard_errors
 from tests.refusals import refused
@@ -70,7 +71,7 @@ def test_refined_coefficients_are_those_of_shooting(prey, by_rates):
     np.testing.assert_allclose(own(law, law.coefficients[object_index(law, name)]), expected, atol=0.02 * errors.min())
     np.testing.assert_allclose(own(law, standard_errors(law)[0]), errors, rtol=0.05)
     np.testing.assert_array_equal(law.support, by_rates.support)
-    assert law.history[-1].stage == "coefficients"
+    assert law.provenance.history[-1].stage == "coefficients"
 
 
 def test_errors_by_drawing_blocks_anew_agree_with_those_of_the_likelihood(prey, by_rates):
@@ -113,7 +114,7 @@ def test_what_cannot_be_refined_is_refused(prey, by_rates):
     with refused("discrete-not-refined"):
         cl.refine(replace(by_rates, order=0), prey)
     with refused("unknown-name", kind="object of this law"):
-        cl.refine(by_rates.select(by_rates.objects[:1]), prey)
+        cl.refine(select_objects(by_rates, by_rates.objects[:1]), prey)
     for setting, message in (
         ({"covariance": "guess"}, Diagnostic("unknown-name", {"kind": "covariance"})),
         ({"huber_threshold": 0.0}, "huber-threshold"),

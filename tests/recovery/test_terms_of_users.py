@@ -60,7 +60,7 @@ def test_saved_laws_are_read_with_their_functions_alone(fitted, tmp_path):
     assert cl.Law.load(tmp_path / "law.parquet", [drag]).terms == law.terms
     for ending in ("py", "c", "m", "mo", "xlsx"):
         with refused("function-unavailable"):
-            law.export(tmp_path / f"law.{ending}")
+            law.save(tmp_path / f"law.{ending}")
     with refused("function-unavailable"):
         law.simplify()
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from commonlaw.cli import main
+from commonlaw.law import select_objects
 
 ROOT = Path(__file__).parents[2]
 
@@ -36,7 +37,7 @@ def test_the_tour_runs_without_a_network_and_prints_what_stands_below_it(monkeyp
     (first, *others), shown = blocks("python"), blocks("text")[0]
     exec(compile(first, "README.md", "exec"), names)
     drops, two = names["drops"], ["Ball 1", "Ball 2"]  # Which do for a report
-    names |= {"law": names["law"].select(two), "drops": drops.select(object=two)}
+    names |= {"law": select_objects(names["law"], two), "drops": drops.select(object=two)}
     for block in others:
         exec(compile(block, "README.md", "exec"), names)
     names["drops"] = drops

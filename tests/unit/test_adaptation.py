@@ -57,7 +57,7 @@ def test_an_adapted_law_forecasts_and_says_where_it_comes_from(drops, law):
     unseen = drops.select(object="Ball 6")
     adapted = law.update(unseen.select(trial=1).until(1.5))
     assert adapted.objects == ("Ball 6",)
-    assert adapted.history[-1].stage == "adaptation"
+    assert adapted.provenance.history[-1].stage == "adaptation"
     before, after = (each.predict(unseen.select(trial=2), return_std=True) for each in (law, adapted))
     assert after.std[0][-1, 0] < 0.3 * before.std[0][-1, 0]
     inside = abs(after.trajectories[0].states[:, :1] - unseen.trials[1].states) < after.margins(measured=True)[0]

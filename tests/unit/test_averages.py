@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from scipy.stats import norm, t
 
 import commonlaw as cl
-from commonlaw.law import Law, PlausibleLaw, Uncertainty, average_law, from_json, pool_objects, to_json
+from commonlaw.law import Law, PlausibleLaw, Uncertainty, average_law, from_json, pool_objects, select_objects, to_json
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.tables import interval_frame
@@ -157,7 +157,7 @@ def test_where_the_law_diverges_what_else_it_could_be_forecasts_and_a_note_says_
 
 
 def test_what_else_it_could_be_goes_with_a_law_through_every_change(law):
-    for changed in (law.select(["mug"]), average_law(law), pool_objects(law), from_json(to_json(law))):
+    for changed in (select_objects(law, ["mug"]), average_law(law), pool_objects(law), from_json(to_json(law))):
         (other,) = changed.uncertainty.other_laws
         assert other.probability == 0.3
         assert other.law.objects == changed.objects
@@ -168,7 +168,7 @@ def test_what_else_it_could_be_goes_with_a_law_through_every_change(law):
 def test_laws_of_other_objects_or_without_a_probability_are_refused(law):
     other = law.uncertainty.other_laws[0].law
     with refused("averaged-law-differs"):
-        with_other_laws(law, (PlausibleLaw(0.3, other.select(["mug"])),))
+        with_other_laws(law, (PlausibleLaw(0.3, select_objects(other, ["mug"])),))
     with refused("averaged-law-probability", probability=0.0):
         with_other_laws(law, (PlausibleLaw(0.0, other),))
     with refused("averaged-laws-probability"):

@@ -16,7 +16,7 @@ from commonlaw.forecast.population import with_objects_of, with_pooled_forecasts
 from commonlaw.hierarchy import PropertyTable, RelationKind, explain, informative, shrink
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 from commonlaw.hierarchy.relation import dimensions_of, exponent_sets
-from commonlaw.law import average_law, from_json, pool_objects, relations_frame, to_json, to_latex
+from commonlaw.law import average_law, from_json, pool_objects, relations_frame, select_objects, to_json, to_latex
 from commonlaw.law.parameters import coefficient_units, standard_errors
 from commonlaw.law.pooling import by_properties
 from commonlaw.library import PolynomialLibrary, Variables
@@ -59,8 +59,8 @@ def test_a_law_says_what_is_universal_and_what_follows_properties():
     table = relations_frame(law).set_index("term")
     assert table["kind"].to_dict() == {"1": "universal", "v^2": "power law"}
     assert table["unit"].to_dict() == {"1": "m/s²", "v^2": "kg/m³"}
-    assert "v^2 in x'': power law of diameter^2/mass" in law.history[-1].choice
-    assert "offered: diameter, mass" in law.history[-1].reason
+    assert "v^2 in x'': power law of diameter^2/mass" in law.provenance.history[-1].choice
+    assert "offered: diameter, mass" in law.provenance.history[-1].reason
 
 
 def test_units_say_what_a_factor_is():
@@ -107,7 +107,7 @@ def test_coefficients_become_what_relations_say_and_more_precise():
     np.testing.assert_allclose(
         average_law(law).uncertainty.covariance[0, 0, 0], law.uncertainty.explanation.covariance[0, 0]
     )
-    assert law.select(OBJECTS[:2]).uncertainty.explanation.relations == law.uncertainty.explanation.relations
+    assert select_objects(law, OBJECTS[:2]).uncertainty.explanation.relations == law.uncertainty.explanation.relations
     assert average_law(law).uncertainty.explanation is None
 
 
@@ -203,7 +203,7 @@ def test_what_cannot_be_explained_is_refused(change, names, message):
 def test_one_object_and_terms_of_their_own_are_refused():
     law = falling(pooled=False)
     with refused("one-object-to-explain"):
-        law.select(OBJECTS[:1]).explain()
+        select_objects(law, OBJECTS[:1]).explain()
     coefficients = law.coefficients.copy()
     coefficients[0, 0, 0] = 0
     with refused("explain-own-terms"):
@@ -243,14 +243,14 @@ def test_the_mean_over_partially_pooled_objects_has_the_covariance_of_a_mean():
     expected = np.cov((shared + alone).mean(axis=1), rowvar=False)
     np.testing.assert_allclose(average_law(found).uncertainty.covariance[0], expected, rtol=0.05, atol=2e-4)
     assert average_law(found).uncertainty.shared_factor is None
-    some = found.select(["ball 2", "ball 5"])
+    some = select_objects(found, ["ball 2", "ball 5"])
     np.testing.assert_array_equal(some.uncertainty.shared_factor, found.uncertainty.shared_factor[[1, 4]])
 
 
 def test_pooling_is_recorded_and_kept():
     found = pool_objects(law_of())
-    assert found.history[-1].stage == "pooling"
-    assert "v in x''" in found.history[-1].choice
+    assert found.provenance.history[-1].stage == "pooling"
+    assert "v in x''" in found.provenance.history[-1].choice
     again = from_json(to_json(found))
     np.testing.assert_array_equal(again.uncertainty.shared_factor, found.uncertainty.shared_factor)
     with refused("already-pooled"):
@@ -264,7 +264,7 @@ def test_what_is_known_and_single_objects_stay():
     fixed = pool_objects(replace(law, uncertainty=replace(law.uncertainty, covariance=known)))
     np.testing.assert_array_equal(fixed.coefficients[:, 0, 0], law.coefficients[:, 0, 0])
     np.testing.assert_array_equal(standard_errors(fixed)[:, 0, 0], 0)
-    single = law.select(["ball 3"])
+    single = select_objects(law, ["ball 3"])
     assert pool_objects(single) is single
     with refused("uncertainty-unknown"):
         pool_objects(replace(law, uncertainty=replace(law.uncertainty, covariance=None)))

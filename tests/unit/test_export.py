@@ -62,7 +62,7 @@ FUNCTIONS = {
 
 def compiled(law, folder):
     """Return the library of a law in C."""
-    law.export(folder / "law.c")
+    law.save(folder / "law.c")
     flags = ["-O1", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC", "-lm"]
     compiler = shlex.split(os.environ.get("CC", "cc"))
     subprocess.run([*compiler, folder / "law.c", "-o", folder / "law.so", *flags], check=True)
@@ -88,7 +88,7 @@ def test_c_is_compiled_and_run(case, tmp_path):
 
 def test_python_is_run(case, tmp_path):
     law, initial, expected = case
-    law.export(tmp_path / "law.py")
+    law.save(tmp_path / "law.py")
     space = {}
     exec((tmp_path / "law.py").read_text(), space)
     for name in law.objects:
@@ -97,7 +97,7 @@ def test_python_is_run(case, tmp_path):
 
 def test_matlab_has_the_equations(case, tmp_path):
     law, initial, expected = case
-    law.export(tmp_path / "law.m")
+    law.save(tmp_path / "law.m")
     text = (tmp_path / "law.m").read_text()
     assert text.startswith("function [t, x] = law(times")
     rows = re.search(r"parameters = \[(.*)\];", text)[1].split("; ")
@@ -114,7 +114,7 @@ def test_matlab_has_the_equations(case, tmp_path):
 
 def test_modelica_has_the_equations(case, tmp_path):
     law, initial, expected = case
-    law.export(tmp_path / "law.mo", initial=initial)
+    law.save(tmp_path / "law.mo", initial=initial)
     text = (tmp_path / "law.mo").read_text()
     states = re.findall(r"Real (\w+)\(start = ([^,]*), fixed", text)
     assert [float(value.strip("()")) for _, value in states] == initial
@@ -166,7 +166,7 @@ def mathml(node, values):
 def test_sbml_is_interpreted(case, tmp_path):
     law, initial, expected = case
     for name in law.objects:
-        law.export(tmp_path / "law.xml", name, initial)
+        law.save(tmp_path / "law.xml", name, initial)
         root = ET.parse(tmp_path / "law.xml").getroot()
         assert root.tag == f"{SBML}sbml"
         assert (root.get("level"), root.get("version")) == ("3", "2")
@@ -213,7 +213,7 @@ def computed(book):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_workbooks_integrate(case, tmp_path):
     law, initial, _ = case
-    law.export(tmp_path / "law.xlsx", initial=initial)
+    law.save(tmp_path / "law.xlsx", initial=initial)
     book = openpyxl.load_workbook(tmp_path / "law.xlsx")
     step = book["Parameters"]["B2"].value
     times = step * np.arange(12)
@@ -270,7 +270,7 @@ def test_c_with_events_is_compiled_and_run(occurring, tmp_path):
 
 def test_python_with_events_is_run(occurring, tmp_path):
     law, initial, times, expected = occurring
-    law.export(tmp_path / "law.py")
+    law.save(tmp_path / "law.py")
     space = {}
     exec((tmp_path / "law.py").read_text(), space)
     np.testing.assert_allclose(space["simulate"](times, initial), expected, rtol=1e-5, atol=1e-5)
@@ -279,7 +279,7 @@ def test_python_with_events_is_run(occurring, tmp_path):
 def test_sbml_with_events_is_interpreted(occurring, tmp_path):
     """A trigger that becomes true makes all assignments at once, here at the end of a short step."""
     law, initial, times, expected = occurring
-    law.export(tmp_path / "law.xml", initial=initial)
+    law.save(tmp_path / "law.xml", initial=initial)
     root = ET.parse(tmp_path / "law.xml").getroot()
     assert [each.tag.removeprefix(SBML) for each in root[0]] == ["listOfParameters", "listOfRules", "listOfEvents"]
     values = {each.get("id"): float(each.get("value")) for each in root.iter(f"{SBML}parameter")}
@@ -310,12 +310,12 @@ def test_sbml_with_events_is_interpreted(occurring, tmp_path):
 
 def test_modelica_and_matlab_have_the_events_and_workbooks_refuse_them(occurring, tmp_path):
     law, *_, expected = occurring
-    law.export(tmp_path / "law.mo")
+    law.save(tmp_path / "law.mo")
     whole = (tmp_path / "law.mo").read_text()
     clauses = re.findall(r"(when|elsewhen) (.*) > 0 then\n((?: *reinit.*\n)+)", whole)
     assert [word for word, *_ in clauses] == ["when", "elsewhen"][: len(law.observation.events)]
     assert whole.count("end when;") == 1
-    law.export(tmp_path / "law.m")
+    law.save(tmp_path / "law.m")
     text = (tmp_path / "law.m").read_text()
     (row,) = re.findall(r"parameters = \[(.*)\];", text)
     p = [float(each.strip("()")) for each in row.split()]
@@ -335,32 +335,36 @@ def test_modelica_and_matlab_have_the_events_and_workbooks_refuse_them(occurring
                 two = re.sub(r"\b([xp])\((\d+)\)", lambda m: f"{m[1]}[{int(m[2]) - 1}]", two)
                 assert eval(as_python(one), named) == pytest.approx(eval(as_python(two), indexed))
     with refused("export-events-to-workbook"):
-        law.export(tmp_path / "law.xlsx")
+        law.save(tmp_path / "law.xlsx")
 
 
 def test_inputs_are_arguments(tmp_path):
     law = cl.Law.from_text("x' = (G u - x)/T", {"G": 2.0, "T": 0.5}, inputs=("u",))
-    law.export(tmp_path / "lag.py")
+    law.save(tmp_path / "lag.py")
     space = {}
     exec((tmp_path / "lag.py").read_text(), space)
     found = space["simulate"](TIMES, [0.0], inputs=lambda _: [1.0])
     np.testing.assert_allclose(found[:, 0], 2.0 * (1 - np.exp(-TIMES / 0.5)), rtol=1e-5, atol=1e-7)
-    law.export(tmp_path / "lag.mo")
+    law.save(tmp_path / "lag.mo")
     assert "input Real u;" in (tmp_path / "lag.mo").read_text()
 
 
 def test_what_has_no_common_form_is_refused(tmp_path):
     law = cl.Law.from_text("x' = -k x", {"k": {"A": 1.0, "B": 2.0}})
     with refused("export-format"):
-        law.export(tmp_path / "law.f90")
+        law.save(tmp_path / "law.f90")
     with refused("several-objects"):
-        law.export(tmp_path / "law.xml")
+        law.save(tmp_path / "law.xml")
     with refused("export-initial"):
-        law.export(tmp_path / "law.c", initial=[1.0, 2.0])
+        law.save(tmp_path / "law.c", initial=[1.0, 2.0])
+    with refused("export-initial-of-law"):
+        law.save(tmp_path / "law.json", initial=[1.0])
     with refused("unknown-name"):
-        law.export(tmp_path / "law.c", "C")
+        law.save(tmp_path / "law.c", "C")
     with refused("export-unsupported"):
-        cl.Law.from_text("x[k+1] = r x", {"r": 0.5}).export(tmp_path / "law.c")
+        cl.Law.from_text("x[k+1] = r x", {"r": 0.5}).save(tmp_path / "law.c")
+    law.save(tmp_path / "law.json", "B")
+    assert cl.Law.load(tmp_path / "law.json").objects == ("B",)
 
 
 def test_names_are_different_words_of_every_language():

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.law import from_json, to_json
+from commonlaw.law import from_json, select_objects, to_json
 from commonlaw.law.parameters import named_parameters, standard_errors
 from tests.refusals import refused
 
@@ -29,7 +29,7 @@ def test_numbers_in_the_text_stay(fitted):
     constant, drag = (fitted.terms.index(name) for name in ("1", "v"))
     assert (fitted.coefficients[:, 0, constant] == -9.8).all()
     assert (standard_errors(fitted)[:, 0, constant] == 0).all()
-    true = truth.select(fitted.objects).coefficients[:, 0, truth.terms.index("v")]
+    true = select_objects(truth, fitted.objects).coefficients[:, 0, truth.terms.index("v")]
     assert (np.abs(fitted.coefficients[:, 0, drag] - true) < 4 * standard_errors(fitted)[:, 0, drag]).all()
 
 
@@ -39,7 +39,7 @@ def test_parameters_of_the_text_name_what_was_found(fitted):
     values, errors = named_parameters(fitted).values, named_parameters(fitted).errors
     np.testing.assert_array_equal(values, -fitted.coefficients[:, 0, 1:])
     assert (errors > 0).all()
-    one = fitted.select(fitted.objects[:1])
+    one = select_objects(fitted, fitted.objects[:1])
     assert f"k [1/s] = {values[0, 0]:.2f}" in str(one)
     assert "x'' = -9.8 - k v" in str(fitted)
 
@@ -55,7 +55,7 @@ def test_a_coefficient_that_divides_has_the_error_of_its_inverse(drops, fitted):
 def test_names_and_history_are_saved(fitted):
     again = from_json(to_json(fitted))
     assert again.structure == fitted.structure
-    assert (again.history[0].stage, again.history[0].choice) == ("equations", "x'' = -9.8 - k v")
+    assert (again.provenance.history[0].stage, again.provenance.history[0].choice) == ("equations", "x'' = -9.8 - k v")
     assert str(again) == str(fitted)
 
 

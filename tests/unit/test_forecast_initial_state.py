@@ -270,5 +270,20 @@ def test_a_forecast_begins_with_the_first_row_even_if_that_is_below_a_limit(star
     states[0], limits = np.nan, np.full((9, 1), np.nan)
     limits[0] = 2.0
     trials = Trials((Trial("tank", "1", times, states, below=limits),), law.schema)
-    (curve,) = law.predict(trials, start=start).trajectories
-    np.testing.assert_allclose(curve.states[:, 0], np.exp(-0.5 * times), rtol=1e-6)
+    forecast = law.predict(trials, start=start)
+    for curve in (forecast.trajectories[0], forecast.smooth(20).trajectories[0]):
+        np.testing.assert_allclose(curve.states[:, 0], np.exp(-0.5 * curve.times), rtol=1e-6)
+
+
+def test_a_forecast_from_one_sample_begins_with_the_first_that_is_measured():
+    law = law_of("poly:1", ("x",), [[0.0, -0.5]], noise=None)
+    times = np.linspace(0.0, 4.0, 9)
+    states, limits = np.exp(-0.5 * times)[:, None], np.full((9, 1), np.nan)
+    states[:2], limits[:2] = np.nan, 2.0
+    trials = Trials((Trial("tank", "1", times, states, below=limits),), law.schema)
+    forecast = law.predict(trials, times=[5.0])
+    np.testing.assert_array_equal(forecast.trials[0].times, [*times[2:], 5.0])
+    np.testing.assert_allclose(
+        forecast.trajectories[0].states[:, 0], np.exp(-0.5 * forecast.trials[0].times), rtol=1e-6
+    )
+    assert forecast.horizons[0].tolist() == (forecast.trials[0].times - times[2]).tolist()

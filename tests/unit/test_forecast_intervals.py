@@ -13,7 +13,7 @@ from commonlaw.differentiation import MedianFilter, SmoothedDifference, WienerFi
 from commonlaw.forecast import Forecast
 from commonlaw.forecast.prediction import trajectory_std
 from commonlaw.integration import Trajectory
-from commonlaw.law import Law, Provenance, Uncertainty
+from commonlaw.law import Law, Provenance, Uncertainty, select_objects
 from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
 from tests.refusals import refused
@@ -67,7 +67,7 @@ def test_standard_deviations_of_falling_balls_are_those_of_drawn_coefficients_an
 def test_standard_deviations_of_populations_are_those_of_drawn_coefficients_and_drawn_initial_states(method):
     trials = datasets.lotka_volterra(noise=0.0)[[0, 3]]
     trials = trials.with_trials([trial.cut(80) for trial in trials])
-    law = unsure(datasets.lotka_volterra.truth(), 0.005, 0.05).select(trials.objects)
+    law = select_objects(unsure(datasets.lotka_volterra.truth(), 0.005, 0.05), trials.objects)
     forecast = law.predict(trials, return_std=True, method=method)
     rng = np.random.default_rng(1)
     for i, trial in enumerate(trials):

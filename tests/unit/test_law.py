@@ -1,7 +1,7 @@
 """Laws: their text, right-hand sides, trajectories and files, the ranges that they know, and their comparison."""
 
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -13,7 +13,18 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
 from commonlaw.integration import Event, Inputs, VectorField
-from commonlaw.law import Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_frame, to_json, to_latex, to_sympy
+from commonlaw.law import (
+    Law,
+    PlausibleLaw,
+    Provenance,
+    Uncertainty,
+    from_json,
+    select_objects,
+    to_frame,
+    to_json,
+    to_latex,
+    to_sympy,
+)
 from commonlaw.law.parameters import coefficient_units
 from commonlaw.law.provenance import Domain
 from commonlaw.library import Order, PolynomialLibrary, Variables, parse_library
@@ -41,6 +52,11 @@ def predators():
     coefficients[0, 0, [terms.index("x"), terms.index("x y")]] = [1.0, -0.5]
     coefficients[0, 1, [terms.index("y"), terms.index("x y")]] = [-2.0, 0.25]
     return Law(terms, Schema(("x", "y")), 1, ("island",), coefficients)
+
+
+def test_a_law_has_at_most_25_members_beside_its_fields():
+    names = {field.name for field in fields(Law)}
+    assert len([name for name in dir(Law) if not name.startswith("_") and name not in names]) <= 25
 
 
 def test_equations_as_text(drag, predators):
@@ -208,10 +224,10 @@ def test_a_law_is_scored_as_by_scikit_learn(predators):
         "mae": metrics.mean_absolute_error,
     }.items():
         expected = np.mean([metric(*pair) for pair in pairs])
-        assert predators.score(trials, name) == pytest.approx(expected, rel=1e-6)
-        assert predators.score(trials, metric) == pytest.approx(expected, rel=1e-6)
+        assert predators.predict(trials).metric(name) == pytest.approx(expected, rel=1e-6)
+        assert predators.predict(trials).metric(metric) == pytest.approx(expected, rel=1e-6)
     with refused("unknown-name"):
-        predators.score(trials, "r3")
+        predators.predict(trials).metric("r3")
 
 
 @pytest.mark.parametrize("rule", ["savgol:35:3", "finite:4", None])
@@ -276,7 +292,11 @@ def test_laws_are_equal_by_what_they_are(drag, predators):
     assert same == drag
     assert hash(same) == hash(drag)
     assert replace(drag, provenance=Provenance()) == drag
-    assert drag not in (predators, drag.select(["heavy"]), replace(drag, coefficients=drag.coefficients * (1 + 1e-15)))
+    assert drag not in (
+        predators,
+        select_objects(drag, ["heavy"]),
+        replace(drag, coefficients=drag.coefficients * (1 + 1e-15)),
+    )
     averaged = replace(drag, uncertainty=Uncertainty(other_laws=(PlausibleLaw(0.1, drag),)))
     assert averaged == from_json(to_json(averaged)) != drag
 

@@ -13,7 +13,7 @@ from commonlaw.cli.output import Artifacts
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import parse_differentiation
 from commonlaw.law import Alternative, Law, PlausibleLaw, Provenance, Uncertainty, from_json, to_json, to_latex
-from commonlaw.law.io import law_bytes
+from commonlaw.law.io import file_content
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.uncertainty import IntervalInflation
 from commonlaw.trials.files import parquet_bytes, parquet_columns
@@ -168,7 +168,7 @@ def test_a_law_that_json_is_too_large_for_is_refused_in_python_and_goes_beside_i
 
 def parts_of_file():
     """The columns of a law's file, and what it keeps as JSON."""
-    columns, metadata = parquet_columns("", law_bytes(LAW, ".parquet"))
+    columns, metadata = parquet_columns("", file_content(LAW, ".parquet"))
     return columns, json.loads(metadata[b"commonlaw law"])
 
 
@@ -223,7 +223,7 @@ def test_a_law_of_version_2_is_read_whole():
     assert law.uncertainty.shared_factor.tolist() == list(raw["common"].values())
     assert law.uncertainty.noise.tolist() == raw["noise"]
     assert law.uncertainty.inclusion_probabilities.tolist() == raw["inclusion"]
-    assert [(each.stage, each.choice, each.reason) for each in law.history] == [
+    assert [(each.stage, each.choice, each.reason) for each in law.provenance.history] == [
         (each["stage"], each["choice"], each["reason"]) for each in raw["history"]
     ]
 
@@ -238,10 +238,10 @@ def test_names_of_earlier_versions_are_replaced(version):
     assert constant.measures == {"BIC": 3.5, "stability": None}
     assert constant.hyperparameters == ((0.5, 2.0) if version == 2 else ())
     again = from_json(to_json(law))
-    assert (again.diagnostics, again.provenance.alternatives, again.history) == (
+    assert (again.diagnostics, again.provenance.alternatives, again.provenance.history) == (
         law.diagnostics,
         law.provenance.alternatives,
-        law.history,
+        law.provenance.history,
     )
     np.testing.assert_array_equal(again.coefficients, law.coefficients)
 
@@ -257,7 +257,7 @@ def test_a_law_of_version_1_does_not_know_how_accurate_it_is():
     law = Law.load(SAVED / "version-1.json")
     assert law.uncertainty.covariance is law.uncertainty.noise is law.uncertainty.inclusion_probabilities is None
     assert law.uncertainty.shared_factor == Uncertainty().shared_factor
-    assert law.history == ()
+    assert law.provenance.history == ()
     np.testing.assert_array_equal(law.coefficients, Law.load(SAVED / "version-2.json").coefficients)
 
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 import commonlaw as cl
+from commonlaw.law import select_objects
 from commonlaw.law.parameters import named_parameters
 from commonlaw.plots import Figure
 from commonlaw.report import notebook
@@ -28,7 +29,7 @@ def law(drops):
 
 
 def test_laws_trials_and_forecasts_show_a_table_and_a_figure(law, drops):
-    one = law.select(["Ball 1"])
+    one = select_objects(law, ["Ball 1"])
     for value, words in ((one, "<math"), (law, "-9.8 - c v"), (drops, "Ball 2"), (law.predict(drops), "rms error")):
         shown = value._repr_html_()
         HTMLParser().feed(shown)
@@ -54,8 +55,8 @@ def test_names_of_strangers_in_a_verdict_are_text(law, drops):
 
 
 def test_a_history_shows_a_row_for_each_choice(law):
-    shown = law.history._repr_html_()
-    assert shown.count("<tr") == len(law.history) + 1
+    shown = law.provenance.history._repr_html_()
+    assert shown.count("<tr") == len(law.provenance.history) + 1
     assert "maximum likelihood" in shown
 
 

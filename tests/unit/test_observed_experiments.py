@@ -84,7 +84,7 @@ def test_fits_have_the_standard_errors_that_were_expected(grown):
     for seed in range(2):
         noise = NOISE * np.random.default_rng(seed).standard_normal(len(times))
         new = ("A", "2", times, growth([*TRUE["A"], start], times) + noise)
-        fitted = cl.fit(GROWTH, trials_of([*FIRST, new]), **SHARED).select(["A"]).params
+        fitted = cl.law.select_objects(cl.fit(GROWTH, trials_of([*FIRST, new]), **SHARED), ["A"]).params
         errors = dict(zip(fitted["parameter"], fitted["standard error"], strict=True))
         assert errors == pytest.approx({name: then for name, (_, then) in gains(found).items()}, rel=0.05)
 

@@ -16,7 +16,7 @@ from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.residual_tests import StateSums, correlations, patterns, patterns_of
 from commonlaw.discrepancy.smooth_basis import Samples, SmoothBasis, factors, meaning
 from commonlaw.discrepancy.trajectories import SharedRows, posterior
-from commonlaw.law import from_json, to_json
+from commonlaw.law import from_json, select_objects, to_json
 from commonlaw.law.parameters import standard_errors
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.plots import plot_residuals, render
@@ -191,7 +191,7 @@ def test_each_object_has_what_its_own_residuals_say(law, stream, jars):
     found = cl.check_stream(law, stream).objects.set_index(["object", "state"])
     assert len(found) == 12
     for name in ("jar 0", "jar 5"):
-        own = law.select([name]).residuals(jars.select(object=name)).tests().set_index(["state", "pattern"])
+        own = select_objects(law, [name]).residuals(jars.select(object=name)).tests().set_index(["state", "pattern"])
         for state in ("a", "b"):
             row = found.loc[name, state]
             assert row["RMS over noise"] == pytest.approx(own.loc[(state, "RMS over noise"), "statistic"], rel=1e-6)
@@ -351,7 +351,7 @@ def test_a_function_of_properties_is_shared_by_objects_that_differ_in_them() -> 
         assert -drag * mass == pytest.approx(drag_force(speed, 2 * radius), rel=0.05)
     forecast = found.law.predict(drops, start=10, discrepancy=True, return_std=True)
     assert forecast.score() > 0.9999
-    alone = found.law.select(["Ball 5"]).predict(drops.select(object="Ball 5"), start=10, discrepancy=True)
+    alone = select_objects(found.law, ["Ball 5"]).predict(drops.select(object="Ball 5"), start=10, discrepancy=True)
     np.testing.assert_allclose(alone.trajectories[0].states, forecast.trajectories[-1].states, rtol=1e-6)
 
 

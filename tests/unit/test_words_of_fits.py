@@ -5,6 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw import verdict
+from commonlaw.law import select_objects
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.text import with_error
 from commonlaw.outcomes import OutcomeKind
@@ -32,7 +33,7 @@ def white(swayed):
 
 
 def step(law, stage):
-    return next(each for each in law.history if each.stage == stage)
+    return next(each for each in law.provenance.history if each.stage == stage)
 
 
 def kinds(law):
@@ -64,7 +65,7 @@ def test_a_law_that_is_fitted_again_keeps_no_outcome_of_the_fit_before(white):
     draws = np.random.default_rng(1)
     clean = 5 * np.exp(-0.5 * TIMES) + NOISE * draws.standard_normal(40)
     trials = cl.Trials.from_arrays(TIMES, clean, names=["x"], units={"x": "m", "t": "s"})
-    assert kinds(cl.refine(white.select(white.objects[:1]), trials)) == []
+    assert kinds(cl.refine(select_objects(white, white.objects[:1]), trials)) == []
 
 
 def test_errors_that_were_chosen_are_said_with_what_they_change():

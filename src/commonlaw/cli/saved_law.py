@@ -44,7 +44,7 @@ from commonlaw.cli.source import (
     with_table,
 )
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law, average_law, relations_frame, to_json, to_latex
+from commonlaw.law import Law, average_law, relations_frame, select_objects, to_json, to_latex
 from commonlaw.law.alignment import has_bands, measured_schema
 from commonlaw.law.parameters import named_parameters, units_with_rates
 from commonlaw.law.text import Written
@@ -73,7 +73,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     if name and average:
         raise click.UsageError("give --select or --average, not both")
     law = Law.load(law_path)
-    law = law.select([name]) if name else average_law(law) if average else law
+    law = select_objects(law, [name]) if name else average_law(law) if average else law
     if not latex:
         say(str(law))
         if law.uncertainty.covariance is not None:

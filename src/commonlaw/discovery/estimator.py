@@ -262,7 +262,7 @@ class LawDiscovery:
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if is_text else ()
         left_out = *copies, *outcome_of_constants(constant), *outcome_of_rest(resting)
         outcomes = (*law.diagnostics, *rates, *left_out, *instead)
-        provenance = replace(law.provenance, calls=made, outcomes=outcomes, history=(*steps, *law.history))
+        provenance = replace(law.provenance, calls=made, outcomes=outcomes, history=(*steps, *law.provenance.history))
         if isinstance(trials, TrialStream):
             return replace(law, provenance=provenance)
         outcomes = (*with_origin_outcomes(outcomes, law, trials), *outcomes_of_confounding(trials, law.order, library))
@@ -386,7 +386,7 @@ def discover(
     order
         Order of the law: 1 for ``x' = f(x)``, 2 for ``x'' = f(x, x')``; 0 for a law in discrete time, ``x[k+1] =
         f(x[k])``. By state if orders differ: ``{"theta": 2, "i": 1}``. ``"auto"``: 1 if such a law fits within the
-        noise, otherwise 1 or 2 for each state, by the larger evidence (see `Law.history`). States measured together
+        noise, otherwise 1 or 2 for each state, by the larger evidence (see `Law.provenance`). States measured together
         with their rates are of order 2; known physics keeps its order. For streams and regressions, which have no
         evidence, ``"auto"`` is 1, with a note. Discrete time is never tried; a note suggests it if each sample follows
         from the one before, but not by the law.

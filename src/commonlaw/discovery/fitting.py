@@ -23,7 +23,7 @@ from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_paramet
 from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.chunks import fitted_by_parts
 from commonlaw.integration import BETWEEN
-from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects
+from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects, select_objects
 from commonlaw.law.models import model_named
 from commonlaw.law.observation import ALL
 from commonlaw.law.parameters import named_parameters, standard_errors
@@ -363,7 +363,7 @@ def _of_model(
         return laws[best]
     law, plausible = laws[best], np.flatnonzero(gains > gains[best] - STRONG).tolist()
     why = f"between samples; twice the log-likelihood ratio to straight lines is {gains[best]:.3g}"
-    history = (*law.history, Step("inputs", tried[best], why))
+    history = (*law.provenance.history, Step("inputs", tried[best], why))
     # Dead times that depend on how inputs go between samples, where measurements do not decide it
     named, outcomes = named_parameters(law), [*law.provenance.outcomes]
     for name in dict.fromkeys(name for signal in law.schema.inputs for name in re.findall(r"\(t - (\w+)\)$", signal)):
@@ -384,7 +384,7 @@ def _of_model(
 
 def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
     """Return which errors were chosen in place of white noise, and what they change, if there are any."""
-    steps = {step.stage: step.choice for step in law.history if step.choice != "none"}
+    steps = {step.stage: step.choice for step in law.provenance.history if step.choice != "none"}
     chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
     parameters = named_parameters(law)
     if not chosen or not parameters.names:
@@ -458,11 +458,11 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
     refitted = dict[str, Law]()
     outcomes = list[Outcome]()
     for owner in law.objects:
-        alone, held = law.select([owner]), dict[str, float]()
+        alone, held = select_objects(law, [owner]), dict[str, float]()
         while ends := _ends(alone, bounds, held):
             outcomes += [_at_bound(alone, owner, bound, end) for bound, end in ends]
             held |= {bound.name: end for bound, end in ends}
-            start = law.select([owner])
+            start = select_objects(law, [owner])
             coefficients, is_free = start.coefficients.copy(), np.array(start.support[np.newaxis])
             for definition in named_parameters(start).definitions:
                 if definition.name in held:
@@ -475,7 +475,7 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
             refitted[owner] = alone
     if not refitted:
         return law
-    parts = [refitted.get(name, law.select([name])) for name in law.objects]
+    parts = [refitted.get(name, select_objects(law, [name])) for name in law.objects]
     coefficients = np.array([part.coefficients[0] for part in parts])
     support = np.any(coefficients != 0, axis=0)
     covariance = np.zeros((len(parts), support.sum(), support.sum()))

@@ -401,7 +401,7 @@ def discover_observed(
         f"{sum(candidates[0].support)} of {search.open.sum()}",
         f"the fewest for any parameters of observations{apart}",
     )
-    return replace(law, provenance=replace(law.provenance, history=(step, *law.history)))
+    return replace(law, provenance=replace(law.provenance, history=(step, *law.provenance.history)))
 
 
 def _begun(

@@ -137,7 +137,11 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         fit = partial(_fitted, best, {**weighing, "covariance": self.covariance, "seed": self.seed})
         law = fitted_by_parts([fit] * len(parts), parts, part(progress, 0.4, 1.0))
         provenance = replace(
-            best.provenance, domain=law.provenance.domain, outcomes=(), alternatives=(), history=(*best.history, *steps)
+            best.provenance,
+            domain=law.provenance.domain,
+            outcomes=(),
+            alternatives=(),
+            history=(*best.provenance.history, *steps),
         )
         law = replace(law, provenance=provenance)
         return with_pooled_forecasts(law, structure.shared_in(law), self.partial_pooling)
@@ -265,5 +269,5 @@ def _law(search: CandidateSearch, best: Candidate) -> Law:
         seed=options.seed,
         tried_errors=len(kinds) > 1,
     )
-    history = (*best.screened.steps, *best.steps, *law.history)
+    history = (*best.screened.steps, *best.steps, *law.provenance.history)
     return replace(law, provenance=replace(law.provenance, history=history))

@@ -20,7 +20,7 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.settings import FINAL_MODEL_ERRORS, MAX_MESH_POINTS, MODEL_ERRORS
 from commonlaw.inference.verbs.comparison import written_alike
-from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law import Law, Provenance, Step, Uncertainty, select_objects
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.law.script import call
 from commonlaw.library import Terms, Variables, highest_columns
@@ -126,7 +126,7 @@ class Setting(AbstractSetting):
 
     def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:
         """Return the law with coefficients as they are with the function, and the law with the function as terms."""
-        narrow, whole = law.select(self.problem.trials.objects), _whole(law, self, found)
+        narrow, whole = select_objects(law, self.problem.trials.objects), _whole(law, self, found)
         in_law = np.zeros((len(law.schema.states), len(found.model.terms)), dtype=np.bool_)
         in_law[:, : len(self.law.terms)] = self.law.support
         coefficients = narrow.coefficients.copy()
@@ -280,7 +280,7 @@ def discrepancy(
         f"coefficients estimated jointly with it; noise scaled by {fitted.posterior.noise_factor:.3g}",
     )
     narrow, wide = setting.refitted(law, fitted)
-    history, calls = (*law.history, step), (*law.provenance.calls, called)
+    history, calls = (*law.provenance.history, step), (*law.provenance.calls, called)
     provenance = replace(law.provenance, history=history, calls=calls, with_discrepancy=wide)
     return Discrepancy(
         law=replace(narrow, provenance=provenance),

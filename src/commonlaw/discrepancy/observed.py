@@ -22,7 +22,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import Beginning, Fitted, begin, refit
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.inference.fit.fit import NO_ERROR
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import measured_noise
 from commonlaw.law.observation import ALL
 from commonlaw.law.parameters import left_hand_sides
@@ -51,7 +51,7 @@ class ObservedSetting(AbstractSetting):
     def of(cls, law: Law, trials: Trials, noise: Mapping[str, float] | None) -> "ObservedSetting":
         """Return the setting, with states at the samples by the fit, and the numeric properties of objects."""
         fitted = refit(law, trials, noise=noise, progress=lambda _: None)
-        problem, unknowns, law = fitted.begun.problem, fitted.optimum.unknowns, law.select(trials.objects)
+        problem, unknowns, law = fitted.begun.problem, fitted.optimum.unknowns, select_objects(law, trials.objects)
         names, owners = law.terms.variables.measured, [trials.properties.get(name, {}) for name in trials.objects]
         more = [
             name

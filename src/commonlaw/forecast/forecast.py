@@ -37,9 +37,6 @@ _METRICS: dict[str, Callable[[Floats, Floats], float]] = {
     "mae": lambda measured, forecast: float(np.mean(np.abs(measured - forecast))),
 }
 
-_MAX_POINTS = 1_000_000
-"""Points of a curve; no screen has as many."""
-
 
 class Part(NamedTuple):
     """The forecast by one of the laws of an average, with that law's probability and equations.
@@ -166,8 +163,9 @@ class Forecast(ShownInNotebooks):
         that `Law.predict` did not make, stay as they are. Raises `CommonlawError` if there are not 2 to a million
         points.
         """
-        if not 2 <= points <= _MAX_POINTS:
-            raise CommonlawError("curve-points", points=points, limit=_MAX_POINTS)
+        limit = 1_000_000  # No screen has as many
+        if not 2 <= points <= limit:
+            raise CommonlawError("curve-points", points=points, limit=limit)
         more = [_between(trial.times, points) for trial in self.trials]
         if self.at_more_times is None or not any(len(times) for times in more):
             return self
@@ -308,11 +306,9 @@ class Forecast(ShownInNotebooks):
         1 is perfect, 0 is as good as each trial's mean, minus infinity a divergence; NaN if no state varied. Missing
         measurements do not count.
         """
-        compared = self._compared()
-        if any(np.isnan(forecast).any() for _, forecast in compared):
+        if any(np.isnan(forecast).any() for _, forecast in self._compared()):
             return -np.inf
-        missed = _sum_of_squares([forecast - states for states, forecast in compared])
-        varied = _sum_of_squares([states - _means(states) for states, _ in compared])
+        missed, varied = self._sums_of_squares().sum(axis=1)
         return float(np.mean(1 - missed[varied > 0] / varied[varied > 0])) if varied.any() else np.nan
 
     def metric(self, metric: Metric = "r2") -> float:
@@ -340,14 +336,17 @@ class Forecast(ShownInNotebooks):
         One forecast that fails does not outweigh many good ones. Missing measurements and states that did not vary do
         not count; NaN if none did.
         """
-        scores = list[Floats]()
+        missed, varied = self._sums_of_squares()
+        scores = np.maximum(1 - missed[varied > 0] / varied[varied > 0], -1.0)
+        return float(np.mean(scores)) if len(scores) else np.nan
+
+    def _sums_of_squares(self) -> Floats:
+        """Return those of errors and of variations about the mean of each state in each trial, (2, trials, states)."""
+        sums = list[Floats]()
         for states, forecast in self._compared():
-            variation = states - _means(states)
-            errors = np.where(np.isnan(variation), 0.0, np.nan_to_num(forecast - states, nan=np.inf))
-            missed, varied = np.sum(errors**2, axis=0), np.nansum(variation**2, axis=0)
-            scores.append(np.maximum(1 - missed[varied > 0] / varied[varied > 0], -1.0))
-        known = np.concatenate(scores)
-        return float(np.mean(known)) if len(known) else np.nan
+            errors = np.where(np.isfinite(states), np.nan_to_num(forecast - states, nan=np.inf), 0.0)
+            sums.append(np.array([np.sum(errors**2, axis=0), variation(states)[1]]))
+        return np.stack(sums, axis=1)
 
     @property
     def ahead(self) -> tuple[Bools, ...]:
@@ -362,6 +361,14 @@ class Forecast(ShownInNotebooks):
     def _states(self) -> list[Floats]:
         width = len(self.trials.schema.states)
         return [trajectory.states[:, :width] for trajectory in self.trajectories]
+
+
+def variation(states: Floats) -> tuple[Floats, Floats]:
+    """Return how many values of each state are measured, and their sum of squares about the mean, shape (d,) each."""
+    seen = np.isfinite(states)
+    counts = seen.sum(axis=0, dtype=np.float64)
+    means = np.sum(states, axis=0, where=seen) / np.maximum(counts, 1)
+    return counts, np.sum((states - means) ** 2, axis=0, where=seen)
 
 
 def _measured_at(again: Callable[[Sequence[Floats]], Forecast], measured: Trials, times: Sequence[Floats]) -> Forecast:
@@ -379,12 +386,3 @@ def _between(times: Floats, points: int) -> Floats:
 def _measured(trial: Trial) -> Bools:
     """Return in which samples of a trial anything was measured, shape (n,)."""
     return np.asarray(np.isfinite(trial.states).any(axis=1))
-
-
-def _sum_of_squares(parts: Sequence[Floats]) -> Floats:
-    return np.asarray(sum(np.nansum(part**2, axis=0) for part in parts))
-
-
-def _means(states: Floats) -> Floats:
-    """Return the means of measured states, shape (d,); zero for one that never was."""
-    return np.asarray(np.nansum(states, axis=0) / np.maximum(np.sum(~np.isnan(states), axis=0), 1))

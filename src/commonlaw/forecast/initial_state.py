@@ -84,45 +84,16 @@ class FilteredStart:
 
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return a trajectory from this start whose derivatives follow the coefficients, and its covariance, (D, D)."""
-        assert trajectory.sensitivities is not None
-        by_own, by_start = np.split(trajectory.sensitivities, [-self.states.shape[1]], axis=2)
-        with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
-            carried = np.concatenate([by_own + by_start @ self.sensitivity, by_start], axis=2)
-        return replace(trajectory, sensitivities=carried), self.covariance
+        return _following(trajectory, self.sensitivity), self.covariance
 
 
-def unit_of_errors(law: Law, noise: Floats, trial: Trial) -> Floats:
-    """Return the unit of the model error, shape (width,): that of a rate moves the state by its noise."""
-    second = with_rates(law.order, len(law.schema.states))
-    return np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
-
-
-def _fitted_states(
-    law: Law, trial: Trial, inputs: Inputs, guess: Floats, noise: Floats
-) -> tuple[TrajectoryModel, Estimate, float]:
-    """Return the states at the samples of a trial, from a guess of shape (k, D), under a law at fixed coefficients.
-
-    With them the model, and the last model error; raises `CommonlawError` if the states are not finite.
-    """
-    errors, coefficients = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
-    (mesh,) = meshes([trial], MESH_POINTS, len(trial))
-    model_errors: tuple[float, ...] = MODEL_ERRORS
-    unit = unit_of_errors(law, noise, trial)
-    if errors.walk is not None:
-        unit, model_errors = errors.walk * np.sqrt(np.median(mesh.steps)), (1.0,)
-    mesh, estimate = (
-        mesh.with_inputs(inputs),
-        Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), coefficients),
-    )
-    for _ in range(errors.rounds):
-        white = errors.white_std(estimate.states[0][:, : len(noise)], with_typical(mesh.noise, noise)) * mesh.averaging
-        mesh = replace(mesh, scale=white / noise)
-        model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
-        model, start = model.with_latent(errors.latent, replace(estimate, states=(estimate.states[0][:, : len(unit)],)))
-        estimate = fit(model, start, np.zeros(coefficients.shape, dtype=np.bool_), model_errors)
-    if not np.isfinite(estimate.objective):
-        raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
-    return model, estimate, model_errors[-1]
+def _following(trajectory: Trajectory, sensitivity: Floats) -> Trajectory:
+    """Return a trajectory whose start has these derivatives by the coefficients, shape (D, parameters)."""
+    assert trajectory.sensitivities is not None
+    by_own, by_start = np.split(trajectory.sensitivities, [-len(sensitivity)], axis=2)
+    with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
+        carried = np.concatenate([by_own + by_start @ sensitivity, by_start], axis=2)
+    return replace(trajectory, sensitivities=carried)
 
 
 def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> Floats:
@@ -164,8 +135,89 @@ MIN_SAMPLES = 5
 """Measured values of each state that the first guess takes if it is a smoothing spline; else it is straight lines."""
 
 
+class _AtFirstSample:
+    """A start at the first sample of a forecast, whose trajectory lacks nothing."""
+
+    def followed_by(self, trajectory: Trajectory, _: Floats) -> Trajectory:
+        """Return the trajectory from this start."""
+        return trajectory
+
+    def std_followed_by(self, std: Floats, _: Floats) -> Floats:
+        """Return the standard deviations of a forecast from this start."""
+        return std
+
+
 @dataclass(frozen=True, eq=False)
-class FittedInitialState:
+class MeasuredStart(_AtFirstSample):
+    """The first of some samples as measured, with rates that a law's differentiation estimates from all of them.
+
+    The seed is that of the noise from which the errors of rates follow.
+    """
+
+    law: Law
+    samples: Trial
+    seed: int
+
+    @property
+    def begins(self) -> float:
+        """When the forecast starts."""
+        return float(self.samples.times[0])
+
+    @property
+    def known_until(self) -> float:
+        """The time of the last sample that the initial state is estimated from."""
+        return self.begins
+
+    @property
+    def initial(self) -> Floats:
+        """The first measured states, and the estimated rates of those of second order, shape (width,)."""
+        law, trial = self.law, self.samples
+        missing = np.isnan(trial.states)
+        if missing[0].any():
+            state = law.schema.states[int(np.argmax(missing[0]))]
+            whole = np.flatnonzero(~missing.any(axis=1))
+            remedy = f"start the trial at sample {whole[0] + 1}, which has every state, or " if len(whole) else ""
+            raise CommonlawError("initial-value-missing", where=trial.label, state=state, remedy=remedy)
+        second = with_rates(law.order, len(law.schema.states))
+        rates = [self._first_rates(trial.states)[second]] if len(second) else []
+        return np.concatenate([trial.states[0], *rates])
+
+    def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
+        """Return a trajectory from this start, and the start's covariance by the noise of samples, (width, width).
+
+        Rates are estimated again with noise added, with draws that are exactly white: exact for linear differentiators,
+        up to a quarter too large for medians.
+        """
+        law, trial = self.law, self.samples
+        assert law.uncertainty.noise is not None
+        noise = law.uncertainty.error_model.measurement_std(trial.states, trial.std(law.uncertainty.noise))
+        second, states = with_rates(law.order, len(law.schema.states)), noise.shape[1]
+        covariance = np.diag(np.append(noise[0] ** 2, np.zeros(len(second))))
+        method = _differentiation(law, trial)
+        if method is None or not len(second):
+            covariance[range(states, len(covariance)), range(states, len(covariance))] = np.nan
+            return trajectory, covariance
+        samples, draws = _samples(method, len(trial)), 200
+        white = np.random.default_rng(self.seed).standard_normal((draws, samples))
+        if samples < draws:  # Centred and uncorrelated
+            white = np.sqrt(draws) * np.linalg.qr(np.column_stack([np.ones(draws), white]))[0][:, 1:]
+        for k, j in enumerate(second):
+            errors = noise[:samples, j : j + 1] * white.T
+            noisy = np.repeat(trial.states[:, j : j + 1], draws, axis=1)
+            noisy[:samples] += errors
+            indices = np.ix_((j, states + k), (j, states + k))
+            covariance[indices] = np.cov(errors[0], self._first_rates(noisy), bias=True)
+        return trajectory, covariance
+
+    def _first_rates(self, states: Floats) -> Floats:
+        """Return the estimated rates of states at the first sample, from shape (n, d) to (d,); zero if unknown."""
+        method = _differentiation(self.law, self.samples)
+        rates = None if method is None else method.differentiate(self.samples.times, states, 1).derivatives[0][0]
+        return np.zeros(states.shape[1]) if rates is None else rates
+
+
+@dataclass(frozen=True, eq=False)
+class FittedInitialState(_AtFirstSample):
     """The maximum-likelihood initial state, shape (width,), given the first samples of a trial."""
 
     initial: Floats
@@ -182,14 +234,6 @@ class FittedInitialState:
         """The time of the last sample that it was fitted to."""
         return float(self.trial.times[-1])
 
-    def followed_by(self, trajectory: Trajectory, times: Floats) -> Trajectory:
-        """Return a trajectory from this start, which lacks nothing."""
-        return trajectory
-
-    def std_followed_by(self, std: Floats, times: Floats) -> Floats:
-        """Return standard deviations of a forecast from this start, which lack nothing."""
-        return std
-
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return a trajectory from this start with derivatives that let the start follow the coefficients.
 
@@ -199,7 +243,6 @@ class FittedInitialState:
         assert trajectory.sensitivities is not None
         width, states = len(self.initial), self.trial.states.shape[1]
         samples = np.searchsorted(trajectory.times, self.trial.times)
-        by_own, by_start = np.split(trajectory.sensitivities, [-width], axis=2)
         noise = self.observation_model.noise
         scale = self.trial.std(noise) / noise
         weights = self.observation_model.weights(self.trial.states - trajectory.states[samples, :states], scale)
@@ -211,13 +254,10 @@ class FittedInitialState:
             root = np.linalg.inv(factor)
         except np.linalg.LinAlgError:
             return trajectory, np.full((width, width), np.nan)
-        follow = -root @ (basis.T @ rows[:, :-width])
-        with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
-            carried = np.concatenate([by_own + by_start @ follow, by_start], axis=2)
-        return replace(trajectory, sensitivities=carried), root @ root.T
+        return _following(trajectory, -root @ (basis.T @ rows[:, :-width])), root @ root.T
 
 
-Start = FittedInitialState | FilteredStart
+Start = MeasuredStart | FittedInitialState | FilteredStart
 """Where the forecast of a trial starts, and what came before."""
 
 
@@ -250,15 +290,32 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     states, visited = trial.states.copy(), law.provenance.domain.visited
     for name in unmeasured:
         states[:, law.schema.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
-    guess = _curve(trial.times, states, with_rates(law.order, len(law.schema.states)))
-    model, estimate, model_error = _fitted_states(law, trial, inputs, guess, noise)
-    if not law.uncertainty.error_model:
+    second = with_rates(law.order, len(law.schema.states))
+    guess = _curve(trial.times, states, second)
+    errors, coefficients = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
+    (mesh,) = meshes([trial], MESH_POINTS, len(trial))
+    # A model error of this size in a rate moves the state by its noise
+    unit = np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
+    model_errors: tuple[float, ...] = MODEL_ERRORS
+    if errors.walk is not None:
+        unit, model_errors = errors.walk * np.sqrt(np.median(mesh.steps)), (1.0,)
+    mesh = mesh.with_inputs(inputs)
+    estimate = Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), coefficients)
+    for _ in range(errors.rounds):
+        white = errors.white_std(estimate.states[0][:, : len(noise)], with_typical(mesh.noise, noise)) * mesh.averaging
+        mesh = replace(mesh, scale=white / noise)
+        model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
+        model, begun = model.with_latent(errors.latent, replace(estimate, states=(estimate.states[0][:, : len(unit)],)))
+        estimate = fit(model, begun, np.zeros(coefficients.shape, dtype=np.bool_), model_errors)
+    if not np.isfinite(estimate.objective):
+        raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
+    if not errors:
         start = estimate.states[0][0]
         # At rest, with no scale of its own
         start = np.where(np.abs(start) < np.finfo(float).eps * model.unit, 0.0, start)
         return FittedInitialState(start, trial, model.observation)
     try:
-        (reduced,) = eliminate_states_of_meshes(model, estimate, law.support, model_error)
+        (reduced,) = eliminate_states_of_meshes(model, estimate, law.support, model_errors[-1])
         variances, last = reduced.state_covariances()
     except NotPositiveError:
         raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial)) from None
@@ -302,38 +359,19 @@ def _curve(times: Floats, states: Floats, second: Indices) -> Floats:
     return np.column_stack([lines, *(np.gradient(lines[:, j], times) for j in second)])
 
 
-_DRAWS = 200
-"""Vectors of noise that show what a differentiator makes of noise."""
-
-
 @dataclass(frozen=True, eq=False)
-class Beginning:
-    """Where the forecast of one trial begins.
-
-    Inputs are known at any time; `start_samples` determine the initial state, `fitted` to them, or None for the first
-    of them as measured.
-    """
+class StartedTrial:
+    """A trial with all times that are forecast, its inputs, known at any time, and where its forecast starts."""
 
     trial: Trial
     inputs: Inputs
-    start_samples: Trial
-    fitted: Start | None
+    start: Start
 
     @property
     def ahead(self) -> Trial:
         """The rows of the trial from the time of the initial state on."""
-        begins = self.trial.times[0] if self.fitted is None else self.fitted.begins
-        first = int(np.searchsorted(self.trial.times, begins))
+        first = int(np.searchsorted(self.trial.times, self.start.begins))
         return self.trial.rows(slice(first, None)) if first else self.trial
-
-    @property
-    def known_until(self) -> float:
-        """The time of the last sample that tells the initial state."""
-        return float(self.start_samples.times[0]) if self.fitted is None else self.fitted.known_until
-
-    def initial(self, law: Law) -> Floats:
-        """Return the initial state, shape (width,)."""
-        return _measured_start(law, self.start_samples) if self.fitted is None else self.fitted.initial
 
 
 def begin(
@@ -343,8 +381,9 @@ def begin(
     start: int | Literal["all"] | None,
     from_time: float | None,
     input_interpolation: str | None,
-) -> tuple[Trials, list[Beginning]]:
-    """Return the trials that can be forecast, with samples at all times that are wanted, and where each begins."""
+    seed: int,
+) -> tuple[Trials, list[StartedTrial]]:
+    """Return the trials that can be forecast, with samples at all times that are wanted, and where each starts."""
     wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
     if not np.isfinite(wanted).all() or (law.order == 0 and len(wanted)):
         raise CommonlawError("forecast-times")
@@ -359,50 +398,53 @@ def begin(
         if from_time is None:
             measured = trial if law.schema.doses else trial.measured()
             count = _count(law, measured, len(measured) < len(trial)) if start is None else start
-            fitted_start = None
             if min(count, len(measured)) > 1:
                 if trial.times[0] < measured.times[0]:  # The solution begins with the first row, measured or not
                     is_kept = np.isfinite(trial.states).any(axis=1) | (np.arange(len(trial)) == 0)
                     measured, count = trial.rows(np.asarray(is_kept)), count + 1
-                fitted_start = fit_initial_state(law, measured, inputs, count)
-            result.append(Beginning(extended, inputs, trial.measured(), fitted_start))
+                begins: Start = fit_initial_state(law, measured, inputs, count)
+            else:
+                begins = MeasuredStart(law, trial.measured(), seed)
+                if earlier := int(np.searchsorted(extended.times, begins.begins)):  # Below a limit
+                    extended = extended.rows(slice(earlier, None))
+            result.append(StartedTrial(extended, inputs, begins))
         elif trial.times[0] < from_time <= extended.times[-1]:
-            result.append(_begin_later(law, trial, extended, inputs, start, from_time))
+            result.append(_begin_later(law, trial, extended, inputs, start, from_time, seed))
         else:
             lost.append(f"{trial.label}, t = {trial.times[0]:g} to {extended.times[-1]:g}")
     why = Diagnostic("no-samples-around", {"from_time": from_time, "trials": shown(lost)})
     if not result:
         raise CommonlawError("forecast-no-trial", reason=why)
     notes = [f"trials not forecast {why.sentence(marked)}"] if lost else []
+    starts = [started.start for started in result if rate_names(law)]
     unknown = [
-        beginning.start_samples.label for beginning in result if rate_names(law) and len(beginning.start_samples) == 1
+        begins.samples.label for begins in starts if isinstance(begins, MeasuredStart) and len(begins.samples) == 1
     ]
     if unknown:
         notes.append(f"rates not identifiable from one sample were set to zero, without a band: {'; '.join(unknown)}")
     # Trials that are forecast as they are stay the same
-    kept = [beginning.trial for beginning in result]
+    kept = [started.trial for started in result]
     trials = trials if kept == list(trials) else trials.with_trials(kept)
     return (replace(trials, notes=(*trials.notes, *notes)) if notes else trials), result
 
 
 def _begin_later(
-    law: Law, trial: Trial, extended: Trial, inputs: Inputs, start: int | None, from_time: float
-) -> Beginning:
-    """Return the beginning at the last samples before a time: so many as are asked for, else as can be fitted."""
+    law: Law, trial: Trial, extended: Trial, inputs: Inputs, start: int | None, from_time: float, seed: int
+) -> StartedTrial:
+    """Return a trial started by the last samples before a time: so many as are asked for, else as can be fitted."""
     measured = trial.measured()
     stop = int(np.searchsorted(measured.times, from_time))
     fits = can_fit_initial_state(law)
     # More samples add little, and take long
     count = start or (min(stop, 500) if fits else MIN_SAMPLES if rate_names(law) else 1)
-    start_samples = measured.rows(slice(max(0, stop - count), stop))
-    first = int(np.searchsorted(extended.times, start_samples.times[0]))
-    fitted = None
-    if (start or fits) and len(start_samples) > 1:
-        if law.schema.doses:  # Which are given where nothing was measured
-            begins, ends = np.searchsorted(trial.times, start_samples.times[[0, -1]])
-            start_samples = trial.rows(slice(begins, ends + 1))
-        fitted = fit_initial_state(law, start_samples, inputs, len(start_samples))
-    return Beginning(extended.rows(slice(first, None)), inputs, start_samples, fitted)
+    samples = measured.rows(slice(max(0, stop - count), stop))
+    rows = extended.rows(slice(int(np.searchsorted(extended.times, samples.times[0])), None))
+    if len(samples) == 1 or not (start or fits):
+        return StartedTrial(rows, inputs, MeasuredStart(law, samples, seed))
+    if law.schema.doses:  # Which are given where nothing was measured
+        begins, ends = np.searchsorted(trial.times, samples.times[[0, -1]])
+        samples = trial.rows(slice(begins, ends + 1))
+    return StartedTrial(rows, inputs, fit_initial_state(law, samples, inputs, len(samples)))
 
 
 def _count(law: Law, trial: Trial, ahead: bool) -> int:
@@ -429,69 +471,25 @@ def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
     between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)
     grid = np.concatenate([trial.times, wanted[between]])
     order = np.argsort(grid)
-    states = np.pad(trial.states, ((0, between.sum()), (0, 0)), constant_values=np.nan)
+    more = (0, between.sum()), (0, 0)
+    states, below = (np.pad(values, more, constant_values=np.nan)[order] for values in (trial.states, trial.below))
     noise = [np.interp(grid[order], trial.times, column, right=np.nan) for column in trial.noise.T]
     rows = np.flatnonzero(order < len(trial))
     return replace(
         trial,
         times=grid[order],
-        states=states[order],
+        states=states,
+        below=below,
         inputs=inputs.at(grid[order]),
         noise=np.stack(noise, axis=1),
         repeats=trial.repeats and trial.repeats.placed(rows, len(grid)),
     )
 
 
-def _measured_start(law: Law, trial: Trial) -> Floats:
-    """Return the first measured states, and the estimated rates of those of second order, shape (width,)."""
-    missing = np.isnan(trial.states)
-    if missing[0].any():
-        state = law.schema.states[int(np.argmax(missing[0]))]
-        whole = np.flatnonzero(~missing.any(axis=1))
-        remedy = f"start the trial at sample {whole[0] + 1}, which has every state, or " if len(whole) else ""
-        raise CommonlawError("initial-value-missing", where=trial.label, state=state, remedy=remedy)
-    second = with_rates(law.order, len(law.schema.states))
-    rates = [_first_rates(law, trial, trial.states)[second]] if len(second) else []
-    return np.concatenate([trial.states[0], *rates])
-
-
 def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator | None:
     """Return what estimates the first rates: the law's own method, or the first that takes the samples, if any."""
     methods = law.provenance.differentiation or RobustSpline(), RobustSpline(), ForwardDifference()
     return next((method for method in methods if method.takes(trial.times, trial.states)), None)
-
-
-def _first_rates(law: Law, trial: Trial, states: Floats) -> Floats:
-    """Return the estimated rates of states at the trial's first sample, from shape (n, d) to (d,); zero if unknown."""
-    method = _differentiation(law, trial)
-    rates = None if method is None else method.differentiate(trial.times, states, 1).derivatives[0][0]
-    return np.zeros(states.shape[1]) if rates is None else rates
-
-
-def start_covariance(law: Law, trial: Trial, noise: Floats, seed: int) -> Floats:
-    """Return the covariance of a trial's initial states (and rates) due to noise of each sample, shape (width, width).
-
-    Rates are estimated again with noise added, with draws that are exactly white: exact for linear differentiators, up
-    to a quarter too large for medians.
-    """
-    second = with_rates(law.order, len(law.schema.states))
-    if not len(second):
-        return np.diag(noise[0] ** 2)
-    method = _differentiation(law, trial)
-    if method is None:
-        return np.diag(np.append(noise[0] ** 2, np.full(len(second), np.nan)))
-    states, samples = noise.shape[1], _samples(method, len(trial))
-    covariance = np.diag(np.append(noise[0] ** 2, np.zeros(len(second))))
-    white = np.random.default_rng(seed).standard_normal((_DRAWS, samples))
-    if samples < _DRAWS:  # Centred and uncorrelated
-        white = np.sqrt(_DRAWS) * np.linalg.qr(np.column_stack([np.ones(_DRAWS), white]))[0][:, 1:]
-    for k, j in enumerate(second):
-        draws = noise[:samples, j : j + 1] * white.T
-        noisy = np.repeat(trial.states[:, j : j + 1], _DRAWS, axis=1)
-        noisy[:samples] += draws
-        indices = np.ix_((j, states + k), (j, states + k))
-        covariance[indices] = np.cov(draws[0], _first_rates(law, trial, noisy), bias=True)
-    return covariance
 
 
 def _samples(differentiation: AbstractDifferentiator, count: int) -> int:

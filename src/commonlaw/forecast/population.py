@@ -9,17 +9,15 @@ from numpy.polynomial.hermite import hermgauss
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation
-from commonlaw.law import average_law, pool_objects
-from commonlaw.law.law import Law, object_index, with_estimates, with_other_laws
+from commonlaw.law import average_law, pool_objects, select_objects
+from commonlaw.law.law import Law, object_index, with_other_laws
+from commonlaw.law.objects import with_estimates
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.transformations import Conversion
 from commonlaw.trials.trial import Property, property_names
-
-_NODES = 20
-"""Values of a scatter that a band is an average over."""
 
 
 class Population(NamedTuple):
@@ -186,10 +184,10 @@ def _spread(relation: Relation) -> float:
     """
     if not relation.scatter:
         return relation.scatter_error
-    nodes, weights = hermgauss(_NODES)
+    nodes, weights = hermgauss(20)
     deviation = np.sqrt(np.log1p((relation.scatter_error / relation.scatter) ** 2))
     scales = relation.scatter * np.exp(np.sqrt(2) * deviation * nodes)
-    _, high = mixture_interval(weights / weights.sum(), np.zeros(_NODES), scales, np.inf, 0.95)
+    _, high = mixture_interval(weights / weights.sum(), np.zeros_like(scales), scales, np.inf, 0.95)
     return float(high / two_sided(0.95))
 
 
@@ -203,7 +201,7 @@ def _typical(law: Law, note: str) -> Population:
         law = pool_objects(with_other_laws(law, ()))
         factor = law.uncertainty.shared_factor
         if factor is not None:  # Objects without information keep their own, see `pooled`
-            law = law.select([law.objects[i] for i in np.flatnonzero(factor.any(axis=(1, 2)))])
+            law = select_objects(law, [law.objects[i] for i in np.flatnonzero(factor.any(axis=(1, 2)))])
     mean, count = average_law(law), len(law.objects)
     covariance = mean.uncertainty.covariance
     if covariance is None or count == 1:

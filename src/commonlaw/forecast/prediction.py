@@ -13,17 +13,16 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.forecast import Forecast, Part
 from commonlaw.forecast.initial_state import (
-    Beginning,
     FilteredStart,
+    StartedTrial,
     begin,
     model_error_std,
-    start_covariance,
     with_times,
 )
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.integration.vector_field import InputFunction
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import named_parameters, rate_names, vector_field
@@ -163,12 +162,13 @@ def predict(
     law, trials = _with_object(law, trials)
     if return_std:
         law.uncertainty.known_covariance()
-        _noise_of(law)
+        if law.uncertainty.noise is None:
+            raise CommonlawError("noise-unknown-at-start")
     followed = with_logarithms(trials, law.schema.logarithmic)
 
     def forecast(law: Law) -> Forecast:
-        begun, beginnings = begin(law, followed, times, start, from_time, input_interpolation)
-        return _Forecaster(law, begun, tuple(beginnings), from_time, return_std, method, tolerance, seed).forecast()
+        begun, started = begin(law, followed, times, start, from_time, input_interpolation, seed)
+        return _Forecaster(law, begun, tuple(started), from_time, return_std, method, tolerance).forecast()
 
     first, *others = law.models if averaged else law.models[:1]
     parts = [Part(first.probability, forecast(law))]
@@ -177,28 +177,22 @@ def predict(
             plausible = replace(model.law, provenance=law.provenance)
             parts.append(Part(model.probability, forecast(plausible), equations="; ".join(plausible.structure)))
     result = average(parts)
-    if notes := remarks_on(result):
-        result = replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *notes)))
+    notes = remarks_on(result)
     result = result if trials.schema.logarithmic == law.schema.logarithmic else result.as_measured(trials)
     # Where it leaves what the law was learned from
-    domain, exceeded, ahead = law.provenance.domain, dict[str, dict[str, float]](), 0.0
+    visited, ahead = list[tuple[str, dict[str, Floats]]](), 0.0
     for trial, trajectory in zip(result.trials, result.trajectories, strict=True):
-        visited = dict(zip((*law.schema.states, *rate_names(law)), trajectory.states.T, strict=True))
-        visited |= dict(zip(result.trials.schema.inputs, trial.inputs.T, strict=True))
+        columns = dict(zip((*law.schema.states, *rate_names(law)), trajectory.states.T, strict=True))
+        columns |= dict(zip(result.trials.schema.inputs, trial.inputs.T, strict=True))
         properties = result.trials.properties.get(trial.object, {})
-        visited |= {name: np.array([value]) for name, value in properties.items() if isinstance(value, float)}
-        for name, values in visited.items():
-            farthest = domain.left_by(name, values)
-            if farthest is not None:
-                exceeded.setdefault(name, {})[trial.label] = farthest
+        columns |= {name: np.array([value]) for name, value in properties.items() if isinstance(value, float)}
+        visited.append((trial.label, columns))
         known = trial.times[np.isfinite(trial.states).any(axis=1)][-1]
         since = known if result.from_time is None else min(known, result.from_time)
         ahead = max(ahead, float(trial.times[-1] - since))
     unit = result.trials.schema.units.get(result.trials.schema.time, "")
-    remarks = tuple(domain.remarks(exceeded, unit, ahead))
-    if not remarks:
-        return result
-    return replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *remarks)))
+    notes += tuple(law.provenance.domain.remarks(visited, unit, ahead))
+    return replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *notes))) if notes else result
 
 
 def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: float | None = None) -> Forecast:
@@ -231,10 +225,9 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: floa
 
     def forecast(plausible: Law) -> Forecast:
         sensitivity = np.zeros((width, int(plausible.support.sum())))
-        fitted = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity)
-        beginning = Beginning(begun, inputs, begun.rows(slice(0, 1)), fitted)
-        has_std = law.uncertainty.has_std
-        return _Forecaster(plausible, followed, (beginning,), None, has_std, "auto", 1e-8, 0, limit).forecast()
+        given = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity)
+        started, has_std = (StartedTrial(begun, inputs, given),), law.uncertainty.has_std
+        return _Forecaster(plausible, followed, started, None, has_std, "auto", 1e-8, limit).forecast()
 
     averaged = average([Part(model.probability, forecast(model.law)) for model in law.models])
     return averaged.as_measured(measured) if law.schema.logarithmic else averaged
@@ -246,42 +239,39 @@ class _Forecaster:
 
     law: Law
     trials: Trials
-    beginnings: tuple[Beginning, ...]
+    started: tuple[StartedTrial, ...]
     from_time: float | None
     return_std: bool
     method: str
     tolerance: float
-    seed: int
     limit: float | None = None
 
     def forecast(self) -> Forecast:
         """Return the forecasts at the times of the trials."""
-        problems = [self._problem(beginning) for beginning in self.beginnings]
-        method, with_std = self.method, self.return_std
         trajectories = simulate(
-            problems, method=method, tolerance=self.tolerance, sensitivities=with_std, limit=self.limit
+            [self._problem(trial) for trial in self.started],
+            method=self.method,
+            tolerance=self.tolerance,
+            sensitivities=self.return_std,
+            limit=self.limit,
         )
-        std, noise = (self._std(trajectories), self.law.uncertainty.noise) if self.return_std else (None, None)
-        again = None if self.law.order == 0 else self.at_more_times
         known = self.law.uncertainty
         # The derivatives have done their work, and are many times larger than the states
         lighter = [replace(trajectory, sensitivities=None) for trajectory in trajectories]
         return Forecast(
             self.trials,
             tuple(
-                trajectory
-                if beginning.fitted is None
-                else beginning.fitted.followed_by(trajectory, beginning.trial.times)
-                for beginning, trajectory in zip(self.beginnings, lighter, strict=True)
+                started.start.followed_by(trajectory, started.trial.times)
+                for started, trajectory in zip(self.started, lighter, strict=True)
             ),
-            std,
-            noise,
+            self._std(trajectories) if self.return_std else None,
+            known.noise if self.return_std else None,
             self.from_time,
             known.error_model,
-            again,
+            None if self.law.order == 0 else self.at_more_times,
             degrees_of_freedom=known.degrees_of_freedom,
             horizons=tuple(
-                np.maximum(0.0, beginning.trial.times - beginning.known_until) for beginning in self.beginnings
+                np.maximum(0.0, started.trial.times - started.start.known_until) for started in self.started
             ),
             interval_inflation=known.interval_inflation,
         )
@@ -289,39 +279,30 @@ class _Forecaster:
     def at_more_times(self, times: Sequence[Floats]) -> Forecast:
         """Return the forecasts from the same beginnings at more times of each trial."""
         finer = [
-            replace(beginning, trial=with_times(beginning.trial, beginning.inputs, more))
-            for beginning, more in zip(self.beginnings, times, strict=True)
+            replace(started, trial=with_times(started.trial, started.inputs, more))
+            for started, more in zip(self.started, times, strict=True)
         ]
-        trials = self.trials.with_trials([beginning.trial for beginning in finer])
-        return replace(self, trials=trials, beginnings=tuple(finer)).forecast()
+        trials = self.trials.with_trials([started.trial for started in finer])
+        return replace(self, trials=trials, started=tuple(finer)).forecast()
 
-    def _std(self, found: Sequence[Trajectory]) -> tuple[Floats, ...]:
+    def _std(self, trajectories: Sequence[Trajectory]) -> tuple[Floats, ...]:
         """Return the standard deviations of the states of each trajectory, with what is before its start."""
-        law, noise, deviations = self.law, _noise_of(self.law), []
+        law, deviations = self.law, []
         covariance, errors = law.uncertainty.known_covariance(), law.uncertainty.error_model
-        for beginning, trajectory in zip(self.beginnings, found, strict=True):
-            known = covariance[object_index(law, beginning.trial.object)]
-            if beginning.fitted is None:
-                start_std = errors.measurement_std(beginning.start_samples.states, beginning.start_samples.std(noise))
-                std = trajectory_std(
-                    trajectory, known, start_covariance(law, beginning.start_samples, start_std, self.seed)
-                )
-            else:
-                carried, initial = beginning.fitted.propagated(trajectory)
-                std = trajectory_std(carried, known, initial)
+        for started, trajectory in zip(self.started, trajectories, strict=True):
+            carried, initial = started.start.propagated(trajectory)
+            std = trajectory_std(carried, covariance[object_index(law, started.trial.object)], initial)
             if errors.of_law:
-                std = np.hypot(std, model_error_std(law, beginning.ahead, beginning.inputs, trajectory.states))
-            deviations.append(
-                std if beginning.fitted is None else beginning.fitted.std_followed_by(std, beginning.trial.times)
-            )
+                std = np.hypot(std, model_error_std(law, started.ahead, started.inputs, trajectory.states))
+            deviations.append(started.start.std_followed_by(std, started.trial.times))
         return tuple(deviations)
 
-    def _problem(self, beginning: Beginning) -> InitialValueProblem:
-        field = replace(vector_field(self.law, beginning.trial.object), inputs=beginning.inputs)
+    def _problem(self, started: StartedTrial) -> InitialValueProblem:
+        field = replace(vector_field(self.law, started.trial.object), inputs=started.inputs)
         if self.return_std:
             # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
             field = replace(field, free=self.law.support)
-        return InitialValueProblem(field, beginning.initial(self.law), beginning.ahead.times, beginning.trial.label)
+        return InitialValueProblem(field, started.start.initial, started.ahead.times, started.trial.label)
 
 
 def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
@@ -333,7 +314,7 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
     if wider is None:
         raise CommonlawError("discrepancy-missing")
     if {*law.objects} <= {*wider.objects}:
-        wider = wider.select(law.objects)
+        wider = select_objects(wider, law.objects)
     if law.observation is None:
         same = np.array_equal(wider.coefficients[:, :, : used.sum()], law.coefficients[:, :, used])
     else:
@@ -364,18 +345,12 @@ def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) 
         return np.sqrt(np.maximum(variances, 0))
 
 
-def _noise_of(law: Law) -> Floats:
-    if law.uncertainty.noise is None:
-        raise CommonlawError("noise-unknown-at-start")
-    return law.uncertainty.noise
-
-
 def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
     """Return the law of these trials' objects; where their only one was not named, it is the only one of the law."""
     name, others = trials.objects[0], ", ".join(law.objects)
     if not trials.nameless or name in law.objects:
         if len(law.objects) == 1:
-            law.select(trials.objects)
+            select_objects(law, trials.objects)
         law, notes = with_objects_of(law, trials)
         return law, replace(trials, notes=(*trials.notes, *notes)) if notes else trials
     if len(law.objects) > 1:

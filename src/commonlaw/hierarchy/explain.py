@@ -29,15 +29,6 @@ _TYPICAL_SCATTER, _SCATTERS = 0.5, np.geomspace(1e-3, 5.0, 27)
 """Relative scatters between objects are integrated over by a half Cauchy distribution of that width, at these values:
 with ten objects neighbours are hardly distinguishable."""
 
-_COARSE, _KEPT = 5, 300
-"""Only so many relations, the best at every so-manieth scatter, are integrated over all of them."""
-
-_MORE_OBJECTS = 2
-"""Objects beyond the number of properties that a relation takes."""
-
-_MAX_PROPERTIES, _MAX_SLOPES = 3, 2
-"""Properties in a power law and in an affine function."""
-
 
 @dataclass(frozen=True, eq=False)
 class RelationChoice:
@@ -126,7 +117,8 @@ class RelationComparison:
         """Yield the power laws worth a look, with scatter and without, among them that of no property."""
         usable = [i for i, column in enumerate(self.properties.values.T) if (column > 0).all()]
         logs = np.log(self.properties.values[:, usable])
-        sets = exponent_sets(len(usable), min(_MAX_PROPERTIES, len(logs) - _MORE_OBJECTS))
+        # Of three properties at most, and two fewer than there are objects
+        sets = exponent_sets(len(usable), min(3, len(logs) - 2))
         exponents = np.concatenate([np.zeros((1, len(usable))), sets.exponents])
         weights, dimensions = sets.log_prior, self.properties.dimensions
         if dimensions is not None and len(weights):
@@ -143,9 +135,10 @@ class RelationComparison:
 
         exact = CoefficientModel.powers(shapes, np.zeros((1, len(logs))), False)
         plain = self._scores(exact) + log_prior
-        coarse = [self._scores(scattered(slice(None), scatter)) for scatter in _SCATTERS[::_COARSE]]
+        # Only the best 300, without a scatter and at every fifth one, are integrated over all scatters
+        coarse = [self._scores(scattered(slice(None), scatter)) for scatter in _SCATTERS[::5]]
         best = np.max(coarse, axis=0) + log_prior
-        kept = np.unique(np.concatenate([[0], np.argsort(-plain)[:_KEPT], np.argsort(-best)[:_KEPT]]))
+        kept = np.unique(np.concatenate([[0], np.argsort(-plain)[:300], np.argsort(-best)[:300]]))
         scores = np.array([self._scores(scattered(kept, scatter)) for scatter in _SCATTERS])
         summed, sizes, errors = _over_scatters(scores)
         for i, row in enumerate(kept.tolist()):
@@ -163,7 +156,7 @@ class RelationComparison:
         """Yield affine functions, with scatter and without, where coefficient or properties are not of one sign."""
         kind, objects = RelationKind.AFFINE, len(self._points)
         usable = [i for i, values in enumerate(self.properties.values.T) if not (self._sure and (values > 0).all())]
-        for size in range(1, min(_MAX_SLOPES, len(usable), objects - _MORE_OBJECTS) + 1):
+        for size in range(1, min(2, len(usable), objects - 2) + 1):  # Slopes
             chosen = list(combinations(usable, size))
             log_prior = np.log(_ODDS[kind] / 2 / len(chosen)) + (size - 1) * np.log(ONE_MORE)
             exact = self._affine_models(chosen, 0.0)

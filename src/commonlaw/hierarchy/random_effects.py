@@ -25,12 +25,11 @@ from commonlaw.kernel import CONSTANTS
 
 (_RIDGE,) = CONSTANTS["RIDGE"]
 
-LIKELIEST_SWEEPS, _RELATIVE_GRID = 2, (1e-4, 1e2)
-"""How often each variance is chosen again, given the others, where the best is sought; and the smallest and largest
-that are tried, relative to the mean square of a coefficient."""
+LIKELIEST_SWEEPS = 2
+"""How often each variance is chosen again, given the others, where the best is sought."""
 
-_PLAUSIBLE_SWEEPS, _BEYOND = 3, 30.0
-"""The same where variances are averaged over: so far beyond those that are distinguishable from zero and infinity."""
+_BEYOND = 30.0
+"""Variances are averaged over up to this factor beyond those that are distinguishable from zero and infinity."""
 
 WORST_CONDITION = 1e10
 """Covariances of coefficients, and information on them, whose condition is worse have too few digits."""
@@ -254,7 +253,7 @@ def _shrunk(own: Floats, information: Floats, variances: Floats) -> tuple[Shrink
         squares = np.einsum("m,moj,mok->ojk", weights, deviations, deviations)
         return variance if variance > least else 0.0, squares
 
-    likely, added = _swept(start, asked, average, _PLAUSIBLE_SWEEPS)
+    likely, added = _swept(start, asked, average, sweeps=3)
     final = _Posterior.of(effects, likely[np.newaxis])
     covariances = _symmetric(final.covariances[0] + sum(added, np.zeros_like(information)))
     result = Shrinkage(final.estimates[0], covariances, final.shared_factors[0], final.shrinkage[0])
@@ -344,7 +343,7 @@ def _grid(low: float, high: float) -> Floats:
 @cache
 def relative_variances() -> Floats:
     """Return the variances that are tried where the best is sought, relative to the mean square of a coefficient."""
-    result = _grid(*_RELATIVE_GRID)
+    result = _grid(1e-4, 1e2)
     result.flags.writeable = False
     return result
 

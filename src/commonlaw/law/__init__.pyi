@@ -2,9 +2,10 @@ from .io import (
     from_json as from_json,
     to_json as to_json,
 )
-from .law import (
-    Law as Law,
+from .law import Law as Law
+from .objects import (
     average_law as average_law,
+    select_objects as select_objects,
 )
 from .pooling import (
     contrasts as contrasts,

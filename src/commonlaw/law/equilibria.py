@@ -1,20 +1,22 @@
 """Equilibria of a law with their stability, and the modes of linear laws."""
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonlaw.array_types import Floats
+from commonlaw.integration import VectorField
+from commonlaw.integration.vector_field import LinearizedField
 from commonlaw.law.law import Law
 from commonlaw.law.quantiles import Function
-from commonlaw.library import with_rates
+from commonlaw.library import Terms, highest_columns
 from commonlaw.library.grammar import columns_in
 
 Complexes = NDArray[np.complex128]
 
-_TOLERANCE = 1e-9
 _NEUTRAL = 1e-7
 """Real part of an eigenvalue, relative to its size, that is zero but for rounding."""
 
@@ -36,76 +38,41 @@ class Equilibrium(NamedTuple):
     kind: str
 
 
-class _System:
-    """The equations of a law at constant inputs, for coefficients of shape (equations, terms)."""
+def _at_rest(law: Law, coefficients: Floats, states: Floats, inputs: Mapping[str, float] = {}) -> LinearizedField:
+    """Return the vector field at states at rest, shape (n, states), and constant inputs, with its derivatives.
 
-    def __init__(self, law: Law, inputs: Mapping[str, float]) -> None:
-        self.law, self.states = law, len(law.schema.states)
-        self.rest = np.zeros(len(law.terms.variables.measured))
-        for name, value in inputs.items():
-            self.rest[law.terms.variables.index(name)] = value
-        self.second = with_rates(law.order, self.states)
+    Coefficients have the shape (equations, terms), or that of the parameters in the support.
+    """
+    if coefficients.ndim == 1:
+        given, coefficients = coefficients, np.zeros(law.support.shape)
+        coefficients[law.support] = given
+    natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
+    values = np.zeros((len(states), len(natural.variables.measured)))
+    values[:, : states.shape[1]] = states
+    for name, value in inputs.items():
+        values[:, natural.variables.index(name)] = value
+    with np.errstate(all="ignore"):
+        return VectorField(natural, coefficients, law.order, free=law.support).linearize(values)
 
-    def coefficients(self, parameters: Floats) -> Floats:
-        """Return coefficients from those in the support, shape (parameters,)."""
-        result = np.zeros(self.law.support.shape)
-        result[self.law.support] = parameters
-        return result
 
-    def at(self, coefficients: Floats, states: Floats) -> tuple[Floats, Floats]:
-        """Return highest derivatives at states at rest, shape (n, states), and their Jacobians.
+def _newton(highest: Callable[[Floats], tuple[Floats, Floats]], states: Floats, span: Floats) -> Floats:
+    """Return where Newton's method goes from states, shape (n, states); NaN where it does not converge.
 
-        Jacobians have the shape (n, states, states + rates).
-        """
-        terms = self.law.terms
-        points = np.tile(self.rest, (len(states), 1))
-        points[:, : self.states] = states
-        values = terms.at(points, coefficients)
-        with np.errstate(all="ignore"):
-            factors = coefficients * terms.is_factor
-            slopes = np.einsum("jk,nkv->njv", factors, terms.jacobian(values)[:, :, : len(terms.variables.states)])
-            return terms.evaluate(values) @ factors.T, slopes
-
-    def newton(self, coefficients: Floats, states: Floats, span: Floats) -> Floats:
-        """Return where Newton's method goes from states, shape (n, states); NaN where it does not converge.
-
-        Convergence is relative to how much derivatives change over the `span` of each state.
-        """
-        for _ in range(60):
-            residuals, slopes = self.at(coefficients, states)
-            inner = slopes[:, :, : self.states]
-            usable = np.flatnonzero(np.isfinite(inner).all(axis=(1, 2)) & np.isfinite(residuals).all(axis=1))
-            usable = usable[np.abs(np.linalg.det(inner[usable])) > 0]
-            steps = np.full(states.shape, np.nan)
-            steps[usable] = np.linalg.solve(inner[usable], residuals[usable, :, np.newaxis])[..., 0]
-            states = states - steps
-            if np.all(np.abs(steps[usable]) <= 1e-14 * (1 + np.abs(states[usable]))):
-                break
-        residuals, slopes = self.at(coefficients, states)
-        converged = np.all(np.abs(residuals) <= _TOLERANCE * np.abs(slopes[:, :, : self.states]) @ span, axis=1)
-        return np.where(converged[:, np.newaxis], states, np.nan)
-
-    def slopes(self, parameters: Floats, point: Floats) -> Floats:
-        """Return the derivatives of an equilibrium by the parameters, shape (states, parameters)."""
-        inner = self.at(self.coefficients(parameters), point[np.newaxis])[1][0, :, : self.states]
-        by_parameter = np.empty((self.states, len(parameters)))
-        for i, step in enumerate(1e-6 * np.where(parameters == 0, 1.0, np.abs(parameters))):
-            ahead, behind = (
-                self.at(self.coefficients(parameters + sign * step * np.eye(len(parameters))[i]), point[np.newaxis])[0]
-                for sign in (1, -1)
-            )
-            by_parameter[:, i] = (ahead - behind)[0] / (2 * step)
-        return np.asarray(-np.linalg.solve(inner, by_parameter))
-
-    def eigenvalues(self, coefficients: Floats, states: Floats) -> Complexes:
-        """Return the eigenvalues of the Jacobian of the system of first order, shape (states + rates,), at rest."""
-        slopes = self.at(coefficients, states[np.newaxis])[1][0]
-        result = np.zeros((slopes.shape[1], slopes.shape[1]))
-        result[: self.states] = slopes
-        result[self.states :] = slopes[self.second]
-        for i, j in enumerate(self.second.tolist()):
-            result[j] = np.eye(slopes.shape[1])[self.states + i]
-        return np.asarray(np.linalg.eigvals(result), dtype=np.complex128)
+    `highest` gives the highest derivatives and their Jacobians. Convergence is relative to how much derivatives change
+    over the `span` of each state.
+    """
+    for _ in range(60):
+        residuals, slopes = highest(states)
+        usable = np.flatnonzero(np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(residuals).all(axis=1))
+        usable = usable[np.abs(np.linalg.det(slopes[usable])) > 0]
+        steps = np.full(states.shape, np.nan)
+        steps[usable] = np.linalg.solve(slopes[usable], residuals[usable, :, np.newaxis])[..., 0]
+        states = states - steps
+        if np.all(np.abs(steps[usable]) <= 1e-14 * (1 + np.abs(states[usable]))):
+            break
+    residuals, slopes = highest(states)
+    converged = np.all(np.abs(residuals) <= 1e-9 * np.abs(slopes) @ span, axis=1)
+    return np.where(converged[:, np.newaxis], states, np.nan)
 
 
 def depends_on(law: Law, *names: str) -> bool:
@@ -136,7 +103,6 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
     """
     if depends_on(law, *law.terms.variables.inputs, law.terms.variables.time):
         return
-    system = _System(law, {})
     visited, sizes = law.provenance.domain.visited, {} if law.observation is None else law.observation.sizes
     ends = [visited.get(name, (-sizes.get(name, 1e3), sizes.get(name, 1e3))) for name in law.schema.states]
     low, high = np.array(ends).T
@@ -146,14 +112,16 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
 
     def leading(at: Floats, state: Floats) -> float:
         """Return the largest real part of the eigenvalues."""
-        return float(system.eigenvalues(system.coefficients(at), state).real.max())
+        return float(_eigenvalues(law, at, state).real.max())
 
-    for point, eigenvalues in fixed_points(law, system.coefficients(parameters), low, high, {}):
+    rows, states = highest_columns(law.order, len(low)), slice(0, len(low))
+    for point, eigenvalues in fixed_points(law, parameters, low, high, {}):
         errors, is_sure = np.full(len(point), np.nan), True
         if covariance is not None:
-            slopes = system.slopes(parameters, point)
+            _, by_states, by_parameters = _at_rest(law, parameters, point[np.newaxis])
+            slopes = -np.linalg.solve(by_states[0, rows, states], by_parameters[0, rows])
             errors = np.sqrt(np.maximum(np.einsum("jp,pq,jq->j", slopes, covariance, slopes), 0.0))
-            errors[errors <= _TOLERANCE * width] = 0.0  # Of equilibria at the same place for all coefficients
+            errors[errors <= 1e-9 * width] = 0.0  # Of equilibria at the same place for all coefficients
             steps = np.sqrt(np.diagonal(covariance)) * 1e-3
             ahead, behind = (
                 [leading(parameters + sign * step, point + sign * slopes @ step) for step in np.diag(steps)]
@@ -171,27 +139,37 @@ def fixed_points(
 ) -> Iterator[tuple[Floats, Complexes]]:
     """Yield the isolated states of rest in a box at constant inputs, with the eigenvalues of the Jacobian there.
 
-    Coefficients have the shape (equations, terms), `low` and `high` (states,).
+    Coefficients have the shape (equations, terms), or that of the parameters in the support, and the box (states,).
     """
-    system = _System(law, inputs)
-    random, span = np.random.default_rng(0), high - low
+    random, span, rows = np.random.default_rng(0), high - low, highest_columns(law.order, len(low))
+
+    def highest(states: Floats) -> tuple[Floats, Floats]:
+        derivatives, by_states, _ = _at_rest(law, coefficients, states, inputs)
+        return derivatives[:, rows], by_states[:, rows, : len(low)]
+
     # Starts besides zero
     starts = np.concatenate([np.zeros((1, len(low))), low + random.random((200, len(low))) * span])
-    changes = np.abs(system.at(coefficients, starts)[1][:, :, : system.states]) @ span
+    changes = np.abs(highest(starts)[1]) @ span
     largest = np.max(changes, axis=0, where=np.isfinite(changes), initial=0.0)
     usual = np.where(largest > 0, largest, np.inf)
-    reached = system.newton(coefficients, starts, span)
+    reached = _newton(highest, starts, span)
     reached = reached[np.isfinite(reached).all(axis=1) & np.all((reached >= low) & (reached <= high), axis=1)]
     isolated = list[Floats]()
     for state in reached:
-        slopes = system.at(coefficients, state[np.newaxis])[1][0, :, : system.states]
+        slopes = highest(state[np.newaxis])[1][0]
         known = any(np.allclose(state, point, rtol=1e-6, atol=1e-9 * np.max(span)) for point in isolated)
         # Up to this singular value, relative to the size nearby, equilibria are not isolated
         if not known and np.linalg.norm(slopes * span / usual[:, np.newaxis], -2) > 1e-10:
             isolated.append(state)
-    points = np.array(isolated).reshape(-1, system.states)
+    points = np.array(isolated).reshape(-1, len(low))
     for point in points[np.lexsort(points.T[::-1])]:
-        yield point, system.eigenvalues(coefficients, point)
+        yield point, _eigenvalues(law, coefficients, point, inputs)
+
+
+def _eigenvalues(law: Law, coefficients: Floats, state: Floats, inputs: Mapping[str, float] = {}) -> Complexes:
+    """Return the eigenvalues of the Jacobian of the system of first order, shape (states + rates,), at rest."""
+    jacobian = _at_rest(law, coefficients, state[np.newaxis], inputs).by_states[0]
+    return np.asarray(np.linalg.eigvals(jacobian), dtype=np.complex128)
 
 
 def kind(eigenvalues: Complexes) -> str:
@@ -218,8 +196,7 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
     parameters
         Coefficients of one object in the support.
     """
-    system, variables = _System(law, {}), law.terms.variables
-    dynamic = {*range(len(variables.states))}
+    dynamic = {*range(len(law.terms.variables.states))}
     used = [law.terms.terms[k] for k in np.flatnonzero(law.support.any(axis=0) & law.terms.is_factor)]
     of_states = [[pair for pair in term.powers if columns_in(pair[0]) & dynamic] for term in used]
     of_states = [powers for powers in of_states if powers]
@@ -227,10 +204,10 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
         len(powers) > 1 or powers[0][0].column is None or powers[0][1] != 1 for powers in of_states
     ):
         return
-    origin, unit = np.zeros(system.states), law.schema.units.get(law.schema.time, "")
+    origin, unit = np.zeros(len(law.schema.states)), law.schema.units.get(law.schema.time, "")
 
     def eigenvalues(row: Floats) -> Complexes:
-        values = system.eigenvalues(system.coefficients(row), origin)
+        values = _eigenvalues(law, row, origin)
         return values[np.lexsort((values.imag, np.abs(values.real)))]
 
     here = eigenvalues(parameters)

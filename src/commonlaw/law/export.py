@@ -40,9 +40,6 @@ _RESERVED = re.compile(
 )
 """Words that have a meaning in one of the languages or in the programs that are written."""
 
-_ROWS = 200
-"""Time steps of a workbook."""
-
 
 @dataclass(frozen=True, eq=False)
 class _System:
@@ -443,8 +440,8 @@ def _workbook(system: _System, _: str) -> bytes:
     sheet.title, first, last = "Simulation", 5, 4 + len(system.objects)
     for at, text in (("A1", "object"), ("B1", system.objects[0]), ("A2", "step"), ("A4", "object")):
         _put(table, at, text)
-    horizon = system.law.provenance.domain.horizon or 10.0
-    table["B2"] = horizon / _ROWS
+    steps = 200
+    table["B2"] = (system.law.provenance.domain.horizon or 10.0) / steps
     for i, name in enumerate(system.objects):
         _put(table, f"A{first + i}", name)
     for k, name in enumerate(system.parameters):
@@ -460,7 +457,7 @@ def _workbook(system: _System, _: str) -> bytes:
     heads += [f"k{stage} {name}" for stage in range(1, 5) for name in system.states]
     for k, head in enumerate(heads):
         _put(sheet, f"{letter(k + 1)}1", head)
-    for row in range(2, _ROWS + 3):
+    for row in range(2, steps + 3):
         x = [f"{letter(2 + j)}{row}" for j in range(states)]
         u, later = ([f"{letter(2 + states + i)}{at}" for i in range(inputs)] for at in (row, row + 1))
         slopes = [
@@ -474,7 +471,7 @@ def _workbook(system: _System, _: str) -> bytes:
             stages = [f"{letter(2 + states + inputs + stage * states + j)}{row - 1}" for stage in range(4)]
             sum_ = f"({stages[0]}+2*{stages[1]}+2*{stages[2]}+{stages[3]})/6"
             sheet[cell] = float(system.initial[j]) if row == 2 else f"={letter(2 + j)}{row - 1}+{h}*{sum_}"
-        if row > _ROWS + 1:
+        if row > steps + 1:
             break
         middle = [f"({here}+{there})/2" for here, there in zip(u, later, strict=True)]
         for stage, (part, given) in enumerate(((0.0, u), (0.5, middle), (0.5, middle), (1.0, later))):
@@ -510,8 +507,8 @@ WRITERS: Mapping[str, Callable[[_System, str], bytes]] = {
 
 
 def exported(law: Law, path: str | os.PathLike[str], name: str | None = None, initial: Any = None) -> bytes:
-    """Return the content of a file that a law is exported to, see `Law.export`."""
+    """Return the content of a file that a law is exported to, see `Law.save`."""
     file = Path(path)
     if file.suffix.lower() not in WRITERS:
-        raise CommonlawError("export-format", path=str(path), endings=[*WRITERS])
+        raise CommonlawError("export-format", path=str(path), endings=[".json", ".parquet", *WRITERS])
     return WRITERS[file.suffix.lower()](_system(law, name, initial), file.stem)

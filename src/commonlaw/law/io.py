@@ -8,15 +8,19 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from math import prod
+from pathlib import Path
 from typing import Any, Literal, cast
 
 import msgspec
 import numpy as np
+from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
+from commonlaw.law.export import exported
 from commonlaw.law.law import Law, with_other_laws
+from commonlaw.law.objects import select_objects
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative, Domain, Provenance, Step
@@ -52,13 +56,13 @@ class HeaderDocument(msgspec.Struct):
 class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """Levels by state, see `ErrorModel`; heteroscedastic ones by kind, but for those in proportion to the state."""
 
-    proportional: list[float] | None = None
-    heteroscedastic: dict[str, list[float]] = {}
-    correlated: list[float] | None = None
+    proportional: Floats | None = None
+    heteroscedastic: dict[str, Floats] = {}
+    correlated: Floats | None = None
     memory: float | None = None
-    force: list[float] | None = None
+    force: Floats | None = None
     force_time: float | None = None
-    walk: list[float] | None = None
+    walk: Floats | None = None
 
 
 class EstimatesDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -73,12 +77,12 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
 
     covariance: dict[str, list[float]] | None = None
     shared_factor: dict[str, list[list[float]]] | None = None
-    noise: list[float] | None = None
-    inclusion_probabilities: list[list[float]] | None = None
+    noise: Floats | None = None
+    inclusion_probabilities: Floats | None = None
     error_model: ErrorsDocument | None = None
     unpooled: EstimatesDocument | None = None
     pooled: EstimatesDocument | None = None
-    degrees_of_freedom: list[float] | None = None
+    degrees_of_freedom: Floats | None = None
     interval_inflation: IntervalInflation | None = None
 
 
@@ -138,47 +142,33 @@ _ALTERNATIVES = {"settings": "hyperparameters", "evidence lost": _BAYES_FACTOR}
 
 
 def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
-    """Return a document of an earlier version, which need not be valid, by the names of version 6."""
-    current = _with_interval_inflation(_renamed(document) if version < 3 else {**document, "version": VERSION})
-    if version < 5 and isinstance(current.get("observation"), dict):
-        current |= {"observation": _with_trial_estimates(current["observation"])}
-    others = current.get("other_laws")
-    if isinstance(others, list):
-        current |= {"other_laws": [_with_interval_inflation(law) if isinstance(law, dict) else law for law in others]}
-    wider = current.get("with_discrepancy")
-    if isinstance(wider, dict):
-        current |= {"with_discrepancy": _with_interval_inflation({**wider, "version": VERSION})}
+    """Return a document of an earlier version, or of a law in it, by the names of version 6; it need not be valid."""
+    current = _renamed(document) if version < 3 else dict(document)
+    if "version" in current:
+        current["version"] = VERSION
+    if isinstance(uncertainty := current.get("uncertainty"), dict):
+        current["uncertainty"] = uncertainty = dict(uncertainty)
+        inflation = uncertainty.pop("widening", None)
+        if isinstance(errors := uncertainty.get("error_model"), dict) and "widening" in errors:
+            factor = errors["widening"]
+            uncertainty["error_model"] = {name: error for name, error in errors.items() if name != "widening"} or None
+            inflation = inflation or (None if factor == 1 else {"horizons": [0.0], "factors": [factor]})
+        if inflation is not None:
+            uncertainty["interval_inflation"] = inflation
+    observation = current.get("observation")
+    if version < 5 and isinstance(observation, dict) and isinstance(observation.get("estimated"), list):
+        named = [
+            {"name": f"{estimate['state']}(0)", **{key: value for key, value in estimate.items() if key != "state"}}
+            if isinstance(estimate, dict) and "state" in estimate
+            else estimate
+            for estimate in observation["estimated"]
+        ]
+        current["observation"] = observation | {"estimated": named}
+    if isinstance(others := current.get("other_laws"), list):
+        current["other_laws"] = [as_now(law, VERSION) if isinstance(law, dict) else law for law in others]
+    if isinstance(wider := current.get("with_discrepancy"), dict):
+        current["with_discrepancy"] = as_now(wider, VERSION)
     return current
-
-
-def _with_trial_estimates(observation: dict[str, Any]) -> dict[str, Any]:
-    """Return an observation whose initial values are estimates by trial."""
-    estimated = observation.get("estimated")
-    if not isinstance(estimated, list):
-        return observation
-    named = [
-        {**{key: value for key, value in estimate.items() if key != "state"}, "name": f"{estimate['state']}(0)"}
-        if isinstance(estimate, dict) and "state" in estimate
-        else estimate
-        for estimate in estimated
-    ]
-    return observation | {"estimated": named}
-
-
-def _with_interval_inflation(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a document whose inflation of intervals has its present name, and is not one of its errors."""
-    uncertainty = document.get("uncertainty")
-    if not isinstance(uncertainty, dict):
-        return document
-    uncertainty = dict(uncertainty)
-    inflation = uncertainty.pop("widening", None)
-    if isinstance(errors := uncertainty.get("error_model"), dict) and "widening" in errors:
-        factor = errors["widening"]
-        uncertainty["error_model"] = {name: error for name, error in errors.items() if name != "widening"} or None
-        inflation = inflation or (None if factor == 1 else {"horizons": [0.0], "factors": [factor]})
-    if inflation is not None:
-        uncertainty["interval_inflation"] = inflation
-    return document | {"uncertainty": uncertainty}
 
 
 def _renamed(document: dict[str, Any]) -> dict[str, Any]:
@@ -204,17 +194,17 @@ def _renamed(document: dict[str, Any]) -> dict[str, Any]:
 
 def compared_with_the_best(alternatives: Sequence[Alternative]) -> tuple[Alternative, ...]:
     """Return alternatives whose Bayes factors are against the best of their equation, no more against the chosen."""
-    result, least = list[Alternative](), dict[str, float]()
-    for alternative in alternatives:
-        if (value := alternative.measures.get(_BAYES_FACTOR)) is not None:
-            least[alternative.equation] = min(value, least.get(alternative.equation, value))
-    for alternative in alternatives:
-        if (value := alternative.measures.get(_BAYES_FACTOR)) is not None:
-            alternative = replace(
-                alternative, measures={**alternative.measures, _BAYES_FACTOR: value - least[alternative.equation]}
-            )
-        result.append(alternative)
-    return tuple(result)
+
+    def value_of(alternative: Alternative) -> float:
+        value = alternative.measures.get(_BAYES_FACTOR)
+        return np.inf if value is None else value
+
+    def compared(alternative: Alternative) -> Alternative:
+        best = min(value_of(rival) for rival in alternatives if rival.equation == alternative.equation)
+        difference = {_BAYES_FACTOR: value_of(alternative) - best} if value_of(alternative) < np.inf else {}
+        return replace(alternative, measures={**alternative.measures, **difference})
+
+    return tuple(map(compared, alternatives))
 
 
 def _alternative(value: Any) -> Any:
@@ -272,36 +262,33 @@ def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
 
 
 def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> UncertaintyDocument:
-    covariance = uncertainty.covariance
-    levels = {**vars(uncertainty.error_model)}
-    grown = {kind: level.tolist() for kind, level in levels.pop("heteroscedastic").items()}
-    given = {name: np.asarray(level) for name, level in levels.items() if level is not None}
-    errors: dict[str, Any] = {name: level.tolist() for name, level in given.items() if np.isfinite(level).all()}
+    def by_object(values: Floats | None) -> Any:
+        return None if values is None else dict(zip(objects, values.tolist(), strict=True))
+
+    def triangles(covariance: Floats | None) -> Any:
+        return None if covariance is None else by_object(covariance[:, *np.tril_indices(covariance.shape[1])])
+
+    def estimates(known: ObjectEstimates | None) -> EstimatesDocument | None:
+        if known is None:
+            return None
+        return EstimatesDocument(coefficients=by_object(known.coefficients), covariance=triangles(known.covariance))
+
+    levels = {name: level for name, level in vars(uncertainty.error_model).items() if level is not None}
+    grown = {**levels.pop("heteroscedastic")}
+    errors = {name: level for name, level in levels.items() if np.isfinite(level).all()}
     if grown:
         errors |= {"proportional": grown.pop("proportional", None), "heteroscedastic": grown}
-    arrays = ("noise", "inclusion_probabilities", "degrees_of_freedom")
-    known = {name: array.tolist() for name in arrays if (array := getattr(uncertainty, name)) is not None}
-    factors = uncertainty.shared_factor
     return UncertaintyDocument(
-        **known,
-        covariance=None if covariance is None else _triangles(objects, covariance),
-        shared_factor=None if factors is None else dict(zip(objects, factors.tolist(), strict=True)),
+        covariance=triangles(uncertainty.covariance),
+        shared_factor=by_object(uncertainty.shared_factor),
+        noise=uncertainty.noise,
+        inclusion_probabilities=uncertainty.inclusion_probabilities,
         error_model=ErrorsDocument(**errors) if errors else None,
-        unpooled=_saved_estimates(objects, uncertainty.unpooled),
-        pooled=_saved_estimates(objects, uncertainty.pooled),
+        unpooled=estimates(uncertainty.unpooled),
+        pooled=estimates(uncertainty.pooled),
+        degrees_of_freedom=uncertainty.degrees_of_freedom,
         interval_inflation=uncertainty.interval_inflation,
     )
-
-
-def _saved_estimates(objects: Sequence[str], estimates: ObjectEstimates | None) -> EstimatesDocument | None:
-    if estimates is None:
-        return None
-    coefficients = dict(zip(objects, estimates.coefficients.tolist(), strict=True))
-    return EstimatesDocument(coefficients=coefficients, covariance=_triangles(objects, estimates.covariance))
-
-
-def _triangles(objects: Sequence[str], covariance: Floats) -> dict[str, list[float]]:
-    return dict(zip(objects, covariance[:, *np.tril_indices(covariance.shape[1])].tolist(), strict=True))
 
 
 def _plain(value: Any) -> Any:
@@ -336,13 +323,8 @@ def from_json(content: str | bytes, functions: Iterable[Callable[..., Any]] = ()
     try:
         raw = read_json(content.encode() if isinstance(content, str) else content, dict[str, Any])
     except CommonlawError as error:
-        raise not_a_law(error) from None
+        raise CommonlawError("not-a-law", error=error) from None
     return decode_document(raw, functions)
-
-
-def not_a_law(error: Exception) -> CommonlawError:
-    """Return what is said of a document that is no law."""
-    return CommonlawError("not-a-law", error=error)
 
 
 def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]] = ()) -> Law:
@@ -353,7 +335,9 @@ def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]]
             document = msgspec.convert(as_now(raw, version), type=LawDocument, dec_hook=_parsed)
             check_numbers(raw)
     except (CommonlawError, msgspec.ValidationError) as error:
-        raise error.__cause__ if isinstance(error.__cause__, CommonlawError) else not_a_law(error) from None
+        raise (
+            error.__cause__ if isinstance(error.__cause__, CommonlawError) else CommonlawError("not-a-law", error=error)
+        ) from None
     if not 1 <= version <= VERSION:
         raise CommonlawError("law-version", version=version, supported=VERSION)
     if version < 3:
@@ -445,12 +429,11 @@ def _read_uncertainty(
 ) -> Uncertainty:
     saved, shared = document.uncertainty, None
     inclusion = saved.inclusion_probabilities
+    if inclusion is not None and inclusion.shape != shape:
+        raise CommonlawError("law-table-size", table="its inclusion probabilities are", rows=shape[0], columns=shape[1])
     levels = msgspec.structs.asdict(saved.error_model) if saved.error_model else {}
-    grown = levels.pop("heteroscedastic", {}) | {"proportional": levels.pop("proportional", None)}
-    errors: dict[str, Any] = {
-        name: np.array(level) if isinstance(level, list) else level for name, level in levels.items()
-    }
-    errors["heteroscedastic"] = {kind: np.array(level) for kind, level in grown.items() if level is not None}
+    levels = {name: level for name, level in levels.items() if level is not None}
+    grown = {kind: levels.pop(kind) for kind in ("proportional",) if kind in levels} | levels.pop("heteroscedastic", {})
     if saved.shared_factor is not None:
         columns = max((len(row) for rows in saved.shared_factor.values() for row in rows), default=parameters)
         matrices = [
@@ -458,24 +441,26 @@ def _read_uncertainty(
             for name in objects
         ]
         shared = np.array(matrices).reshape(len(objects), parameters, columns)
+
+    def estimates(known: EstimatesDocument | None) -> ObjectEstimates | None:
+        if known is None:
+            return None
+        rows = [known.coefficients.get(name, []) for name in objects]
+        values = _matrix(rows, "its own estimates are", (len(objects), parameters))
+        return ObjectEstimates(values, _covariance(known.covariance, objects, parameters))
+
     return Uncertainty(
         None if saved.covariance is None else _covariance(saved.covariance, objects, parameters),
         shared,
-        None if saved.noise is None else np.array(saved.noise),
-        None if inclusion is None else _matrix(inclusion, "its inclusion probabilities are", shape),
-        ErrorModel(**{name: error for name, error in errors.items() if error is not None}),
-        None if saved.unpooled is None else _read_estimates(saved.unpooled, objects, parameters),
-        None if saved.pooled is None else _read_estimates(saved.pooled, objects, parameters),
-        None if saved.degrees_of_freedom is None else np.array(saved.degrees_of_freedom),
+        saved.noise,
+        inclusion,
+        ErrorModel(grown, **levels),
+        estimates(saved.unpooled),
+        estimates(saved.pooled),
+        saved.degrees_of_freedom,
         saved.interval_inflation,
         document.explanation,
     )
-
-
-def _read_estimates(saved: EstimatesDocument, objects: tuple[str, ...], parameters: int) -> ObjectEstimates:
-    rows = [saved.coefficients.get(name, []) for name in objects]
-    values = _matrix(rows, "its own estimates are", (len(objects), parameters))
-    return ObjectEstimates(values, _covariance(saved.covariance, objects, parameters))
 
 
 def _covariance(saved: Mapping[str, list[float]], objects: tuple[str, ...], parameters: int) -> Floats:
@@ -508,10 +493,17 @@ _BY_OBJECT = ("coefficients", "covariance", "shared_factor", "properties")
 _OBJECTS = "object"
 
 
-def law_bytes(law: Law, path: str | os.PathLike[str]) -> bytes:
-    """Return the file of a law: Parquet if it is named so, else JSON."""
-    name, content = law_file(law, str(path))
-    if name != str(path):
+def file_content(
+    law: Law, path: str | os.PathLike[str], name: str | None = None, initial: ArrayLike | None = None
+) -> bytes:
+    """Return the content of a file of a law in the format of its extension, see `Law.save`."""
+    if Path(path).suffix.lower() not in ("", ".json", ".parquet"):
+        return exported(law, path, name, initial)
+    if initial is not None:
+        raise CommonlawError("export-initial-of-law", path=str(path))
+    law = law if name is None else select_objects(law, [name])
+    file, content = law_file(law, str(path))
+    if file != str(path):
         raise CommonlawError("law-too-large-for-json", objects=len(law.objects))
     return content
 
@@ -546,11 +538,6 @@ def law_file(law: Law, path: str) -> tuple[str, bytes]:
     return path, parquet_bytes(columns, {_METADATA: json.dumps(rest).encode()})
 
 
-def decoded_file(content: bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
-    """Return the law of a file, which may call these functions of Python."""
-    return (_of_parquet if content.startswith(_PARQUET) else from_json)(content, functions)
-
-
 def _walked(value: Any, path: str, change: Callable[[str, dict[str, Any], str], Any]) -> Any:
     """Return a document with what is by object changed, given its key and the path to it."""
     if isinstance(value, list):
@@ -565,7 +552,10 @@ def _walked(value: Any, path: str, change: Callable[[str, dict[str, Any], str], 
     }
 
 
-def _of_parquet(content: bytes, functions: Iterable[Callable[..., Any]]) -> Law:
+def decoded_file(content: bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
+    """Return the law of a file, which may call these functions of Python."""
+    if not content.startswith(_PARQUET):
+        return from_json(content, functions)
     columns, metadata = parquet_columns("the law", content)
     if _METADATA not in metadata or _OBJECTS not in columns:
         raise CommonlawError("not-a-law-but-measurements")
@@ -586,9 +576,9 @@ def _of_parquet(content: bytes, functions: Iterable[Callable[..., Any]]) -> Law:
         rest = read_json(metadata[_METADATA], dict[str, Any])
         raw = _walked(rest, "", of_columns)
     except KeyError as error:
-        raise not_a_law(ValueError(f"it lacks {error}")) from None
+        raise CommonlawError("not-a-law", error=f"it lacks {error}") from None
     except (CommonlawError, TypeError, ValueError) as error:
-        raise not_a_law(error) from None
+        raise CommonlawError("not-a-law", error=error) from None
     assert isinstance(raw, dict)
     return decode_document(raw, functions)
 

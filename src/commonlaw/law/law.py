@@ -19,9 +19,9 @@ from commonlaw.law import text
 from commonlaw.law.deprecated import DeprecatedClassMembers, Structure, deprecated_member
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import Names, read_equations, stated_law
-from commonlaw.law.provenance import History, Provenance
+from commonlaw.law.provenance import Provenance
 from commonlaw.law.simplification import Simplification
-from commonlaw.law.uncertainty import ObjectEstimates, PlausibleLaw, Uncertainty, checked
+from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.outcomes import Outcome
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Residuals
-    from commonlaw.forecast.forecast import Forecast, Metric
+    from commonlaw.forecast.forecast import Forecast
     from commonlaw.integration.vector_field import InputFunction
     from commonlaw.law.verdict import LawVerdict
     from commonlaw.report.page import Page
@@ -368,11 +368,6 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """Notes on the law, such as lack of fit or confounded variables, each with a code."""
         return self.provenance.outcomes
 
-    @property
-    def history(self) -> History:
-        """Choices of the search in order, with their reasons; prints as a table."""
-        return History(self.provenance.history)
-
     # Right-hand side, simulation, forecasts
 
     def rhs(self, name: str, values: ArrayLike) -> Floats:
@@ -496,23 +491,6 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("Forecast", _call("forecast:predict", self, trials, **options, **how))
 
     # Comparison with measurements
-
-    def score(self, trials: Trials, metric: "Metric" = "r2", *, start: int | None = None) -> float:
-        """Return the score of forecasts by a metric of scikit-learn, averaged over states.
-
-        Raises `CommonlawError` if there is no such metric, or the trials cannot be forecast.
-
-        Parameters
-        ----------
-        trials
-            Measurements; missing values do not count.
-        metric
-            ``"r2"``, 1 - sum (y - f)^2 / sum (y - mean y)^2; ``"rmse"`` or ``"mae"``, in the unit of the state; or a
-            function of measurements and forecasts of a state, shape (n,) each.
-        start
-            Number of first samples that determine the initial state, see `predict`.
-        """
-        return self.predict(trials, start=start).metric(metric)
 
     def residuals(self, trials: Trials) -> "Residuals":
         """Return the residuals of trials about the trajectories of the law, with tests for patterns.
@@ -719,32 +697,6 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         return cast("Law", _call("law.pooling:explained", self, properties))
 
-    def select(self, objects: Sequence[str]) -> "Law":
-        """Return the law of a subset of the objects.
-
-        Raises `CommonlawError` if there is no such object.
-        """
-        indices = [object_index(self, name) for name in objects]
-        others = self.uncertainty.map_other_laws(lambda law: law.select(objects))
-        return self._of_others(tuple(objects), self.coefficients[indices], self.uncertainty.select(indices), others)
-
-    def _of_others(
-        self,
-        objects: tuple[str, ...],
-        coefficients: Floats,
-        uncertainty: Uncertainty,
-        other_laws: "tuple[PlausibleLaw[Law], ...]",
-    ) -> "Law":
-        """Return a law of other objects, their uncertainty still that of all terms in this law."""
-        kept = np.any(coefficients != 0, axis=0)[self.support]
-        return replace(
-            self,
-            objects=objects,
-            coefficients=coefficients,
-            uncertainty=replace(uncertainty.restrict(kept), other_laws=other_laws),
-            properties={name: self.properties[name] for name in objects if name in self.properties},
-        )
-
     # Files
 
     @classmethod
@@ -781,33 +733,28 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         return cls(*stated_law(equations, values or {}, **names))
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Save the law as JSON, or as Parquet with a row for each object if the file is named ``.parquet``.
+    def save(self, path: str | os.PathLike[str], name: str | None = None, initial: "ArrayLike | None" = None) -> None:
+        """Save the law in the format of the file extension, or export it as a program in another language.
+
+        ``.json``, or no extension: JSON; ``.parquet``: Parquet with a row for each object. `load` reads both. Programs
+        are written as ``.c`` C, ``.py`` Python, ``.m`` MATLAB, ``.mo`` Modelica, ``.xml`` or ``.sbml`` SBML (level 3,
+        rate rules), and ``.xlsx`` a workbook whose formulas integrate the law. They hold the parameters of all objects,
+        SBML those of one. Inputs are arguments or, in SBML and workbooks, zero until they are set. Observation
+        equations are left out.
 
         The file is written completely or not at all. Raises `CommonlawError` if it cannot be written, is read-only, a
-        folder or a hard link; or if the law could not be read again, as with too many objects for JSON.
-        """
-        write_whole(path, _call("law.io:law_bytes", self, path))
-
-    def export(self, path: str | os.PathLike[str], name: str | None = None, initial: "ArrayLike | None" = None) -> None:
-        """Export the law as a program in another language, by the file extension.
-
-        ``.c`` C, ``.py`` Python, ``.m`` MATLAB, ``.mo`` Modelica, ``.xml`` or ``.sbml`` SBML (level 3, rate rules), and
-        ``.xlsx`` a workbook whose formulas integrate the law. Files hold the parameters of all objects, SBML those of
-        one. Inputs are arguments or, in SBML and workbooks, zero until they are set. Observation equations are left
-        out.
-
-        Raises `CommonlawError` if the extension is another, the file cannot be written, SBML has more than one object,
-        or the law is in discrete time, or has doses or dead times, or has events and is written to a workbook.
+        folder or a hard link, or the extension is another. JSON and Parquet refuse a law that could not be read again,
+        as with too many objects for JSON. Programs refuse one in discrete time, or with doses or dead times; SBML more
+        than one object, and workbooks events.
 
         Parameters
         ----------
         name
             The object; default: all.
         initial
-            Initial states, then initial rates; default: the middle of the measured range, or 1.
+            Initial states, then initial rates, of a program; default: the middle of the measured range, or 1.
         """
-        write_whole(path, _call("law.export:exported", self, path, name, initial))
+        write_whole(path, _call("law.io:file_content", self, path, name, initial))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], functions: Iterable[Callable[..., Any]] = ()) -> "Law":
@@ -820,31 +767,6 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
             return cast("Law", _call("law.io:decoded_file", content, functions))
         except CommonlawError as error:
             raise error.at(str(path)) from None
-
-
-def average_law(law: Law) -> Law:
-    """Return the law of one object, "average", whose coefficients are the means over all objects.
-
-    Their covariance is that of the mean of independent objects, or of partially pooled ones if the law is pooled.
-
-    Examples
-    --------
-    >>> import commonlaw as cl
-    >>> law = cl.Law.from_text("T' = -k T", {"k": {"cup": 0.1, "mug": 0.05}})
-    >>> cl.law.average_law(law).equations()
-    ("T' = -0.075 T",)
-    """
-    mean = law.coefficients.mean(axis=0, keepdims=True)
-    others = law.uncertainty.map_other_laws(average_law)
-    return law._of_others(("average",), mean, law.uncertainty.average(), others)
-
-
-def with_estimates(law: Law, estimates: ObjectEstimates) -> Law:
-    """Return a law with these coefficients, of objects that do not depend on each other."""
-    coefficients = law.coefficients.copy()
-    coefficients[:, law.support] = estimates.coefficients
-    known = replace(law.uncertainty, covariance=estimates.covariance, shared_factor=None, pooled=None)
-    return replace(law, coefficients=coefficients, uncertainty=known)
 
 
 def object_index(law: Law, name: object) -> int:

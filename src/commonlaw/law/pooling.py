@@ -11,7 +11,8 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
 from commonlaw.hierarchy.relation import dimensions_of
-from commonlaw.law.law import Law, shares_terms, with_estimates, with_other_laws
+from commonlaw.law.law import Law, shares_terms, with_other_laws
+from commonlaw.law.objects import with_estimates
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters
 from commonlaw.law.printing import dependence
 from commonlaw.law.provenance import Step
@@ -26,18 +27,15 @@ from commonlaw.trials.trial import property_names
 if TYPE_CHECKING:
     import pandas as pd
 
-_MIN_SHARED, _MAX_SPECIFIC = 0.9, 0.1
-"""Shrinkage above which coefficients count as alike in words, and below which as specific to the object."""
-
 
 def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> Law:
     """Return a law with coefficients partially pooled over objects (parametric empirical Bayes; Morris 1983).
 
     ``c~_o = c_o - E_o (E_o + T)^-1 (c_o - mu)``: the coefficients c_o of object o with covariance E_o are shrunk to the
-    population mean mu, the more so the smaller the between-object covariance T. ``history`` has the shrinkage of each
-    coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `shared` coefficients, shape
-    (equations, terms), become the same for all objects; the `others` are shrunk. Objects without information on any
-    coefficient, such as blanks among cultures, are left as they are.
+    population mean mu, the more so the smaller the between-object covariance T. ``provenance.history`` has the
+    shrinkage of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `shared`
+    coefficients, shape (equations, terms), become the same for all objects; the `others` are shrunk. Objects without
+    information on any coefficient, such as blanks among cultures, are left as they are.
 
     Raises `CommonlawError` if the covariance is not known, or the law is already pooled.
 
@@ -74,7 +72,7 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
     errors[inner], factor[inner] = shrunk.covariances, shrunk.shared_factors
     choices, lefts = [], left_hand_sides(law)
     for (j, k), share in zip(np.argwhere(law.support).tolist(), shrinkage.tolist(), strict=True):
-        how = "shared" if share > _MIN_SHARED else "object-specific" if share < _MAX_SPECIFIC else "partly pooled"
+        how = "shared" if share > 0.9 else "object-specific" if share < 0.1 else "partly pooled"
         choices.append(f"{law.terms.names[k]} in {lefts[j]}: {how} ({share:.2f})")
     reason = "shrinkage of each object's coefficient to the mean, by the between-object variance"
     if not informed.all():
@@ -89,7 +87,7 @@ def _with_values(law: Law, values: Floats, step: Step, **known: Any) -> Law:
     """Return a law with other coefficients in its support, shape (objects, parameters), their errors and a step."""
     coefficients = law.coefficients.copy()
     coefficients[:, law.support] = values
-    provenance = replace(law.provenance, history=(*law.history, step))
+    provenance = replace(law.provenance, history=(*law.provenance.history, step))
     uncertainty = replace(law.uncertainty, pooled=None, **known)
     return replace(law, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
 

@@ -10,7 +10,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.hierarchy.relation import is_number, meaning, quotient_unit
+from commonlaw.hierarchy.relation import meaning, quotient_unit
 from commonlaw.law import text
 from commonlaw.law.law import Law, object_index, only_object, shares_terms
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, standard_errors, state_rates
@@ -30,6 +30,7 @@ from commonlaw.library.equation import split_equations
 from commonlaw.library.notation import latex_name, powered, quoted
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import in_line
+from commonlaw.trials.headers import parse_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -255,16 +256,17 @@ def dependence(relation: Relation) -> str:
     """
     if relation.kind is RelationKind.AFFINE:
         return " + ".join(relation.properties)
-    above, below = (
-        [
-            powered(name, int(abs(power))) if power.denominator == 1 else f"{powered(name, 1)}^({abs(power)})"
-            for name, power in _powers(relation)
-            if (power > 0) == wanted
-        ]
-        for wanted in (True, False)
+    above, below = _above_and_below(
+        relation, lambda name, p: powered(name, int(p)) if p.denominator == 1 else f"{powered(name, 1)}^({p})"
     )
     under = f"({' '.join(below)})" if len(below) > 1 else " ".join(below)
     return (" ".join(above) or ("1" if below else "")) + (f"/{under}" if below else "")
+
+
+def _above_and_below(relation: Relation, power: Callable[[str, Fraction], str]) -> list[list[str]]:
+    """Return the written powers of the properties in a power law, those above and those below."""
+    pairs = list(zip(relation.properties, relation.exponents, strict=True))
+    return [[power(name, abs(p)) for name, p in pairs if (p > 0) == is_above] for is_above in (True, False)]
 
 
 @dataclass(frozen=True)
@@ -291,24 +293,14 @@ class Notation:
         return Addend(negative[0], numbers[0] + self.powers(relation), name)
 
 
-def _powers(relation: Relation) -> list[tuple[str, Fraction]]:
-    return list(zip(relation.properties, relation.exponents, strict=True))
-
-
 def _plain_powers(relation: Relation) -> str:
     follows = dependence(relation)
     return follows[1:] if follows.startswith("1/") else follows and f" {follows}"
 
 
 def _latex_powers(relation: Relation) -> str:
-    above, below = (
-        r"\, ".join(
-            latex_name(name) + (f"^{{{abs(power)}}}" if abs(power) != 1 else "")
-            for name, power in _powers(relation)
-            if (power > 0) == wanted
-        )
-        for wanted in (True, False)
-    )
+    parts = _above_and_below(relation, lambda name, p: latex_name(name) + (f"^{{{p}}}" if p != 1 else ""))
+    above, below = map(r"\, ".join, parts)
     fraction = rf"\frac{{{above or 1}}}{{{below}}}" if below else above
     return fraction and rf"\, {fraction}"
 
@@ -368,7 +360,7 @@ def _remarks(relation: Relation, parameter: str | None, name: str, unit: str | N
         yield f"coefficients of {name} deviate from this: {amount}"
     if relation.kind is not RelationKind.POWER_LAW or unit is None:
         return
-    if is_number(unit):
+    if parse_unit(unit).dimensionless:
         inverse = dependence(replace(relation, exponents=tuple(-power for power in relation.exponents)))
         yield f"the coefficient of {name} times {inverse} is a pi group: it has no unit"
     elif meaning(unit):

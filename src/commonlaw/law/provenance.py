@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 _BEYOND = 0.1
 """Share of a range that values may lie beyond it before it counts as left."""
 
-_SEGMENT, _SEGMENTS = 500, 20
-"""Samples of a segment, and segments, of long trials whose rates are looked at."""
-
 
 @dataclass(frozen=True)
 class Domain:
@@ -86,24 +83,21 @@ class Domain:
         upto, farthest = (f"{value or 0.0:.3g} {unit}".rstrip() for value in (self.horizon, self.judged))
         return f"Reliable forecast horizon: {upto} (error below half a standard deviation; {farthest} tested)."
 
-    def left_by(self, name: str, values: Floats) -> float | None:
-        """Return the value that lies farthest beyond what was visited of a variable; None if none does."""
-        if name not in self.visited or not np.isfinite(values).any():
-            return None
-        low, high = self.visited[name]
-        least, largest, more = float(np.nanmin(values)), float(np.nanmax(values)), _BEYOND * (high - low)
-        ends = (low - least, least), (largest - high, largest)
-        beyond, farthest = max(ends)
-        return farthest if beyond > max(more, 1e-9 * max(abs(low), abs(high))) else None
-
-    def remarks(self, left: Mapping[str, Mapping[str, float]], unit: str, ahead: float) -> Iterator[str]:
-        """Yield remarks on forecasts that go so far `ahead`, and leave it in variables, with the farthest by trial."""
+    def remarks(self, trials: Sequence[tuple[str, Mapping[str, Floats]]], unit: str, ahead: float) -> Iterator[str]:
+        """Yield remarks on forecasts of trials, values of variables by name, that go so far `ahead` or leave it."""
         parts = []
-        for name, values in left.items():
-            low, high = self.visited[name]
-            where = next(iter(values)) + (f" and {len(values) - 1} more" if len(values) > 1 else "")
-            farthest = next(iter(values.values()))
-            parts.append(f"{name} reaches {farthest:.3g} in {where} (training range {low:.3g} to {high:.3g})")
+        for name, (low, high) in self.visited.items():
+            margin, beyond = max(_BEYOND * (high - low), 1e-9 * max(abs(low), abs(high))), dict[str, float]()
+            for label, columns in trials:
+                values = columns.get(name, np.empty(0))
+                if np.isfinite(values).any():
+                    least, largest = float(np.nanmin(values)), float(np.nanmax(values))
+                    distance, farthest = max((low - least, least), (largest - high, largest))
+                    beyond |= {label: farthest} if distance > margin else {}
+            if beyond:
+                where, farthest = next(iter(beyond.items()))
+                where += f" and {len(beyond) - 1} more" if len(beyond) > 1 else ""
+                parts.append(f"{name} reaches {farthest:.3g} in {where} (training range {low:.3g} to {high:.3g})")
         if parts:
             yield f"forecasts extrapolate beyond the training data and may be less accurate: {'; '.join(parts)}"
         if self.horizon is not None and ahead > (1 + _BEYOND) * self.horizon:
@@ -112,11 +106,10 @@ class Domain:
 
 
 def _rates(trial: Trial) -> Floats:
-    """Return the rates of all states at the samples, shape (n, states); of long trials, in some segments."""
+    """Return the rates of all states at the samples, shape (n, states); of long trials, in twenty segments of 500."""
     result, segments = np.full(trial.states.shape, np.nan), [slice(len(trial))]
-    if len(trial) > _SEGMENTS * _SEGMENT:  # Evenly spread
-        begins = np.linspace(0, len(trial) - _SEGMENT, _SEGMENTS).astype(int)
-        segments = [slice(begin, begin + _SEGMENT) for begin in begins]
+    if len(trial) > 20 * 500:  # Evenly spread
+        segments = [slice(begin, begin + 500) for begin in np.linspace(0, len(trial) - 500, 20).astype(int)]
     for rows, j in product(segments, range(trial.states.shape[1])):
         column = trial.states[rows, j]
         seen = np.isfinite(column)

@@ -108,9 +108,6 @@ def _cumulative(values: Floats, degrees: Floats) -> Floats:
 Function = Callable[[Floats], Floats]
 """Takes coefficients, shape (n, p), and returns values, shape (n,), NaN outside of its domain."""
 
-_STEP = 1e-3
-"""Of central differences, in standard errors: their error is a millionth of the third derivative."""
-
 
 class Estimate(NamedTuple):
     """A value with its standard error and the ends of its interval; an end is infinite where there is none."""
@@ -151,9 +148,10 @@ def propagated(function: Function, coefficients: Floats, covariance: Floats | No
 
 
 def _gradient(function: Function, at: Floats) -> Floats:
-    steps = _STEP * np.eye(len(at))
+    step = 1e-3  # In standard errors: that of central differences is a millionth of the third derivative
+    steps = step * np.eye(len(at))
     values = function(np.concatenate([at + steps, at - steps]))
-    return np.asarray((values[: len(at)] - values[len(at) :]) / (2 * _STEP))
+    return np.asarray((values[: len(at)] - values[len(at) :]) / (2 * step))
 
 
 def _largest(function: Function, size: int, reach: float) -> float:

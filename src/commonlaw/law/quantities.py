@@ -137,22 +137,11 @@ class _Place(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Match:
-    """A form that a law has.
+    """A form that some equations of a law have, the variables of the law by those of the form, and its parameters.
 
-    Parameters
-    ----------
-    names
-        Variables of the law by those of the form.
-    equations
-        The equations of the law, by index.
-    places
-        For each term of the form the coefficients of the law that are added before it.
-    inner
-        The terms of the law that are the places of parameters inside terms, by name.
-    inputs
-        Coefficients of inputs that a forced form may have.
-    volume
-        The term of a volume, and the name of the dose.
+    For each term of the form `places` has the coefficients that are added before it, and `inner` the terms of the
+    law that are parameters inside terms; `inputs` are the coefficients of inputs that a forced form may have, and
+    `volume` is the term of a volume, with the name of the dose.
     """
 
     pattern: _Pattern

@@ -12,8 +12,6 @@ import numpy as np
 
 from commonlaw.law.law import Law, shares_terms
 
-DEEPEST = 12
-
 MADE_OF_TRIALS = {
     "cl.discover": ("commonlaw:discover", ("trials",)),
     "cl.fit": ("commonlaw:fit", (str, "trials")),
@@ -113,7 +111,7 @@ def _check_arguments(function: Any, values: Sequence[ast.expr], keywords: Sequen
 
 def _check_value(tree: ast.expr | None, depth: int) -> None:
     """Refuse all but numbers, texts, containers of values, and public settings made of values."""
-    if depth > DEEPEST:
+    if depth > 12:
         raise _NotOnListError
     values: Sequence[ast.expr | None] = ()
     match tree:

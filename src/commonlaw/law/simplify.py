@@ -11,7 +11,8 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law.law import Law, average_law, shares_terms
+from commonlaw.law.law import Law, shares_terms
+from commonlaw.law.objects import average_law
 from commonlaw.law.parameters import Parameters, left_hand_sides, named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.simplification import Replacement, Simplification, p_value
@@ -44,7 +45,9 @@ def right_hand_sides(law: Law) -> "list[sympy.Expr]":
         product = products.get((j, k))
         factors = [symbol(name) ** power for name, power in product.coefficients] if product else []
         number = product.factor if product else float(law.coefficients[0, j, k])
-        summands.append((j, sympy.Mul(_exact(number), *factors, law.terms.terms[k].sympy(columns))))
+        ratio = Fraction(number).limit_denominator(1000)
+        exact = sympy.Rational(ratio.numerator, ratio.denominator) if float(ratio) == number else sympy.Float(number)
+        summands.append((j, sympy.Mul(exact, *factors, law.terms.terms[k].sympy(columns))))
     return [sympy.Add(*(summand for i, summand in summands if i == j)) for j in range(len(law.schema.states))]
 
 
@@ -74,14 +77,6 @@ def written(expression: "sympy.Expr", order: str = "lex") -> str:
     for theirs, ours in (("**", "^"), ("Abs(", "abs("), ("atan(", "arctan(")):
         text = text.replace(theirs, ours)
     return text
-
-
-def _exact(number: float) -> "sympy.Expr":
-    """Return a number as a ratio of whole numbers where it is one of small ones."""
-    near = Fraction(number).limit_denominator(1000)
-    if float(near) == number:
-        return symbolic().Rational(near.numerator, near.denominator)
-    return symbolic().Float(number)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +155,6 @@ def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
     return replace(result, uncertainty=Uncertainty(covariance=covariance, noise=law.uncertainty.noise))
 
 
-_TOLERANCE = 2.0
-"""Standard errors: one in twenty numbers that are simple is not shown as such."""
-
 _BIT = 2 * np.log(2)
 """What a bit is worth in squared standard errors."""
 
@@ -218,9 +210,8 @@ def within_errors(law: Law) -> list[str]:
         return []
     if known.covariance is None or not np.isfinite(known.covariance).all():
         return []
-    constraints, estimates = _constrained(
-        _Estimates.of(law), _TOLERANCE, lambda constraint: abs(constraint.number) == 1
-    )
+    # Standard errors: one in twenty numbers that are simple is not shown as such
+    constraints, estimates = _constrained(_Estimates.of(law), 2.0, lambda constraint: abs(constraint.number) == 1)
     if not constraints:
         return []
     errors, parameters = np.sqrt(np.maximum(np.diagonal(estimates.covariances[-1]), 0.0)), estimates.parameters

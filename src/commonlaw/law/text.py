@@ -14,17 +14,6 @@ from commonlaw.library.notation import latex_name
 from commonlaw.library.term import Fraction
 from commonlaw.text import counted, in_line
 
-_DIGITS = 2
-"""Significant digits of an error."""
-
-
-_MAX_DIGITS = 9
-"""Significant digits of a number; where its error would ask for more, the two are written apart."""
-
-
-_PLAIN = (-4, 6)
-"""Decimal places of the first digit, from and below, of numbers that are written without a power of ten."""
-
 
 def with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:
     """Return ``value ± error``: the error to two significant digits, the value to the same decimal place.
@@ -67,12 +56,10 @@ def rounded(value: float, error: float) -> str:
     """
     if not (isfinite(error) and error > 0 and isfinite(value)):
         return f"{value:.4g}"
-    last, size = _leading_digit(error, _DIGITS) - _DIGITS + 1, _leading_digit(max(abs(value), error), _MAX_DIGITS)
-    if size - last >= _MAX_DIGITS:
-        return f"{value:.{_MAX_DIGITS}g}"
-    if not _PLAIN[0] <= size < _PLAIN[1]:
-        return f"{value:.{size - last}e}"
-    return f"{round(value, -last):z.{max(-last, 0)}f}"
+    if (places := _places(value, error)) is None:
+        return f"{value:.9g}"
+    last, exponent = places
+    return f"{value:.{exponent - last}e}" if exponent else f"{round(value, -last):z.{max(-last, 0)}f}"
 
 
 def latex_with_error(value: float, error: float, digits: int = 4, bracket: bool = False) -> str:
@@ -92,16 +79,24 @@ def _rounded(value: float, error: float, digits: int) -> tuple[str, str, int]:
     if error == 0:
         mantissa, _, power = f"{value:.{digits}g}".partition("e")
         return mantissa, "", int(power or 0)
-    last, size = _leading_digit(error, _DIGITS) - _DIGITS + 1, _leading_digit(max(abs(value), error), _MAX_DIGITS)
-    if size - last >= _MAX_DIGITS:
-        return f"{value:.{_MAX_DIGITS}g}", f"{error:.{_DIGITS}g}", 0
-    exponent = 0 if _PLAIN[0] <= size < _PLAIN[1] else size
+    if (places := _places(value, error)) is None:
+        return f"{value:.9g}", f"{error:.2g}", 0
+    last, exponent = places
     indices = exponent - last
 
     def text(number: float) -> str:
         return f"{round(number / 10.0**exponent, indices):z.{max(indices, 0)}f}"
 
     return text(value), text(error), exponent
+
+
+def _places(value: float, error: float) -> tuple[int, int] | None:
+    """Return the decimal place of an error's second digit, and the power of ten that is written apart, zero for none.
+
+    None where the number would have more than nine digits.
+    """
+    last, size = _leading_digit(error, 2) - 1, _leading_digit(max(abs(value), error), 9)
+    return None if size - last >= 9 else (last, 0 if -4 <= size < 6 else size)
 
 
 def _leading_digit(number: float, digits: int) -> int:

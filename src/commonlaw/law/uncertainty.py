@@ -274,14 +274,13 @@ class Uncertainty:
 
     def average(self) -> "Uncertainty":
         """Return that of the mean over objects, which are independent but for the shared factor."""
-        if self.covariance is None:
-            return replace(self, shared_factor=None, unpooled=None, pooled=None, explanation=None)
-        separate, shared = self.covariance.sum(axis=0), 0.0
-        if self.shared_factor is not None:
-            factor = self.shared_factor
-            separate = separate - np.matmul(factor, factor.transpose(0, 2, 1)).sum(axis=0)
-            shared = factor.sum(axis=0) @ factor.sum(axis=0).T
-        covariance = (separate + shared)[np.newaxis] / len(self.covariance) ** 2
+        covariance = self.covariance
+        if covariance is not None:
+            total = covariance.sum(axis=0)
+            if (factor := self.shared_factor) is not None:
+                separate = total - np.matmul(factor, factor.transpose(0, 2, 1)).sum(axis=0)
+                total = separate + factor.sum(axis=0) @ factor.sum(axis=0).T
+            covariance = total[np.newaxis] / len(covariance) ** 2
         return replace(self, covariance=covariance, shared_factor=None, unpooled=None, pooled=None, explanation=None)
 
     def restrict(self, parameters: Bools) -> "Uncertainty":

@@ -207,14 +207,6 @@ def _left(text: str) -> Equation:
     return Equation(text, _unquoted(name), order, len(left_side) + 1)
 
 
-class _Written(NamedTuple):
-    """A number, coefficients and parameters by their columns with their powers, and the text of what they multiply."""
-
-    factor: float
-    parameters: tuple[tuple[int, int], ...]
-    text: str
-
-
 class _Reader:
     """Reads one right-hand side from left to right."""
 
@@ -231,21 +223,25 @@ class _Reader:
             )
 
     def summands(self) -> tuple[Summand, ...]:
-        first, pieces = len(self.variables.names), list[_Written]()
-        for factor, start, text in self._addends():
+        first = len(self.variables.names)
+        # Of how an equation is spelled nothing depends: k*a - k*T is k*(a - T)
+        alike = dict[object, tuple[tuple[tuple[int, int], ...], dict[str, float]]]()
+        for sign, start, text in self._addends():
             try:
                 tree = read(text, self.names, self.parameters, self.variables.arities)
-                products = multiplied_out(tree, first - len(self.variables.parameters), first)
-                pieces += [self._of_product(factor, product) for product in products]
+                for product in multiplied_out(tree, first - len(self.variables.parameters), first):
+                    powers = tuple(sorted(product.parameters.items()))
+                    for column, power in powers:
+                        if abs(power) != 1 and column >= first:
+                            raise NotAFactorError(column)
+                    _, factors = alike.setdefault(powers or len(alike), (powers, {}))
+                    multiplied = self._text(product)
+                    factors[multiplied] = factors.get(multiplied, 0.0) + sign * product.factor
             except CommonlawError as error:
                 self._fail(start, error.diagnostic)
             except NotAFactorError as error:
                 raise InsideError(self.names[error.args[0]]) from None
-        # Of how an equation is spelled nothing depends: k*a - k*T is k*(a - T)
-        alike = dict[object, list[_Written]]()
-        for number, piece in enumerate(pieces):
-            alike.setdefault(piece.parameters or number, []).append(piece)
-        collected = (self._collected(group) for group in alike.values())
+        collected = (self._collected(*group) for group in alike.values())
         return tuple(summand for summand in collected if summand.factor)
 
     def expression(self) -> str:
@@ -294,32 +290,25 @@ class _Reader:
             before = token.kind
         return result
 
-    def _of_product(self, sign: float, product: Product) -> "_Written":
-        shown = [
-            (with_names(write(tree), [quoted(name) for name in self.names]), power) for tree, power in product.trees
-        ]
+    def _text(self, product: Product) -> str:
+        """Return what the number and the parameters of a product multiply."""
+        names = [quoted(name) for name in self.names]
+        shown = [(with_names(write(tree), names), power) for tree, power in product.trees]
         text = "*".join(f"({factor})" for factor, power in shown if power > 0) or "1"
-        text += "".join(f"/({factor})" for factor, power in shown if power < 0)
-        for column, power in product.parameters.items():
-            if abs(power) != 1 and column >= len(self.variables.names):
-                raise NotAFactorError(column)
-        return _Written(sign * product.factor, tuple(sorted(product.parameters.items())), text)
+        return text + "".join(f"/({factor})" for factor, power in shown if power < 0)
 
-    def _collected(self, alike: "Sequence[_Written]") -> Summand:
-        """Return the sum of products with the same coefficients and parameters as one summand."""
-        names, factors = self.names, dict[str, float]()
-        for product in alike:
-            factors[product.text] = factors.get(product.text, 0.0) + product.factor
+    def _collected(self, powers: Sequence[tuple[int, int]], factors: Mapping[str, float]) -> Summand:
+        """Return the sum of products with the same powers of coefficients and parameters as one summand."""
         # A number that is added goes last: a*(exp(u) - 1)
         ordered = [
             (text, factor) for text, factor in sorted(factors.items(), key=lambda pair: pair[0] == "1") if factor
         ]
         whole = ordered[0][1] if ordered else 0.0
         text = "".join(_addend(text, factor / whole) for text, factor in ordered).removeprefix("+") or "1"
-        first, both = len(self.variables.names), alike[0].parameters
-        inner = "".join(f"{quoted(names[column])}**{power}*" for column, power in both if column < first)
-        powers = tuple((names[column], power) for column, power in both if column >= first)
-        return Summand(whole, powers, parse_term(f"{inner}({text})", self.variables))
+        first, names = len(self.variables.names), self.names
+        inner = "".join(f"{quoted(names[column])}**{power}*" for column, power in powers if column < first)
+        outer = tuple((names[column], power) for column, power in powers if column >= first)
+        return Summand(whole, outer, parse_term(f"{inner}({text})", self.variables))
 
     def _tokens(self) -> Iterator[_Token]:
         text, position = self.equation.text, self.equation.right

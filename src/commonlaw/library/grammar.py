@@ -88,8 +88,14 @@ def read(text: str, names: Sequence[str], parameters: int = 0, functions: Mappin
         raise CommonlawError("term-too-long", term=shown, characters=len(text), limit=MAX_CHARACTERS)
     try:
         code = _TOKEN.sub(lambda token: _translated(token, names, functions), text).strip()
-        tree = _parsed(code, names)
+        tree = ast.parse(code, mode="eval").body
         _check(tree, 0, 1, len(names) - parameters, functions)
+    except SyntaxError as error:
+        index = with_names(code[max(0, (error.offset or 1) - 1) :], names)
+        place = f"near {index[:30]!r}" if index else "at its end"
+        raise CommonlawError(
+            "term-syntax", term=shown, error=CommonlawError("expression-syntax", place=place)
+        ) from None
     except CommonlawError as error:
         raise CommonlawError("term-syntax", term=shown, error=error) from None
     except (RecursionError, MemoryError):
@@ -198,15 +204,6 @@ def _translated(token: re.Match[str], names: Sequence[str], functions: Mapping[s
         raise unknown("variable", name, names)
     column = f"v{names.index(name)}"
     return column if kind == "name" else f" {column} "
-
-
-def _parsed(code: str, names: Sequence[str]) -> ast.expr:
-    try:
-        return ast.parse(code, mode="eval").body
-    except SyntaxError as error:
-        index = with_names(code[max(0, (error.offset or 1) - 1) :], names)
-        place = f"near {index[:30]!r}" if index else "at its end"
-        raise CommonlawError("expression-syntax", place=place) from None
 
 
 def _check(tree: ast.expr, depth: int, power: float, variables: int, functions: Mapping[str, int]) -> None:

@@ -513,10 +513,6 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
     return listed
 
 
-_MAX_DEGREE = 4
-"""Of the polynomials that are tried before terms with parameters inside."""
-
-
 @dataclass(frozen=True)
 class AutoLibrary(AbstractLibrary):
     """All kinds of terms, the simplest first: for data without a hypothesis.
@@ -551,7 +547,7 @@ class AutoLibrary(AbstractLibrary):
 
     @property
     def higher(self) -> AbstractLibrary | None:
-        return replace(self, degree=_MAX_DEGREE) if self.degree < _MAX_DEGREE else None
+        return replace(self, degree=4) if self.degree < 4 else None
 
     def offers(self, variables: Variables) -> Iterator[Offer]:
         yield Offer(())

@@ -33,10 +33,10 @@ class _Sizes:
     def _number(self, value: float) -> _Size:
         return _Size(np.log(abs(value)) if value else 0.0, np.zeros(self.unknowns), float(value))
 
-    def equal(self, one: _Size, other: _Size, weight: float = 1.0) -> None:
+    def equal(self, one: _Size, other: _Size) -> None:
         """Note that two sizes are the same."""
         if 0.0 not in (one.value, other.value):
-            self.rows.append((weight * (one.unknown - other.unknown), weight * (other.known - one.known)))
+            self.rows.append((one.unknown - other.unknown, other.known - one.known))
 
     def _operation(self, name: str, one: _Size, other: _Size | None = None) -> _Size:
         unit = self._number(1.0)
@@ -88,8 +88,7 @@ def likely_sizes(
     rows = [*sizes.rows, *((1e-3 * row, 0.0) for row in np.eye(len(unknown)))]
     matrix, right = np.array([row for row, _ in rows]), np.array([value for _, value in rows])
     result = np.ones(variables)
-    for i, value in known.items():
-        result[i] = value
+    result[[*known]] = [*known.values()]
     if unknown:
         logs = np.linalg.lstsq(matrix, right, rcond=None)[0]
         result[unknown] = np.exp(np.clip(logs, -60.0, 60.0))

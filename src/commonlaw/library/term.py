@@ -39,11 +39,6 @@ class Factor(str):
         return _sinusoid(self) is not None
 
     @property
-    def is_function(self) -> bool:
-        """Whether it is neither a variable nor a sinusoid."""
-        return self.column is None and not self.is_sinusoid
-
-    @property
     def is_sum(self) -> bool:
         """Whether it is a sum or a difference."""
         tree = tree_of(self)
@@ -159,7 +154,7 @@ class Term:
         """Return the term as the field writes it: ``x^2 v``, ``sin(2 x)``, ``v*abs(v)``."""
         if self.parameter is not None:
             return names[self.parameter]
-        spaced = not any(factor.is_function for factor, power in self.powers if power > 0)
+        spaced = all(factor.column is not None or factor.is_sinusoid for factor, power in self.powers if power > 0)
         return self._written([factor.text(names) for factor, _ in self.powers], "^", " " if spaced else "*")
 
     def expression(self, names: Sequence[str]) -> str:

@@ -23,7 +23,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import likelihood_profile
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import (
@@ -794,7 +794,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     names = representative(forecast)
     shown, left_out = of_objects(forecast, names), omission(forecast, names)
     if left_out and (known := [name for name in law.objects if name in names]):
-        law = law.select(known)
+        law = select_objects(law, known)
     true = () if truth is None else [truth.terms.names[k] for k in np.flatnonzero(truth.support.any(axis=0))]
     dots = DotPlot(law, truth)
     maps = HeatMaps(law, law.support.any(axis=0) | np.isin(law.terms.names, true), truth)

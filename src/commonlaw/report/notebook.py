@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments.plan import Design
 from commonlaw.forecast import Forecast
 from commonlaw.inference import Bounds
-from commonlaw.law import History, Law
+from commonlaw.law import History, Law, select_objects
 from commonlaw.law.tables import readable
 from commonlaw.law.verdict import LawVerdict
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
@@ -62,7 +62,9 @@ def notebook_html(
             notes = "".join(f"<p>Note: {escape(in_line(str(diagnostic)))}</p>" for diagnostic in value.diagnostics)
             table = value.params.dropna(axis=1, how="all")
             drawn = (
-                _drawn(lambda: plot_intervals(value.select(value.objects[:_OBJECTS]))) if value.support.any() else ""
+                _drawn(lambda: plot_intervals(select_objects(value, value.objects[:_OBJECTS])))
+                if value.support.any()
+                else ""
             )
             wide = "".join(f'<div class="commonlaw-law">{part}</div>' for part in (shown, _table(table)))
             return _joined(repr(value), _STYLE + wide + notes, drawn)

@@ -9,7 +9,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem, merge, redrawn
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.solvers import Candidate
 from commonlaw.trials import Trials
@@ -147,7 +147,7 @@ class ForecastError:
         for j in range(len(coefficients)):
             used = support if j == self.target else (self.law.coefficients[fold.object, j] != 0) & self.free[j]
             coefficients[j] += fold.rest.least_squares(used, j)
-        law = replace(self.law.select([name]), coefficients=coefficients[np.newaxis])
+        law = replace(select_objects(self.law, [name]), coefficients=coefficients[np.newaxis])
         trials = self.trials.of_object(name)
         errors = law.predict(self.trials.with_trials([trials[i] for i in fold.trials])).errors()
         variances = np.var(np.concatenate([trial.states for trial in trials]), axis=0)

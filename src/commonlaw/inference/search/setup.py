@@ -15,7 +15,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import standard_errors
@@ -104,7 +104,7 @@ class FitSetup:
         trials = transform_trials(trials, law.schema.logarithmic, between)
         if law.order == 0:
             raise CommonlawError("discrete-not-refined")
-        law = law.select(trials.objects)
+        law = select_objects(law, trials.objects)
         if not shares_terms(law):
             raise CommonlawError("refine-own-terms")
         return cls(law, trials, known_noise(levels, trials), huber_threshold, between)

@@ -30,7 +30,7 @@ from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import choose_interpolation, fit_terms
 from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
-from commonlaw.law import Law, Step, pool_objects
+from commonlaw.law import Law, Step, pool_objects, select_objects
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
@@ -134,7 +134,9 @@ def refine(
         with on_cluster(client):
             refined = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
         domain = refined.provenance.domain
-        provenance = replace(law.provenance, outcomes=(), history=refined.history, calls=calls, domain=domain)
+        provenance = replace(
+            law.provenance, outcomes=(), history=refined.provenance.history, calls=calls, domain=domain
+        )
         return pool_objects(replace(refined, provenance=provenance), None, partial_pooling)
     refuse_client(client)
     with threads(n_jobs):
@@ -159,7 +161,7 @@ def _of_observation(
     if taken.get("input_interpolation") == "auto":
         raise CommonlawError("not-with-observation", settings=["input_interpolation='auto'"])
     refined = refit(law, trials, **taken, progress=progress).law(calls)
-    history = (*law.history, refined.history[-1])
+    history = (*law.provenance.history, refined.provenance.history[-1])
     return replace(refined, provenance=replace(refined.provenance, history=history))
 
 
@@ -214,7 +216,7 @@ class _Fit:
                 *with_approximation(pool, outcomes_of_fit(fit, is_converged, tried_errors=self.errors == "auto")),
                 *outcomes_of_unmeasured(refined, problem),
             ),
-            history=(*law.history, *chosen),
+            history=(*law.provenance.history, *chosen),
             domain=replace(domain, visited={**domain.visited, **latent_state_ranges(problem.trials, fit.estimates)}),
         )
         return replace(refined, provenance=provenance)
@@ -227,11 +229,11 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     parts, known = stream.parts or (stream,), {*law.objects}
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
     names = objects_of_parts(parts, part(progress, 0.0, 0.1))
-    laws = [light.select(name) if known.issuperset(name) else typical(law, name) for name in names]
+    laws = [select_objects(light, name) if known.issuperset(name) else typical(law, name) for name in names]
     fits = [partial(how.refined, law_of_part, alike=False, progress=silent) for law_of_part in laws]
     result = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
     step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
-    return replace(result, provenance=replace(result.provenance, history=(*law.history, step)))
+    return replace(result, provenance=replace(result.provenance, history=(*law.provenance.history, step)))
 
 
 def adapt(law: Law, trials: Trials) -> Law:
@@ -243,7 +245,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     )
     if law.observation is not None:
         result = updated(law, trials)
-        return replace(result, provenance=replace(law.provenance, history=(*law.history, step)))
+        return replace(result, provenance=replace(law.provenance, history=(*law.provenance.history, step)))
     law.uncertainty.known_covariance()
     if law.uncertainty.noise is None or law.uncertainty.error_model:
         lacks = "has errors other than white noise" if law.uncertainty.noise is not None else "has no noise estimate"
@@ -287,5 +289,5 @@ def adapt(law: Law, trials: Trials) -> Law:
         coefficients=coefficients,
         uncertainty=uncertainty,
         properties=trials.properties,
-        provenance=replace(law.provenance, history=(*law.history, step)),
+        provenance=replace(law.provenance, history=(*law.provenance.history, step)),
     )

@@ -1,0 +1,70 @@
+"""Laws of some of the objects of a law, of their mean, or with other coefficients of each."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.law.law import Law, object_index
+from commonlaw.law.uncertainty import ObjectEstimates, PlausibleLaw, Uncertainty
+
+
+def select_objects(law: Law, objects: Sequence[str]) -> Law:
+    """Return the law of a subset of the objects.
+
+    Raises `CommonlawError` if there is no such object.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> law = cl.Law.from_text("T' = -k T", {"k": {"cup": 0.1, "mug": 0.05}})
+    >>> cl.law.select_objects(law, ["mug"])
+    <Law of mug: T' = -k T>
+    """
+    indices = [object_index(law, name) for name in objects]
+    others = law.uncertainty.map_other_laws(lambda plausible: select_objects(plausible, objects))
+    return _of_others(law, tuple(objects), law.coefficients[indices], law.uncertainty.select(indices), others)
+
+
+def average_law(law: Law) -> Law:
+    """Return the law of one object, "average", whose coefficients are the means over all objects.
+
+    Their covariance is that of the mean of independent objects, or of partially pooled ones if the law is pooled.
+
+    Examples
+    --------
+    >>> import commonlaw as cl
+    >>> law = cl.Law.from_text("T' = -k T", {"k": {"cup": 0.1, "mug": 0.05}})
+    >>> cl.law.average_law(law).equations()
+    ("T' = -0.075 T",)
+    """
+    mean = law.coefficients.mean(axis=0, keepdims=True)
+    others = law.uncertainty.map_other_laws(average_law)
+    return _of_others(law, ("average",), mean, law.uncertainty.average(), others)
+
+
+def _of_others(
+    law: Law,
+    objects: tuple[str, ...],
+    coefficients: Floats,
+    uncertainty: Uncertainty,
+    other_laws: tuple[PlausibleLaw[Law], ...],
+) -> Law:
+    """Return a law of other objects, their uncertainty still that of all terms in the law."""
+    kept = np.any(coefficients != 0, axis=0)[law.support]
+    return replace(
+        law,
+        objects=objects,
+        coefficients=coefficients,
+        uncertainty=replace(uncertainty.restrict(kept), other_laws=other_laws),
+        properties={name: law.properties[name] for name in objects if name in law.properties},
+    )
+
+
+def with_estimates(law: Law, estimates: ObjectEstimates) -> Law:
+    """Return a law with these coefficients, of objects that do not depend on each other."""
+    coefficients = law.coefficients.copy()
+    coefficients[:, law.support] = estimates.coefficients
+    known = replace(law.uncertainty, covariance=estimates.covariance, shared_factor=None, pooled=None)
+    return replace(law, coefficients=coefficients, uncertainty=known)
