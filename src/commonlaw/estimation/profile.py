@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.fitting import Beginning, beginning_of
-from commonlaw.estimation.problem import Problem
-from commonlaw.estimation.search import Bounds
+from commonlaw.estimation.search import Objective, minimum
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, measured_schema
 from commonlaw.law.law import only_object, shares_terms
@@ -108,14 +106,18 @@ def _noise(law: Law, begun: Beginning) -> Floats | None:
 
 def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) -> tuple[Floats, Floats, float, float]:
     problem, everything = begun.problem, np.ones(len(first), dtype=np.bool_)
+
+    def least(start: Floats, free: Bools) -> tuple[Floats, float]:
+        return minimum(Objective(problem, known), start, free, begun.bounds, tolerance=1e-8, steps=40)
+
     known = np.ones(len(begun.model.observables)) if noise is None else noise
-    best, cost = _least(problem, begun.bounds, first, everything, known)
+    best, cost = least(first, everything)
     if not np.isfinite(cost):
         raise CommonlawError("profile-not-finite")
     if noise is None:
         count = sum(int(np.isfinite(trial.trial.states).sum()) for trial in problem.trials)
         known = known * np.sqrt(cost / max(count - len(first), 1))
-        best, cost = _least(problem, begun.bounds, best, everything, known)
+        best, cost = least(best, everything)
     slopes = problem.residuals(best, known)[1]
     assert slopes is not None
     variance = np.linalg.pinv(slopes.T @ slopes)[index, index]
@@ -130,7 +132,7 @@ def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) 
             for share in (1.0, 0.5, 0.25):
                 start = at.copy()
                 start[index] += share * (value - at[index])
-                reached, here = _least(problem, begun.bounds, start, others, known)
+                reached, here = least(start, others)
                 if np.isfinite(here):
                     break
             if not np.isfinite(here):
@@ -141,38 +143,3 @@ def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) 
                 break
     values, deviance = np.array(sorted(points)).T
     return values, deviance, float(best[index]), error
-
-
-def _least(problem: Problem, bounds: Bounds, start: Floats, free: Bools, noise: Floats) -> tuple[Floats, float]:
-    """Return where the sum of squares is least over the free unknowns, and that sum; infinite where it has none.
-
-    It is sought within bounds.
-    """
-    low, high = bounds.low[free], bounds.high[free]
-    gap = 1e-9 * np.minimum(high - low, np.maximum(np.abs(start[free]), 1e-300))
-    start = start.copy()
-    start[free] = np.clip(start[free], low + gap, high - gap)
-
-    def whole(point: Floats) -> Floats:
-        full = start.copy()
-        full[free] = point
-        return full
-
-    def slopes(point: Floats) -> Floats:
-        derivatives = problem.residuals(whole(point), noise)[1]
-        assert derivatives is not None
-        return np.asarray(np.nan_to_num(derivatives[:, free]))
-
-    def residuals(point: Floats) -> Floats:
-        with np.errstate(all="ignore"):
-            return np.asarray(np.nan_to_num(problem.residuals(whole(point), noise, False)[0], nan=1e30, posinf=1e30))
-
-    if not np.isfinite(problem.residuals(start, noise, False)[0]).all():
-        return start, np.inf
-    if not free.any():
-        return start, float(np.sum(residuals(start[free]) ** 2))
-    try:
-        fit = least_squares(residuals, start[free], slopes, (low, high), x_scale="jac", max_nfev=40)
-    except (ValueError, np.linalg.LinAlgError):
-        return start, np.inf
-    return whole(fit.x), float(2 * fit.cost)

@@ -82,46 +82,79 @@ class Optimum:
     starts_alike: int
 
 
-class _Objective:
-    """Residuals and their derivatives, of the values that were asked last."""
+class Objective:
+    """Standardized residuals and their derivatives by the unknowns, kept for those that were asked for last."""
 
-    def __init__(self, problem: Problem, noise: Floats, signs: Floats | None = None) -> None:
-        self.problem, self.noise, self.signs = problem, noise, signs
+    def __init__(self, problem: Problem, noise: Floats) -> None:
+        self.problem, self.noise = problem, noise
         self.last: Floats | None = None
 
-    def _compute(self, point: Floats) -> None:
-        if self.last is None or not np.array_equal(point, self.last):
-            unknowns = point if self.signs is None else self.signs * np.exp(point)
-            self.last = point.copy()
-            self.found, slopes = self.problem.residuals(unknowns, self.noise)
-            assert slopes is not None
-            self.slopes = slopes if self.signs is None else slopes * unknowns
+    def _compute(self, unknowns: Floats) -> None:
+        if self.last is None or not np.array_equal(unknowns, self.last):
+            self.last = unknowns.copy()
+            with np.errstate(all="ignore"):
+                self.values, self.slopes = self.problem.residuals(unknowns, self.noise)
 
-    def residuals(self, point: Floats) -> Floats:
-        self._compute(point)
-        return self.found
+    def residuals(self, unknowns: Floats) -> Floats:
+        self._compute(unknowns)
+        return self.values
 
-    def jacobian(self, point: Floats) -> Floats:
-        self._compute(point)
+    def jacobian(self, unknowns: Floats) -> Floats:
+        self._compute(unknowns)
+        assert self.slopes is not None
         return np.asarray(np.nan_to_num(self.slopes))
 
 
-def _improved(objective: _Objective, start: Floats, bounds: Bounds, steps: int) -> tuple[Floats, float]:
-    """Return the point of least squares that is reached from a start, and half the sum."""
+def minimum(
+    objective: Objective,
+    start: Floats,
+    free: Bools,
+    bounds: Bounds | None = None,
+    *,
+    scale: Floats | None = None,
+    tolerance: float,
+    steps: int,
+) -> tuple[Floats, float]:
+    """Return the unknowns of least squares that are reached from a start, changing those that are free, and the sum.
+
+    Within bounds it is sought by trust regions (Branch, Coleman and Li 1999), otherwise by the method of Levenberg and
+    Marquardt. With a scale, variables and bounds are ``log(unknowns / scale)``. The sum is infinite where the search
+    fails, or residuals are not finite at the start.
+    """
     from scipy.optimize import least_squares
 
-    low, high = bounds.low, bounds.high
-    gap = 1e-10 * np.maximum(1.0, np.abs(start))
-    start = np.clip(start, np.where(np.isfinite(low), low + gap, low), np.where(np.isfinite(high), high - gap, high))
-    if not np.isfinite(objective.residuals(start)).all():
-        return start, np.inf
-    tolerance = 1e-10 if steps == _BOUNDED_STEPS else 1e-6
+    def whole(point: Floats) -> Floats:
+        result = start.copy()
+        with np.errstate(over="ignore"):
+            result[free] = point if scale is None else scale[free] * np.exp(point)
+        return result
+
+    def residuals(point: Floats) -> Floats:
+        return np.nan_to_num(objective.residuals(whole(point)), nan=1e30, posinf=1e30, neginf=-1e30)
+
+    def jacobian(point: Floats) -> Floats:
+        unknowns = whole(point)
+        slopes = objective.jacobian(unknowns)[:, free]
+        return np.asarray(slopes if scale is None else np.nan_to_num(slopes * unknowns[free]))
+
+    first = start[free] if scale is None else np.log(start[free] / scale[free])
+    low, high = (np.full(len(first), -np.inf), np.full(len(first), np.inf))
+    if bounds is not None:
+        low, high = bounds.low[free], bounds.high[free]
+        gap = 1e-10 * np.minimum(np.maximum(1.0, np.abs(first)), high - low)
+        first = np.clip(first, low + gap, high - gap)
+    values = objective.residuals(whole(first))
+    if not np.isfinite(values).all():
+        return whole(first), np.inf
+    if not free.any():
+        return start, float(values @ values)
     try:
-        fit = least_squares(
-            objective.residuals,
-            start,
-            objective.jacobian,
+        optimum = least_squares(
+            residuals,
+            first,
+            jacobian,
             (low, high),
+            method="lm" if bounds is None and len(values) >= len(first) else "trf",
             x_scale="jac",
             ftol=tolerance,
             xtol=tolerance,
@@ -129,8 +162,8 @@ def _improved(objective: _Objective, start: Floats, bounds: Bounds, steps: int) 
             max_nfev=steps,
         )
     except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
-        return start, np.inf
-    return fit.x, float(fit.cost)
+        return whole(first), np.inf
+    return whole(optimum.x), float(2 * optimum.cost)
 
 
 def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds) -> Floats:
@@ -139,7 +172,7 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
     A bounded search approaches bounds from inside, and slowly; here what the gradient pulls out is set to its bound.
     First each number is searched by its logarithm, in which valleys of the likelihood are straighter, then as it is.
     """
-    objective = _Objective(problem, noise)
+    objective = Objective(problem, noise)
     held = np.zeros(len(unknowns), dtype=np.bool_)
     for _ in range(2 * len(unknowns) + 1):
         gaps = np.stack([unknowns - bounds.low, bounds.high - unknowns])
@@ -153,10 +186,10 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
         free = ~held
         if not np.isfinite(objective.residuals(start)).all():
             break
-        point = _by_levenberg_marquardt(objective, start, free & (start != 0), True)
+        point = _by_levenberg_marquardt(objective, start, free & (start != 0), logarithms=True)
         # Steps of the next search are at first of the size of the values
         point = np.where(np.abs(point) < np.exp(-REACH) * np.abs(start), 0.0, point)
-        point = _by_levenberg_marquardt(objective, point, free, False)
+        point = _by_levenberg_marquardt(objective, point, free)
         outside = (point < bounds.low) | (point > bounds.high)
         gradient = objective.jacobian(point).T @ objective.residuals(point)
         inward = held & np.where(point == bounds.low, gradient < 0, gradient > 0)
@@ -168,44 +201,9 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
     return unknowns
 
 
-def _by_levenberg_marquardt(objective: _Objective, start: Floats, free: Bools, logarithms: bool) -> Floats:
-    """Return where the sum of squares is least, changing those that are free; the start if nothing is better."""
-    from scipy.optimize import least_squares
-
-    if not free.any():
-        return start
-
-    def whole(point: Floats) -> Floats:
-        result = start.copy()
-        with np.errstate(over="ignore"):
-            result[free] = start[free] * np.exp(point) if logarithms else point
-        return result
-
-    def residuals(point: Floats) -> Floats:
-        return np.nan_to_num(objective.residuals(whole(point)), nan=1e30, posinf=1e30, neginf=-1e30)
-
-    def jacobian(point: Floats) -> Floats:
-        unknowns = whole(point)
-        slopes = objective.jacobian(unknowns)[:, free]
-        return np.asarray(np.nan_to_num(slopes * unknowns[free]) if logarithms else slopes)
-
-    first = np.zeros(int(free.sum())) if logarithms else start[free]
-    before = residuals(first)
-    try:
-        fit = least_squares(
-            residuals,
-            first,
-            jacobian,
-            method="lm" if len(before) >= len(first) else "trf",
-            x_scale="jac",
-            ftol=1e-15,
-            xtol=1e-15,
-            gtol=1e-15,
-            max_nfev=_LM_STEPS if logarithms else _LM_STEPS // 5,
-        )
-    except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
-        return start
-    return whole(fit.x) if 2 * fit.cost <= float(before @ before) else start
+def _by_levenberg_marquardt(objective: Objective, start: Floats, free: Bools, logarithms: bool = False) -> Floats:
+    scale, steps = (start, _LM_STEPS) if logarithms else (None, _LM_STEPS // 5)
+    return minimum(objective, start, free, scale=scale, tolerance=1e-15, steps=steps)[0]
 
 
 def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Floats:
@@ -346,20 +344,20 @@ def _cost(problem: Problem, unknowns: Floats, noise: Floats) -> float:
 
 
 def _roughly(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, sizes: Floats) -> tuple[float, Floats]:
-    """Return half the sum of squares and the values after a search on a logarithmic scale, signs as they are."""
+    """Return the sum of squares and the values after a search on a logarithmic scale, signs as they are."""
     signs = np.where(start < 0, -1.0, 1.0)
-    middle = np.log(np.maximum(np.abs(start), 1e-12 * np.abs(sizes) + _TINY))
-    near = np.log(np.abs(sizes) + _TINY)
+    start = signs * np.maximum(np.abs(start), 1e-12 * np.abs(sizes) + _TINY)
+    middle, near = np.log(np.abs(start)), np.log(np.abs(sizes) + _TINY)
     low = np.minimum(near - REACH, middle - 1)
     high = np.maximum(near + REACH, middle + 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        least = np.where(signs > 0, bounds.low, -bounds.high)
-        most = np.where(signs > 0, bounds.high, -bounds.low)
-        low = np.where(least > 0, np.log(np.maximum(least, _TINY)), low)
-        high = np.where(np.isfinite(most) & (most > 0), np.log(np.maximum(most, _TINY)), high)
-    low, high = np.minimum(low, high - 1e-6), high
-    point, cost = _improved(_Objective(problem, noise, signs), middle, Bounds(low, high), _ROUGH_STEPS)
-    return cost, signs * np.exp(point)
+    least = np.where(signs > 0, bounds.low, -bounds.high)
+    most = np.where(signs > 0, bounds.high, -bounds.low)
+    low = np.where(least > 0, np.log(np.maximum(least, _TINY)), low)
+    high = np.where(np.isfinite(most) & (most > 0), np.log(np.maximum(most, _TINY)), high)
+    within, free = Bounds(np.minimum(low, high - 1e-6), high), np.ones(len(start), dtype=np.bool_)
+    objective = Objective(problem, noise)
+    unknowns, squares = minimum(objective, start, free, within, scale=signs, tolerance=1e-6, steps=_ROUGH_STEPS)
+    return squares, unknowns
 
 
 def _scanned(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, sizes: Floats) -> Floats:
@@ -400,13 +398,15 @@ def _finished(
     It is infinite where the first round leads to one that is larger than a hopeless one.
     """
     unknowns, middling = start, replace(problem, tolerance=_MIDDLING_TOLERANCE)
+    free = np.ones(len(start), dtype=np.bool_)
     unknown = ~problem.known_noise & (problem.counts > 0)
     fixed = given or not unknown.any()
     # The least squares of one quantity do not depend on its noise
     once = fixed or (int(unknown.sum()) == 1 and not problem.known_noise.any() and not problem.priors)
     once = once and not problem.censored.any()
     for round_ in range(60):
-        unknowns, _ = _improved(_Objective(middling, noise), unknowns, bounds, _BOUNDED_STEPS)
+        objective = Objective(middling, noise)
+        unknowns, _ = minimum(objective, unknowns, free, bounds, tolerance=1e-10, steps=_BOUNDED_STEPS)
         if round_ == 0 and _score(problem, unknowns, noise, fixed)[0] > hopeless:
             return np.inf, unknowns, noise
         unknowns = _polished(problem, unknowns, noise, bounds)
@@ -440,7 +440,7 @@ def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, 
     beyond, errors = unknowns.copy(), np.zeros(len(unknowns))
     if at_bound.any():
         free = np.ones(len(unknowns), dtype=np.bool_)
-        beyond = _by_levenberg_marquardt(_Objective(problem, unbiased), unknowns, free, False)
+        beyond = _by_levenberg_marquardt(Objective(problem, unbiased), unknowns, free)
         levels = noise if given else problem.noise_levels(beyond, unbiased, float(len(beyond)))
         whole = _inverse(problem.information(beyond, np.maximum(levels, _EXACT * rough_noise(problem))))
         errors = np.sqrt(np.maximum(np.diagonal(whole), 0.0))
