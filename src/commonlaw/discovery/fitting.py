@@ -1,7 +1,7 @@
 """A law that somebody has in mind: exactly these terms, coefficients found in trials."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -15,7 +15,7 @@ from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.fitting import InitialGiven, begin, check_white
+from commonlaw.estimation.fitting import InitialGiven, begin, check_white, estimate_at_bound
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -24,6 +24,7 @@ from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.chunks import fitted_by_parts
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects
+from commonlaw.law.law import of_all_objects
 from commonlaw.law.models import model_named
 from commonlaw.law.observation import ALL
 from commonlaw.law.parameters import named_parameters, standard_errors
@@ -321,7 +322,7 @@ def fit(
         if shared and not called and error.code == "no-degrees-of-freedom":  # Of objects apart
             return jointly()
         raise
-    if _outside(law, given.bounds):
+    if any(_outside(law, given.bounds)):
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
         law = law if shared else pool_objects(law, None, partial_pooling)
     law = pool_objects(law, equal, partial_pooling) if shared else law
@@ -422,30 +423,29 @@ def _of_stream(
     return pool_objects(replace(law, provenance=provenance), None, settings["partial_pooling"])
 
 
-def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
-    """Return objects and the bounds that a coefficient is outside of, pooled or by the object alone, and its value."""
-    unpooled, coefficients, result = law.uncertainty.unpooled, law.coefficients.copy(), list[tuple[str, Bound, str]]()
+def _outside(law: Law, bounds: Sequence[Bound]) -> Iterator[CommonlawError]:
+    """Yield errors for parameters outside of their bounds, pooled or by the object alone."""
+    unpooled, coefficients, parameters = law.uncertainty.unpooled, law.coefficients.copy(), named_parameters(law)
     if unpooled is not None:
         coefficients[:, law.support] = unpooled.coefficients
-    parameters = named_parameters(law)
-    definitions = {definition.name: definition for definition in parameters.definitions}
     for bound in bounds:
         index = parameters.names.index(bound.name)
-        values, errors = (numbers[:, index] for numbers in (parameters.values, parameters.errors))
+        values, errors = parameters.values[:, index], parameters.errors[:, index]
+        definition = next(definition for definition in parameters.definitions if definition.name == bound.name)
         for name, value, error, alone in zip(law.objects, values, errors, coefficients, strict=True):
-            both = value, definitions[bound.name].of(alone)
-            outside = next((estimate for estimate in both if not bound.holds(estimate)), None)
+            outside = next((estimate for estimate in (value, definition.of(alone)) if not bound.holds(estimate)), None)
             if outside is not None:
-                as_found = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
-                result.append((name, bound, as_found))
-    return result
+                shown = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
+                yield _out_of_bounds(name, bound, shown)
+
+
+def _out_of_bounds(owner: str, bound: Bound, value: str) -> CommonlawError:
+    return CommonlawError("estimate-out-of-bounds", name=owner, parameter=bound.name, value=value, bound=bound.text)
 
 
 def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
-    for name, bound, as_found in _outside(law, bounds):
-        raise CommonlawError(
-            "estimate-out-of-bounds", name=name, parameter=bound.name, value=as_found, bound=bound.text
-        )
+    for error in _outside(law, bounds):
+        raise error
     return law
 
 
@@ -455,78 +455,43 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
     An active set, object by object: what is at a bound is known there. Coefficients that are quotients or products of
     what stands before several terms stay as they are.
     """
-    refitted = dict[str, Law]()
-    outcomes = list[Outcome]()
+    parts, outcomes = list[Law](), list[Outcome]()
     for owner in law.objects:
-        alone, held = law.select([owner]), dict[str, float]()
-        while ends := _ends(alone, bounds, held):
-            outcomes += [_at_bound(alone, owner, bound, end) for bound, end in ends]
-            held |= {bound.name: end for bound, end in ends}
-            start = law.select([owner])
-            coefficients, is_free = start.coefficients.copy(), np.array(start.support[np.newaxis])
-            for definition in named_parameters(start).definitions:
-                if definition.name in held:
-                    (part,) = definition.parts
-                    coefficients[:, part.equation, part.term] = part.factor * held[definition.name] ** float(part.power)
-                    is_free[:, part.equation, part.term] = False
-            free = (is_free & (standard_errors(start) != 0))[:, np.any(coefficients != 0, axis=0)]
-            start = replace(start, coefficients=coefficients, uncertainty=_unit_uncertainty(free))
-            alone = refine(start, trials.select(object=[owner]), **settings)
-            refitted[owner] = alone
-    if not refitted:
+        start = alone = law.select([owner])
+        coefficients, is_free = start.coefficients.copy(), start.support & (standard_errors(start) != 0)
+        definitions = {definition.name: definition.parts for definition in named_parameters(start).definitions}
+        held = {name for name, of_name in definitions.items() if len(of_name) > 1}
+        while True:
+            parameters, before = named_parameters(alone), len(held)
+            for bound in (bound for bound in bounds if bound.name not in held):
+                at, (part,) = parameters.names.index(bound.name), definitions[bound.name]
+                value, error = float(parameters.values[0, at]), float(parameters.errors[0, at])
+                if bound.holds(np.array(value)):
+                    continue
+                end = bound.low if value < bound.low else bound.high
+                if end == 0 and part.power < 0:  # It is divided by: zero has no best fit
+                    raise _out_of_bounds(owner, bound, f"{value:.3g}")
+                outcomes.append(estimate_at_bound(owner, bound.name, end, end == bound.low, value, error, bound.text))
+                coefficients[:, part.equation, part.term] = part.factor * end ** float(part.power)
+                is_free[:, part.equation, part.term] = False
+                held.add(bound.name)
+            if len(held) == before:
+                break
+            uncertainty = _unit_uncertainty(is_free[:, np.any(coefficients != 0, axis=0)])
+            begun = replace(start, coefficients=coefficients.copy(), uncertainty=uncertainty)
+            alone = refine(begun, trials.select(object=[owner]), **settings)
+        parts.append(alone)
+    if not outcomes:
         return law
-    parts = [refitted.get(name, law.select([name])) for name in law.objects]
-    coefficients = np.array([part.coefficients[0] for part in parts])
-    support = np.any(coefficients != 0, axis=0)
-    covariance = np.zeros((len(parts), support.sum(), support.sum()))
-    for block, alone in zip(covariance, parts, strict=True):
-        inner = np.flatnonzero(alone.support[support])
-        block[np.ix_(inner, inner)] = alone.uncertainty.known_covariance()[0]
-    known = parts[0].uncertainty if len(parts) == 1 else law.uncertainty
-    provenance = parts[0].provenance if len(parts) == 1 else law.provenance
+    coefficients, covariance = of_all_objects(parts)
+    known, provenance = law.uncertainty, law.provenance
+    if len(parts) == 1:
+        known, provenance = parts[0].uncertainty, parts[0].provenance
     return replace(
         law,
         coefficients=coefficients,
         uncertainty=replace(known, covariance=covariance),
         provenance=replace(provenance, outcomes=(*provenance.outcomes, *outcomes)),
-    )
-
-
-def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[tuple[Bound, float]]:
-    """Return bounds that coefficients of the only object are outside of, each with the end that is nearest."""
-    parameters = named_parameters(law)
-    parts = {definition.name: definition.parts for definition in parameters.definitions}
-    values = dict(zip(parameters.names, parameters.values[0].tolist(), strict=True))
-    result = list[tuple[Bound, float]]()
-    for bound in bounds:
-        value, name = values[bound.name], bound.name
-        if name not in held and len(parts[name]) == 1 and not bound.holds(np.array(value)):
-            end = bound.low if value < bound.low else bound.high
-            if end == 0 and parts[name][0].power < 0:  # It is divided by: zero has no best fit
-                owner, shown = law.objects[0], f"{value:.3g}"
-                raise CommonlawError(
-                    "estimate-out-of-bounds", name=owner, parameter=name, value=shown, bound=bound.text
-                )
-            result.append((bound, end))
-    return result
-
-
-def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
-    """Return that a coefficient is at its bound, with the interval on the other side.
-
-    That has 95 % of the normal distribution about the estimate without the bound, as far as it is within.
-    """
-    from scipy.stats import norm
-
-    parameters = named_parameters(law)
-    index = parameters.names.index(bound.name)
-    value, error = (float(numbers[0, index]) for numbers in (parameters.values, parameters.errors))
-    side = 1 if end == bound.low else -1
-    reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if error > 0 else np.nan
-    within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
-    estimate = with_error(value, error)
-    return note(
-        "estimate-at-bound", owner, name=bound.name, end=end, estimate=estimate, within=within, bound=bound.text
     )
 
 

@@ -1,6 +1,6 @@
 """From a model and trials to a law."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import partial
@@ -16,7 +16,7 @@ from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
 from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Bounds, Optimum, maximize
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise, measured_schema
-from commonlaw.law.law import object_index, shares_terms
+from commonlaw.law.law import object_index, of_all_objects, shares_terms
 from commonlaw.law.observation import ALL, OBJECT, TRIAL, Observation, Restrictions, TrialEstimate, by_trial
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import Product, read_equations
@@ -208,12 +208,7 @@ def updated(law: Law, trials: Trials) -> Law:
         guessed[indices] = True
         begun = replace(begun, guessed=guessed, problem=replace(problem, priors=(*others, prior)))
         parts.append(begun.fitted(0, lambda _: None).law(()))
-    coefficients = np.concatenate([part.coefficients for part in parts])
-    support = np.any(coefficients != 0, axis=0)
-    covariance = np.zeros((len(parts), support.sum(), support.sum()))
-    for whole, part in zip(covariance, parts, strict=True):
-        inner = np.flatnonzero(part.support[support])
-        whole[np.ix_(inner, inner)] = part.uncertainty.known_covariance()[0]
+    coefficients, covariance = of_all_objects(parts)
     observations = [part.observation for part in parts if part.observation is not None]
     estimated = tuple(row for part_observation in observations for row in part_observation.estimated)
     likelihood = sum(part_observation.log_likelihood for part_observation in observations)
@@ -783,21 +778,27 @@ def _covariance(
     return result, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
 
 
-def _at_bounds(model: Model, unknowns: Unknowns, bounds: Bounds, optimum: Optimum) -> tuple[Outcome, ...]:
-    """Return which parameters are at a bound, each with the interval on the other side."""
+def estimate_at_bound(
+    where: str, name: str, end: float, is_low: bool, value: float, error: float, bound: str
+) -> Outcome:
+    """Return that a parameter is at an end of its bound, with the 95 % interval on the other side.
+
+    The interval is of the normal distribution about the estimate without the bound, as far as it is within.
+    """
     from scipy.stats import norm
 
-    result = []
+    side = 1 if is_low else -1
+    reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if 0 < error < np.inf else np.nan
+    within = f"; 95 %: {'up' if is_low else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
+    estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
+    return note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=bound)
+
+
+def _at_bounds(model: Model, unknowns: Unknowns, bounds: Bounds, optimum: Optimum) -> Iterator[Outcome]:
+    """Yield which parameters are at a bound."""
     for i in np.flatnonzero(optimum.at_bound):
         name, end = unknowns.names[i], float(optimum.unknowns[i])
         value, error = (float(column[i]) for column in optimum.beyond)
-        side = 1 if end == bounds.low[i] else -1
-        reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if 0 < error < np.inf else np.nan
-        within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
         text = next((bound.text for bound in model.text.bounds if bound.name == name), name)
-        estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
         where = unknowns.labels[i].removeprefix(f"{name} of ") if unknowns.labels[i] != name else ""
-        result.append(
-            note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=text)
-        )
-    return tuple(result)
+        yield estimate_at_bound(where, name, end, end == bounds.low[i], value, error, text)
