@@ -35,8 +35,6 @@ from commonlaw.trials.trial import Start, has_sparse_states, property_names
 
 FREE = "free"
 """The initial value of each trial that the measurements determine."""
-_EXPLAINED = 1e-9
-"""Share of the slopes by a parameter below which those by others, such as initial values, explain them."""
 
 NoiseGiven = float | str | Mapping[str, float]
 """The noise of a quantity: a standard deviation, of all objects or by object, or a property with one for each value."""
@@ -708,7 +706,7 @@ class Fitted:
         )
 
 
-def _differing_trials(fitted: Fitted) -> list[str]:
+def _differing_trials(fitted: Fitted, rounding: float = 1e-9) -> list[str]:
     """Return the objects whose parameters differ between trials, but for initial values and what may differ."""
     begun, optimum, p_values = fitted.begun, fitted.optimum, dict[str, float]()
     shared, names = begun.restrictions.shared, begun.unknowns.names
@@ -725,9 +723,11 @@ def _differing_trials(fitted: Fitted) -> list[str]:
             assert slopes is not None
             rows = np.column_stack([slopes[:, used], slopes[:, used] @ optimum.unknowns[used] - residuals])
             basis, sizes, _ = np.linalg.svd(slopes[:, free], full_matrices=False)
-            basis = basis[:, sizes > _EXPLAINED * sizes.max(initial=0.0)]
-            rest = rows - basis @ (basis.T @ rows)
-            rest *= np.linalg.norm(rest, axis=0) > _EXPLAINED * np.linalg.norm(rows, axis=0)
+            basis = basis[:, sizes > rounding * sizes.max(initial=0.0)]
+            rest = rows - basis @ (
+                basis.T @ rows
+            )  # Slopes that those by others, such as initial values, do not explain
+            rest *= np.linalg.norm(rest, axis=0) > rounding * np.linalg.norm(rows, axis=0)
             factors.append(np.asarray(np.linalg.qr(rest, mode="r")))
             measurements += len(rows) - basis.shape[1]
         if factors:

@@ -15,10 +15,6 @@ from commonlaw.integration.vector_field import Inputs
 from commonlaw.library.grammar import columns_in
 from commonlaw.trials import Trial
 
-_TINY = 1e-300
-_FIXED = 1e-6
-"""Standard deviation of what a prior fixes, in its size."""
-
 
 @dataclass(frozen=True, eq=False)
 class TrialData:
@@ -102,12 +98,15 @@ class NormalPrior:
         return cls(np.array([index]), np.array([mean]), np.array([[1 / std]]))
 
     @classmethod
-    def joint(cls, indices: Sequence[int], mean: Floats, covariance: Floats) -> "NormalPrior":
-        """Return the prior of some unknowns; what the covariance fixes keeps to it to rounding."""
-        sizes = np.sqrt(np.diagonal(covariance)) + np.abs(mean) * _FIXED
+    def joint(cls, indices: Sequence[int], mean: Floats, covariance: Floats, least: float = 1e-6) -> "NormalPrior":
+        """Return the prior of some unknowns; what the covariance fixes has the least standard deviation, in its size.
+
+        The prior then keeps it to rounding.
+        """
+        sizes = np.sqrt(np.diagonal(covariance)) + np.abs(mean) * least
         sizes = np.where(sizes > 0, sizes, 1.0)
         values, vectors = np.linalg.eigh(covariance / sizes / sizes[:, np.newaxis])
-        root = (vectors / np.sqrt(np.maximum(values, _FIXED**2))).T / sizes
+        root = (vectors / np.sqrt(np.maximum(values, least**2))).T / sizes
         return cls(np.array(indices, dtype=np.int64), mean, root)
 
     def residuals(self, unknowns: Floats) -> Floats:
@@ -211,7 +210,7 @@ class Problem:
             for _ in range(200):
                 point = model.point(result[np.newaxis], inputs, times, parameters)
                 rates, jacobian = model.rates.evaluate(point)[0, steady], model.rates.jacobian(point)[0, steady]
-                speed = float(np.max(np.abs(rates) / sizes)) or _TINY
+                speed = float(np.max(np.abs(rates) / sizes)) or np.finfo(np.float64).tiny
                 step, last = step * min(10.0, max(last / speed, 0.1)) if np.isfinite(step) else 1 / speed, speed
                 try:
                     change = np.linalg.solve(np.eye(len(steady)) / step - jacobian[:, steady], rates)
@@ -311,7 +310,7 @@ class Problem:
             under = np.isfinite(trial.below)
             if under.any():
                 z = ((trial.below - predicted.values) / std)[under]
-                root = np.sqrt(np.maximum(-2 * log_ndtr(z), _TINY))
+                root = np.sqrt(np.maximum(-2 * log_ndtr(z), np.finfo(np.float64).tiny))
                 parts.append(root)
                 if predicted.slopes is not None:
                     rows.append((predicted.slopes / std[:, :, np.newaxis])[under] * (_mills(z) / root)[:, np.newaxis])

@@ -13,12 +13,11 @@ from commonlaw.law.alignment import matched, measured_schema
 from commonlaw.law.law import only_object, shares_terms
 from commonlaw.law.observation import OBJECT, TRIAL, Restrictions, by_trial
 from commonlaw.law.parameters import named_parameters
+from commonlaw.law.quantiles import two_sided
 from commonlaw.trials import Trials
 
 _STEPS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0)
 """Distances from the estimate at which the profile is computed, in standard errors."""
-_QUANTILE, _ENOUGH = 3.841, 7.0
-"""The 95 % quantile of chi-squared with one degree of freedom, and where a profile ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +45,19 @@ class Profile:
     @property
     def interval(self) -> tuple[float, float]:
         """The ends of the 95 % interval, where the deviance is 3.84; infinite where the profile stays below."""
-        ends = []
-        middle = int(np.argmin(self.deviance))
+        ends, middle, quantile = [], int(np.argmin(self.deviance)), float(two_sided(0.95)) ** 2
         for values, deviance, far in (
             (self.values[middle::-1], self.deviance[middle::-1], -np.inf),
             (self.values[middle:], self.deviance[middle:], np.inf),
         ):
-            above = np.flatnonzero(deviance > _QUANTILE)
+            above = np.flatnonzero(deviance > quantile)
             if not len(above):
                 ends.append(far)
                 continue
             # Roots of deviances are nearly straight lines
             last = int(above[0])
             roots = np.sqrt(np.maximum(deviance[last - 1 : last + 1], 0.0))
-            ends.append(float(np.interp(np.sqrt(_QUANTILE), roots, values[last - 1 : last + 1])))
+            ends.append(float(np.interp(np.sqrt(quantile), roots, values[last - 1 : last + 1])))
         return ends[0], ends[1]
 
 
@@ -139,7 +137,7 @@ def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) 
                 break
             at = reached
             points.append((float(at[index]), max(here - cost, 0.0)))
-            if here - cost > _ENOUGH:
+            if here - cost > 7.0:  # Beyond the quantile of 99 %
                 break
     values, deviance = np.array(sorted(points)).T
     return values, deviance, float(best[index]), error

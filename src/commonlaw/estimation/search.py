@@ -15,33 +15,17 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
 
 DRAWS = 128
-"""First values whose likelihood is computed."""
-_IMPROVED, _IMPROVED_WITH_EVENTS = 12, 6
-"""Of these, how many are improved roughly, and then how many to the end."""
-_FINISHED = 4
+"""First values whose likelihood is computed, and values that are tried for one number, or drawn about an estimate."""
+IMPROVED, FINISHED = 12, 4
+"""Of these, how many are improved roughly (half as many with events, which take longer), and then to the end."""
 GROWING_SHARES = (0.2, 0.5, 1.0)
 EVENT_SHARES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 """Of the duration of trials, see `maximize`; the latter for models with events, the first of which may be early."""
-_SPREAD = 2.0
-"""Standard deviation of the logarithm of a first value."""
+SPREAD = 2.0
+"""Standard deviation of the logarithm of a first value, and of values about an estimate in its standard errors."""
 REACH = 16.0
 """How far from its likely size the logarithm of a parameter is looked for."""
-_RESAMPLINGS, _RESAMPLED_SPREAD = 4, 2.0
-"""How often the surroundings of an estimate are sampled in models with events, and how far, in its standard errors."""
-_EVENT_VALUES = 16
-"""Starts with even times and thresholds of events that are improved on whole trials."""
-_SCANNED = 64
-"""Sizes of a parameter in events that are tried, with both signs."""
-_ROUGH_STEPS, _BOUNDED_STEPS, _LM_STEPS = 60, 100, 200
-_HOPELESS = 1.0
-"""How much worse in log-likelihood a start is after its first round that is given up."""
-_ROUGH_NOISE = 0.1
-"""Standard deviation of measurements, in that of all of them, while noise is not known."""
-_ROUGH_TOLERANCE, _MIDDLING_TOLERANCE = 1e-4, 1e-6
-"""Relative errors of steps while parameters are improved roughly, and within bounds; at the end it is the problem's."""
-_EXACT = 1e-12
-"""The least noise of exact measurements, in that to begin with."""
-_TINY = 1e-300
+_TINY = float(np.finfo(np.float64).tiny)
 """In place of zero, whose logarithm and inverse are infinite."""
 
 
@@ -202,7 +186,7 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
 
 
 def _by_levenberg_marquardt(objective: Objective, start: Floats, free: Bools, logarithms: bool = False) -> Floats:
-    scale, steps = (start, _LM_STEPS) if logarithms else (None, _LM_STEPS // 5)
+    scale, steps = (start, 200) if logarithms else (None, 40)
     return minimum(objective, start, free, scale=scale, tolerance=1e-15, steps=steps)[0]
 
 
@@ -213,7 +197,7 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
 
     count = len(sizes)
     draws = qmc.Sobol(2 * count, seed=seed).random(DRAWS) if count else np.zeros((DRAWS, 0))
-    spread = np.exp(_SPREAD * ndtri(np.clip(draws[:, :count], 1e-6, 1 - 1e-6)))
+    spread = np.exp(SPREAD * ndtri(np.clip(draws[:, :count], 1e-6, 1 - 1e-6)))
     negative = (bounds.low < 0) & (draws[:, count:] < 0.2) & (np.arange(DRAWS) % 2 == 1)[:, np.newaxis]
     starts = np.where(guessed, sizes, sizes * spread * np.where(negative, -1.0, 1.0))
     starts[0] = sizes
@@ -225,14 +209,14 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
     return np.asarray(np.where(outside, np.where(both, inner, one), starts))
 
 
-def rough_noise(problem: Problem) -> Floats:
+def rough_noise(problem: Problem, share: float = 0.1) -> Floats:
     """Return noise to begin with where it is not known: a share of how measurements scatter, shape (m,)."""
     values = np.concatenate([trial.trial.states for trial in problem.trials])
     result = np.ones(values.shape[1])
     for k, column in enumerate(values.T):
         seen = column[np.isfinite(column)]
         spread = float(np.std(seen)) if len(seen) > 1 else 0.0
-        result[k] = _ROUGH_NOISE * (spread or float(np.max(np.abs(seen), initial=0.0)) or 1.0)
+        result[k] = share * (spread or float(np.max(np.abs(seen), initial=0.0)) or 1.0)
     return result
 
 
@@ -278,12 +262,12 @@ def maximize(
         names = [problem.model.variables.states[j] for j in problem.model.steady]
         unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
     progress(f"computing the likelihood of {len(starts)} first values")
-    coarse = replace(problem, tolerance=_ROUGH_TOLERANCE)
+    coarse = replace(problem, tolerance=1e-4)
     parts = [coarse if share == 1 else _first(coarse, share) for share in shares]
     costs = np.array([_cost(parts[0], start, noise) for start in starts])
     if not np.isfinite(costs).any():
         raise unsolved
-    improved = _IMPROVED_WITH_EVENTS if problem.events_move else _IMPROVED
+    improved = IMPROVED // 2 if problem.events_move else IMPROVED
     ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: improved if problem.unknowns else 1]
     rough, random = list[tuple[float, Floats]](), np.random.default_rng(seed)
     for i in ranked:
@@ -299,8 +283,9 @@ def maximize(
             near = _resampled(part, point, noise, bounds, random)
             cost, point = min((cost, point), _roughly(part, near, noise, bounds, sizes), key=lambda scored: scored[0])
         rough.append((cost, point))
-    for i, start in enumerate(starts[1 : 2 * _EVENT_VALUES : 2] if spread else ()):
-        progress(f"improving values of events, start {i + 1} of {_EVENT_VALUES}")
+    with_even = starts[1 : DRAWS // 4 : 2] if spread else ()
+    for i, start in enumerate(with_even):
+        progress(f"improving values of events, start {i + 1} of {len(with_even)}")
         rough.append(_roughly(coarse, start, noise, bounds, sizes))
     rough = sorted((attempt for attempt in rough if np.isfinite(attempt[0])), key=lambda attempt: attempt[0])
     if not rough:
@@ -308,14 +293,14 @@ def maximize(
     progress("fitting parameters")
     score, unknowns, ends = np.inf, rough[0][1], list[float]()
     first = noise
-    for _, start in rough[:_FINISHED]:
-        end, values, levels = _finished(problem, start, first, bounds, given, score + _HOPELESS)
+    for _, start in rough[:FINISHED]:
+        end, values, levels = _finished(problem, start, first, bounds, given, score + 1.0)
         ends.append(end)
         if end < score or not np.isfinite(score):
             score, unknowns, noise = end, values, levels
     if not np.isfinite(score):
         raise unsolved
-    for _ in range(_RESAMPLINGS if problem.events_move else 0):
+    for _ in range(FINISHED if problem.events_move else 0):
         start = _resampled(problem, unknowns, noise, bounds, random)
         end, values, levels = _finished(problem, start, noise, bounds, given, np.inf)
         if end < score:
@@ -356,7 +341,7 @@ def _roughly(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, siz
     high = np.where(np.isfinite(most) & (most > 0), np.log(np.maximum(most, _TINY)), high)
     within, free = Bounds(np.minimum(low, high - 1e-6), high), np.ones(len(start), dtype=np.bool_)
     objective = Objective(problem, noise)
-    unknowns, squares = minimum(objective, start, free, within, scale=signs, tolerance=1e-6, steps=_ROUGH_STEPS)
+    unknowns, squares = minimum(objective, start, free, within, scale=signs, tolerance=1e-6, steps=60)
     return squares, unknowns
 
 
@@ -369,7 +354,7 @@ def _scanned(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, siz
 
     point, least = start, _cost(problem, start, noise)
     for k in problem.event_unknowns:
-        values = np.abs(sizes[k]) * np.exp(_SPREAD * ndtri((np.arange(_SCANNED) + 0.5) / _SCANNED))
+        values = np.abs(sizes[k]) * np.exp(SPREAD * ndtri((np.arange(DRAWS // 2) + 0.5) / (DRAWS // 2)))
         values = np.append(values, -values)
         for value in values[(values >= bounds.low[k]) & (values <= bounds.high[k])]:
             moved = np.where(np.arange(len(point)) == k, value, point)
@@ -385,7 +370,7 @@ def _resampled(problem: Problem, point: Floats, noise: Floats, bounds: Bounds, r
     if not np.isfinite(rows).all():
         return point
     scale = np.sqrt(np.sum(rows**2, axis=0)) + _TINY
-    root = _RESAMPLED_SPREAD * np.linalg.pinv(rows / scale, rcond=1e-8).T / scale
+    root = SPREAD * np.linalg.pinv(rows / scale, rcond=1e-8).T / scale
     near = np.clip(point + random.standard_normal((DRAWS, len(rows))) @ root, bounds.low, bounds.high)
     return np.asarray(min(near, key=lambda drawn: _cost(problem, drawn, noise)))
 
@@ -397,7 +382,7 @@ def _finished(
 
     It is infinite where the first round leads to one that is larger than a hopeless one.
     """
-    unknowns, middling = start, replace(problem, tolerance=_MIDDLING_TOLERANCE)
+    unknowns, middling = start, replace(problem, tolerance=1e-6)
     free = np.ones(len(start), dtype=np.bool_)
     unknown = ~problem.known_noise & (problem.counts > 0)
     fixed = given or not unknown.any()
@@ -406,7 +391,7 @@ def _finished(
     once = once and not problem.censored.any()
     for round_ in range(60):
         objective = Objective(middling, noise)
-        unknowns, _ = minimum(objective, unknowns, free, bounds, tolerance=1e-10, steps=_BOUNDED_STEPS)
+        unknowns, _ = minimum(objective, unknowns, free, bounds, tolerance=1e-10, steps=100)
         if round_ == 0 and _score(problem, unknowns, noise, fixed)[0] > hopeless:
             return np.inf, unknowns, noise
         unknowns = _polished(problem, unknowns, noise, bounds)
@@ -421,10 +406,15 @@ def _finished(
 def _score(problem: Problem, unknowns: Floats, noise: Floats, fixed: bool) -> tuple[float, Floats]:
     """Return the negative log-likelihood with priors, and the noise of maximum likelihood."""
     levels = noise if fixed else problem.noise_levels(unknowns, noise)
-    levels = np.maximum(levels, _EXACT * rough_noise(problem))
+    levels = _not_zero(levels, problem)
     priors = sum(0.5 * float(np.sum(prior.residuals(unknowns) ** 2)) for prior in problem.priors)
     score = priors - problem.log_likelihood(unknowns, levels)
     return (float(score) if np.isfinite(score) else np.inf), levels
+
+
+def _not_zero(levels: Floats, problem: Problem) -> Floats:
+    """Return the noise, at least at the size of rounding errors, of exact measurements."""
+    return np.maximum(levels, rough_noise(problem, 1e-13))
 
 
 def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, given: bool, alike: int) -> Optimum:
@@ -432,7 +422,7 @@ def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, 
     log_likelihood = problem.log_likelihood(unknowns, noise)
     at_bound = (unknowns == bounds.low) | (unknowns == bounds.high)
     unbiased = noise if given else problem.noise_levels(unknowns, noise, float((~at_bound).sum()))
-    unbiased = np.maximum(unbiased, _EXACT * rough_noise(problem))
+    unbiased = _not_zero(unbiased, problem)
     rows = problem.information(unknowns, unbiased)
     covariance = np.zeros((len(unknowns), len(unknowns)))
     inner = np.flatnonzero(~at_bound)
@@ -442,7 +432,7 @@ def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, 
         free = np.ones(len(unknowns), dtype=np.bool_)
         beyond = _by_levenberg_marquardt(Objective(problem, unbiased), unknowns, free)
         levels = noise if given else problem.noise_levels(beyond, unbiased, float(len(beyond)))
-        whole = _inverse(problem.information(beyond, np.maximum(levels, _EXACT * rough_noise(problem))))
+        whole = _inverse(problem.information(beyond, _not_zero(levels, problem)))
         errors = np.sqrt(np.maximum(np.diagonal(whole), 0.0))
     return Optimum(unknowns, unbiased, log_likelihood, covariance, at_bound, (beyond, errors), alike)
 
