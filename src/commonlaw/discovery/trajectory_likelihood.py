@@ -34,7 +34,7 @@ from commonlaw.discovery.orders import (
 )
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_pooled_forecasts
-from commonlaw.inference import refine
+from commonlaw.inference import refine, settings
 from commonlaw.inference.result.approximation import (
     choose_deterministic,
     fits_whole_trials,
@@ -56,13 +56,6 @@ from commonlaw.runtime.progress import ProgressCallback, part, silent, unannounc
 from commonlaw.solvers import parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
-
-MAX_TERMS_OF_HIGHER_ORDER = 3
-"""An equation of higher order with more coefficients may be equivalent to one of lower order with richer terms."""
-
-
-_GROUPS, _OBJECTS = 4, 10
-"""Groups of objects of a stream that propose laws, each from another part, and objects in each."""
 
 
 @documented
@@ -120,12 +113,13 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         weighing = {"noise": self.noise, "errors": errors, "huber_threshold": self.huber_threshold}
         alone = replace(self, errors=errors, covariance="likelihood", partial_pooling=False)
         parts = stream.parts or (stream,)
-        some = [parts[i] for i in evenly_spaced(len(parts), _GROUPS)]
+        some = [parts[i] for i in evenly_spaced(len(parts), settings.MAX_WINDOWS)]
         laws = done_in_parts(
             partial(_proposed, alone, structure), some, "seeking laws of groups of objects", part(progress, 0.0, 0.2)
         )
         proposed = {"; ".join(law.structure): law for law in reversed(laws)}
-        what = f"{counted(len(proposed), 'law')} of {counted(len(some), 'group')} of at most {_OBJECTS} objects"
+        groups = f"{counted(len(some), 'group')} of at most {settings.OBJECT_GROUPS[0]} objects"
+        what = f"{counted(len(proposed), 'law')} of {groups}"
         steps = [Step("proposals", what, "terms proposed by a search among few objects")]
         best = next(iter(proposed.values()))
         if len(proposed) > 1:
@@ -146,15 +140,15 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: TrialStream) -> Law:
     """Return the law of the first objects of a part, whose library are its own terms."""
     trials = part.read()
-    some = [trial for name in trials.objects[:_OBJECTS] for trial in trials.of_object(name)]
+    some = [trial for name in trials.objects[: settings.OBJECT_GROUPS[0]] for trial in trials.of_object(name)]
     with unannounced():
         law = method.find(trials.with_trials(some), structure, silent)
     return replace(written_alike(law, law.schema), provenance=law.provenance)
 
 
-def _fitted(law: Law, settings: dict[str, Any], trials: Trials) -> Law:
+def _fitted(law: Law, options: dict[str, Any], trials: Trials) -> Law:
     """Return a law fitted to the objects of a part, each starting from the average coefficients."""
-    return refine(typical(law, trials.objects), trials, **settings, partial_pooling=False, progress=silent)
+    return refine(typical(law, trials.objects), trials, **options, partial_pooling=False, progress=silent)
 
 
 def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possible: Sequence[Sequence[int]]) -> Law:
@@ -212,7 +206,7 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
         is_lower = lowest.total_order < best.total_order
         may_be_lower = is_lower and is_first_order_possible(best.pool.best)
         implied = is_lower and is_implied_by_lower_order(best.pool)
-        if best.is_simple and not implied and not (may_be_lower and best.most_terms > MAX_TERMS_OF_HIGHER_ORDER):
+        if best.is_simple and not implied and not (may_be_lower and best.most_terms > settings.MAX_TERMS_OF_SIMPLE_LAW):
             break
         chosen = lowest if implied or may_be_lower else waiting[0]
         waiting = [candidate for candidate in waiting if candidate is not chosen]

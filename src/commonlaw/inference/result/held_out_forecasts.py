@@ -59,8 +59,8 @@ class StandardizedErrors:
         return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(settings.LEVEL)))
 
 
-def interval_inflation(found: Sequence[StandardizedErrors]) -> IntervalInflation | None:
-    """Return the factors by which intervals are inflated at each horizon; None if nothing was forecast.
+def interval_inflation(found: Sequence[StandardizedErrors], horizons: int = 6) -> IntervalInflation | None:
+    """Return the factors by which intervals are inflated at evenly spaced horizons; None if nothing was forecast.
 
     With enough held-out trials, the factor is the conformal quantile of the errors near a horizon at the level
     L (1 + 1/n), which covers one more of n exchangeable observations (Lei et al. 2018). Here n is the effective sample
@@ -72,14 +72,14 @@ def interval_inflation(found: Sequence[StandardizedErrors]) -> IntervalInflation
     longest = max((float(errors.ahead.max()) for errors in found if len(errors.ahead)), default=0.0)
     if not longest > 0:
         return None
-    horizons, factors, width = [], [], longest / settings.HORIZONS
-    for middle in width * (np.arange(settings.HORIZONS) + 0.5):
+    middles, factors, width = [], [], longest / horizons
+    for middle in width * (np.arange(horizons) + 0.5):
         near = [errors.sizes[abs(errors.ahead - middle) <= width] for errors in found]
         trials = [known for errors in near if len(known := errors[np.isfinite(errors)])]
         if trials:
-            horizons.append(middle)
+            middles.append(middle)
             factors.append(_factor(trials))
-    return IntervalInflation(np.array(horizons), np.maximum.accumulate(factors)) if factors else None
+    return IntervalInflation(np.array(middles), np.maximum.accumulate(factors)) if factors else None
 
 
 def _factor(trials: Sequence[Floats]) -> float:
@@ -160,7 +160,7 @@ def _folds(trials: Trials, both_ways: bool) -> Iterator[tuple[list[Trial], LeftO
                 [([trial.cut(half) for trial, half in whole], None)],
             )
         return
-    for fold in range(min(settings.MAX_FOLDS, max(map(len, repeated)))):
+    for fold in range(min(settings.MAX_WINDOWS, max(map(len, repeated)))):
         left_out = [group[fold] for group in repeated if fold < len(group)]
         rest = [trial for group in groups for trial in group if not any(trial is held_out for held_out in left_out)]
         yield rest, [(left_out, None)]
