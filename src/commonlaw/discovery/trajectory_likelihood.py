@@ -19,6 +19,7 @@ A candidate is the `Pool` of the fits of one order. This is all that is chosen, 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import Any, ClassVar
 
 from commonlaw.array_types import evenly_spaced
@@ -86,25 +87,17 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         object.__setattr__(self, "solver", solver)
 
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        check_supported(self, trials, structure)
         if isinstance(trials, TrialStream):
             return self._of_parts(trials, structure, progress)
-        orders = order_of_each(structure.order, len(trials.schema.states))
-        return self.find_order(trials, structure, [(order,) for order in orders], progress)
-
-    def find_order(
-        self, trials: Trials, structure: ModelStructure, possible: Sequence[Sequence[int]], progress: ProgressCallback
-    ) -> Law:
-        """Return the law of largest evidence among those of several orders, see `law_of_best_order`."""
-        check_supported(self, trials, structure)
         with threads(self.n_jobs):
-            return law_of_best_order(CandidateSearch(trials, self, progress), structure, possible)
+            return law_of_best_order(CandidateSearch(trials, self, progress), structure)
 
     def _of_parts(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the law of a stream: proposed by groups of objects, chosen by its evidence over all, fitted to each.
 
         Parts return only laws, evidences and coefficients; they are fitted under white noise by default.
         """
-        check_supported(self, stream, structure)
         nonlinear = structure.parametric(stream.schema) or structure.ratios(stream.schema)
         if nonlinear or self.latent_states:
             what = "latent_states=1" if self.latent_states else "a term with nonlinear parameters"
@@ -151,16 +144,17 @@ def _fitted(law: Law, options: dict[str, Any], trials: Trials) -> Law:
     return refine(typical(law, trials.objects), trials, **options, partial_pooling=False, progress=silent)
 
 
-def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possible: Sequence[Sequence[int]]) -> Law:
+def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law:
     """Return the law of largest evidence among those of several orders with equal prior probabilities.
 
     Higher orders are tried if the best plain law of the lowest order has a lack of fit or many coefficients, and richer
     terms if the best plain law has. All laws have white noise if the residuals of the best are white; else each has the
-    error model of its largest evidence. `possible` has the orders of each state. An order is left out if no law can be
-    fitted.
+    error model of its largest evidence. An order is left out if no law can be fitted.
 
     Raises `CommonlawError` if no law of any order can be fitted: the last reason.
     """
+    orders = order_of_each(structure.order, len(search.trials.schema.states))
+    possible = structure.possible or tuple((order,) for order in orders)
     several = any(len(orders) > 1 for orders in possible)
     lowest = one_order([orders[0] for orders in possible])
 
@@ -198,8 +192,8 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
     The best law comes first; but that of the lowest order if it implies the best law, or if rates may be a function of
     the states.
     """
-    candidates = [(attempt_each(search.with_first_offer, [candidate])[0] or [candidate])[0] for candidate in candidates]
-    waiting, done = sorted(candidates), list[Candidate]()
+    offered = [attempt_each(search.with_first_offer, [candidate])[0] or [candidate] for candidate in candidates]
+    waiting, done = sorted(chain.from_iterable(offered)), list[Candidate]()
     while waiting:
         best = min([*done, *waiting])
         lowest = min(waiting, key=lambda candidate: candidate.total_order)
