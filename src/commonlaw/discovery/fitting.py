@@ -15,7 +15,8 @@ from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.fitting import InitialGiven, begin, check_white, estimate_at_bound
+from commonlaw.estimation.beginning import InitialGiven, begin
+from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -345,18 +346,13 @@ def _of_model(
         tried = [between.replace("auto", trials.schema.input_interpolation)]
     else:
         tried = ["linear", *(interpolation for interpolation in BETWEEN if interpolation != "linear")]
-    laws = [
-        begin(
-            text,
-            replace(trials, schema=replace(trials.schema, input_interpolation=interpolation)),
-            **given | {"initial_values": given["initial_values"] or {}},
-            log_states=settings.get("log_states") or (),
-            noise=settings.get("noise"),
-        )
-        .fitted(settings.get("seed", 0), settings.get("progress") or on_terminal())
-        .law(calls)
-        for interpolation in tried
-    ]
+    noise, log_states = settings.get("noise"), settings.get("log_states") or ()
+    given, laws = given | {"initial_values": given["initial_values"] or {}}, list[Law]()
+    for interpolation in tried:
+        interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
+        begun = begin(text, interpolated, **given, log_states=log_states, noise=noise)
+        fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
+        laws.append(fitted.law(calls))
     likelihoods = np.array([law.observation.log_likelihood for law in laws if law.observation is not None])
     gains = 2 * (likelihoods - likelihoods[0])
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0

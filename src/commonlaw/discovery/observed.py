@@ -19,7 +19,8 @@ from commonlaw.differentiation import SmoothingSpline, noise_level
 from commonlaw.discovery.known_physics import Base, with_base
 from commonlaw.discovery.method import ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation.fitting import Beginning, begin
+from commonlaw.estimation.beginning import Beginning, begin
+from commonlaw.estimation.fitting import fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import TrialData
 from commonlaw.estimation.search import FINISHED, IMPROVED, first_values
@@ -363,7 +364,7 @@ def discover_observed(
             text = ModelText.of(equations, observe)
             whole = begin(text, trials, {}, shared=dict.fromkeys(shared, ALL), noise=noise)
             whole = replace(whole, first=np.array([first[label] for label in whole.unknowns.labels]))
-            law = whole.fitted(seed, progress, draws=1).law(calls)
+            law = fit_model(whole, seed, progress, draws=1).law(calls)
         except CommonlawError as error:
             refused.append(error)
             continue

@@ -6,7 +6,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation.fitting import Beginning, beginning_of
+from commonlaw.estimation.beginning import Beginning, beginning_of
 from commonlaw.estimation.search import Objective, minimum
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, measured_schema
