@@ -28,7 +28,7 @@ from commonlaw.formulation.weak import CompactTestFunctions, corner_radius
 from commonlaw.inference.settings import MAX_ITERATIONS, MAX_KEPT, SAME_DEVIANCE, VERY_STRONG
 from commonlaw.law import Law, Step
 from commonlaw.law.observation import ALL
-from commonlaw.law.text import free_parameter_names
+from commonlaw.law.text import Addend, free_parameter_names, written_equations
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.progress import ProgressCallback
@@ -403,17 +403,16 @@ def _equations(
     names = [quoted(name) for name in variables.names]
     used = (*variables.names, *begun.model.parameters, *trials.schema.states, *property_names(trials.properties))
     parameters = free_parameter_names(int(support.sum()), used)
-    coefficients, rates = search.fitted(p, support)[1][:, support], dict[int, str]()
-    signs, states = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0), search.model.schema.states
-    numbers, sides = [f"{abs(number)!r}" for number in fixed.tolist()], np.where(fixed < 0, -1.0, 1.0)
+    coefficients, states = search.fitted(p, support)[1][:, support], search.model.schema.states
+    signs = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0)
+    numbers, is_negative = [f"{abs(number)!r}" for number in fixed.tolist()], fixed < 0
     for place, parameter, sign in zip(np.flatnonzero(support).tolist(), parameters, signs, strict=True):
-        numbers[place], sides[place] = parameter, sign
+        numbers[place], is_negative[place] = parameter, sign < 0
+    rows: list[list[Addend]] = [[] for _ in states]
     for place in np.flatnonzero(support | (fixed != 0)).tolist():
         j, term = divmod(place, len(search.terms))
-        before = rates.get(j, "")
-        joint = ("-" if sides[place] < 0 else "") if not before else " - " if sides[place] < 0 else " + "
-        rates[j] = f"{before}{joint}{numbers[place]} {search.terms.terms[term].text(names)}"
-    text = "; ".join(f"{quoted(name)}' = {rates.get(j, '0')}" for j, name in enumerate(states))
+        rows[j].append(Addend(bool(is_negative[place]), numbers[place], search.terms.terms[term].text(names)))
+    text = "; ".join(written_equations([f"{quoted(name)}'" for name in states], rows))
     first = dict(zip(shared, p.tolist(), strict=True))
     for owner, values in zip(trials.objects, signs * coefficients, strict=True):
         for parameter, value in zip(parameters, values.tolist(), strict=True):
