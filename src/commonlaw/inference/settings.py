@@ -114,7 +114,7 @@ MAX_RELATIVE_DIFFERENCE = 0.2
 STRONG = 6.0
 """2 log B from which evidence is strong (Kass and Raftery 1995)."""
 MIN_PROBABILITY = 0.01
-"""Posterior probability of a model that is kept, and of differences by chance from which these are reported."""
+"""Posterior probability of a model that is kept."""
 MAX_MODELS = 12
 """Models that are kept besides the best, and fitted in vain before a search ends."""
 MAX_PROPOSED = 4
@@ -146,8 +146,6 @@ MAX_MESH_POINTS = (4, 8, 64)
 """Points for each sampling step: with a random walk, in a search, and of the estimate that is reported."""
 MAX_MESH_CHANGE = 1.0
 """Change of twice the log-likelihood on a finer mesh that is negligible compared with that by a term."""
-MAX_PREDICTED_DECREASE = 4.0
-"""Predicted decrease of minus twice the log-likelihood, for each object, of a converged fit."""
 MIN_GAIN = 0.1
 """Twice the log-likelihood (for each object) that a further fit gains, and that one of a latent state may be short of
 its maximum."""
@@ -172,7 +170,8 @@ LEVEL_MEASUREMENTS = 300
 
 # Estimates
 SIGNIFICANT = 2.0
-"""Standard errors from which on a coefficient differs from zero, or a forecast error from its prediction."""
+"""Standard errors from which on a coefficient differs from zero or from its optimum, a forecast error from its
+prediction, and an initial value from zero."""
 PRIOR_OBSERVATIONS = 2.0
 """Prior observations of a first estimate: of the noise, and of predicted forecast errors."""
 MAX_DEVIANCE_RATIO = 1.2
