@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools
 from commonlaw.diagnostics import marked
+from commonlaw.discovery.known_physics import known_coefficients
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
@@ -52,7 +53,6 @@ from commonlaw.runtime.progress import ProgressCallback, on_terminal, silent
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.transformations import (
-    number_of,
     objects_at_rest,
     outcome_of_rest,
     with_doses,
@@ -496,7 +496,7 @@ def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> 
 
     They have the signs of the text.
     """
-    known = _known(given, trials)
+    known = known_coefficients(given, trials)
     signs = np.ones(known.shape[1:])
     for product in given.products:
         signs[product.equation, product.term] = np.sign(product.factor)
@@ -512,26 +512,12 @@ def _unit_uncertainty(free: Bools) -> Uncertainty:
     return Uncertainty(free[:, :, np.newaxis] * np.eye(free.shape[1]))
 
 
-def _known(given: GivenEquations, trials: Trials) -> Floats:
-    """Return coefficients that are known, shape (objects, equations, terms), NaN where one is to be found.
-
-    They are numbers, or the objects' properties.
-    """
-    result, properties = np.tile(given.known, (len(trials.objects), 1, 1)), property_names(trials.properties)
-    for product in given.products:
-        names = [name for name, _ in product.coefficients]
-        if names and all(name in properties for name in names):
-            values = {name: np.array([number_of(name, owner, trials) for owner in trials.objects]) for name in names}
-            result[:, product.equation, product.term] = product.value(values)
-    return result
-
-
 def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:
     """Return the law in discrete time whose coefficients are those of least squares."""
     taken = ("n_jobs", "progress")
     if refused := ", ".join(name for name in changed_settings("fit", settings) if name not in taken):
         raise CommonlawError("discrete-without-option", refused=refused)
-    names, terms, values = given.terms.variables.names, given.terms.terms, _known(given, trials)
+    names, terms, values = given.terms.variables.names, given.terms.terms, known_coefficients(given, trials)
     functions = given.terms.variables.functions
     library = ExpressionLibrary(*(term.expression(names) for term in terms), functions=functions)
     known: Known = {
