@@ -25,7 +25,13 @@ from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import TrialData
 from commonlaw.estimation.search import FINISHED, IMPROVED, first_values
 from commonlaw.formulation.weak import CompactTestFunctions, corner_radius
-from commonlaw.inference.settings import MAX_ITERATIONS, MAX_KEPT, SAME_DEVIANCE, VERY_STRONG
+from commonlaw.inference.settings import (
+    MAX_ITERATIONS,
+    MAX_KEPT,
+    MAX_REDUCED_CHI_SQUARED,
+    SAME_DEVIANCE,
+    VERY_STRONG,
+)
 from commonlaw.law import Law, Step
 from commonlaw.law.observation import ALL
 from commonlaw.law.text import Addend, free_parameter_names, written_equations
@@ -35,8 +41,6 @@ from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import property_names
 
-_LACK_OF_FIT = 1.5
-"""Sum of squares with all terms, in its degrees of freedom, from which on terms are missing."""
 _SHORTEST = 15
 """Samples in the shortest trial."""
 
@@ -349,9 +353,9 @@ def discover_observed(
         if not any(search.whiten(start) for start in starts):
             raise CommonlawError("observation-not-invertible", observations=[f"{k} = {v}" for k, v in observe.items()])
         ends = search.ends(_apart(sorted(starts, key=search.steps))[:IMPROVED])
-        if search.scale >= _LACK_OF_FIT:  # The first parameters may be far from the library's laws
+        if search.scale >= MAX_REDUCED_CHI_SQUARED:  # The first parameters may be far from the library's laws
             ends = search.ends(ends)
-        if search.scale < _LACK_OF_FIT:
+        if search.scale < MAX_REDUCED_CHI_SQUARED:
             break
     candidates = search.candidates(ends)
     worst = candidates[0].score + 2 * VERY_STRONG

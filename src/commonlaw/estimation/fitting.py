@@ -10,10 +10,9 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation.noise import noise_level
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.beginning import Beginning, Unknowns, beginning_of
-from commonlaw.estimation.model import Model
+from commonlaw.estimation.beginning import Beginning, beginning_of
 from commonlaw.estimation.problem import NormalPrior
-from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Bounds, Optimum, maximize
+from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Optimum, maximize
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import object_index, of_all_objects
@@ -209,11 +208,11 @@ class Fitted:
         known = np.nan_to_num(np.pad(given.known, ((0, 0), (0, len(extra)))))
         coefficients = np.tile(known, (len(trials.objects), 1, 1))
         for owner, whole in zip(trials.objects, coefficients, strict=True):
-            values = _values(model, unknowns, optimum.unknowns, trials, owner)
+            values = self._values(owner)
             for product in products:
                 whole[product.equation, product.term] = float(product.value(values))
         support = np.any(coefficients != 0, axis=0)
-        covariance, shared = _covariance(model, trials, unknowns, optimum, products, support)
+        covariance, shared = self._covariance(products, support)
         levels = optimum.noise.copy()
         for k in np.flatnonzero(problem.known_noise):  # Where each measurement has its own, the median
             of_each = np.concatenate([(data.trial.std(levels) / data.trial.averaging)[:, k] for data in problem.trials])
@@ -238,12 +237,11 @@ class Fitted:
             for k in [*np.array(parameter, dtype=int)[apart].tolist(), *indices]
             if k >= 0
         )
-        initial = dict(model.text.initial)
         schema = replace(trials.schema, logarithmic=begun.logarithmic)
         observation = Observation(
             schema,
             dict(model.text.observed),
-            initial,
+            dict(model.text.initial),
             begun.start,
             noise,
             sizes,
@@ -268,16 +266,8 @@ class Fitted:
                 f"{optimum.starts_alike} of the best starts end there",
             ),
         )
-        vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
-        names = [unknowns.labels[i] for i in vague[:8]]
-        limitless = (note("parameters-without-limits", parameters=names),) if names else ()
         provenance = Provenance(
-            outcomes=(
-                *_at_bounds(model, unknowns, begun.bounds, optimum),
-                *limitless,
-                *((note("residuals-exceed-noise", residuals=self.lack_of_fit),) if self.lack_of_fit else ()),
-                *((note("trials-differ", objects=shown(differing)),) if (differing := _differing_trials(self)) else ()),
-            ),
+            outcomes=tuple(self._outcomes()),
             history=steps,
             equations=given.texts,
             calls=calls,
@@ -295,6 +285,65 @@ class Fitted:
             properties=properties,
             observation=observation,
         )
+
+    def _outcomes(self) -> Iterator[Outcome]:
+        """Yield notes on parameters at bounds or without limits, and on what the model does not fit."""
+        begun, optimum, labels = self.begun, self.optimum, self.begun.unknowns.labels
+        for i in np.flatnonzero(optimum.at_bound):
+            name, end = begun.unknowns.names[i], float(optimum.unknowns[i])
+            value, error = (float(column[i]) for column in optimum.beyond)
+            text = next((bound.text for bound in begun.model.text.bounds if bound.name == name), name)
+            where = labels[i].removeprefix(f"{name} of ") if labels[i] != name else ""
+            yield estimate_at_bound(where, name, end, end == begun.bounds.low[i], value, error, text)
+        errors = np.sqrt(np.diagonal(optimum.covariance))
+        vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
+        if len(vague):
+            yield note("parameters-without-limits", parameters=[labels[i] for i in vague[:8]])
+        if self.lack_of_fit:
+            yield note("residuals-exceed-noise", residuals=self.lack_of_fit)
+        if differing := _differing_trials(self):
+            yield note("trials-differ", objects=shown(differing))
+
+    def _values(self, owner: str) -> dict[str, Floats]:
+        """Return the value of each parameter of an object, the mean over its trials."""
+        shares, known = self.begun.unknowns.means(self.begun.trials, owner)
+        values = shares @ self.optimum.unknowns + known
+        return dict(zip(self.begun.model.parameters, map(np.asarray, values), strict=True))
+
+    def _covariance(self, products: Sequence[Product], support: Bools) -> tuple[Floats, Floats | None]:
+        """Return the covariance of each object's coefficients, and the factor of that between objects.
+
+        Given what objects share they are independent: with the shared unknowns s of covariance S, Cov(a, b) = A S B'
+        for A = Cov(a, s) inv(S).
+        """
+        model, trials, unknowns, optimum = self.begun.model, self.begun.trials, self.begun.unknowns, self.optimum
+        place = {(j, k): i for i, (j, k) in enumerate(np.argwhere(support).tolist())}
+        size, covariance = int(support.sum()), optimum.covariance
+        means = {owner: unknowns.means(trials, owner)[0] for owner in trials.objects}
+        uses = np.sum([mean.any(axis=0) for mean in means.values()], axis=0)
+        shared = np.flatnonzero((uses > 1) & ~optimum.at_bound)
+        result, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
+        std = np.sqrt(np.diagonal(covariance)[shared])
+        std = np.where(std > 0, std, 1.0)
+        # Of nearly collinear unknowns the rounded correlations are hardly positive definite
+        correlations = covariance[np.ix_(shared, shared)] / std / std[:, np.newaxis] + 1e-13 * np.eye(len(shared))
+        root = std[:, np.newaxis] * np.linalg.cholesky(correlations)
+        for i, owner in enumerate(trials.objects):
+            values = self._values(owner)
+            slopes = np.zeros((size, len(model.parameters)))
+            for product in products:
+                for name, power in product.coefficients:
+                    if (product.equation, product.term) in place:
+                        others = product._replace(coefficients=tuple(c for c in product.coefficients if c[0] != name))
+                        outer = float(others.value(values))
+                        slope = outer * power * float(values[name]) ** (power - 1)
+                        slopes[place[product.equation, product.term], model.parameters.index(name)] += slope
+            slopes = slopes @ means[owner]
+            result[i] = slopes @ covariance @ slopes.T
+            if len(shared):
+                half = np.linalg.solve(root, covariance[shared] @ slopes.T)
+                factors.append(half.T)
+        return result, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
 
 
 def _differing_trials(fitted: Fitted, rounding: float = 1e-9) -> list[str]:
@@ -315,58 +364,14 @@ def _differing_trials(fitted: Fitted, rounding: float = 1e-9) -> list[str]:
             rows = np.column_stack([slopes[:, used], slopes[:, used] @ optimum.unknowns[used] - residuals])
             basis, sizes, _ = np.linalg.svd(slopes[:, free], full_matrices=False)
             basis = basis[:, sizes > rounding * sizes.max(initial=0.0)]
-            rest = rows - basis @ (
-                basis.T @ rows
-            )  # Slopes that those by others, such as initial values, do not explain
+            # Slopes that those by others, such as initial values, do not explain
+            rest = rows - basis @ (basis.T @ rows)
             rest *= np.linalg.norm(rest, axis=0) > rounding * np.linalg.norm(rows, axis=0)
             factors.append(np.asarray(np.linalg.qr(rest, mode="r")))
             measurements += len(rows) - basis.shape[1]
         if factors:
             p_values[owner] = heterogeneity_p_value(factors, measurements)
     return [owner for owner, p_value in p_values.items() if p_value < HETEROGENEITY_LEVEL / len(p_values)]
-
-
-def _values(model: Model, unknowns: Unknowns, found: Floats, trials: Trials, owner: str) -> dict[str, Floats]:
-    """Return the value of each parameter of an object, the mean over its trials."""
-    shares, known = unknowns.means(trials, owner)
-    return dict(zip(model.parameters, map(np.asarray, shares @ found + known), strict=True))
-
-
-def _covariance(
-    model: Model, trials: Trials, unknowns: Unknowns, optimum: Optimum, products: Sequence[Product], support: Bools
-) -> tuple[Floats, Floats | None]:
-    """Return the covariance of each object's coefficients, and the factor of that between objects.
-
-    Given what objects share they are independent: with the shared unknowns s of covariance S, Cov(a, b) = A S B' for
-    A = Cov(a, s) inv(S).
-    """
-    place = {(j, k): i for i, (j, k) in enumerate(np.argwhere(support).tolist())}
-    size, covariance = int(support.sum()), optimum.covariance
-    means = {owner: unknowns.means(trials, owner)[0] for owner in trials.objects}
-    uses = np.sum([mean.any(axis=0) for mean in means.values()], axis=0)
-    shared = np.flatnonzero((uses > 1) & ~optimum.at_bound)
-    result, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
-    std = np.sqrt(np.diagonal(covariance)[shared])
-    std = np.where(std > 0, std, 1.0)
-    # Of nearly collinear unknowns the rounded correlations are hardly positive definite
-    correlations = covariance[np.ix_(shared, shared)] / std / std[:, np.newaxis] + 1e-13 * np.eye(len(shared))
-    root = std[:, np.newaxis] * np.linalg.cholesky(correlations)
-    for i, owner in enumerate(trials.objects):
-        values = _values(model, unknowns, optimum.unknowns, trials, owner)
-        slopes = np.zeros((size, len(model.parameters)))
-        for product in products:
-            for name, power in product.coefficients:
-                if (product.equation, product.term) in place:
-                    others = product._replace(coefficients=tuple(c for c in product.coefficients if c[0] != name))
-                    outer = float(others.value(values))
-                    slope = outer * power * float(values[name]) ** (power - 1)
-                    slopes[place[product.equation, product.term], model.parameters.index(name)] += slope
-        slopes = slopes @ means[owner]
-        result[i] = slopes @ covariance @ slopes.T
-        if len(shared):
-            half = np.linalg.solve(root, covariance[shared] @ slopes.T)
-            factors.append(half.T)
-    return result, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
 
 
 def estimate_at_bound(
@@ -383,13 +388,3 @@ def estimate_at_bound(
     within = f"; 95 %: {'up' if is_low else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
     estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
     return note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=bound)
-
-
-def _at_bounds(model: Model, unknowns: Unknowns, bounds: Bounds, optimum: Optimum) -> Iterator[Outcome]:
-    """Yield which parameters are at a bound."""
-    for i in np.flatnonzero(optimum.at_bound):
-        name, end = unknowns.names[i], float(optimum.unknowns[i])
-        value, error = (float(column[i]) for column in optimum.beyond)
-        text = next((bound.text for bound in model.text.bounds if bound.name == name), name)
-        where = unknowns.labels[i].removeprefix(f"{name} of ") if unknowns.labels[i] != name else ""
-        yield estimate_at_bound(where, name, end, end == bounds.low[i], value, error, text)

@@ -59,6 +59,8 @@ MAX_TERMS_OF_SIMPLE_LAW = 3
 """An equation with more coefficients may approximate richer terms, of two numbers or more, or a law of lower order."""
 MAX_TERMS_WITHOUT_LATENT_STATE = 5
 """An equation with more coefficients may lack a latent state."""
+MAX_REDUCED_CHI_SQUARED = 1.5
+"""Sum of squares with all terms, in its degrees of freedom, from which on terms are missing."""
 MAX_SEARCHED_TERMS = 70
 """Candidate terms of an equation that are searched unscreened: beyond, the search takes minutes."""
 MAX_SCREENED_TERMS = 40
