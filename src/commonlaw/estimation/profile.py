@@ -84,22 +84,16 @@ def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | Non
         raise CommonlawError("profile-by-trial", parameter=parameter, by=shared[parameter])
     alone = all(by in (OBJECT, TRIAL) for by in shared.values())
     related = trials.select(object=owner) if alone else trials
-    noise = {} if law.observation is None else law.observation.noise_of
-    begun = beginning_of(law, matched(law, related, observed=True), noise)
+    groups = {} if law.observation is None else law.observation.noise_of
+    begun = beginning_of(law, matched(law, related, observed=True), groups)
     rows = zip(begun.trials, begun.unknowns.parameters, strict=True)
     unknown_indices = next(indices for trial, indices in rows if trial.object == owner)
     index = unknown_indices[begun.model.parameters.index(parameter)]
-    profile = _profile(begun, begun.first, index, _noise(law, begun))
+    noise = law.uncertainty.noise if law.observation is None else law.observation.noise_levels
+    known = None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
+    profile = _profile(begun, begun.first, index, known)
     unit = parameters.units[parameters.names.index(parameter)] or ""
     return Profile(parameter, owner, unit, *profile)
-
-
-def _noise(law: Law, begun: Beginning) -> Floats | None:
-    """Return the standard deviation of each observable, shape (m,), if the law has them."""
-    if law.observation is not None:
-        return law.observation.noise_levels
-    noise = law.uncertainty.noise
-    return None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
 
 
 def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) -> tuple[Floats, Floats, float, float]:
