@@ -40,23 +40,13 @@ class StandardizedErrors:
     """Standardized errors of the forecasts of one trial.
 
     Horizons `ahead` are times since the last sample used for the initial state, shape (n,). Sizes are absolute errors
-    over half widths of the 95 % intervals, `reach`, both of shape (n, states): NaN for missing values, and for all of a
-    forecast without intervals; infinite for all of one that diverges.
+    in standard deviations of the normal distribution with the 95 % intervals, `std`, both of shape (n, states): NaN for
+    missing values, and for all of a forecast without intervals; sizes are infinite for all of one that diverges.
     """
 
     ahead: Floats
     sizes: Floats
-    reach: Floats
-
-    @property
-    def standardized(self) -> Floats:
-        """Absolute errors in standard deviations of the normal distribution with these intervals."""
-        return self.sizes * float(two_sided(settings.LEVEL))
-
-    @property
-    def std(self) -> Floats:
-        """These standard deviations; NaN for missing values."""
-        return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(settings.LEVEL)))
+    std: Floats
 
 
 def interval_inflation(found: Sequence[StandardizedErrors], horizons: int = 6) -> IntervalInflation | None:
@@ -98,8 +88,8 @@ def _factor(trials: Sequence[Floats]) -> float:
         worth = np.clip(
             count * settings.LEVEL * (1 - settings.LEVEL) / max(scatter, np.finfo(float).tiny), count, len(sizes)
         )
-        return max(1.0, quantile(settings.LEVEL * (1 + 1 / worth)))
-    squares = np.array([np.mean(trial**2) for trial in trials]) * float(two_sided(settings.LEVEL)) ** 2
+        return max(1.0, quantile(settings.LEVEL * (1 + 1 / worth)) / float(two_sided(settings.LEVEL)))
+    squares = np.array([np.mean(trial**2) for trial in trials])
     return float(
         np.sqrt(max(1.0, (settings.PRIOR_OBSERVATIONS + squares.sum()) / (settings.PRIOR_OBSERVATIONS + count)))
     )
@@ -196,14 +186,15 @@ def _standardized_errors(
         forecast.horizons,
         strict=True,
     ):
-        middle, half = trajectory.states[:, : low.shape[1]], (high - low) / 2
-        sizes = abs(trial.states - middle) / half
+        middle, std = trajectory.states[:, : low.shape[1]], (high - low) / (2 * float(two_sided(settings.LEVEL)))
+        sizes = abs(trial.states - middle) / std
         if not np.isfinite(middle).all():
             sizes = np.where(np.isnan(trial.states), np.nan, np.inf)
-        elif not np.isfinite(half).all():
+        elif not np.isfinite(std).all():
             sizes = np.full_like(sizes, np.nan)
+        std[np.isnan(sizes)] = np.nan
         later = ahead > 0
-        yield (trial.object, trial.name), StandardizedErrors(ahead[later], sizes[later], half[later])
+        yield (trial.object, trial.name), StandardizedErrors(ahead[later], sizes[later], std[later])
 
 
 def best_forecaster(
@@ -258,7 +249,7 @@ def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
     if any(diverged) if fit.has_process_noise else 2 * sum(diverged) > len(diverged):
         return True
     count = len(fit.problem.trials.objects)
-    finite = [known for error in errors if len(known := error.standardized[np.isfinite(error.sizes)])]
+    finite = [known for error in errors if len(known := error.sizes[np.isfinite(error.sizes)])]
     if min(count, len(finite)) < 2:
         return False
     squares = [np.median(errors_of_trial**2) for errors_of_trial in finite]  # Robust to outliers of the measurements
@@ -279,7 +270,7 @@ def _score(errors: Sequence[StandardizedErrors]) -> float:
     """
     if not all(np.isfinite(error.sizes).any() and not np.isinf(error.sizes).any() for error in errors):
         return -np.inf
-    squares = [float(np.nanmean(error.standardized**2)) for error in errors]
+    squares = [float(np.nanmean(error.sizes**2)) for error in errors]
     widths = [float(np.nanmean(np.log(error.std))) for error in errors]
     scale = max(1.0, float(np.mean(squares)))
     return -sum(widths) - len(errors) * float(np.log(scale)) / 2 - sum(squares) / scale / 2
