@@ -75,9 +75,9 @@ class Objective:
 
     def _compute(self, unknowns: Floats) -> None:
         if self.last is None or not np.array_equal(unknowns, self.last):
-            self.last = unknowns.copy()
             with np.errstate(all="ignore"):
                 self.values, self.slopes = self.problem.residuals(unknowns, self.noise)
+            self.last = unknowns.copy()
 
     def residuals(self, unknowns: Floats) -> Floats:
         self._compute(unknowns)
