@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import commonlaw as cl
 from commonlaw.inference.result import held_out_forecasts
@@ -20,7 +21,7 @@ def trial(ahead: np.ndarray, growth: float, seed: int) -> StandardizedErrors:
 
 
 def errors(ahead: np.ndarray, sizes: np.ndarray) -> StandardizedErrors:
-    return StandardizedErrors(ahead, sizes, np.ones_like(sizes))
+    return StandardizedErrors(ahead, norm.ppf(0.975) * sizes, np.ones_like(sizes))
 
 
 AHEAD = np.linspace(0.05, 6.0, 30)

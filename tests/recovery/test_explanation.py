@@ -78,6 +78,20 @@ def test_the_gain_counts_independent_residuals_as_a_likelihood_does():
     assert log_likelihood_gain([[small]], [[large]]) == pytest.approx(expected)
 
 
+def test_the_effective_sample_size_is_that_of_the_formula():
+    residuals = np.random.default_rng(4).standard_normal(30).cumsum() + 2.0
+    count, total, squares = len(residuals), sum(x * x for x in residuals), 0.0
+    for lag in range(1, count):
+        correlation = sum(residuals[i] * residuals[i + lag] for i in range(count - lag)) / total
+        if correlation <= 0:
+            break
+        squares += correlation**2
+    assert lag < count - 1
+    assert effective_count(residuals) == pytest.approx(count / (1 + 2 * squares), rel=1e-12)
+    assert effective_count(np.array([2.0, 1.0, 0.5])) == pytest.approx(3 / (1 + 2 * (2.5**2 + 1) / 5.25**2))
+    assert effective_count(np.zeros(7)) == 7
+
+
 def test_autocorrelated_residuals_count_as_the_variance_of_their_mean_square_says():
     kept, generator = 0.9, np.random.default_rng(2)
     series = np.zeros((400, 500))

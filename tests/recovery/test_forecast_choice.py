@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import commonlaw as cl
 from commonlaw.inference.result import held_out_forecasts
@@ -61,7 +62,8 @@ def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(se
 
 
 def errors(sizes: np.ndarray, reach: float) -> StandardizedErrors:
-    return StandardizedErrors(np.arange(1.0, len(sizes) + 1), sizes[:, np.newaxis], np.full((len(sizes), 1), reach))
+    half, ahead = norm.ppf(0.975), np.arange(1.0, len(sizes) + 1)
+    return StandardizedErrors(ahead, half * sizes[:, np.newaxis], np.full((len(sizes), 1), reach / half))
 
 
 def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():

@@ -26,6 +26,7 @@ from commonlaw.law import (
     to_latex,
 )
 from commonlaw.law.deprecated import DEPRECATED
+from commonlaw.law.objects import of_all_objects
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.tables import readable
 from commonlaw.law.text import latex_with_error, with_error
@@ -384,3 +385,17 @@ def test_the_covariance_of_parameters_is_that_of_their_standard_errors(drag):
         covariance = drag.cov_params(name)
         assert covariance.index.tolist() == covariance.columns.tolist() == [*named_parameters(drag).names]
         np.testing.assert_allclose(np.sqrt(np.diag(covariance)), named_parameters(drag).errors[i])
+
+
+def test_laws_of_several_objects_join_where_each_has_its_terms():
+    both = Law.from_text("x' = a + b x", {"a": {"A": 1.0, "B": 2.0}, "b": {"A": -0.5, "B": -0.25}})
+    without = Law.from_text("x' = a + b x", {"a": {"C": 3.0}, "b": {"C": 0.0}})
+    assert without.support.sum() == 1
+    matrices = np.array([[[4.0, 1.0], [1.0, 2.0]], [[5.0, -1.0], [-1.0, 3.0]]])
+    laws = [
+        replace(both, uncertainty=Uncertainty(matrices)),
+        replace(without, uncertainty=Uncertainty(np.array([[[0.09]]]))),
+    ]
+    coefficients, covariance = of_all_objects(laws)
+    assert coefficients[:, 0].tolist() == [[1.0, -0.5], [2.0, -0.25], [3.0, 0.0]]
+    assert covariance.tolist() == [*matrices.tolist(), [[0.09, 0.0], [0.0, 0.0]]]

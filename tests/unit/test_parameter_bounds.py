@@ -43,6 +43,16 @@ def test_a_parameter_keeps_to_narrow_bounds(ends):
         assert with_error(found.x[0], error) in notes[0]
 
 
+class Linear:
+    """Residuals ``matrix @ unknowns - target`` in place of those of a model."""
+
+    def __init__(self, matrix, target):
+        self.matrix, self.target = matrix, target
+
+    def residuals(self, unknowns, noise, slopes=True):
+        return self.matrix @ unknowns - self.target, self.matrix
+
+
 @pytest.mark.parametrize("seed", [245, 838, 2275])
 def test_parameters_that_logarithms_drive_to_zero_come_back(seed):
     source = np.random.default_rng(seed)
@@ -50,13 +60,26 @@ def test_parameters_that_logarithms_drive_to_zero_come_back(seed):
     matrix, target = source.normal(size=(size + 1, size)).round(1), (3 * source.normal(size=size + 1)).round(1)
     start, near = source.uniform(0, 3, size), source.random(size) < 0.5
     start = np.where(near, np.where(source.random(size) < 0.5, 1e-4, 3 - 1e-4), start)
-
-    class Linear:
-        def residuals(self, unknowns, noise, slopes=True):
-            return matrix @ unknowns - target, matrix
-
-    found = _polished(Linear(), start, np.ones(1), Bounds(np.zeros(size), np.full(size, 3.0)))
+    found = _polished(Linear(matrix, target), start, np.ones(1), Bounds(np.zeros(size), np.full(size, 3.0)))
     assert found == pytest.approx(lsq_linear(matrix, target, (0, 3), tol=1e-14, method="bvls").x, abs=1e-6)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5])
+def test_the_optimum_within_bounds_is_that_of_an_active_set(size):
+    active = set()
+    for seed in range(12):
+        source = np.random.default_rng([size, seed])
+        matrix, target = source.normal(size=(size + 2, size)), 3 * source.normal(size=size + 2)
+        low = source.uniform(-1, 0.5, size)
+        high = low + source.uniform(0.1, 2, size)
+        best = lsq_linear(matrix, target, (low, high), tol=1e-14, method="bvls")
+        start = source.uniform(low, high)
+        found = _polished(Linear(matrix, target), start, np.ones(1), Bounds(low, high))
+        assert found == pytest.approx(best.x, abs=1e-6)
+        assert np.array_equal(found == low, best.active_mask == -1)  # Exactly there, as `at_bound` compares
+        assert np.array_equal(found == high, best.active_mask == 1)
+        active |= {*best.active_mask.tolist()}
+    assert active == {-1, 0, 1}
 
 
 def test_a_law_with_a_parameter_at_a_bound_of_zero_is_printed():

@@ -13,7 +13,7 @@ from commonlaw.array_types import Floats, Indices
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.fitting import Beginning, begin
+from commonlaw.estimation.beginning import Beginning, begin
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.law.models import named_models

@@ -11,7 +11,7 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.fitting import InitialGiven
+from commonlaw.estimation.beginning import InitialGiven
 from commonlaw.estimation.model import ModelText
 from commonlaw.law import Law
 from commonlaw.law.observation import ALL

@@ -11,6 +11,7 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.discovery.method import ModelStructure, parsed
 from commonlaw.discovery.regression import DerivativeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.propose.latent_states import drives, with_forcing_step, with_latent_state
@@ -84,10 +85,6 @@ class Screened:
         return replace(self, kept=self.kept | missed) if missed.any() else None
 
 
-MAX_TERMS_OF_SIMPLE_LAW, MAX_TERMS_WITHOUT_LATENT_STATE = 3, 5
-"""An equation with more coefficients may approximate richer terms, of two numbers or more, or a latent state."""
-
-
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """The best law of one order so far, among the screened terms, with its rivals and the steps of its history.
@@ -138,7 +135,7 @@ class Candidate:
     @property
     def has_few_terms(self) -> bool:
         """Whether the law has few coefficients; if it is of higher degree, a third of its plain terms."""
-        most = MAX_TERMS_OF_SIMPLE_LAW
+        most = settings.MAX_TERMS_OF_SIMPLE_LAW
         if self.is_of_higher_degree:  # A truncated series has a third of them
             most = max(most, len(self.pool.best.problem.terms) // 3)
         return not (self.most_terms > most or is_truncated_series(self.pool.best))
@@ -318,8 +315,8 @@ class CandidateSearch:
     def _with_latent_state(self, screened: Screened, pool: Pool, trials: Trials) -> Pool:
         """Return the pool with laws with a latent state, if one is requested or the law may lack one."""
         # With more objects it takes minutes; with one trial a latent state is hardly identifiable
-        few = len(trials.objects) <= 10 and len(trials) > 1
-        may_have_one = few and may_be_simpler(pool.best, MAX_TERMS_WITHOUT_LATENT_STATE)
+        few = len(trials.objects) <= settings.OBJECT_GROUPS[0] and len(trials) > 1
+        may_have_one = few and may_be_simpler(pool.best, settings.MAX_TERMS_WITHOUT_LATENT_STATE)
         seeks = self.options.latent_states or (may_have_one and screened.whole.library.seeks_latent_states)
         if screened.whole.order != 1 or not seeks:
             return pool

@@ -25,16 +25,15 @@ from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.formulation import refuse_vanishing_states
+from commonlaw.formulation import TrialDerivatives, refuse_vanishing_states
 from commonlaw.inference.data.subsampling import can_be_subsampled
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
-from commonlaw.law import Law
+from commonlaw.law import Law, Step
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
-from commonlaw.library import CappedLibrary, one_order, order_of_each, parse_library
-from commonlaw.library.functions import functions_in
+from commonlaw.library import AbstractLibrary, CappedLibrary, Order, one_order, order_of_each, parse_library
 from commonlaw.library.libraries import LibraryGiven
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.arguments import with_renamed_arguments
@@ -185,83 +184,30 @@ class LawDiscovery:
         names = (latent,) if isinstance(latent, str) else tuple(latent) if isinstance(latent, Sequence) else ()
         if self.observe or names:
             return self._observed(trials, self.observe or {}, names, progress, given)
-        derivatives, instead = None, tuple[Outcome, ...]()
+        derivatives, constant, resting = None, tuple[str, ...](), tuple[str, ...]()
         if given is not None:
             trials, derivatives = with_derivatives(trials, given)
-        method = self.method or (DerivativeRegression() if derivatives else default_method(trials, self.order))
-        if isinstance(method, DerivativeRegression) and not (self.method or derivatives):
-            why = "trials came from a stream"
-            if isinstance(trials, Trials):
-                why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
-            instead = (note("derivatives-without-errors", why=why),)
-        if latent and not isinstance(latent, str | Sequence):
-            if not isinstance(method, TrajectoryLikelihood):
-                what, remedy = type(method).__name__, "leave-out" if 0 in method.orders else "use-trajectory-likelihood"
-                raise CommonlawError("latent-states-unsupported", count=latent, method=what, remedy=Diagnostic(remedy))
-            method = replace(method, latent_states=latent)
-        by_equation = isinstance(self.library, Mapping)
-        order = 1 if (derivatives or by_equation) and self.order == "auto" else self.order
-        constant = tuple[str, ...]()
-        if isinstance(trials, Trials) and not (by_equation or self.known or self.shared or derivatives):
-            constant = states_at_rest(trials) if isinstance(order, str) or order in (1, 2) else ()
+        method, instead = self._method_for(trials, derivatives)
+        plain = not (isinstance(self.library, Mapping) or self.known or self.shared or derivatives)
+        if isinstance(trials, Trials) and plain and (isinstance(self.order, str) or self.order in (1, 2)):
+            constant = states_at_rest(trials)
             trials = without_states(trials, constant)
-        asked = self.library.values() if isinstance(self.library, Mapping) else [self.library]
-        libraries = [parse_library(library) for library in asked]
-        functions = functions_in(f for library in libraries for f in library.functions)
-        if isinstance(trials, Trials):
-            trials = with_properties_in(libraries, trials)
-        trials, possible, steps, rates = possible_orders(trials, order)
-        absent: Known = {}
-        if isinstance(self.library, Mapping):
-            first = one_order([orders[0] for orders in possible])
-            library, absent = of_each_equation(self.library, trials.schema, first)
-        else:
-            (library,) = libraries
-        known = self.known or {}
-        if not isinstance(known, Mapping):
-            if isinstance(trials, TrialStream):
-                raise CommonlawError("known-of-stream")
-            if isinstance(known, Law) and known.schema.states == trials.schema.states:
-                trials = matched(replace(known, observation=None), trials, inputs="any")
-            if self.order == "auto" and not by_equation:
-                order_of_known = order_of_base(known, trials)
-                possible = tuple(
-                    (order_of_state,) for order_of_state in order_of_each(order_of_known, len(trials.schema.states))
-                )
-            library, known = with_base(library, known, one_order([orders[0] for orders in possible]), trials)
-        has_evidence = isinstance(method, TrajectoryLikelihood) and isinstance(trials, Trials)
-        if not has_evidence and any(len(orders) > 1 for orders in possible):
-            is_discrete = method.orders == (0,)
-            possible = tuple((0,) if is_discrete else orders[:1] for orders in possible)
-            if not is_discrete:
-                what = "in a stream" if isinstance(trials, TrialStream) else f"by {type(method).__name__}"
-                order = one_order([order_of_state for (order_of_state,) in possible])
-                instead = (*instead, note("order-without-evidence", order=order, what=what))
-        first = one_order([orders[0] for orders in possible])
-        structure = ModelStructure(first, library, {**absent, **known}, self.shared, derivatives)
-        copies, resting = tuple[Outcome, ...](), tuple[str, ...]()
+        trials, structure, steps, outcomes = self._structure_for(trials, method, derivatives)
+        library = structure.library
         if isinstance(trials, Trials):
             refuse_vanishing_states(trials)
             trials, copies = _once(trials)
             resting = () if self.shared else objects_at_rest(trials)
             trials = without_objects(trials, resting)
-            if not (known or self.shared):
-                inputs = np.concatenate([trial.inputs for trial in trials]).T
-                counts = [len(np.unique(signal[np.isfinite(signal)])) for signal in inputs]
-                # At few values higher powers are linear combinations of lower ones
-                levels = [pair for pair in zip(trials.schema.inputs, counts, strict=True) if pair[1] <= 5]
-                capped = CappedLibrary(library, tuple(levels)) if levels else library
-                structure = replace(structure, library=capped)
+            outcomes = (*outcomes, *copies, *outcome_of_constants(constant), *outcome_of_rest(resting))
+            if not (self.known or self.shared):
+                structure = replace(structure, library=_capped(library, trials))
         with one_blas_thread():
-            if isinstance(method, TrajectoryLikelihood) and isinstance(trials, Trials):
-                law = method.find_order(trials, structure, possible, progress)
-            else:
-                law = method.find(trials, structure, progress)
+            law = method.find(trials, structure, progress)
         # Laws, functions and derivatives are no text
-        is_text = isinstance(self.known, Mapping | str | None) and derivatives is None and not functions
+        is_text = isinstance(self.known, Mapping | str | None) and derivatives is None and not library.functions
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if is_text else ()
-        left_out = *copies, *outcome_of_constants(constant), *outcome_of_rest(resting)
-        outcomes = (*law.diagnostics, *rates, *left_out, *instead)
+        outcomes = (*law.diagnostics, *outcomes, *instead)
         provenance = replace(law.provenance, calls=made, outcomes=outcomes, history=(*steps, *law.provenance.history))
         if isinstance(trials, TrialStream):
             return replace(law, provenance=provenance)
@@ -271,6 +217,60 @@ class LawDiscovery:
         domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
         law = replace(law, provenance=replace(provenance, domain=domain))
         return replace(law, provenance=replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials))))
+
+    def _method_for(
+        self, trials: Trials | TrialStream, derivatives: TrialDerivatives | None
+    ) -> tuple[AbstractMethod, tuple[Outcome, ...]]:
+        """Return the method, and a note if trials take one without standard errors."""
+        method, notes = self.method, tuple[Outcome, ...]()
+        if method is None:
+            method = DerivativeRegression() if derivatives else default_method(trials, self.order)
+            if isinstance(method, DerivativeRegression) and not derivatives:
+                why = "trials came from a stream"
+                if isinstance(trials, Trials):
+                    why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
+                notes = (note("derivatives-without-errors", why=why),)
+        count = self.latent_states
+        if not count or isinstance(count, str | Sequence):
+            return method, notes
+        if not isinstance(method, TrajectoryLikelihood):
+            what, remedy = type(method).__name__, "leave-out" if 0 in method.orders else "use-trajectory-likelihood"
+            raise CommonlawError("latent-states-unsupported", count=count, method=what, remedy=Diagnostic(remedy))
+        return replace(method, latent_states=count), notes
+
+    def _structure_for(
+        self, trials: Trials | TrialStream, method: AbstractMethod, derivatives: TrialDerivatives | None
+    ) -> tuple[Trials | TrialStream, ModelStructure, tuple[Step, ...], tuple[Outcome, ...]]:
+        """Return trials with the inputs of the laws, the structure of these, and steps and notes on their orders."""
+        by_state = self.library if isinstance(self.library, Mapping) else None
+        absent: Known = {}
+        asked = self.library.values() if isinstance(self.library, Mapping) else [self.library]
+        libraries = [parse_library(library) for library in asked]
+        if isinstance(trials, Trials):
+            trials = with_properties_in(libraries, trials)
+        is_first = self.order == "auto" and (derivatives is not None or by_state is not None)
+        trials, possible, steps, outcomes = possible_orders(trials, 1 if is_first else self.order)
+        library, known = libraries[0], self.known or {}
+        if by_state is not None:
+            library, absent = of_each_equation(by_state, trials.schema, _lowest(possible))
+        if not isinstance(known, Mapping):
+            if isinstance(trials, TrialStream):
+                raise CommonlawError("known-of-stream")
+            if isinstance(known, Law) and known.schema.states == trials.schema.states:
+                trials = matched(replace(known, observation=None), trials, inputs="any")
+            if self.order == "auto" and by_state is None:
+                orders = order_of_each(order_of_base(known, trials), len(trials.schema.states))
+                possible = tuple((order,) for order in orders)
+            library, known = with_base(library, known, _lowest(possible), trials)
+        has_evidence = isinstance(method, TrajectoryLikelihood) and isinstance(trials, Trials)
+        if not has_evidence and any(len(orders) > 1 for orders in possible):
+            possible = tuple((0,) if method.orders == (0,) else orders[:1] for orders in possible)
+            if method.orders != (0,):
+                what = "in a stream" if isinstance(trials, TrialStream) else f"by {type(method).__name__}"
+                outcomes = (*outcomes, note("order-without-evidence", order=_lowest(possible), what=what))
+        known = {**absent, **known}
+        structure = ModelStructure(_lowest(possible), library, known, self.shared, derivatives, possible)
+        return trials, structure, steps, outcomes
 
     def predict(self, trials: Trials, start: int | None = None) -> "Forecast":
         """Forecast each trial from its own initial state, fitted to its first samples, see `Law.predict`."""
@@ -341,6 +341,18 @@ def default_method(trials: Trials | TrialStream, order: AskedOrder = "auto") -> 
         return DiscreteTimeRegression()
     many = isinstance(trials, TrialStream) or not can_be_subsampled(trials)
     return DerivativeRegression() if many else TrajectoryLikelihood()
+
+
+def _lowest(possible: Sequence[Sequence[int]]) -> Order:
+    return one_order([orders[0] for orders in possible])
+
+
+def _capped(library: AbstractLibrary, trials: Trials, fewest: int = 5) -> AbstractLibrary:
+    """Return a library without high powers of inputs of few values, which are linear combinations of lower ones."""
+    inputs = np.concatenate([trial.inputs for trial in trials]).T
+    counts = [len(np.unique(signal[np.isfinite(signal)])) for signal in inputs]
+    levels = tuple(pair for pair in zip(trials.schema.inputs, counts, strict=True) if pair[1] <= fewest)
+    return CappedLibrary(library, levels) if levels else library
 
 
 def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:

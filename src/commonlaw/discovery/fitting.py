@@ -1,21 +1,23 @@
 """A law that somebody has in mind: exactly these terms, coefficients found in trials."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools
 from commonlaw.diagnostics import marked
+from commonlaw.discovery.known_physics import known_coefficients
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.fitting import InitialGiven, begin, check_white
+from commonlaw.estimation.beginning import InitialGiven, begin
+from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -25,6 +27,7 @@ from commonlaw.inference.verbs.chunks import fitted_by_parts
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects, select_objects
 from commonlaw.law.models import model_named
+from commonlaw.law.objects import of_all_objects
 from commonlaw.law.observation import ALL
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.parse import GivenEquations, read_equations
@@ -50,7 +53,6 @@ from commonlaw.runtime.progress import ProgressCallback, on_terminal, silent
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.transformations import (
-    number_of,
     objects_at_rest,
     outcome_of_rest,
     with_doses,
@@ -321,7 +323,7 @@ def fit(
         if shared and not called and error.code == "no-degrees-of-freedom":  # Of objects apart
             return jointly()
         raise
-    if _outside(law, given.bounds):
+    if any(_outside(law, given.bounds)):
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
         law = law if shared else pool_objects(law, None, partial_pooling)
     law = pool_objects(law, equal, partial_pooling) if shared else law
@@ -344,18 +346,13 @@ def _of_model(
         tried = [between.replace("auto", trials.schema.input_interpolation)]
     else:
         tried = ["linear", *(interpolation for interpolation in BETWEEN if interpolation != "linear")]
-    laws = [
-        begin(
-            text,
-            replace(trials, schema=replace(trials.schema, input_interpolation=interpolation)),
-            **given | {"initial_values": given["initial_values"] or {}},
-            log_states=settings.get("log_states") or (),
-            noise=settings.get("noise"),
-        )
-        .fitted(settings.get("seed", 0), settings.get("progress") or on_terminal())
-        .law(calls)
-        for interpolation in tried
-    ]
+    noise, log_states = settings.get("noise"), settings.get("log_states") or ()
+    given, laws = given | {"initial_values": given["initial_values"] or {}}, list[Law]()
+    for interpolation in tried:
+        interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
+        begun = begin(text, interpolated, **given, log_states=log_states, noise=noise)
+        fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
+        laws.append(fitted.law(calls))
     likelihoods = np.array([law.observation.log_likelihood for law in laws if law.observation is not None])
     gains = 2 * (likelihoods - likelihoods[0])
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
@@ -422,30 +419,29 @@ def _of_stream(
     return pool_objects(replace(law, provenance=provenance), None, settings["partial_pooling"])
 
 
-def _outside(law: Law, bounds: Sequence[Bound]) -> list[tuple[str, Bound, str]]:
-    """Return objects and the bounds that a coefficient is outside of, pooled or by the object alone, and its value."""
-    unpooled, coefficients, result = law.uncertainty.unpooled, law.coefficients.copy(), list[tuple[str, Bound, str]]()
+def _outside(law: Law, bounds: Sequence[Bound]) -> Iterator[CommonlawError]:
+    """Yield errors for parameters outside of their bounds, pooled or by the object alone."""
+    unpooled, coefficients, parameters = law.uncertainty.unpooled, law.coefficients.copy(), named_parameters(law)
     if unpooled is not None:
         coefficients[:, law.support] = unpooled.coefficients
-    parameters = named_parameters(law)
-    definitions = {definition.name: definition for definition in parameters.definitions}
     for bound in bounds:
         index = parameters.names.index(bound.name)
-        values, errors = (numbers[:, index] for numbers in (parameters.values, parameters.errors))
+        values, errors = parameters.values[:, index], parameters.errors[:, index]
+        definition = next(definition for definition in parameters.definitions if definition.name == bound.name)
         for name, value, error, alone in zip(law.objects, values, errors, coefficients, strict=True):
-            both = value, definitions[bound.name].of(alone)
-            outside = next((estimate for estimate in both if not bound.holds(estimate)), None)
+            outside = next((estimate for estimate in (value, definition.of(alone)) if not bound.holds(estimate)), None)
             if outside is not None:
-                as_found = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
-                result.append((name, bound, as_found))
-    return result
+                shown = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
+                yield _out_of_bounds(name, bound, shown)
+
+
+def _out_of_bounds(owner: str, bound: Bound, value: str) -> CommonlawError:
+    return CommonlawError("estimate-out-of-bounds", name=owner, parameter=bound.name, value=value, bound=bound.text)
 
 
 def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
-    for name, bound, as_found in _outside(law, bounds):
-        raise CommonlawError(
-            "estimate-out-of-bounds", name=name, parameter=bound.name, value=as_found, bound=bound.text
-        )
+    for error in _outside(law, bounds):
+        raise error
     return law
 
 
@@ -455,35 +451,38 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
     An active set, object by object: what is at a bound is known there. Coefficients that are quotients or products of
     what stands before several terms stay as they are.
     """
-    refitted = dict[str, Law]()
-    outcomes = list[Outcome]()
+    parts, outcomes = list[Law](), list[Outcome]()
     for owner in law.objects:
-        alone, held = select_objects(law, [owner]), dict[str, float]()
-        while ends := _ends(alone, bounds, held):
-            outcomes += [_at_bound(alone, owner, bound, end) for bound, end in ends]
-            held |= {bound.name: end for bound, end in ends}
-            start = select_objects(law, [owner])
-            coefficients, is_free = start.coefficients.copy(), np.array(start.support[np.newaxis])
-            for definition in named_parameters(start).definitions:
-                if definition.name in held:
-                    (part,) = definition.parts
-                    coefficients[:, part.equation, part.term] = part.factor * held[definition.name] ** float(part.power)
-                    is_free[:, part.equation, part.term] = False
-            free = (is_free & (standard_errors(start) != 0))[:, np.any(coefficients != 0, axis=0)]
-            start = replace(start, coefficients=coefficients, uncertainty=_unit_uncertainty(free))
-            alone = refine(start, trials.select(object=[owner]), **settings)
-            refitted[owner] = alone
-    if not refitted:
+        start = alone = select_objects(law, [owner])
+        coefficients, is_free = start.coefficients.copy(), start.support & (standard_errors(start) != 0)
+        definitions = {definition.name: definition.parts for definition in named_parameters(start).definitions}
+        held = {name for name, of_name in definitions.items() if len(of_name) > 1}
+        while True:
+            parameters, before = named_parameters(alone), len(held)
+            for bound in (bound for bound in bounds if bound.name not in held):
+                at, (part,) = parameters.names.index(bound.name), definitions[bound.name]
+                value, error = float(parameters.values[0, at]), float(parameters.errors[0, at])
+                if bound.holds(np.array(value)):
+                    continue
+                end = bound.low if value < bound.low else bound.high
+                if end == 0 and part.power < 0:  # It is divided by: zero has no best fit
+                    raise _out_of_bounds(owner, bound, f"{value:.3g}")
+                outcomes.append(estimate_at_bound(owner, bound.name, end, end == bound.low, value, error, bound.text))
+                coefficients[:, part.equation, part.term] = part.factor * end ** float(part.power)
+                is_free[:, part.equation, part.term] = False
+                held.add(bound.name)
+            if len(held) == before:
+                break
+            uncertainty = _unit_uncertainty(is_free[:, np.any(coefficients != 0, axis=0)])
+            begun = replace(start, coefficients=coefficients.copy(), uncertainty=uncertainty)
+            alone = refine(begun, trials.select(object=[owner]), **settings)
+        parts.append(alone)
+    if not outcomes:
         return law
-    parts = [refitted.get(name, select_objects(law, [name])) for name in law.objects]
-    coefficients = np.array([part.coefficients[0] for part in parts])
-    support = np.any(coefficients != 0, axis=0)
-    covariance = np.zeros((len(parts), support.sum(), support.sum()))
-    for block, alone in zip(covariance, parts, strict=True):
-        inner = np.flatnonzero(alone.support[support])
-        block[np.ix_(inner, inner)] = alone.uncertainty.known_covariance()[0]
-    known = parts[0].uncertainty if len(parts) == 1 else law.uncertainty
-    provenance = parts[0].provenance if len(parts) == 1 else law.provenance
+    coefficients, covariance = of_all_objects(parts)
+    known, provenance = law.uncertainty, law.provenance
+    if len(parts) == 1:
+        known, provenance = parts[0].uncertainty, parts[0].provenance
     return replace(
         law,
         coefficients=coefficients,
@@ -492,50 +491,12 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
     )
 
 
-def _ends(law: Law, bounds: Sequence[Bound], held: Mapping[str, float]) -> list[tuple[Bound, float]]:
-    """Return bounds that coefficients of the only object are outside of, each with the end that is nearest."""
-    parameters = named_parameters(law)
-    parts = {definition.name: definition.parts for definition in parameters.definitions}
-    values = dict(zip(parameters.names, parameters.values[0].tolist(), strict=True))
-    result = list[tuple[Bound, float]]()
-    for bound in bounds:
-        value, name = values[bound.name], bound.name
-        if name not in held and len(parts[name]) == 1 and not bound.holds(np.array(value)):
-            end = bound.low if value < bound.low else bound.high
-            if end == 0 and parts[name][0].power < 0:  # It is divided by: zero has no best fit
-                owner, shown = law.objects[0], f"{value:.3g}"
-                raise CommonlawError(
-                    "estimate-out-of-bounds", name=owner, parameter=name, value=shown, bound=bound.text
-                )
-            result.append((bound, end))
-    return result
-
-
-def _at_bound(law: Law, owner: str, bound: Bound, end: float) -> Outcome:
-    """Return that a coefficient is at its bound, with the interval on the other side.
-
-    That has 95 % of the normal distribution about the estimate without the bound, as far as it is within.
-    """
-    from scipy.stats import norm
-
-    parameters = named_parameters(law)
-    index = parameters.names.index(bound.name)
-    value, error = (float(numbers[0, index]) for numbers in (parameters.values, parameters.errors))
-    side = 1 if end == bound.low else -1
-    reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if error > 0 else np.nan
-    within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
-    estimate = with_error(value, error)
-    return note(
-        "estimate-at-bound", owner, name=bound.name, end=end, estimate=estimate, within=within, bound=bound.text
-    )
-
-
 def _unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:
     """Return the law of given equations; coefficients that are to be found are 1 or -1, and only they have an error.
 
     They have the signs of the text.
     """
-    known = _known(given, trials)
+    known = known_coefficients(given, trials)
     signs = np.ones(known.shape[1:])
     for product in given.products:
         signs[product.equation, product.term] = np.sign(product.factor)
@@ -551,26 +512,12 @@ def _unit_uncertainty(free: Bools) -> Uncertainty:
     return Uncertainty(free[:, :, np.newaxis] * np.eye(free.shape[1]))
 
 
-def _known(given: GivenEquations, trials: Trials) -> Floats:
-    """Return coefficients that are known, shape (objects, equations, terms), NaN where one is to be found.
-
-    They are numbers, or the objects' properties.
-    """
-    result, properties = np.tile(given.known, (len(trials.objects), 1, 1)), property_names(trials.properties)
-    for product in given.products:
-        names = [name for name, _ in product.coefficients]
-        if names and all(name in properties for name in names):
-            values = {name: np.array([number_of(name, owner, trials) for owner in trials.objects]) for name in names}
-            result[:, product.equation, product.term] = product.value(values)
-    return result
-
-
 def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:
     """Return the law in discrete time whose coefficients are those of least squares."""
     taken = ("n_jobs", "progress")
     if refused := ", ".join(name for name in changed_settings("fit", settings) if name not in taken):
         raise CommonlawError("discrete-without-option", refused=refused)
-    names, terms, values = given.terms.variables.names, given.terms.terms, _known(given, trials)
+    names, terms, values = given.terms.variables.names, given.terms.terms, known_coefficients(given, trials)
     functions = given.terms.variables.functions
     library = ExpressionLibrary(*(term.expression(names) for term in terms), functions=functions)
     known: Known = {

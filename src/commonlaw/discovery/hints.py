@@ -19,15 +19,13 @@ from commonlaw.inference.settings import STRONG, VERY_STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.parameters import rate_names
+from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import left_hand_sides
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, parse_library
 from commonlaw.library.libraries import LibraryGiven
 from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Trials
 from commonlaw.trials.check import Finding
-
-_BAND = 1.96
-"""Half width of a 95 % interval in standard deviations."""
 
 _MAX_EXCESS_SHARE = 0.1
 """Share of a range: margin around visited states, and spread of similar initial values."""
@@ -67,7 +65,7 @@ def _discriminating_start(law: Law, rival: Law, times: Floats) -> _Found | None:
             one, of_rival = (forecast_from(either, law.objects[0], times, start, bound) for either in alone)
             (a, first), (b, second) = _first(one), _first(of_rival)
             with np.errstate(all="ignore"):
-                apart = np.abs(a - b) / (_BAND * (first + second))  # In the sum of their bands
+                apart = np.abs(a - b) / (two_sided(0.95) * (first + second))  # In the sum of their bands
             apart = np.where(np.isfinite(apart), apart, 0.0) * _within(law, one)
             if apart.max(initial=0.0) > best:
                 row, state = np.unravel_index(int(apart.argmax()), apart.shape)
@@ -124,7 +122,7 @@ def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:
         f"{name} = {value:.3g}{units.get(name, '')}" for name, value in zip(variables, start, strict=True)
     )
     one_end, other_end = (
-        f"{states[row, state]:.3g} ± {_BAND * std[row, state]:.2g}{units[schema.states[state]]}"
+        f"{states[row, state]:.3g} ± {two_sided(0.95) * std[row, state]:.2g}{units[schema.states[state]]}"
         for states, std in map(_first, (one, forecast_of_rival))
     )
     exchanges, lefts = list[str](), left_hand_sides(schema.states, law.order)
@@ -230,10 +228,6 @@ def _about_means(values: Floats, objects: Indices) -> Floats:
     return values - np.column_stack(means)[objects]
 
 
-_LISTED = 4
-"""Sets of variables that are listed."""
-
-
 def confounded_variables(
     trials: Trials, order: int | None = None, library: LibraryGiven | None = None
 ) -> tuple[Finding, ...]:
@@ -262,10 +256,11 @@ def outcomes_of_confounding(trials: Trials, order: Order, library: AbstractLibra
     )
 
 
-def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
+def _note(found: ConfoundedVariables, trials: Trials, order: Order, listed: int = 4) -> Outcome:
+    """Return the note on a set of confounded variables, of which as many subsets as are `listed` are named."""
     states = trials.schema.states
     varying = ", with coefficients by trial," if found.by_trial else ""
-    rms = " or ".join(f"{value:.3g}" for value in found.rms[:_LISTED])
+    rms = " or ".join(f"{value:.3g}" for value in found.rms[:listed])
     cause, units = "", {name: f" {trials.schema.units.get(name, '')}".rstrip() for name in states}
     widths = {name: high - low for name, (low, high) in found.visited.items()}
     if all(high - low <= _MAX_EXCESS_SHARE * widths[name] for name, (low, high) in found.starts.items()):
@@ -276,8 +271,8 @@ def _note(found: ConfoundedVariables, trials: Trials, order: Order) -> Outcome:
         ]
         where = f", at {_and(ranges)}" if ranges else ""
         cause = f", because all trials have similar initial conditions{where}"
-    *first, last = (f"{subset[0]} alone" if len(subset) == 1 else _and(subset) for subset in found.sets[:_LISTED])
-    more = f", or {len(found.sets) - _LISTED} other sets" if len(found.sets) > _LISTED else ""
+    *first, last = (f"{subset[0]} alone" if len(subset) == 1 else _and(subset) for subset in found.sets[:listed])
+    more = f", or {len(found.sets) - listed} other sets" if len(found.sets) > listed else ""
     return note(
         "confounded",
         left_hand_sides(states, order)[states.index(found.state)],

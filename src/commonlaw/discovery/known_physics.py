@@ -6,17 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from commonlaw.array_types import Floats
 from commonlaw.discovery.method import Known
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
-from commonlaw.law.parse import read_equations
+from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.text import left_hand_sides, order_in_words
 from commonlaw.library import AbstractLibrary, ExpressionLibrary, Order
 from commonlaw.library.expansion import summands, traced
 from commonlaw.trials import Trials
+from commonlaw.trials.transformations import number_of
 from commonlaw.trials.trial import property_names
 
 Base = Known | str | Law | Callable[..., Any]
@@ -100,18 +102,29 @@ def _of_text(text: str, order: Order, trials: Trials) -> Numbers:
     if given.order != order:
         both = [order_in_words(stated, schema.states) for stated in (given.order, order)]
         raise CommonlawError("known-physics-order-given", order=both[0], sought=both[1])
-    names, result = given.terms.variables.names, Numbers()
-    texts = [term.expression(names) for term in given.terms.terms]
-    products = {(product.equation, product.term): product for product in given.products}
-    for j, state in enumerate(schema.states):
-        for k, term in enumerate(texts):
-            product = products.get((j, k))
-            if product is None and given.known[j, k]:
-                result[state, term] = dict.fromkeys(trials.objects, float(given.known[j, k]))
-            elif product is not None:
-                parameters, owners = [name for name, _ in product.coefficients], trials.objects
-                values = {name: np.array([property_of(trials, owner, name) for owner in owners]) for name in parameters}
-                result[state, term] = dict(zip(owners, product.value(values).tolist(), strict=True))
+    for name in (name for product in given.products for name, _ in product.coefficients):
+        for owner in trials.objects:
+            _property_of(trials, owner, name)  # Other names have no number
+    numbers, names = known_coefficients(given, trials), given.terms.variables.names
+    return {
+        (schema.states[j], given.terms.terms[k].expression(names)): dict(
+            zip(trials.objects, numbers[:, j, k].tolist(), strict=True)
+        )
+        for j, k in np.argwhere(numbers.any(axis=0)).tolist()
+    }
+
+
+def known_coefficients(given: GivenEquations, trials: Trials) -> Floats:
+    """Return coefficients that are known, shape (objects, equations, terms), NaN where one is to be found.
+
+    They are numbers, or the objects' properties.
+    """
+    result, properties = np.tile(given.known, (len(trials.objects), 1, 1)), property_names(trials.properties)
+    for product in given.products:
+        names = [name for name, _ in product.coefficients]
+        if names and all(name in properties for name in names):
+            values = {name: np.array([number_of(name, owner, trials) for owner in trials.objects]) for name in names}
+            result[:, product.equation, product.term] = product.value(values)
     return result
 
 
@@ -120,7 +133,7 @@ def _of_function(function: Callable[..., Any], order: Order, trials: Trials) -> 
     numbers = Numbers()
     for owner in trials.objects:
         wanted = inspect.signature(function).parameters
-        values = {name: None if name in names else property_of(trials, owner, name) for name in wanted}
+        values = {name: None if name in names else _property_of(trials, owner, name) for name in wanted}
         for state, result in zip(schema.states, _by_state(traced(function, values), schema.states), strict=True):
             for number, term in summands(result, names):
                 by_object = numbers.setdefault((state, term), {})
@@ -136,7 +149,7 @@ def _by_state(result: Any, states: Sequence[str]) -> Iterable[Any]:
     return result
 
 
-def property_of(trials: Trials, owner: str, name: str) -> float:
+def _property_of(trials: Trials, owner: str, name: str) -> float:
     value = trials.properties.get(owner, {}).get(name)
     if isinstance(value, float):
         return value

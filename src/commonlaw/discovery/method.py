@@ -44,7 +44,8 @@ Known = Mapping[Key, float | Mapping[str, float]]
 class ModelStructure:
     """The family of candidate laws, of order 1 or 2, or that of each equation; 0 for laws in discrete time.
 
-    All objects share the coefficients of `shared` terms. Derivatives of the states in each trial may be given.
+    All objects share the coefficients of `shared` terms. Derivatives of the states in each trial may be given, and the
+    orders of each state that a method with evidence chooses from, of which `order` has the first.
     """
 
     order: Order
@@ -52,6 +53,7 @@ class ModelStructure:
     known: Known = field(default_factory=dict)
     shared: Sequence[Key] = ()
     derivatives: TrialDerivatives | None = None
+    possible: tuple[tuple[int, ...], ...] = ()
 
     def terms(self, schema: Schema) -> Terms:
         """Return the candidate terms over the variables of trials of this schema.

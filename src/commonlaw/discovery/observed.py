@@ -19,46 +19,30 @@ from commonlaw.differentiation import SmoothingSpline, noise_level
 from commonlaw.discovery.known_physics import Base, with_base
 from commonlaw.discovery.method import ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation.fitting import Beginning, begin
+from commonlaw.estimation.beginning import Beginning, begin
+from commonlaw.estimation.fitting import fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import TrialData
-from commonlaw.estimation.search import first_values
+from commonlaw.estimation.search import FINISHED, IMPROVED, first_values
 from commonlaw.formulation.weak import CompactTestFunctions, corner_radius
+from commonlaw.inference.settings import (
+    MAX_ITERATIONS,
+    MAX_KEPT,
+    MAX_REDUCED_CHI_SQUARED,
+    SAME_DEVIANCE,
+    VERY_STRONG,
+)
 from commonlaw.law import Law, Step
 from commonlaw.law.observation import ALL
-from commonlaw.law.text import free_parameter_names
+from commonlaw.law.text import Addend, free_parameter_names, written_equations
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import property_names
 
-_STARTS = 12
-"""From how many values parameters of observations are sought, the likeliest of those that are drawn."""
-_NEIGHBOUR = 2.0
-"""Factor within which values lead to the same end."""
-_SAME = 0.01
-"""Difference of sums of logarithms below which two ends of this search are one."""
-_SOUGHT, _FITTED = 4, 3
-"""How many ends are followed by leaving out terms, and how many laws are fitted to the trials."""
-_MAX_SCORE_DIFFERENCE = 20.0
-"""Laws whose scores are worse than the best by as much are not fitted to trials: twice what is very strong evidence."""
-_LACK_OF_FIT = 1.5
-"""Sum of squares with all terms, in its degrees of freedom, from which on terms are missing."""
-_SWEEPS = 3
-"""How often rows are whitened anew."""
-_ROUNDS, _CONVERGED = 30, 1e-9
-"""Most steps of Newton's method to the states, and their relative length that ends them."""
-_NARROWEST, _SHORTEST = 3, 15
-"""Samples in the radius of the narrowest test function, and in the shortest trial."""
-_LEAST_NOISE = 1e-6
-"""Noise of a quantity that is measured exactly, in its range: that of quadrature."""
-_RIDGE = 1e-11
-"""Share of its diagonal that is added to a Gram matrix, so that terms which are combinations of others have none."""
-_INFINITE = 1e300
-"""In place of an infinite value, which a simplex does not take."""
-_STEP = 1e-4
-"""Differences by which rates are differentiated, in the range of a measured quantity."""
+_SHORTEST = 15
+"""Samples in the shortest trial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +72,8 @@ class _Rows:
         known = trial.noise[rows]
         with np.errstate(invalid="ignore"):
             noise = np.where(np.isfinite(known).all(axis=0), known.mean(axis=0), noise_level(times, states))
-        noise = np.maximum(noise, _LEAST_NOISE * np.ptp(states, axis=0))
-        tests = CompactTestFunctions.over(times, corner_radius(times, states, noise), _NARROWEST)
+        noise = np.maximum(noise, 1e-6 * np.ptp(states, axis=0))  # Exact values have that of quadrature
+        tests = CompactTestFunctions.over(times, corner_radius(times, states, noise), narrowest=3)
         tested, slopes = (weights.toarray() for weights in tests.weights(times, 1))
         smooth = SmoothingSpline().differentiate(times, states, 1).states
         return cls(data, times, smooth, trial.inputs[rows], noise, tested, -slopes @ states, -slopes)
@@ -159,10 +143,10 @@ class _WeakSearch:
         for j, name in enumerate(model.schema.states):
             if name in model.observables and name not in model.text.observed:
                 point[:, j] = values[:, model.observables.index(name)]
-        for _ in range(_ROUNDS):
+        for _ in range(MAX_ITERATIONS):
             slopes = model.outputs.jacobian(point)[:, :, :width]
             gap = values - model.outputs.evaluate(point)
-            if not np.any(np.abs(gap) > _CONVERGED * self.ranges):  # Nor where they are not finite
+            if not np.any(np.abs(gap) > 1e-9 * self.ranges):  # Nor where they are not finite
                 break
             try:
                 point[:, :width] += np.linalg.solve(slopes, gap[:, :, np.newaxis])[:, :, 0]
@@ -179,11 +163,11 @@ class _WeakSearch:
             library = self.terms.evaluate(point[:, : self.model.first_parameter])
             return np.asarray(slopes[:, :, :, np.newaxis] * library[:, np.newaxis, np.newaxis, :])
 
-    def whiten(self, p: Floats) -> bool:
+    def whiten(self, p: Floats, sweeps: int = 3) -> bool:
         """Whiten rows by their covariance at the law with all terms; return whether rates are finite there."""
         size = len(self.model.observables)
         self.white = [row.whitened(np.zeros((len(row.values), size, size))) for row in self.rows]
-        for _ in range(_SWEEPS):
+        for _ in range(sweeps):
             self.last = None
             squares, coefficients, _ = self.fitted(p, self.open)
             if not np.isfinite(squares):
@@ -192,7 +176,7 @@ class _WeakSearch:
                 coefficients.reshape(self.objects, self.model.width, -1)[self.owners], self.lengths, axis=0
             )
             slopes = np.empty((len(self.values), size, size))
-            for k, step in enumerate(_STEP * self.ranges):
+            for k, step in enumerate(1e-4 * self.ranges):  # Central differences
                 low, high = (
                     np.einsum("nmdt,ndt->nm", self.columns(self.values + side * step * np.eye(size)[k], p), of_rows)
                     for side in (-1, 1)
@@ -236,7 +220,7 @@ class _WeakSearch:
         with np.errstate(divide="ignore"):
             scale = np.nan_to_num(1 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2)), posinf=0.0)
         gram, right = gram * scale[:, :, np.newaxis] * scale[:, np.newaxis], right * scale
-        inverse = np.linalg.inv(gram + _RIDGE * np.eye(count))
+        inverse = np.linalg.inv(gram + 1e-11 * np.eye(count))  # Terms may be combinations of others
         unit = np.einsum("oij,oj->oi", inverse, right)
         result[:, support] = unit * scale
         growth = (unit**2 / np.diagonal(inverse, axis1=1, axis2=2)).sum(axis=0)
@@ -252,7 +236,7 @@ class _WeakSearch:
         """
         squares = self.fitted(p, self.open)[0]
         if not np.isfinite(squares):
-            return _INFINITE
+            return float(np.finfo(np.float64).max)  # A simplex takes no infinite value
         unit = self.scale * self.penalty
         return squares / unit + float(np.log1p(np.array(self.path(p)[1]) / unit).sum())
 
@@ -276,9 +260,9 @@ class _WeakSearch:
         if not self.free:
             return list(starts[:1])
         minima = sorted((_least(self.steps, start, self.sizes) for start in starts), key=lambda end: end[0])
-        apart = [end[1] for i, end in enumerate(minima) if not i or end[0] - minima[i - 1][0] > _SAME]
+        apart = [end[1] for i, end in enumerate(minima) if not i or end[0] - minima[i - 1][0] > SAME_DEVIANCE]
         self.whiten(apart[0])
-        return apart[:_SOUGHT]
+        return apart[:FINISHED]
 
     def candidates(self, ends: Sequence[Floats]) -> list[_Candidate]:
         """Return supports with their parameters, the best first."""
@@ -307,11 +291,11 @@ class _WeakSearch:
         return sorted(by_support.values(), key=lambda candidate: candidate.score)
 
 
-def _apart(starts: Sequence[Floats]) -> list[Floats]:
-    """Return starts without those near to one before, each number within a factor."""
+def _apart(starts: Sequence[Floats], factor: float = 2.0) -> list[Floats]:
+    """Return starts without those near to one before, each number within a factor: these lead to the same end."""
     result = list[Floats]()
     for start in starts:
-        if not any(np.all((start / kept > 1 / _NEIGHBOUR) & (start / kept < _NEIGHBOUR)) for kept in result):
+        if not any(np.all((start / kept > 1 / factor) & (start / kept < factor)) for kept in result):
             result.append(start)
     return result
 
@@ -368,15 +352,14 @@ def discover_observed(
         progress("looking for parameters of observations with which the law has few terms")
         if not any(search.whiten(start) for start in starts):
             raise CommonlawError("observation-not-invertible", observations=[f"{k} = {v}" for k, v in observe.items()])
-        ends = search.ends(_apart(sorted(starts, key=search.steps))[:_STARTS])
-        if search.scale >= _LACK_OF_FIT:  # The first parameters may be far from the library's laws
+        ends = search.ends(_apart(sorted(starts, key=search.steps))[:IMPROVED])
+        if search.scale >= MAX_REDUCED_CHI_SQUARED:  # The first parameters may be far from the library's laws
             ends = search.ends(ends)
-        if search.scale < _LACK_OF_FIT:
+        if search.scale < MAX_REDUCED_CHI_SQUARED:
             break
     candidates = search.candidates(ends)
-    near = [
-        candidate for candidate in candidates[:_FITTED] if candidate.score - candidates[0].score < _MAX_SCORE_DIFFERENCE
-    ]
+    worst = candidates[0].score + 2 * VERY_STRONG
+    near = [candidate for candidate in candidates[:MAX_KEPT] if candidate.score < worst]
     laws, refused = list[tuple[float, Law]](), list[CommonlawError]()
     for i, candidate in enumerate(near):
         progress(f"fitting law {i + 1} of {len(near)}")
@@ -385,7 +368,7 @@ def discover_observed(
             text = ModelText.of(equations, observe)
             whole = begin(text, trials, {}, shared=dict.fromkeys(shared, ALL), noise=noise)
             whole = replace(whole, first=np.array([first[label] for label in whole.unknowns.labels]))
-            law = whole.fitted(seed, progress, draws=1).law(calls)
+            law = fit_model(whole, seed, progress, draws=1).law(calls)
         except CommonlawError as error:
             refused.append(error)
             continue
@@ -424,17 +407,16 @@ def _equations(
     names = [quoted(name) for name in variables.names]
     used = (*variables.names, *begun.model.parameters, *trials.schema.states, *property_names(trials.properties))
     parameters = free_parameter_names(int(support.sum()), used)
-    coefficients, rates = search.fitted(p, support)[1][:, support], dict[int, str]()
-    signs, states = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0), search.model.schema.states
-    numbers, sides = [f"{abs(number)!r}" for number in fixed.tolist()], np.where(fixed < 0, -1.0, 1.0)
+    coefficients, states = search.fitted(p, support)[1][:, support], search.model.schema.states
+    signs = np.where(np.median(coefficients, axis=0) < 0, -1.0, 1.0)
+    numbers, is_negative = [f"{abs(number)!r}" for number in fixed.tolist()], fixed < 0
     for place, parameter, sign in zip(np.flatnonzero(support).tolist(), parameters, signs, strict=True):
-        numbers[place], sides[place] = parameter, sign
+        numbers[place], is_negative[place] = parameter, sign < 0
+    rows: list[list[Addend]] = [[] for _ in states]
     for place in np.flatnonzero(support | (fixed != 0)).tolist():
         j, term = divmod(place, len(search.terms))
-        before = rates.get(j, "")
-        joint = ("-" if sides[place] < 0 else "") if not before else " - " if sides[place] < 0 else " + "
-        rates[j] = f"{before}{joint}{numbers[place]} {search.terms.terms[term].text(names)}"
-    text = "; ".join(f"{quoted(name)}' = {rates.get(j, '0')}" for j, name in enumerate(states))
+        rows[j].append(Addend(bool(is_negative[place]), numbers[place], search.terms.terms[term].text(names)))
+    text = "; ".join(written_equations([f"{quoted(name)}'" for name in states], rows))
     first = dict(zip(shared, p.tolist(), strict=True))
     for owner, values in zip(trials.objects, signs * coefficients, strict=True):
         for parameter, value in zip(parameters, values.tolist(), strict=True):

@@ -47,29 +47,27 @@ def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
         if isinstance(trials, TrialStream):
             return Orders(trials, ((1, 2),) * len(trials.schema.states))
         return _orders_from_measured_rates(trials)
-    outcomes: tuple[Outcome, ...] = ()
     if isinstance(asked, tuple):
         if len(asked) != len(trials.schema.states):
             raise CommonlawError("order-per-state", order=asked, states=trials.schema.states)
         asked = dict(zip(trials.schema.states, asked, strict=True))
-    if isinstance(asked, Mapping):
-        if isinstance(trials, Trials):
-            second = [name for name, order in asked.items() if order == 2]
-            trials, outcomes = without_measured_rates(trials, second, asked)
-        for name, order in asked.items():
-            check_choice("state", name, trials.schema.states)
-            if not (isinstance(order, Integral) and order in (1, 2)):  # 2.0 is none
-                raise CommonlawError("order-of-state", order=order, name=name)
-        if missing := [name for name in trials.schema.states if name not in asked]:
-            raise CommonlawError("order-missing", states=missing)
-        orders = [asked[name] for name in trials.schema.states]
-    else:
+    named: Mapping[str, int] = asked if isinstance(asked, Mapping) else {}
+    by_state = named
+    if not isinstance(asked, Mapping):
         if not (isinstance(asked, Integral) and asked in (0, 1, 2)):
             raise CommonlawError("order-not-offered", order=asked)
-        if isinstance(trials, Trials):
-            trials, outcomes = without_measured_rates(trials, trials.schema.states if asked == 2 else ())
-        orders = [asked] * len(trials.schema.states)
-    return Orders(trials, tuple((order,) for order in orders), outcomes=outcomes)
+        by_state = dict.fromkeys(trials.schema.states, int(asked))
+    outcomes: tuple[Outcome, ...] = ()
+    if isinstance(trials, Trials):
+        second = [name for name, order in by_state.items() if order == 2]
+        trials, outcomes = without_measured_rates(trials, second, named)
+    for name, order in named.items():
+        check_choice("state", name, trials.schema.states)
+        if not (isinstance(order, Integral) and order in (1, 2)):  # 2.0 is none
+            raise CommonlawError("order-of-state", order=order, name=name)
+    if missing := [name for name in trials.schema.states if name not in by_state]:
+        raise CommonlawError("order-missing", states=missing)
+    return Orders(trials, tuple((by_state[name],) for name in trials.schema.states), outcomes=outcomes)
 
 
 def _orders_from_measured_rates(trials: Trials) -> Orders:

@@ -19,6 +19,7 @@ A candidate is the `Pool` of the fits of one order. This is all that is chosen, 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import Any, ClassVar
 
 from commonlaw.array_types import evenly_spaced
@@ -34,7 +35,7 @@ from commonlaw.discovery.orders import (
 )
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_pooled_forecasts
-from commonlaw.inference import refine
+from commonlaw.inference import refine, settings
 from commonlaw.inference.result.approximation import (
     choose_deterministic,
     fits_whole_trials,
@@ -56,13 +57,6 @@ from commonlaw.runtime.progress import ProgressCallback, part, silent, unannounc
 from commonlaw.solvers import parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
-
-MAX_TERMS_OF_HIGHER_ORDER = 3
-"""An equation of higher order with more coefficients may be equivalent to one of lower order with richer terms."""
-
-
-_GROUPS, _OBJECTS = 4, 10
-"""Groups of objects of a stream that propose laws, each from another part, and objects in each."""
 
 
 @documented
@@ -93,25 +87,17 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         object.__setattr__(self, "solver", solver)
 
     def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        check_supported(self, trials, structure)
         if isinstance(trials, TrialStream):
             return self._of_parts(trials, structure, progress)
-        orders = order_of_each(structure.order, len(trials.schema.states))
-        return self.find_order(trials, structure, [(order,) for order in orders], progress)
-
-    def find_order(
-        self, trials: Trials, structure: ModelStructure, possible: Sequence[Sequence[int]], progress: ProgressCallback
-    ) -> Law:
-        """Return the law of largest evidence among those of several orders, see `law_of_best_order`."""
-        check_supported(self, trials, structure)
         with threads(self.n_jobs):
-            return law_of_best_order(CandidateSearch(trials, self, progress), structure, possible)
+            return law_of_best_order(CandidateSearch(trials, self, progress), structure)
 
     def _of_parts(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the law of a stream: proposed by groups of objects, chosen by its evidence over all, fitted to each.
 
         Parts return only laws, evidences and coefficients; they are fitted under white noise by default.
         """
-        check_supported(self, stream, structure)
         nonlinear = structure.parametric(stream.schema) or structure.ratios(stream.schema)
         if nonlinear or self.latent_states:
             what = "latent_states=1" if self.latent_states else "a term with nonlinear parameters"
@@ -120,12 +106,13 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         weighing = {"noise": self.noise, "errors": errors, "huber_threshold": self.huber_threshold}
         alone = replace(self, errors=errors, covariance="likelihood", partial_pooling=False)
         parts = stream.parts or (stream,)
-        some = [parts[i] for i in evenly_spaced(len(parts), _GROUPS)]
+        some = [parts[i] for i in evenly_spaced(len(parts), settings.MAX_WINDOWS)]
         laws = done_in_parts(
             partial(_proposed, alone, structure), some, "seeking laws of groups of objects", part(progress, 0.0, 0.2)
         )
         proposed = {"; ".join(law.structure): law for law in reversed(laws)}
-        what = f"{counted(len(proposed), 'law')} of {counted(len(some), 'group')} of at most {_OBJECTS} objects"
+        groups = f"{counted(len(some), 'group')} of at most {settings.OBJECT_GROUPS[0]} objects"
+        what = f"{counted(len(proposed), 'law')} of {groups}"
         steps = [Step("proposals", what, "terms proposed by a search among few objects")]
         best = next(iter(proposed.values()))
         if len(proposed) > 1:
@@ -150,27 +137,28 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: TrialStream) -> Law:
     """Return the law of the first objects of a part, whose library are its own terms."""
     trials = part.read()
-    some = [trial for name in trials.objects[:_OBJECTS] for trial in trials.of_object(name)]
+    some = [trial for name in trials.objects[: settings.OBJECT_GROUPS[0]] for trial in trials.of_object(name)]
     with unannounced():
         law = method.find(trials.with_trials(some), structure, silent)
     return replace(written_alike(law, law.schema), provenance=law.provenance)
 
 
-def _fitted(law: Law, settings: dict[str, Any], trials: Trials) -> Law:
+def _fitted(law: Law, options: dict[str, Any], trials: Trials) -> Law:
     """Return a law fitted to the objects of a part, each starting from the average coefficients."""
-    return refine(typical(law, trials.objects), trials, **settings, partial_pooling=False, progress=silent)
+    return refine(typical(law, trials.objects), trials, **options, partial_pooling=False, progress=silent)
 
 
-def law_of_best_order(search: CandidateSearch, structure: ModelStructure, possible: Sequence[Sequence[int]]) -> Law:
+def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law:
     """Return the law of largest evidence among those of several orders with equal prior probabilities.
 
     Higher orders are tried if the best plain law of the lowest order has a lack of fit or many coefficients, and richer
     terms if the best plain law has. All laws have white noise if the residuals of the best are white; else each has the
-    error model of its largest evidence. `possible` has the orders of each state. An order is left out if no law can be
-    fitted.
+    error model of its largest evidence. An order is left out if no law can be fitted.
 
     Raises `CommonlawError` if no law of any order can be fitted: the last reason.
     """
+    orders = order_of_each(structure.order, len(search.trials.schema.states))
+    possible = structure.possible or tuple((order,) for order in orders)
     several = any(len(orders) > 1 for orders in possible)
     lowest = one_order([orders[0] for orders in possible])
 
@@ -208,15 +196,15 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
     The best law comes first; but that of the lowest order if it implies the best law, or if rates may be a function of
     the states.
     """
-    candidates = [(attempt_each(search.with_first_offer, [candidate])[0] or [candidate])[0] for candidate in candidates]
-    waiting, done = sorted(candidates), list[Candidate]()
+    offered = [attempt_each(search.with_first_offer, [candidate])[0] or [candidate] for candidate in candidates]
+    waiting, done = sorted(chain.from_iterable(offered)), list[Candidate]()
     while waiting:
         best = min([*done, *waiting])
         lowest = min(waiting, key=lambda candidate: candidate.total_order)
         is_lower = lowest.total_order < best.total_order
         may_be_lower = is_lower and is_first_order_possible(best.pool.best)
         implied = is_lower and is_implied_by_lower_order(best.pool)
-        if best.is_simple and not implied and not (may_be_lower and best.most_terms > MAX_TERMS_OF_HIGHER_ORDER):
+        if best.is_simple and not implied and not (may_be_lower and best.most_terms > settings.MAX_TERMS_OF_SIMPLE_LAW):
             break
         chosen = lowest if implied or may_be_lower else waiting[0]
         waiting = [candidate for candidate in waiting if candidate is not chosen]

@@ -19,7 +19,8 @@ from commonlaw.discrepancy.trajectories import (
     posterior,
 )
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import Beginning, Fitted, begin, refit
+from commonlaw.estimation.beginning import Beginning, begin
+from commonlaw.estimation.fitting import Fitted, refit
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.inference.fit.fit import NO_ERROR
 from commonlaw.law import Law, select_objects

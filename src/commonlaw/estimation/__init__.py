@@ -4,7 +4,7 @@ Solutions are computed from their initial values (single shooting) with exact de
 nonlinear least squares from several first values.
 """
 
-from commonlaw.estimation.fitting import needs_model
+from commonlaw.estimation.beginning import needs_model
 from commonlaw.estimation.prediction import predict_observed, simulate_observed
 from commonlaw.estimation.profile import Profile, likelihood_profile
 

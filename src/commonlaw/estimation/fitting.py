@@ -1,8 +1,7 @@
-"""From a model and trials to a law."""
+"""Maximum-likelihood estimates of models, and the laws of these."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -10,60 +9,26 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation.noise import noise_level
-from commonlaw.errors import CommonlawError, check_choice, unknown
-from commonlaw.estimation.model import Model, ModelText, read_model
-from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
-from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Bounds, Optimum, maximize
+from commonlaw.errors import CommonlawError
+from commonlaw.estimation.beginning import Beginning, beginning_of
+from commonlaw.estimation.problem import NormalPrior
+from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Optimum, maximize
 from commonlaw.law import Law, Provenance, Step, Uncertainty
-from commonlaw.law.alignment import matched, matched_noise, measured_schema
-from commonlaw.law.law import object_index, shares_terms
-from commonlaw.law.observation import ALL, OBJECT, TRIAL, Observation, Restrictions, TrialEstimate, by_trial
+from commonlaw.law.alignment import matched, matched_noise
+from commonlaw.law.law import object_index
+from commonlaw.law.objects import of_all_objects
+from commonlaw.law.observation import OBJECT, Observation, TrialEstimate, by_trial
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import Product, read_equations
 from commonlaw.law.provenance import Domain
 from commonlaw.law.text import with_error
 from commonlaw.library import Term, Terms
-from commonlaw.library.bounds import bounds_in, limits_of
-from commonlaw.library.sizes import likely_sizes
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted, shown
-from commonlaw.trials import Trial, Trials
-from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
-from commonlaw.trials.trial import Start, has_sparse_states, property_names
-
-FREE = "free"
-"""The initial value of each trial that the measurements determine."""
-_EXPLAINED = 1e-9
-"""Share of the slopes by a parameter below which those by others, such as initial values, explain them."""
-
-NoiseGiven = float | str | Mapping[str, float]
-"""The noise of a quantity: a standard deviation, of all objects or by object, or a property with one for each value."""
-InitialGiven = Start | tuple[float, float] | Mapping[str, float | None]
-"""An initial value as users give it: a `Start`, an expression of parameters, or a mean and a standard deviation."""
-
-
-def needs_model(
-    text: ModelText,
-    trials: Trials,
-    initial_values: Mapping[str, InitialGiven],
-    shared: Sequence[str] | Mapping[str, str],
-    priors: Mapping[str, tuple[float, float]] | None,
-) -> bool:
-    """Return whether equations are to be fitted as a model: what `commonlaw.refine` fits has none of these."""
-    names = property_names(trials.properties)
-    special = any(
-        name in trials.schema.states
-        or isinstance(start, tuple)
-        or (isinstance(start, str) and start != FREE and start not in names)
-        or (isinstance(start, Mapping) and any(value is None or isinstance(value, str) for value in start.values()))
-        for name, start in initial_values.items()
-    )
-    censored = any(np.isfinite(trial.below).any() for trial in trials)
-    sparse = has_sparse_states(tuple(trials), trials.schema)
-    return bool(not text.is_plain or special or censored or sparse or priors or isinstance(shared, Mapping))
-
+from commonlaw.trials import Trials
+from commonlaw.trials.trial import property_names
 
 _SETTINGS = ("log_states", "input_interpolation", "noise", "errors", "seed", "n_jobs", "progress")
 """Settings of fits that may be made here."""
@@ -76,33 +41,6 @@ def check_white(changed: Mapping[str, Any]) -> None:
         refused.append("errors")
     if refused:
         raise CommonlawError("not-with-observation", settings=refused)
-
-
-@dataclass(frozen=True, eq=False)
-class Unknowns:
-    """The unknown numbers of a model: which parameter of which trials, or which initial value, each one is.
-
-    For each trial `parameters` and `initial` have the index of each parameter and initial value among the unknowns, or
-    -1 for one that is known, in `values`, or follows from others.
-    """
-
-    names: list[str] = field(default_factory=list)
-    labels: list[str] = field(default_factory=list)
-    parameters: list[list[int]] = field(default_factory=list)
-    values: list[list[float]] = field(default_factory=list)
-    initial: list[list[int]] = field(default_factory=list)
-
-    def add(self, name: str, label: str) -> int:
-        self.names.append(name)
-        self.labels.append(label)
-        return len(self.names) - 1
-
-    def means(self, trials: Trials, owner: str) -> tuple[Floats, Floats]:
-        """Return M and m with parameters ``M unknowns + m`` of an object, means over its trials, (P, p) and (P,)."""
-        rows = [i for i, trial in enumerate(trials) if trial.object == owner]
-        indices = np.array([self.parameters[i] for i in rows]).reshape(len(rows), -1)
-        shares = (indices[:, :, np.newaxis] == np.arange(len(self.names))).mean(axis=0)
-        return shares, np.mean([self.values[i] for i in rows], axis=0)
 
 
 def refit(
@@ -134,51 +72,7 @@ def refit(
     given = law.observation and law.observation.restrictions
     groups = {name: by for name, by in given.noise.items() if isinstance(by, str)} if given else {}
     begun = beginning_of(law, trials, {**groups, **(levels or {})}, equations, log_states, input_interpolation)
-    return begun.fitted(seed, progress)
-
-
-def beginning_of(
-    law: Law,
-    trials: Trials,
-    noise: Mapping[str, NoiseGiven],
-    equations: Sequence[str] | None = None,
-    log_states: Sequence[str] | None = None,
-    input_interpolation: str | None = None,
-) -> "Beginning":
-    """Return how a fit of a law to trials in its units begins, with noise as in `commonlaw.fit`, see `refit`."""
-    if law.order == 0:
-        raise CommonlawError("discrete-not-refined")
-    if not shares_terms(law):
-        raise CommonlawError("refine-own-terms")
-    observation = law.observation
-    between = input_interpolation or measured_schema(law).input_interpolation
-    trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
-    written = equations or law.provenance.equations or law.structure
-    text, restrictions, free = ModelText.of(written), Restrictions(), list[str]()
-    if observation is not None:
-        if observation.restrictions is None:
-            raise CommonlawError("restrictions-not-recorded")
-        restrictions = observation.restrictions
-        bounds = bounds_in(restrictions.bounds)
-        text = replace(
-            text,
-            observed=observation.equations,
-            initial=observation.initial,
-            bounds=bounds,
-            events=observation.events,
-        )
-        free = [name for name in law.terms.variables.states if name not in observation.initial]
-    begun = begin(
-        text,
-        trials,
-        dict(law.schema.initial_values) if observation is None else dict.fromkeys(free),
-        law.schema.initial_time if observation is None else observation.initial_time,
-        restrictions.shared,
-        priors=restrictions.priors,
-        log_states=measured_schema(law).logarithmic if log_states is None else log_states,
-        noise=noise,
-    )
-    return replace(begun, first=_values_of(law, begun))
+    return fit_model(begun, seed, progress)
 
 
 def updated(law: Law, trials: Trials) -> Law:
@@ -207,13 +101,8 @@ def updated(law: Law, trials: Trials) -> Law:
         guessed = begun.guessed.copy()
         guessed[indices] = True
         begun = replace(begun, guessed=guessed, problem=replace(problem, priors=(*others, prior)))
-        parts.append(begun.fitted(0, lambda _: None).law(()))
-    coefficients = np.concatenate([part.coefficients for part in parts])
-    support = np.any(coefficients != 0, axis=0)
-    covariance = np.zeros((len(parts), support.sum(), support.sum()))
-    for whole, part in zip(covariance, parts, strict=True):
-        inner = np.flatnonzero(part.support[support])
-        whole[np.ix_(inner, inner)] = part.uncertainty.known_covariance()[0]
+        parts.append(fit_model(begun, 0, lambda _: None).law(()))
+    coefficients, covariance = of_all_objects(parts)
     observations = [part.observation for part in parts if part.observation is not None]
     estimated = tuple(row for part_observation in observations for row in part_observation.estimated)
     likelihood = sum(part_observation.log_likelihood for part_observation in observations)
@@ -227,348 +116,43 @@ def updated(law: Law, trials: Trials) -> Law:
     )
 
 
-def _values_of(law: Law, begun: "Beginning") -> Floats:
-    """Return first values of the unknowns: those of a law, as far as it has some that are not zero."""
-    result, named = begun.first.copy(), named_parameters(law)
-    estimated = () if law.observation is None else law.observation.estimated
-    by_trial = {(estimate.object, estimate.trial, estimate.name): estimate.value for estimate in estimated}
-    rows = zip(begun.trials, begun.unknowns.parameters, begun.unknowns.initial, strict=True)
-    for trial, parameters, initial in rows:
-        values = dict(zip(named.names, named.values[object_index(law, trial.object)].tolist(), strict=True))
-        for k in (*parameters, *initial):
-            name = begun.unknowns.names[k]
-            value = by_trial.get((trial.object, trial.name, name), values.get(name, 0.0))
-            if k >= 0 and value != 0 and np.isfinite(value):
-                result[k] = value
-    return result
+def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: int = DRAWS) -> "Fitted":
+    """Return the maximum of the likelihood, from so many first values.
 
-
-@dataclass(frozen=True, eq=False)
-class Beginning:
-    """A model before it is fitted: what is unknown, likely first values of it, whether these were guessed, its bounds.
-
-    First values have shape (p,), initial values among them; `groups` has the noise group of each object, by quantity,
-    and `start` the time of initial values.
+    Raises `CommonlawError` if the solution is finite from none of them, or the measurements do not determine all
+    unknowns.
     """
-
-    model: Model
-    trials: Trials
-    unknowns: Unknowns
-    problem: Problem
-    first: Floats
-    guessed: Bools
-    bounds: Bounds
-    groups: Mapping[str, Mapping[str, str]]
-    logarithmic: tuple[str, ...]
-    start: float | None
-    restrictions: Restrictions
-
-    def fitted(self, seed: int, progress: ProgressCallback, draws: int = DRAWS) -> "Fitted":
-        """Return the maximum of the likelihood, from so many first values.
-
-        Raises `CommonlawError` if the solution is finite from none of them, or the measurements do not determine all
-        unknowns.
-        """
-        search = partial(
-            maximize, self.problem, self.first, self.guessed, self.bounds, None, seed, progress, draws=draws
-        )
-        optimum = search(shares=EVENT_SHARES if self.problem.events_move and draws > 1 else (1.0,))
-        lack_of_fit = self._lack_of_fit(optimum)
-        if draws > 1 and lack_of_fit:
-            optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood)
-            lack_of_fit = self._lack_of_fit(optimum)
-        lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
-        if len(lost):
-            raise CommonlawError("parameters-not-identified", names=[self.unknowns.labels[i] for i in lost[:8]])
-        return Fitted(self, optimum, lack_of_fit)
-
-    def _lack_of_fit(self, optimum: Optimum) -> list[str]:
-        """Return the quantities whose residuals exceed the noise by differences of neighbouring samples, with both.
-
-        Residuals are three times as large, and more than a fiftieth of the standard deviation of the measurements.
-        """
-        listed, schema = list[str](), self.trials.schema
-        for name, residual in zip(self.problem.model.observables, optimum.noise.tolist(), strict=True):
-            if name in self.logarithmic or name not in schema.states or name in schema.noise_columns:
-                continue
-            columns = [(trial.times, trial.states[:, schema.states.index(name)]) for trial in self.trials]
-            seen = [
-                (times[kept], column[kept]) for times, column in columns if (kept := np.isfinite(column)).sum() >= 20
-            ]
-            if not seen:
-                continue
-            level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
-            if residual > max(3 * level, 0.02 * float(np.std(np.concatenate([column for _, column in seen])))):
-                listed.append(f"{name}: {residual:.2g} (noise {level:.2g})")
-        return listed
-
-
-def begin(
-    text: ModelText,
-    trials: Trials,
-    initial_values: Mapping[str, InitialGiven],
-    initial_time: float | None = None,
-    shared: Mapping[str, str] | None = None,
-    guesses: Mapping[str, float] | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
-    log_states: Sequence[str] = (),
-    noise: Mapping[str, NoiseGiven] | None = None,
-) -> Beginning:
-    """Return a model and trials as a fit begins with them, see `commonlaw.fit`."""
-    properties, shared, priors = property_names(trials.properties), shared or {}, priors or {}
-    model = read_model(with_initial(text, initial_values, trials), trials.schema, properties)
-    for j, state in enumerate(model.schema.states):
-        is_free = model.initial[j] is None and j not in model.known
-        # Nothing is said of it, and no observation equation may determine it
-        if is_free and state not in (*model.observables, *initial_values) and not model.text.observed:
-            raise CommonlawError("equation-without-column", name=state)
-    unknowns = _unknowns(model, trials, properties, shared)
-    known, groups = _checked_noise(trials, noise or {})
-    shown = with_logarithms(trials, log_states)
-    problem = _problem(model, with_noise(shown, known), unknowns, initial_time, priors)
-    first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
-    problem = _with_groups(replace(problem, sizes=state_sizes), groups)
-    written = tuple(bound.text for bound in text.bounds)
-    restrictions = Restrictions(
-        dict(shared),
-        dict(priors),
-        written,
-        {name: given for name, given in (noise or {}).items() if not isinstance(given, Mapping)},
+    search = partial(
+        maximize, begun.problem, begun.first, begun.guessed, begun.bounds, None, seed, progress, draws=draws
     )
-    bounds = _bounds(model, trials, unknowns)
-    logarithmic = shown.schema.logarithmic
-    return Beginning(
-        model, trials, unknowns, problem, first, guessed, bounds, groups, logarithmic, initial_time, restrictions
-    )
+    optimum = search(shares=EVENT_SHARES if begun.problem.events_move and draws > 1 else (1.0,))
+    lack_of_fit = _lack_of_fit(begun, optimum)
+    if draws > 1 and lack_of_fit:
+        optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood)
+        lack_of_fit = _lack_of_fit(begun, optimum)
+    lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
+    if len(lost):
+        raise CommonlawError("parameters-not-identified", names=[begun.unknowns.labels[i] for i in lost[:8]])
+    return Fitted(begun, optimum, lack_of_fit)
 
 
-def with_initial(text: ModelText, initial_values: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
-    """Return the text with initial values that are given apart from it."""
-    properties, initial = property_names(trials.properties), dict(text.initial)
-    for name, start in initial_values.items():
-        if start is None or start == FREE:
-            initial.pop(name, None)
-        elif isinstance(start, str):
-            if start.isidentifier() and start not in properties and get_close_matches(start, properties):
-                raise unknown("property", start, properties)
-            initial[name] = start
-        elif isinstance(start, Mapping):
-            known = dict[str, float]()
-            for owner in trials.objects:
-                value = start.get(owner, np.nan)
-                if value is not None and not isinstance(value, str):
-                    known[owner] = _finite(name, value, owner)
-            initial[name] = known
-        elif isinstance(start, tuple):
-            mean, std = map(float, start)
-            if not 0 < std < np.inf:
-                raise CommonlawError("prior-not-positive", name=f"{name}(0)", std=std)
-            initial[name] = mean, std
-        else:
-            initial[name] = repr(_finite(name, start, trials.objects[0]))
-    return replace(text, initial=initial)
+def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
+    """Return the quantities whose residuals exceed the noise by differences of neighbouring samples, with both.
 
-
-def _finite(state: str, value: float, owner: str) -> float:
-    if not np.isfinite(value):
-        raise CommonlawError("initial-value-not-finite", state=state, value=value, object=owner)
-    return float(value)
-
-
-def _unknowns(model: Model, trials: Trials, properties: Sequence[str], shared: Mapping[str, str]) -> Unknowns:
-    result, indices_of = Unknowns(), dict[tuple[str, object], int]()
-    for name in shared:
-        check_choice("parameter", name, [parameter for parameter in model.parameters if parameter not in properties])
-    for trial in trials:
-        indices, values = list[int](), list[float]()
-        for name in model.parameters:
-            if name in properties:
-                indices.append(-1)
-                values.append(number_of(name, trial.object, trials))
-                continue
-            by = shared.get(name, OBJECT)
-            key = _group(by, trial, trials)
-            if (name, key) not in indices_of:
-                alone = by == ALL or (by == OBJECT and len(trials.objects) == 1)
-                label = trial.label if by == TRIAL else key
-                indices_of[name, key] = result.add(name, name if alone else f"{name} of {label}")
-            indices.append(indices_of[name, key])
-            values.append(0.0)
-        result.parameters.append(indices)
-        result.values.append(values)
-    for trial in trials:
-        determined = model.free_of(trial.object)
-        indices = [
-            result.add(f"{name}(0)", f"{name}(0) of {trial.label}") if j in determined else -1
-            for j, name in enumerate(model.variables.states)
-        ]
-        result.initial.append(indices)
-    return result
-
-
-def _group(by: str, trial: Trial, trials: Trials) -> object:
-    """Return what a trial shares a parameter with: equal values are one group."""
-    properties, inputs = property_names(trials.properties), trials.schema.inputs
-    if by in (ALL, OBJECT, TRIAL):
-        return {ALL: None, OBJECT: trial.object, TRIAL: (trial.object, trial.name)}[by]
-    if by in inputs:
-        column = trial.inputs[:, inputs.index(by)]
-        if np.ptp(column) > 0:
-            raise CommonlawError("group-varies-in-trial", trial=trial.label, column=by)
-        return float(column[0])
-    check_choice("property", by, (*properties, *inputs))
-    if by not in trials.properties.get(trial.object, {}):
-        raise CommonlawError("property-missing", object=trial.object, property=by)
-    return trials.properties[trial.object][by]
-
-
-def _checked_noise(
-    trials: Trials, noise: Mapping[str, NoiseGiven]
-) -> tuple[dict[str, float | Mapping[str, float]], dict[str, dict[str, str]]]:
-    """Return which measured quantities have known noise, and of which each object has that of its group, by name."""
-    known, groups = dict[str, float | Mapping[str, float]](), dict[str, dict[str, str]]()
-    for name, given in noise.items():
-        check_choice("measured quantity", name, trials.schema.states)
-        if isinstance(given, str):
-            check_choice("property", given, property_names(trials.properties))
-            groups[name] = {trial.object: str(_group(given, trial, trials)) for trial in trials}
-        elif isinstance(given, Mapping):
-            known[name] = given
-        elif not 0 < given < np.inf:
-            raise CommonlawError("noise-not-positive", name=name, level=given)
-        else:
-            known[name] = float(given)
-    return known, groups
-
-
-def _problem(
-    model: Model, trials: Trials, unknowns: Unknowns, start: float | None, priors: Mapping[str, tuple[float, float]]
-) -> Problem:
-    data = []
-    rows = zip(trials, unknowns.parameters, unknowns.values, unknowns.initial, strict=True)
-    for trial, parameters, values, initial in rows:
-        if start is not None and start > trial.times[0]:
-            raise CommonlawError("initial-time-late", trial=trial.label, time=trial.times[0], initial_time=start)
-        data.append(TrialData.of(trial, model, start, parameters, values, initial))
-    for name, (_, std) in priors.items():
-        check_choice("parameter", name, list(dict.fromkeys(unknowns.names)))
-        if not 0 < std < np.inf:
-            raise CommonlawError("prior-not-positive", name=name, std=std)
-    logarithmic = np.array([name in trials.schema.logarithmic for name in model.observables])
-    priors = {f"{model.variables.states[j]}(0)": prior for j, prior in model.expected.items()} | dict(priors)
-    normal_priors = tuple(NormalPrior.of(i, *priors[name]) for i, name in enumerate(unknowns.names) if name in priors)
-    return Problem(model, tuple(data), len(unknowns.names), logarithmic, np.ones(model.width), normal_priors)
-
-
-def _with_groups(problem: Problem, groups: Mapping[str, Mapping[str, str]]) -> Problem:
-    """Return a problem in which a quantity is one for each group of objects, so that each has noise of its own."""
-    model, columns, names = problem.model, list[tuple[int, str | None]](), list[str]()
-    for k, name in enumerate(model.observables):
-        for group in dict.fromkeys(groups[name].values()) if name in groups else [None]:
-            columns.append((k, group))
-            names.append(name if group is None else f"{name} of {group}")
-    if names == list(model.observables):
-        return problem
-    order = [k for k, _ in columns]
-    outputs = replace(model.outputs, outputs=model.outputs.outputs[order])
-    data = []
-    for trial_data in problem.trials:
-        trial = trial_data.trial
-        belongs = [g is None or groups[model.observables[k]][trial.object] == g for k, g in columns]
-        states, noise, below = (
-            np.where(belongs, values[:, order], np.nan) for values in (trial.states, trial.noise, trial.below)
-        )
-        repeats = trial.repeats and replace(
-            trial.repeats, counts=trial.repeats.counts[:, order], squares=trial.repeats.squares[:, order]
-        )
-        data.append(replace(trial_data, trial=replace(trial, states=states, noise=noise, below=below, repeats=repeats)))
-    grouped = replace(model, observables=tuple(names), outputs=outputs)
-    return replace(problem, model=grouped, trials=tuple(data), logarithmic=problem.logarithmic[order])
-
-
-def _sizes(
-    model: Model, trials: Trials, problem: Problem, unknowns: Unknowns, guesses: Mapping[str, float]
-) -> tuple[Floats, Floats, Bools]:
-    """Return likely sizes of the unknowns, of the states and rates, and which unknowns were guessed."""
-    columns = {name: i for i, name in enumerate(model.variables.names)}
-    measured = dict[str, float]()
-    for j, name in enumerate(model.observables):
-        values = np.concatenate([np.append(trial.states[:, j], trial.below[:, j]) for trial in trials])
-        measured[name] = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
-    known = {
-        columns[name]: size
-        for name, size in measured.items()
-        if name in model.variables.states and name not in model.text.observed
-    }
-    span = max(trial.times[-1] - trial.times[0] for trial in problem.trials) or 1.0
-    known[columns[model.variables.time]] = max(float(np.abs(trial.times).max()) for trial in problem.trials) or 1.0
-    for i, name in enumerate(model.schema.inputs):
-        values = np.concatenate([trial.inputs[:, model.column[i]] for trial in trials])
-        known[columns[name]] = float(np.abs(values).max(initial=0.0)) or 1.0
-    for i, name in enumerate(model.parameters):
-        pairs = zip(unknowns.parameters, unknowns.values, strict=True)
-        known_values = [values[i] for indices, values in pairs if indices[i] < 0]
-        if any(known_values):
-            known[columns[name]] = float(np.mean(np.abs(known_values)))
-        if i in model.delay:
-            known[columns[name]] = 0.1 * span
-    for name, value in guesses.items():
-        check_choice("parameter", name, [parameter for parameter in unknowns.names if parameter in columns])
-        if not np.isfinite(value) or value == 0:
-            raise CommonlawError("guess-out-of-bounds", name=name, value=value)
-        known[columns[name]] = abs(value)
-    for prior in problem.priors:
-        for name, mean, root in zip(np.array(unknowns.names)[prior.indices], prior.mean, prior.root, strict=True):
-            if name in columns:
-                known.setdefault(columns[name], abs(float(mean)) or 1 / float(np.linalg.norm(root)))
-    for i, value_at_start in enumerate(model.initial):
-        if i not in known and value_at_start is not None:
-            try:
-                known.update({i: abs(float(value_at_start))} if float(value_at_start) else {})
-            except ValueError:
-                continue
-    statements: list[tuple[str, float | int | None]] = [
-        (expression, i) for i, expression in enumerate(model.expressions[: model.width])
-    ]
-    for name, expression in zip(model.observables, model.expressions[model.width :], strict=True):
-        statements.append((expression, measured[name]))
-    statements += [(start, known[i]) for i, start in enumerate(model.initial) if start is not None and i in known]
-    for condition, after in model.events:
-        changes = [(f"v{j}", new) for j, new in enumerate(after) if new != f"v{j}"]
-        statements += [(condition, None), *((f"{state} - ({new})", None) for state, new in changes)]
-    likely = likely_sizes(statements, known, len(columns), span)
-    initial_values = {f"{name}(0)": likely[i] for i, name in enumerate(model.variables.states)}
-    by_name = {**{name: likely[i] for name, i in columns.items()}}
-    sizes = np.array([initial_values[name] if name in initial_values else by_name[name] for name in unknowns.names])
-    guessed = np.array([name in guesses for name in unknowns.names], dtype=np.bool_)
-    for i, name in enumerate(unknowns.names):
-        if name in guesses:
-            sizes[i] = guesses[name]
-    for trial, indices in zip(trials, unknowns.initial, strict=True):
-        for name, k in zip(model.variables.states, indices, strict=True):
-            if k >= 0 and name in model.observables and name not in model.text.observed:
-                seen = trial.states[:, model.observables.index(name)]
-                seen = seen[np.isfinite(seen)]
-                if len(seen) and seen[0] != 0:  # Measured states begin at their first measurements
-                    sizes[k], guessed[k] = seen[0], True
-    return sizes, likely[: model.width], guessed
-
-
-def _bounds(model: Model, trials: Trials, unknowns: Unknowns) -> Bounds:
-    limits = [limits_of(name, model.text.bounds) for name in unknowns.names]
-    low, high = (
-        (np.array(ends, dtype=np.float64) for ends in zip(*limits, strict=True)) if limits else (np.zeros(0),) * 2
-    )
-    for name, least, most in zip(unknowns.names, low, high, strict=True):
-        if not least < most:
-            texts = [bound.text for bound in model.text.bounds if bound.name == name]
-            raise CommonlawError("bound-empty", text="; ".join(texts))
-    longest = max(trial.times[-1] - trial.times[0] for trial in trials)
-    delays = [model.parameters[index] for index in model.delay if index >= 0]
-    for i, name in enumerate(unknowns.names):
-        if name in delays:
-            low[i], high[i] = max(low[i], 0.0), min(high[i], longest)
-    return Bounds(low, high)
+    Residuals are three times as large, and more than a fiftieth of the standard deviation of the measurements.
+    """
+    listed, schema = list[str](), begun.trials.schema
+    for name, residual in zip(begun.problem.model.observables, optimum.noise.tolist(), strict=True):
+        if name in begun.logarithmic or name not in schema.states or name in schema.noise_columns:
+            continue
+        columns = [(trial.times, trial.states[:, schema.states.index(name)]) for trial in begun.trials]
+        seen = [(times[kept], column[kept]) for times, column in columns if (kept := np.isfinite(column)).sum() >= 20]
+        if not seen:
+            continue
+        level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
+        if residual > max(3 * level, 0.02 * float(np.std(np.concatenate([column for _, column in seen])))):
+            listed.append(f"{name}: {residual:.2g} (noise {level:.2g})")
+    return listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -625,11 +209,11 @@ class Fitted:
         known = np.nan_to_num(np.pad(given.known, ((0, 0), (0, len(extra)))))
         coefficients = np.tile(known, (len(trials.objects), 1, 1))
         for owner, whole in zip(trials.objects, coefficients, strict=True):
-            values = _values(model, unknowns, optimum.unknowns, trials, owner)
+            values = self._values(owner)
             for product in products:
                 whole[product.equation, product.term] = float(product.value(values))
         support = np.any(coefficients != 0, axis=0)
-        covariance, shared = _covariance(model, trials, unknowns, optimum, products, support)
+        covariance, shared = self._covariance(products, support)
         levels = optimum.noise.copy()
         for k in np.flatnonzero(problem.known_noise):  # Where each measurement has its own, the median
             of_each = np.concatenate([(data.trial.std(levels) / data.trial.averaging)[:, k] for data in problem.trials])
@@ -654,12 +238,11 @@ class Fitted:
             for k in [*np.array(parameter, dtype=int)[apart].tolist(), *indices]
             if k >= 0
         )
-        initial = dict(model.text.initial)
         schema = replace(trials.schema, logarithmic=begun.logarithmic)
         observation = Observation(
             schema,
             dict(model.text.observed),
-            initial,
+            dict(model.text.initial),
             begun.start,
             noise,
             sizes,
@@ -684,16 +267,8 @@ class Fitted:
                 f"{optimum.starts_alike} of the best starts end there",
             ),
         )
-        vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
-        names = [unknowns.labels[i] for i in vague[:8]]
-        limitless = (note("parameters-without-limits", parameters=names),) if names else ()
         provenance = Provenance(
-            outcomes=(
-                *_at_bounds(model, unknowns, begun.bounds, optimum),
-                *limitless,
-                *((note("residuals-exceed-noise", residuals=self.lack_of_fit),) if self.lack_of_fit else ()),
-                *((note("trials-differ", objects=shown(differing)),) if (differing := _differing_trials(self)) else ()),
-            ),
+            outcomes=tuple(self._outcomes()),
             history=steps,
             equations=given.texts,
             calls=calls,
@@ -712,8 +287,67 @@ class Fitted:
             observation=observation,
         )
 
+    def _outcomes(self) -> Iterator[Outcome]:
+        """Yield notes on parameters at bounds or without limits, and on what the model does not fit."""
+        begun, optimum, labels = self.begun, self.optimum, self.begun.unknowns.labels
+        for i in np.flatnonzero(optimum.at_bound):
+            name, end = begun.unknowns.names[i], float(optimum.unknowns[i])
+            value, error = (float(column[i]) for column in optimum.beyond)
+            text = next((bound.text for bound in begun.model.text.bounds if bound.name == name), name)
+            where = labels[i].removeprefix(f"{name} of ") if labels[i] != name else ""
+            yield estimate_at_bound(where, name, end, end == begun.bounds.low[i], value, error, text)
+        errors = np.sqrt(np.diagonal(optimum.covariance))
+        vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
+        if len(vague):
+            yield note("parameters-without-limits", parameters=[labels[i] for i in vague[:8]])
+        if self.lack_of_fit:
+            yield note("residuals-exceed-noise", residuals=self.lack_of_fit)
+        if differing := _differing_trials(self):
+            yield note("trials-differ", objects=shown(differing))
 
-def _differing_trials(fitted: Fitted) -> list[str]:
+    def _values(self, owner: str) -> dict[str, Floats]:
+        """Return the value of each parameter of an object, the mean over its trials."""
+        shares, known = self.begun.unknowns.means(self.begun.trials, owner)
+        values = shares @ self.optimum.unknowns + known
+        return dict(zip(self.begun.model.parameters, map(np.asarray, values), strict=True))
+
+    def _covariance(self, products: Sequence[Product], support: Bools) -> tuple[Floats, Floats | None]:
+        """Return the covariance of each object's coefficients, and the factor of that between objects.
+
+        Given what objects share they are independent: with the shared unknowns s of covariance S, Cov(a, b) = A S B'
+        for A = Cov(a, s) inv(S).
+        """
+        model, trials, unknowns, optimum = self.begun.model, self.begun.trials, self.begun.unknowns, self.optimum
+        place = {(j, k): i for i, (j, k) in enumerate(np.argwhere(support).tolist())}
+        size, covariance = int(support.sum()), optimum.covariance
+        means = {owner: unknowns.means(trials, owner)[0] for owner in trials.objects}
+        uses = np.sum([mean.any(axis=0) for mean in means.values()], axis=0)
+        shared = np.flatnonzero((uses > 1) & ~optimum.at_bound)
+        result, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
+        std = np.sqrt(np.diagonal(covariance)[shared])
+        std = np.where(std > 0, std, 1.0)
+        # Of nearly collinear unknowns the rounded correlations are hardly positive definite
+        correlations = covariance[np.ix_(shared, shared)] / std / std[:, np.newaxis] + 1e-13 * np.eye(len(shared))
+        root = std[:, np.newaxis] * np.linalg.cholesky(correlations)
+        for i, owner in enumerate(trials.objects):
+            values = self._values(owner)
+            slopes = np.zeros((size, len(model.parameters)))
+            for product in products:
+                for name, power in product.coefficients:
+                    if (product.equation, product.term) in place:
+                        others = product._replace(coefficients=tuple(c for c in product.coefficients if c[0] != name))
+                        outer = float(others.value(values))
+                        slope = outer * power * float(values[name]) ** (power - 1)
+                        slopes[place[product.equation, product.term], model.parameters.index(name)] += slope
+            slopes = slopes @ means[owner]
+            result[i] = slopes @ covariance @ slopes.T
+            if len(shared):
+                half = np.linalg.solve(root, covariance[shared] @ slopes.T)
+                factors.append(half.T)
+        return result, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
+
+
+def _differing_trials(fitted: Fitted, rounding: float = 1e-9) -> list[str]:
     """Return the objects whose parameters differ between trials, but for initial values and what may differ."""
     begun, optimum, p_values = fitted.begun, fitted.optimum, dict[str, float]()
     shared, names = begun.restrictions.shared, begun.unknowns.names
@@ -730,9 +364,10 @@ def _differing_trials(fitted: Fitted) -> list[str]:
             assert slopes is not None
             rows = np.column_stack([slopes[:, used], slopes[:, used] @ optimum.unknowns[used] - residuals])
             basis, sizes, _ = np.linalg.svd(slopes[:, free], full_matrices=False)
-            basis = basis[:, sizes > _EXPLAINED * sizes.max(initial=0.0)]
+            basis = basis[:, sizes > rounding * sizes.max(initial=0.0)]
+            # Slopes that those by others, such as initial values, do not explain
             rest = rows - basis @ (basis.T @ rows)
-            rest *= np.linalg.norm(rest, axis=0) > _EXPLAINED * np.linalg.norm(rows, axis=0)
+            rest *= np.linalg.norm(rest, axis=0) > rounding * np.linalg.norm(rows, axis=0)
             factors.append(np.asarray(np.linalg.qr(rest, mode="r")))
             measurements += len(rows) - basis.shape[1]
         if factors:
@@ -740,64 +375,17 @@ def _differing_trials(fitted: Fitted) -> list[str]:
     return [owner for owner, p_value in p_values.items() if p_value < HETEROGENEITY_LEVEL / len(p_values)]
 
 
-def _values(model: Model, unknowns: Unknowns, found: Floats, trials: Trials, owner: str) -> dict[str, Floats]:
-    """Return the value of each parameter of an object, the mean over its trials."""
-    shares, known = unknowns.means(trials, owner)
-    return dict(zip(model.parameters, map(np.asarray, shares @ found + known), strict=True))
+def estimate_at_bound(
+    where: str, name: str, end: float, is_low: bool, value: float, error: float, bound: str
+) -> Outcome:
+    """Return that a parameter is at an end of its bound, with the 95 % interval on the other side.
 
-
-def _covariance(
-    model: Model, trials: Trials, unknowns: Unknowns, optimum: Optimum, products: Sequence[Product], support: Bools
-) -> tuple[Floats, Floats | None]:
-    """Return the covariance of each object's coefficients, and the factor of that between objects.
-
-    Given what objects share they are independent: with the shared unknowns s of covariance S, Cov(a, b) = A S B' for
-    A = Cov(a, s) inv(S).
+    The interval is of the normal distribution about the estimate without the bound, as far as it is within.
     """
-    place = {(j, k): i for i, (j, k) in enumerate(np.argwhere(support).tolist())}
-    size, covariance = int(support.sum()), optimum.covariance
-    means = {owner: unknowns.means(trials, owner)[0] for owner in trials.objects}
-    uses = np.sum([mean.any(axis=0) for mean in means.values()], axis=0)
-    shared = np.flatnonzero((uses > 1) & ~optimum.at_bound)
-    result, factors = np.zeros((len(trials.objects), size, size)), list[Floats]()
-    std = np.sqrt(np.diagonal(covariance)[shared])
-    std = np.where(std > 0, std, 1.0)
-    # Of nearly collinear unknowns the rounded correlations are hardly positive definite
-    correlations = covariance[np.ix_(shared, shared)] / std / std[:, np.newaxis] + 1e-13 * np.eye(len(shared))
-    root = std[:, np.newaxis] * np.linalg.cholesky(correlations)
-    for i, owner in enumerate(trials.objects):
-        values = _values(model, unknowns, optimum.unknowns, trials, owner)
-        slopes = np.zeros((size, len(model.parameters)))
-        for product in products:
-            for name, power in product.coefficients:
-                if (product.equation, product.term) in place:
-                    others = product._replace(coefficients=tuple(c for c in product.coefficients if c[0] != name))
-                    outer = float(others.value(values))
-                    slope = outer * power * float(values[name]) ** (power - 1)
-                    slopes[place[product.equation, product.term], model.parameters.index(name)] += slope
-        slopes = slopes @ means[owner]
-        result[i] = slopes @ covariance @ slopes.T
-        if len(shared):
-            half = np.linalg.solve(root, covariance[shared] @ slopes.T)
-            factors.append(half.T)
-    return result, np.array(factors) if len(shared) and len(trials.objects) > 1 else None
-
-
-def _at_bounds(model: Model, unknowns: Unknowns, bounds: Bounds, optimum: Optimum) -> tuple[Outcome, ...]:
-    """Return which parameters are at a bound, each with the interval on the other side."""
     from scipy.stats import norm
 
-    result = []
-    for i in np.flatnonzero(optimum.at_bound):
-        name, end = unknowns.names[i], float(optimum.unknowns[i])
-        value, error = (float(column[i]) for column in optimum.beyond)
-        side = 1 if end == bounds.low[i] else -1
-        reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if 0 < error < np.inf else np.nan
-        within = f"; 95 %: {'up' if side > 0 else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
-        text = next((bound.text for bound in model.text.bounds if bound.name == name), name)
-        estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
-        where = unknowns.labels[i].removeprefix(f"{name} of ") if unknowns.labels[i] != name else ""
-        result.append(
-            note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=text)
-        )
-    return tuple(result)
+    side = 1 if is_low else -1
+    reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if 0 < error < np.inf else np.nan
+    within = f"; 95 %: {'up' if is_low else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
+    estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
+    return note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=bound)

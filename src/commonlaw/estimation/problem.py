@@ -1,6 +1,6 @@
 """The likelihood of a model's parameters and initial values, with its derivatives."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -14,10 +14,6 @@ from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, Solution, s
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.library.grammar import columns_in
 from commonlaw.trials import Trial
-
-_TINY = 1e-300
-_FIXED = 1e-6
-"""Standard deviation of what a prior fixes, in its size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +84,22 @@ class Predicted(NamedTuple):
     is_endless: bool
 
 
+class _Standardized(NamedTuple):
+    """A trial with the standard deviations of its measurements, shape (n, m), and which are seen, or under a limit.
+
+    Where they are, z is ``(h - y) / sigma`` and u is ``(L - h) / sigma``; h / sigma has the derivatives `by`, shape
+    (n, m, p).
+    """
+
+    trial: Trial
+    std: Floats
+    seen: Bools
+    under: Bools
+    z: Floats
+    u: Floats
+    by: Floats | None
+
+
 @dataclass(frozen=True, eq=False)
 class NormalPrior:
     """Unknowns, by index, that are jointly normal: ``root (p - mean)`` is standard normal, root of shape (k, k)."""
@@ -102,12 +114,15 @@ class NormalPrior:
         return cls(np.array([index]), np.array([mean]), np.array([[1 / std]]))
 
     @classmethod
-    def joint(cls, indices: Sequence[int], mean: Floats, covariance: Floats) -> "NormalPrior":
-        """Return the prior of some unknowns; what the covariance fixes keeps to it to rounding."""
-        sizes = np.sqrt(np.diagonal(covariance)) + np.abs(mean) * _FIXED
+    def joint(cls, indices: Sequence[int], mean: Floats, covariance: Floats, least: float = 1e-6) -> "NormalPrior":
+        """Return the prior of some unknowns; what the covariance fixes has the least standard deviation, in its size.
+
+        The prior then keeps it to rounding.
+        """
+        sizes = np.sqrt(np.diagonal(covariance)) + np.abs(mean) * least
         sizes = np.where(sizes > 0, sizes, 1.0)
         values, vectors = np.linalg.eigh(covariance / sizes / sizes[:, np.newaxis])
-        root = (vectors / np.sqrt(np.maximum(values, _FIXED**2))).T / sizes
+        root = (vectors / np.sqrt(np.maximum(values, least**2))).T / sizes
         return cls(np.array(indices, dtype=np.int64), mean, root)
 
     def residuals(self, unknowns: Floats) -> Floats:
@@ -179,15 +194,9 @@ class Problem:
         assert start_by is not None
         by_parameters = outer[:, :, :width] @ by[:, :, :count] + outer[:, :, first : first + count]
         by_start = outer[:, :, :width] @ by[:, :, count:] @ start_by
-        by_parameters += by_start[:, :, :count]
-        by_initial = by_start[:, :, count:]
-        by_unknowns = np.zeros((*values.shape, self.unknowns))
-        for i, k in enumerate(data.parameter):
-            if k >= 0:
-                by_unknowns[:, :, k] += by_parameters[:, :, i]
-        for j, k in enumerate(data.initial):
-            if k >= 0:
-                by_unknowns[:, :, k] += by_initial[:, :, j]
+        by_start[:, :, :count] += by_parameters
+        by_unknowns, indices = np.zeros((*values.shape, self.unknowns)), np.append(data.parameter, data.initial)
+        by_unknowns[:, :, indices[indices >= 0]] = by_start[:, :, indices >= 0]
         with np.errstate(all="ignore"):
             by_unknowns /= np.where(self.logarithmic, values, 1.0)[:, :, np.newaxis]
         return Predicted(shown, by_unknowns, states, solution.is_endless)
@@ -211,7 +220,7 @@ class Problem:
             for _ in range(200):
                 point = model.point(result[np.newaxis], inputs, times, parameters)
                 rates, jacobian = model.rates.evaluate(point)[0, steady], model.rates.jacobian(point)[0, steady]
-                speed = float(np.max(np.abs(rates) / sizes)) or _TINY
+                speed = float(np.max(np.abs(rates) / sizes)) or np.finfo(np.float64).tiny
                 step, last = step * min(10.0, max(last / speed, 0.1)) if np.isfinite(step) else 1 / speed, speed
                 try:
                     change = np.linalg.solve(np.eye(len(steady)) / step - jacobian[:, steady], rates)
@@ -294,6 +303,16 @@ class Problem:
         """Which observables have censored measurements, shape (m,)."""
         return np.asarray(np.any([np.isfinite(trial.trial.below).any(axis=0) for trial in self.trials], axis=0))
 
+    def _standardized(self, unknowns: Floats, noise: Floats, slopes: bool) -> "Iterator[_Standardized]":
+        """Yield the residuals of each trial."""
+        for data in self.trials:
+            predicted, trial = self.predicted(data, unknowns, slopes), data.trial
+            std = np.broadcast_to(trial.std(noise), predicted.values.shape)
+            seen, under = np.isfinite(trial.states), np.isfinite(trial.below)
+            z, u = (predicted.values - trial.states) / std, (trial.below - predicted.values) / std
+            by = None if predicted.slopes is None else predicted.slopes / std[:, :, np.newaxis]
+            yield _Standardized(trial, std, seen, under, z, u, by)
+
     def residuals(self, unknowns: Floats, noise: Floats, slopes: bool = True) -> tuple[Floats, Floats | None]:
         """Return standardized residuals, shape (r,), and their derivatives, shape (r, p).
 
@@ -301,20 +320,11 @@ class Problem:
         the sum of squares is the negative log-likelihood but for its constants; a prior is ``(p - mean) / std``.
         """
         parts, rows = list[Floats](), list[Floats]()
-        for data in self.trials:
-            predicted = self.predicted(data, unknowns, slopes)
-            std, trial = data.trial.std(noise), data.trial
-            seen = np.isfinite(trial.states)
-            parts.append(((predicted.values - trial.states) / std)[seen])
-            if predicted.slopes is not None:
-                rows.append((predicted.slopes / std[:, :, np.newaxis])[seen])
-            under = np.isfinite(trial.below)
-            if under.any():
-                z = ((trial.below - predicted.values) / std)[under]
-                root = np.sqrt(np.maximum(-2 * log_ndtr(z), _TINY))
-                parts.append(root)
-                if predicted.slopes is not None:
-                    rows.append((predicted.slopes / std[:, :, np.newaxis])[under] * (_mills(z) / root)[:, np.newaxis])
+        for _, _, seen, under, z, u, by in self._standardized(unknowns, noise, slopes):
+            root = np.sqrt(np.maximum(-2 * log_ndtr(u[under]), np.finfo(np.float64).tiny))
+            parts += [z[seen], root]
+            if by is not None:
+                rows += [by[seen], by[under] * (_mills(u[under]) / root)[:, np.newaxis]]
         for prior in self.priors:
             parts.append(prior.residuals(unknowns))
             rows.append(prior.root @ np.eye(self.unknowns)[prior.indices])
@@ -333,15 +343,12 @@ class Problem:
             return rows
         count, quantities = self.unknowns, len(noise)
         total, mixed, by_noise = np.zeros((count, count)), np.zeros((quantities, count)), np.zeros(quantities)
-        for data in self.trials:
-            predicted, trial = self.predicted(data, unknowns), data.trial
-            assert predicted.slopes is not None
-            std = np.broadcast_to(trial.std(noise), predicted.values.shape)
-            slopes = predicted.slopes / std[:, :, np.newaxis]
+        for trial, _, measured, limited, residuals, tails, by in self._standardized(unknowns, noise, True):
+            assert by is not None
             for k in range(quantities):
-                seen, under = np.isfinite(trial.states[:, k]), np.isfinite(trial.below[:, k])
-                z, g = ((predicted.values - trial.states) / std)[seen, k], slopes[seen, k]
-                u, h = ((trial.below - predicted.values) / std)[under, k], slopes[under, k]
+                seen, under = measured[:, k], limited[:, k]
+                z, g = residuals[seen, k], by[seen, k]
+                u, h = tails[under, k], by[under, k]
                 m = _mills(u)
                 total += g.T @ g + (h.T * (m * (m + u))) @ h
                 mixed[k] += (m * (m + u) * u - m) @ h - 2 * z @ g
@@ -384,13 +391,9 @@ class Problem:
     def log_likelihood(self, unknowns: Floats, noise: Floats) -> float:
         """Return the log-likelihood of the measurements, without priors."""
         total = 0.0
-        for data in self.trials:
-            trial, values = data.trial, self.predicted(data, unknowns, False).values
-            std = np.broadcast_to(trial.std(noise), values.shape)
-            seen, under = np.isfinite(trial.states), np.isfinite(trial.below)
-            z = ((values - trial.states) / std)[seen]
-            total -= 0.5 * float(z @ z) + float(np.log(std[seen]).sum()) + 0.5 * np.log(2 * np.pi) * seen.sum()
-            total += float(log_ndtr(((trial.below - values) / std)[under]).sum())
+        for trial, std, seen, under, z, u, _ in self._standardized(unknowns, noise, False):
+            total -= 0.5 * float(z[seen] @ z[seen]) + float(np.log(std[seen]).sum())
+            total += float(log_ndtr(u[under]).sum()) - 0.5 * np.log(2 * np.pi) * seen.sum()
             if trial.repeats is not None:
                 single = (std * np.sqrt(trial.repeats.counts))[seen]
                 more = trial.repeats.counts[seen] - 1

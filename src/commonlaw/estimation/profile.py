@@ -3,24 +3,21 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation.fitting import Beginning, beginning_of
-from commonlaw.estimation.problem import Problem
-from commonlaw.estimation.search import Bounds
+from commonlaw.estimation.beginning import Beginning, beginning_of
+from commonlaw.estimation.search import Objective, minimum
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, measured_schema
 from commonlaw.law.law import only_object, shares_terms
 from commonlaw.law.observation import OBJECT, TRIAL, Restrictions, by_trial
 from commonlaw.law.parameters import named_parameters
+from commonlaw.law.quantiles import two_sided
 from commonlaw.trials import Trials
 
 _STEPS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0)
 """Distances from the estimate at which the profile is computed, in standard errors."""
-_QUANTILE, _ENOUGH = 3.841, 7.0
-"""The 95 % quantile of chi-squared with one degree of freedom, and where a profile ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +45,19 @@ class Profile:
     @property
     def interval(self) -> tuple[float, float]:
         """The ends of the 95 % interval, where the deviance is 3.84; infinite where the profile stays below."""
-        ends = []
-        middle = int(np.argmin(self.deviance))
+        ends, middle, quantile = [], int(np.argmin(self.deviance)), float(two_sided(0.95)) ** 2
         for values, deviance, far in (
             (self.values[middle::-1], self.deviance[middle::-1], -np.inf),
             (self.values[middle:], self.deviance[middle:], np.inf),
         ):
-            above = np.flatnonzero(deviance > _QUANTILE)
+            above = np.flatnonzero(deviance > quantile)
             if not len(above):
                 ends.append(far)
                 continue
             # Roots of deviances are nearly straight lines
             last = int(above[0])
             roots = np.sqrt(np.maximum(deviance[last - 1 : last + 1], 0.0))
-            ends.append(float(np.interp(np.sqrt(_QUANTILE), roots, values[last - 1 : last + 1])))
+            ends.append(float(np.interp(np.sqrt(quantile), roots, values[last - 1 : last + 1])))
         return ends[0], ends[1]
 
 
@@ -88,34 +84,32 @@ def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | Non
         raise CommonlawError("profile-by-trial", parameter=parameter, by=shared[parameter])
     alone = all(by in (OBJECT, TRIAL) for by in shared.values())
     related = trials.select(object=owner) if alone else trials
-    noise = {} if law.observation is None else law.observation.noise_of
-    begun = beginning_of(law, matched(law, related, observed=True), noise)
+    groups = {} if law.observation is None else law.observation.noise_of
+    begun = beginning_of(law, matched(law, related, observed=True), groups)
     rows = zip(begun.trials, begun.unknowns.parameters, strict=True)
     unknown_indices = next(indices for trial, indices in rows if trial.object == owner)
     index = unknown_indices[begun.model.parameters.index(parameter)]
-    profile = _profile(begun, begun.first, index, _noise(law, begun))
+    noise = law.uncertainty.noise if law.observation is None else law.observation.noise_levels
+    known = None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
+    profile = _profile(begun, begun.first, index, known)
     unit = parameters.units[parameters.names.index(parameter)] or ""
     return Profile(parameter, owner, unit, *profile)
 
 
-def _noise(law: Law, begun: Beginning) -> Floats | None:
-    """Return the standard deviation of each observable, shape (m,), if the law has them."""
-    if law.observation is not None:
-        return law.observation.noise_levels
-    noise = law.uncertainty.noise
-    return None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
-
-
 def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) -> tuple[Floats, Floats, float, float]:
     problem, everything = begun.problem, np.ones(len(first), dtype=np.bool_)
+
+    def least(start: Floats, free: Bools) -> tuple[Floats, float]:
+        return minimum(Objective(problem, known), start, free, begun.bounds, tolerance=1e-8, steps=40)
+
     known = np.ones(len(begun.model.observables)) if noise is None else noise
-    best, cost = _least(problem, begun.bounds, first, everything, known)
+    best, cost = least(first, everything)
     if not np.isfinite(cost):
         raise CommonlawError("profile-not-finite")
     if noise is None:
         count = sum(int(np.isfinite(trial.trial.states).sum()) for trial in problem.trials)
         known = known * np.sqrt(cost / max(count - len(first), 1))
-        best, cost = _least(problem, begun.bounds, best, everything, known)
+        best, cost = least(best, everything)
     slopes = problem.residuals(best, known)[1]
     assert slopes is not None
     variance = np.linalg.pinv(slopes.T @ slopes)[index, index]
@@ -130,49 +124,14 @@ def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) 
             for share in (1.0, 0.5, 0.25):
                 start = at.copy()
                 start[index] += share * (value - at[index])
-                reached, here = _least(problem, begun.bounds, start, others, known)
+                reached, here = least(start, others)
                 if np.isfinite(here):
                     break
             if not np.isfinite(here):
                 break
             at = reached
             points.append((float(at[index]), max(here - cost, 0.0)))
-            if here - cost > _ENOUGH:
+            if here - cost > 7.0:  # Beyond the quantile of 99 %
                 break
     values, deviance = np.array(sorted(points)).T
     return values, deviance, float(best[index]), error
-
-
-def _least(problem: Problem, bounds: Bounds, start: Floats, free: Bools, noise: Floats) -> tuple[Floats, float]:
-    """Return where the sum of squares is least over the free unknowns, and that sum; infinite where it has none.
-
-    It is sought within bounds.
-    """
-    low, high = bounds.low[free], bounds.high[free]
-    gap = 1e-9 * np.minimum(high - low, np.maximum(np.abs(start[free]), 1e-300))
-    start = start.copy()
-    start[free] = np.clip(start[free], low + gap, high - gap)
-
-    def whole(point: Floats) -> Floats:
-        full = start.copy()
-        full[free] = point
-        return full
-
-    def slopes(point: Floats) -> Floats:
-        derivatives = problem.residuals(whole(point), noise)[1]
-        assert derivatives is not None
-        return np.asarray(np.nan_to_num(derivatives[:, free]))
-
-    def residuals(point: Floats) -> Floats:
-        with np.errstate(all="ignore"):
-            return np.asarray(np.nan_to_num(problem.residuals(whole(point), noise, False)[0], nan=1e30, posinf=1e30))
-
-    if not np.isfinite(problem.residuals(start, noise, False)[0]).all():
-        return start, np.inf
-    if not free.any():
-        return start, float(np.sum(residuals(start[free]) ** 2))
-    try:
-        fit = least_squares(residuals, start[free], slopes, (low, high), x_scale="jac", max_nfev=40)
-    except (ValueError, np.linalg.LinAlgError):
-        return start, np.inf
-    return whole(fit.x), float(2 * fit.cost)

@@ -15,33 +15,17 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
 
 DRAWS = 128
-"""First values whose likelihood is computed."""
-_IMPROVED, _IMPROVED_WITH_EVENTS = 12, 6
-"""Of these, how many are improved roughly, and then how many to the end."""
-_FINISHED = 4
+"""First values whose likelihood is computed, and values that are tried for one number, or drawn about an estimate."""
+IMPROVED, FINISHED = 12, 4
+"""Of these, how many are improved roughly (half as many with events, which take longer), and then to the end."""
 GROWING_SHARES = (0.2, 0.5, 1.0)
 EVENT_SHARES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 """Of the duration of trials, see `maximize`; the latter for models with events, the first of which may be early."""
-_SPREAD = 2.0
-"""Standard deviation of the logarithm of a first value."""
+SPREAD = 2.0
+"""Standard deviation of the logarithm of a first value, and of values about an estimate in its standard errors."""
 REACH = 16.0
 """How far from its likely size the logarithm of a parameter is looked for."""
-_RESAMPLINGS, _RESAMPLED_SPREAD = 4, 2.0
-"""How often the surroundings of an estimate are sampled in models with events, and how far, in its standard errors."""
-_EVENT_VALUES = 16
-"""Starts with even times and thresholds of events that are improved on whole trials."""
-_SCANNED = 64
-"""Sizes of a parameter in events that are tried, with both signs."""
-_ROUGH_STEPS, _BOUNDED_STEPS, _LM_STEPS = 60, 100, 200
-_HOPELESS = 1.0
-"""How much worse in log-likelihood a start is after its first round that is given up."""
-_ROUGH_NOISE = 0.1
-"""Standard deviation of measurements, in that of all of them, while noise is not known."""
-_ROUGH_TOLERANCE, _MIDDLING_TOLERANCE = 1e-4, 1e-6
-"""Relative errors of steps while parameters are improved roughly, and within bounds; at the end it is the problem's."""
-_EXACT = 1e-12
-"""The least noise of exact measurements, in that to begin with."""
-_TINY = 1e-300
+_TINY = float(np.finfo(np.float64).tiny)
 """In place of zero, whose logarithm and inverse are infinite."""
 
 
@@ -82,46 +66,79 @@ class Optimum:
     starts_alike: int
 
 
-class _Objective:
-    """Residuals and their derivatives, of the values that were asked last."""
+class Objective:
+    """Standardized residuals and their derivatives by the unknowns, kept for those that were asked for last."""
 
-    def __init__(self, problem: Problem, noise: Floats, signs: Floats | None = None) -> None:
-        self.problem, self.noise, self.signs = problem, noise, signs
+    def __init__(self, problem: Problem, noise: Floats) -> None:
+        self.problem, self.noise = problem, noise
         self.last: Floats | None = None
 
-    def _compute(self, point: Floats) -> None:
-        if self.last is None or not np.array_equal(point, self.last):
-            unknowns = point if self.signs is None else self.signs * np.exp(point)
-            self.last = point.copy()
-            self.found, slopes = self.problem.residuals(unknowns, self.noise)
-            assert slopes is not None
-            self.slopes = slopes if self.signs is None else slopes * unknowns
+    def _compute(self, unknowns: Floats) -> None:
+        if self.last is None or not np.array_equal(unknowns, self.last):
+            with np.errstate(all="ignore"):
+                self.values, self.slopes = self.problem.residuals(unknowns, self.noise)
+            self.last = unknowns.copy()
 
-    def residuals(self, point: Floats) -> Floats:
-        self._compute(point)
-        return self.found
+    def residuals(self, unknowns: Floats) -> Floats:
+        self._compute(unknowns)
+        return self.values
 
-    def jacobian(self, point: Floats) -> Floats:
-        self._compute(point)
+    def jacobian(self, unknowns: Floats) -> Floats:
+        self._compute(unknowns)
+        assert self.slopes is not None
         return np.asarray(np.nan_to_num(self.slopes))
 
 
-def _improved(objective: _Objective, start: Floats, bounds: Bounds, steps: int) -> tuple[Floats, float]:
-    """Return the point of least squares that is reached from a start, and half the sum."""
+def minimum(
+    objective: Objective,
+    start: Floats,
+    free: Bools,
+    bounds: Bounds | None = None,
+    *,
+    scale: Floats | None = None,
+    tolerance: float,
+    steps: int,
+) -> tuple[Floats, float]:
+    """Return the unknowns of least squares that are reached from a start, changing those that are free, and the sum.
+
+    Within bounds it is sought by trust regions (Branch, Coleman and Li 1999), otherwise by the method of Levenberg and
+    Marquardt. With a scale, variables and bounds are ``log(unknowns / scale)``. The sum is infinite where the search
+    fails, or residuals are not finite at the start.
+    """
     from scipy.optimize import least_squares
 
-    low, high = bounds.low, bounds.high
-    gap = 1e-10 * np.maximum(1.0, np.abs(start))
-    start = np.clip(start, np.where(np.isfinite(low), low + gap, low), np.where(np.isfinite(high), high - gap, high))
-    if not np.isfinite(objective.residuals(start)).all():
-        return start, np.inf
-    tolerance = 1e-10 if steps == _BOUNDED_STEPS else 1e-6
+    def whole(point: Floats) -> Floats:
+        result = start.copy()
+        with np.errstate(over="ignore"):
+            result[free] = point if scale is None else scale[free] * np.exp(point)
+        return result
+
+    def residuals(point: Floats) -> Floats:
+        return np.nan_to_num(objective.residuals(whole(point)), nan=1e30, posinf=1e30, neginf=-1e30)
+
+    def jacobian(point: Floats) -> Floats:
+        unknowns = whole(point)
+        slopes = objective.jacobian(unknowns)[:, free]
+        return np.asarray(slopes if scale is None else np.nan_to_num(slopes * unknowns[free]))
+
+    first = start[free] if scale is None else np.log(start[free] / scale[free])
+    low, high = (np.full(len(first), -np.inf), np.full(len(first), np.inf))
+    if bounds is not None:
+        low, high = bounds.low[free], bounds.high[free]
+        gap = 1e-10 * np.minimum(np.maximum(1.0, np.abs(first)), high - low)
+        first = np.clip(first, low + gap, high - gap)
+    values = objective.residuals(whole(first))
+    if not np.isfinite(values).all():
+        return whole(first), np.inf
+    if not free.any():
+        return start, float(values @ values)
     try:
-        fit = least_squares(
-            objective.residuals,
-            start,
-            objective.jacobian,
+        optimum = least_squares(
+            residuals,
+            first,
+            jacobian,
             (low, high),
+            method="lm" if bounds is None and len(values) >= len(first) else "trf",
             x_scale="jac",
             ftol=tolerance,
             xtol=tolerance,
@@ -129,8 +146,8 @@ def _improved(objective: _Objective, start: Floats, bounds: Bounds, steps: int) 
             max_nfev=steps,
         )
     except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
-        return start, np.inf
-    return fit.x, float(fit.cost)
+        return whole(first), np.inf
+    return whole(optimum.x), float(2 * optimum.cost)
 
 
 def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds) -> Floats:
@@ -139,7 +156,7 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
     A bounded search approaches bounds from inside, and slowly; here what the gradient pulls out is set to its bound.
     First each number is searched by its logarithm, in which valleys of the likelihood are straighter, then as it is.
     """
-    objective = _Objective(problem, noise)
+    objective = Objective(problem, noise)
     held = np.zeros(len(unknowns), dtype=np.bool_)
     for _ in range(2 * len(unknowns) + 1):
         gaps = np.stack([unknowns - bounds.low, bounds.high - unknowns])
@@ -153,10 +170,10 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
         free = ~held
         if not np.isfinite(objective.residuals(start)).all():
             break
-        point = _by_levenberg_marquardt(objective, start, free & (start != 0), True)
+        point = _by_levenberg_marquardt(objective, start, free & (start != 0), logarithms=True)
         # Steps of the next search are at first of the size of the values
         point = np.where(np.abs(point) < np.exp(-REACH) * np.abs(start), 0.0, point)
-        point = _by_levenberg_marquardt(objective, point, free, False)
+        point = _by_levenberg_marquardt(objective, point, free)
         outside = (point < bounds.low) | (point > bounds.high)
         gradient = objective.jacobian(point).T @ objective.residuals(point)
         inward = held & np.where(point == bounds.low, gradient < 0, gradient > 0)
@@ -168,44 +185,9 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
     return unknowns
 
 
-def _by_levenberg_marquardt(objective: _Objective, start: Floats, free: Bools, logarithms: bool) -> Floats:
-    """Return where the sum of squares is least, changing those that are free; the start if nothing is better."""
-    from scipy.optimize import least_squares
-
-    if not free.any():
-        return start
-
-    def whole(point: Floats) -> Floats:
-        result = start.copy()
-        with np.errstate(over="ignore"):
-            result[free] = start[free] * np.exp(point) if logarithms else point
-        return result
-
-    def residuals(point: Floats) -> Floats:
-        return np.nan_to_num(objective.residuals(whole(point)), nan=1e30, posinf=1e30, neginf=-1e30)
-
-    def jacobian(point: Floats) -> Floats:
-        unknowns = whole(point)
-        slopes = objective.jacobian(unknowns)[:, free]
-        return np.asarray(np.nan_to_num(slopes * unknowns[free]) if logarithms else slopes)
-
-    first = np.zeros(int(free.sum())) if logarithms else start[free]
-    before = residuals(first)
-    try:
-        fit = least_squares(
-            residuals,
-            first,
-            jacobian,
-            method="lm" if len(before) >= len(first) else "trf",
-            x_scale="jac",
-            ftol=1e-15,
-            xtol=1e-15,
-            gtol=1e-15,
-            max_nfev=_LM_STEPS if logarithms else _LM_STEPS // 5,
-        )
-    except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
-        return start
-    return whole(fit.x) if 2 * fit.cost <= float(before @ before) else start
+def _by_levenberg_marquardt(objective: Objective, start: Floats, free: Bools, logarithms: bool = False) -> Floats:
+    scale, steps = (start, 200) if logarithms else (None, 40)
+    return minimum(objective, start, free, scale=scale, tolerance=1e-15, steps=steps)[0]
 
 
 def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Floats:
@@ -215,7 +197,7 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
 
     count = len(sizes)
     draws = qmc.Sobol(2 * count, seed=seed).random(DRAWS) if count else np.zeros((DRAWS, 0))
-    spread = np.exp(_SPREAD * ndtri(np.clip(draws[:, :count], 1e-6, 1 - 1e-6)))
+    spread = np.exp(SPREAD * ndtri(np.clip(draws[:, :count], 1e-6, 1 - 1e-6)))
     negative = (bounds.low < 0) & (draws[:, count:] < 0.2) & (np.arange(DRAWS) % 2 == 1)[:, np.newaxis]
     starts = np.where(guessed, sizes, sizes * spread * np.where(negative, -1.0, 1.0))
     starts[0] = sizes
@@ -227,14 +209,14 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
     return np.asarray(np.where(outside, np.where(both, inner, one), starts))
 
 
-def rough_noise(problem: Problem) -> Floats:
+def rough_noise(problem: Problem, share: float = 0.1) -> Floats:
     """Return noise to begin with where it is not known: a share of how measurements scatter, shape (m,)."""
     values = np.concatenate([trial.trial.states for trial in problem.trials])
     result = np.ones(values.shape[1])
     for k, column in enumerate(values.T):
         seen = column[np.isfinite(column)]
         spread = float(np.std(seen)) if len(seen) > 1 else 0.0
-        result[k] = _ROUGH_NOISE * (spread or float(np.max(np.abs(seen), initial=0.0)) or 1.0)
+        result[k] = share * (spread or float(np.max(np.abs(seen), initial=0.0)) or 1.0)
     return result
 
 
@@ -280,12 +262,12 @@ def maximize(
         names = [problem.model.variables.states[j] for j in problem.model.steady]
         unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
     progress(f"computing the likelihood of {len(starts)} first values")
-    coarse = replace(problem, tolerance=_ROUGH_TOLERANCE)
+    coarse = replace(problem, tolerance=1e-4)
     parts = [coarse if share == 1 else _first(coarse, share) for share in shares]
     costs = np.array([_cost(parts[0], start, noise) for start in starts])
     if not np.isfinite(costs).any():
         raise unsolved
-    improved = _IMPROVED_WITH_EVENTS if problem.events_move else _IMPROVED
+    improved = IMPROVED // 2 if problem.events_move else IMPROVED
     ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: improved if problem.unknowns else 1]
     rough, random = list[tuple[float, Floats]](), np.random.default_rng(seed)
     for i in ranked:
@@ -301,8 +283,9 @@ def maximize(
             near = _resampled(part, point, noise, bounds, random)
             cost, point = min((cost, point), _roughly(part, near, noise, bounds, sizes), key=lambda scored: scored[0])
         rough.append((cost, point))
-    for i, start in enumerate(starts[1 : 2 * _EVENT_VALUES : 2] if spread else ()):
-        progress(f"improving values of events, start {i + 1} of {_EVENT_VALUES}")
+    with_even = starts[1 : DRAWS // 4 : 2] if spread else ()
+    for i, start in enumerate(with_even):
+        progress(f"improving values of events, start {i + 1} of {len(with_even)}")
         rough.append(_roughly(coarse, start, noise, bounds, sizes))
     rough = sorted((attempt for attempt in rough if np.isfinite(attempt[0])), key=lambda attempt: attempt[0])
     if not rough:
@@ -310,14 +293,14 @@ def maximize(
     progress("fitting parameters")
     score, unknowns, ends = np.inf, rough[0][1], list[float]()
     first = noise
-    for _, start in rough[:_FINISHED]:
-        end, values, levels = _finished(problem, start, first, bounds, given, score + _HOPELESS)
+    for _, start in rough[:FINISHED]:
+        end, values, levels = _finished(problem, start, first, bounds, given, score + 1.0)
         ends.append(end)
         if end < score or not np.isfinite(score):
             score, unknowns, noise = end, values, levels
     if not np.isfinite(score):
         raise unsolved
-    for _ in range(_RESAMPLINGS if problem.events_move else 0):
+    for _ in range(FINISHED if problem.events_move else 0):
         start = _resampled(problem, unknowns, noise, bounds, random)
         end, values, levels = _finished(problem, start, noise, bounds, given, np.inf)
         if end < score:
@@ -346,20 +329,20 @@ def _cost(problem: Problem, unknowns: Floats, noise: Floats) -> float:
 
 
 def _roughly(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, sizes: Floats) -> tuple[float, Floats]:
-    """Return half the sum of squares and the values after a search on a logarithmic scale, signs as they are."""
+    """Return the sum of squares and the values after a search on a logarithmic scale, signs as they are."""
     signs = np.where(start < 0, -1.0, 1.0)
-    middle = np.log(np.maximum(np.abs(start), 1e-12 * np.abs(sizes) + _TINY))
-    near = np.log(np.abs(sizes) + _TINY)
+    start = signs * np.maximum(np.abs(start), 1e-12 * np.abs(sizes) + _TINY)
+    middle, near = np.log(np.abs(start)), np.log(np.abs(sizes) + _TINY)
     low = np.minimum(near - REACH, middle - 1)
     high = np.maximum(near + REACH, middle + 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        least = np.where(signs > 0, bounds.low, -bounds.high)
-        most = np.where(signs > 0, bounds.high, -bounds.low)
-        low = np.where(least > 0, np.log(np.maximum(least, _TINY)), low)
-        high = np.where(np.isfinite(most) & (most > 0), np.log(np.maximum(most, _TINY)), high)
-    low, high = np.minimum(low, high - 1e-6), high
-    point, cost = _improved(_Objective(problem, noise, signs), middle, Bounds(low, high), _ROUGH_STEPS)
-    return cost, signs * np.exp(point)
+    least = np.where(signs > 0, bounds.low, -bounds.high)
+    most = np.where(signs > 0, bounds.high, -bounds.low)
+    low = np.where(least > 0, np.log(np.maximum(least, _TINY)), low)
+    high = np.where(np.isfinite(most) & (most > 0), np.log(np.maximum(most, _TINY)), high)
+    within, free = Bounds(np.minimum(low, high - 1e-6), high), np.ones(len(start), dtype=np.bool_)
+    objective = Objective(problem, noise)
+    unknowns, squares = minimum(objective, start, free, within, scale=signs, tolerance=1e-6, steps=60)
+    return squares, unknowns
 
 
 def _scanned(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, sizes: Floats) -> Floats:
@@ -371,7 +354,7 @@ def _scanned(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, siz
 
     point, least = start, _cost(problem, start, noise)
     for k in problem.event_unknowns:
-        values = np.abs(sizes[k]) * np.exp(_SPREAD * ndtri((np.arange(_SCANNED) + 0.5) / _SCANNED))
+        values = np.abs(sizes[k]) * np.exp(SPREAD * ndtri((np.arange(DRAWS // 2) + 0.5) / (DRAWS // 2)))
         values = np.append(values, -values)
         for value in values[(values >= bounds.low[k]) & (values <= bounds.high[k])]:
             moved = np.where(np.arange(len(point)) == k, value, point)
@@ -387,7 +370,7 @@ def _resampled(problem: Problem, point: Floats, noise: Floats, bounds: Bounds, r
     if not np.isfinite(rows).all():
         return point
     scale = np.sqrt(np.sum(rows**2, axis=0)) + _TINY
-    root = _RESAMPLED_SPREAD * np.linalg.pinv(rows / scale, rcond=1e-8).T / scale
+    root = SPREAD * np.linalg.pinv(rows / scale, rcond=1e-8).T / scale
     near = np.clip(point + random.standard_normal((DRAWS, len(rows))) @ root, bounds.low, bounds.high)
     return np.asarray(min(near, key=lambda drawn: _cost(problem, drawn, noise)))
 
@@ -399,14 +382,16 @@ def _finished(
 
     It is infinite where the first round leads to one that is larger than a hopeless one.
     """
-    unknowns, middling = start, replace(problem, tolerance=_MIDDLING_TOLERANCE)
+    unknowns, middling = start, replace(problem, tolerance=1e-6)
+    free = np.ones(len(start), dtype=np.bool_)
     unknown = ~problem.known_noise & (problem.counts > 0)
     fixed = given or not unknown.any()
     # The least squares of one quantity do not depend on its noise
     once = fixed or (int(unknown.sum()) == 1 and not problem.known_noise.any() and not problem.priors)
     once = once and not problem.censored.any()
     for round_ in range(60):
-        unknowns, _ = _improved(_Objective(middling, noise), unknowns, bounds, _BOUNDED_STEPS)
+        objective = Objective(middling, noise)
+        unknowns, _ = minimum(objective, unknowns, free, bounds, tolerance=1e-10, steps=100)
         if round_ == 0 and _score(problem, unknowns, noise, fixed)[0] > hopeless:
             return np.inf, unknowns, noise
         unknowns = _polished(problem, unknowns, noise, bounds)
@@ -421,10 +406,15 @@ def _finished(
 def _score(problem: Problem, unknowns: Floats, noise: Floats, fixed: bool) -> tuple[float, Floats]:
     """Return the negative log-likelihood with priors, and the noise of maximum likelihood."""
     levels = noise if fixed else problem.noise_levels(unknowns, noise)
-    levels = np.maximum(levels, _EXACT * rough_noise(problem))
+    levels = _not_zero(levels, problem)
     priors = sum(0.5 * float(np.sum(prior.residuals(unknowns) ** 2)) for prior in problem.priors)
     score = priors - problem.log_likelihood(unknowns, levels)
     return (float(score) if np.isfinite(score) else np.inf), levels
+
+
+def _not_zero(levels: Floats, problem: Problem) -> Floats:
+    """Return the noise, at least at the size of rounding errors, of exact measurements."""
+    return np.maximum(levels, rough_noise(problem, 1e-13))
 
 
 def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, given: bool, alike: int) -> Optimum:
@@ -432,7 +422,7 @@ def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, 
     log_likelihood = problem.log_likelihood(unknowns, noise)
     at_bound = (unknowns == bounds.low) | (unknowns == bounds.high)
     unbiased = noise if given else problem.noise_levels(unknowns, noise, float((~at_bound).sum()))
-    unbiased = np.maximum(unbiased, _EXACT * rough_noise(problem))
+    unbiased = _not_zero(unbiased, problem)
     rows = problem.information(unknowns, unbiased)
     covariance = np.zeros((len(unknowns), len(unknowns)))
     inner = np.flatnonzero(~at_bound)
@@ -440,9 +430,9 @@ def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, 
     beyond, errors = unknowns.copy(), np.zeros(len(unknowns))
     if at_bound.any():
         free = np.ones(len(unknowns), dtype=np.bool_)
-        beyond = _by_levenberg_marquardt(_Objective(problem, unbiased), unknowns, free, False)
+        beyond = _by_levenberg_marquardt(Objective(problem, unbiased), unknowns, free)
         levels = noise if given else problem.noise_levels(beyond, unbiased, float(len(beyond)))
-        whole = _inverse(problem.information(beyond, np.maximum(levels, _EXACT * rough_noise(problem))))
+        whole = _inverse(problem.information(beyond, _not_zero(levels, problem)))
         errors = np.sqrt(np.maximum(np.diagonal(whole), 0.0))
     return Optimum(unknowns, unbiased, log_likelihood, covariance, at_bound, (beyond, errors), alike)
 

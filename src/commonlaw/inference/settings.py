@@ -1,7 +1,5 @@
 """Every number by which inference decides, with its unit, its meaning and its source."""
 
-from commonlaw.runtime.fit_options import FitOptions
-
 # Rounding and iterations
 ROUNDING = 1e-6
 """Relative difference, or change in units of a scale, up to which two numbers are equal."""
@@ -13,8 +11,6 @@ MAX_ITERATIONS = 30
 """Newton, Gauss-Newton or Levenberg-Marquardt steps of a minimization."""
 MAX_SWEEPS = 4
 """Rounds of alternating choices, or Gauss-Newton steps, before the final fit."""
-DIFFERENCE_SPACING = 0.02
-"""Spacing of central differences of functions known to some ten digits, in variables of order one."""
 
 # Comparisons of fits, in twice the log-likelihood
 SAME_DEVIANCE = 0.01
@@ -38,16 +34,10 @@ MIN_SAMPLES = 8
 """Samples of a trial whose differences estimate the noise."""
 MIN_SAMPLES_OF_MANY = 30
 """Samples by which noise at some stride or size of a state is estimated, to a tenth."""
-MAX_FROM_MULTIPLE = 1e-3
-"""Distance from a multiple of a step, in steps, by the rounding of single precision."""
-MAX_STANDARDIZED_RESIDUAL = 4.0
-"""Residuals, in standard deviations; larger ones are outliers."""
 VAGUE = 100.0
 """Standard deviation of free initial values of latent states, in scales of the states."""
 
 # Samples, objects and trials
-MAX_SAMPLES = FitOptions.max_samples
-"""Samples that are fitted: some minutes of work."""
 MAX_SCREENED_SAMPLES = 10_000
 """Samples by which terms are screened, and strides of samples compared."""
 MIN_RESOLUTION = 8
@@ -56,7 +46,7 @@ of the mesh exceed those of coefficients by noise."""
 MAX_CURVE_POINTS = 200
 """Points in a row that represent a trial, a window or a segment."""
 MAX_WINDOWS = 4
-"""Windows of an object, or trials and objects, in expensive computations."""
+"""Windows of an object, trials and objects, or trials of an object left out in turn, in expensive computations."""
 MAX_OBJECTS = 12
 """Objects, segments of an object, or trials, that represent all."""
 
@@ -65,6 +55,12 @@ MAX_TERMS = 20
 """Terms of an equation, for legibility."""
 MIN_SAMPLES_PER_TERM = 5
 """Samples of all objects for each term of an equation; with fewer, terms follow the noise."""
+MAX_TERMS_OF_SIMPLE_LAW = 3
+"""An equation with more coefficients may approximate richer terms, of two numbers or more, or a law of lower order."""
+MAX_TERMS_WITHOUT_LATENT_STATE = 5
+"""An equation with more coefficients may lack a latent state."""
+MAX_REDUCED_CHI_SQUARED = 1.5
+"""Sum of squares with all terms, in its degrees of freedom, from which on terms are missing."""
 MAX_SEARCHED_TERMS = 70
 """Candidate terms of an equation that are searched unscreened: beyond, the search takes minutes."""
 MAX_SCREENED_TERMS = 40
@@ -109,10 +105,6 @@ MIN_ABOVE_ZERO = 1e-3
 MIN_DRAWS = (32, 128)
 """Draws for each two parameters where initial values are given, and where they are drawn: a tenth or
 ten times as many give the same optimum."""
-INITIAL_VALUE_DECADES = (-1.0, 1.5)
-"""Decades from the scale of a state between which initial values are drawn."""
-NEGATIVE = 0.25
-"""Share of initial values that are drawn below zero."""
 GENERIC_POINTS = 16
 """Random points at which terms are compared or averaged."""
 LATENT_MODEL_ERRORS = (1.0, 0.1, 0.01)
@@ -120,17 +112,11 @@ LATENT_MODEL_ERRORS = (1.0, 0.1, 0.01)
 MAX_RELATIVE_DIFFERENCE = 0.2
 """Relative difference up to which coefficients of objects, or of unconverged fits, are equal."""
 
-# Errors in time
-CORRELATED_SHARES = (0.2, 0.4, 0.6, 0.8, 0.95)
-"""Shares of the variance of errors that are autocorrelated."""
-CORRELATION_TIMES = (2.0, 5.0, 15.0)
-"""Correlation times of these, in median sampling intervals."""
-
 # Search and comparison of models
 STRONG = 6.0
 """2 log B from which evidence is strong (Kass and Raftery 1995)."""
 MIN_PROBABILITY = 0.01
-"""Posterior probability of a model that is kept, and of differences by chance from which these are reported."""
+"""Posterior probability of a model that is kept."""
 MAX_MODELS = 12
 """Models that are kept besides the best, and fitted in vain before a search ends."""
 MAX_PROPOSED = 4
@@ -140,9 +126,8 @@ MAX_RIVALS = 2
 ALTERNATIONS = 2
 """Rounds of what is chosen in turn: supports and levels of errors, or variances of initial conditions."""
 MAX_TRIED_SETS = 30
-"""Sets of terms of an equation that are fitted from where they were proposed."""
-MAX_JOINT_LAWS = (3, 27)
-"""Sets of each equation that are tried with those of the others, and laws of these."""
+"""Sets of terms of an equation, or combinations of those of all equations, that are fitted from where they were
+proposed."""
 MAX_DEVIANCE = (2.0, 100.0)
 """Twice the log-likelihood that a typical object may lose for a law to be fitted in all ways: relative to the least
 one so far, and besides it."""
@@ -163,8 +148,6 @@ MAX_MESH_POINTS = (4, 8, 64)
 """Points for each sampling step: with a random walk, in a search, and of the estimate that is reported."""
 MAX_MESH_CHANGE = 1.0
 """Change of twice the log-likelihood on a finer mesh that is negligible compared with that by a term."""
-MAX_PREDICTED_DECREASE = 4.0
-"""Predicted decrease of minus twice the log-likelihood, for each object, of a converged fit."""
 MIN_GAIN = 0.1
 """Twice the log-likelihood (for each object) that a further fit gains, and that one of a latent state may be short of
 its maximum."""
@@ -189,7 +172,8 @@ LEVEL_MEASUREMENTS = 300
 
 # Estimates
 SIGNIFICANT = 2.0
-"""Standard errors from which on a coefficient differs from zero, or a forecast error from its prediction."""
+"""Standard errors from which on a coefficient differs from zero or from its optimum, a forecast error from its
+prediction, and an initial value from zero."""
 PRIOR_OBSERVATIONS = 2.0
 """Prior observations of a first estimate: of the noise, and of predicted forecast errors."""
 MAX_DEVIANCE_RATIO = 1.2
@@ -212,9 +196,5 @@ LEVEL = 0.95
 """Of intervals that are calibrated."""
 FITTED_SHARES = (0.5, 0.75)
 """Shares of the samples of a trial that a law is fitted to before it forecasts the rest."""
-MAX_FOLDS = 4
-"""Trials of each object that are left out in turn."""
-HORIZONS = 6
-"""Horizons, evenly spread up to the longest, at which intervals are calibrated."""
 MAX_RELATIVE_ERROR = 10.0
 """Standard errors of a coefficient, in its size by all trials, up to which some trials identify it."""

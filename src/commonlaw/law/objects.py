@@ -68,3 +68,17 @@ def with_estimates(law: Law, estimates: ObjectEstimates) -> Law:
     coefficients[:, law.support] = estimates.coefficients
     known = replace(law.uncertainty, covariance=estimates.covariance, shared_factor=None, pooled=None)
     return replace(law, coefficients=coefficients, uncertainty=known)
+
+
+def of_all_objects(laws: Sequence[Law]) -> tuple[Floats, Floats]:
+    """Return coefficients and covariances of the objects of several laws with the same terms, one law after another.
+
+    They have the shapes (objects, equations, terms) and (objects, parameters, parameters).
+    """
+    coefficients = np.concatenate([law.coefficients for law in laws])
+    support, covariances = np.any(coefficients != 0, axis=0), list[Floats]()
+    for law in laws:
+        known, inner = law.uncertainty.known_covariance(), np.flatnonzero(law.support[support])
+        covariances.append(np.zeros((len(known), support.sum(), support.sum())))
+        covariances[-1][:, inner[:, np.newaxis], inner] = known
+    return coefficients, np.concatenate(covariances)

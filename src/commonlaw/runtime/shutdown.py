@@ -119,7 +119,7 @@ def begun(work: Callable[..., None], *given: Any, preload: Sequence[str] = ()) -
     """
     from multiprocessing import get_context
 
-    context = get_context("forkserver" if sys.platform == "linux" else "spawn")
+    context = get_context("forkserver") if sys.platform == "linux" else get_context("spawn")
     context.set_forkserver_preload([*preload])
     connection, far_end = context.Pipe()
     process = context.Process(target=work, args=(far_end, *given), daemon=True)

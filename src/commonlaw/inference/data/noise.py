@@ -60,7 +60,7 @@ def rounding_noise(trials: Trials) -> Floats:
             continue
         quantum = float(np.diff(distinct).min())
         multiples = (distinct - distinct[0]) / quantum
-        if np.all(np.abs(multiples - np.round(multiples)) < settings.MAX_FROM_MULTIPLE):
+        if np.all(np.abs(multiples - np.round(multiples)) < 1e-3):  # Steps, by the rounding of single precision
             quanta[j] = quantum
         else:  # Few values are seldom neighbours on their scale: take the last decimal of any
             decimals = (n for n in range(np.finfo(float).precision) if np.array_equal(distinct.round(n), distinct))

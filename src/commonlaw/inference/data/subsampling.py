@@ -15,6 +15,7 @@ from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.differentiation import noise_level
 from commonlaw.inference import settings
 from commonlaw.likelihood import MAX_MESH_SAMPLES
+from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
 
@@ -48,7 +49,7 @@ def subsample(trials: Trials, noise: Floats, most: int) -> tuple[Trials, str]:
 def can_be_subsampled(trials: Trials) -> bool:
     """Return whether all objects keep enough samples in a subsample."""
     counts = (sum(map(len, trials.of_object(name))) for name in trials.objects)
-    return sum(min(count, settings.MAX_CURVE_POINTS) for count in counts) <= settings.MAX_SAMPLES
+    return sum(min(count, settings.MAX_CURVE_POINTS) for count in counts) <= FitOptions.max_samples
 
 
 def _resolves_noise(trial: Trial, noise: Floats, stride: int) -> bool:

@@ -223,7 +223,7 @@ class _IntegralForm:
     def _deviances(self) -> list[tuple[tuple[float, float], Floats]]:
         """Return minus twice the restricted log-likelihood of each equation by shares and memories of errors."""
         step = float(np.median(np.concatenate([np.diff(row.times) for rows in self.objects for row in rows])))
-        memories = [step * steps for steps in settings.CORRELATION_TIMES]
+        memories = [2 * step, 5 * step, 15 * step]
         mixed, count = list[tuple[Sequence[_Rows], Floats]](), len(self.terms)
         for rows in (rows[: settings.MAX_WINDOWS] for rows in self.objects[: settings.MAX_WINDOWS]):
             columns = np.concatenate([row.without_start[:, :count] for row in rows])
@@ -234,7 +234,7 @@ class _IntegralForm:
             mixed.append((rows, np.asarray(right[kept].T / values[kept] / scale[:, np.newaxis])))
         return [
             (errors, np.sum([self._restricted_deviances(*pair, *errors) for pair in mixed], axis=0))
-            for errors in [(0.0, step), *product(settings.CORRELATED_SHARES, memories)]
+            for errors in [(0.0, step), *product((0.2, 0.4, 0.6, 0.8, 0.95), memories)]
         ]
 
     def _restricted_deviances(self, rows: Sequence[_Rows], mixture: Floats, share: float, memory: float) -> Floats:

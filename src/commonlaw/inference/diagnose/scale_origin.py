@@ -7,6 +7,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.settings import ROUNDING, SIGNIFICANT
 from commonlaw.law.law import Law
 from commonlaw.law.parameters import left_hand_sides, rate_names
 from commonlaw.outcomes import Outcome, OutcomeKind, note
@@ -14,12 +15,6 @@ from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.headers import parse_unit, registry
 from commonlaw.trials.transformations import Conversion
-
-_NOISES = 2
-"""Standard deviations of the noise within which a state counts as zero."""
-_MAX_MISFIT = 3
-"""Standard deviations of the noise between a measured and a fitted initial value that agree."""
-_ROUNDING = 1e-8
 
 
 def with_origin_outcomes(outcomes: Iterable[Outcome], law: Law, trials: Trials) -> tuple[Outcome, ...]:
@@ -54,7 +49,7 @@ def _changes(law: Law, column: int) -> list[list[str]]:
         values, derivatives = terms.evaluate(points), terms.jacobian(points)
     slopes, by_parameters = derivatives[:, :, column], derivatives[:, :, len(terms.variables.measured) :]
     finite = np.isfinite(derivatives).all(axis=(0, 2)) & np.isfinite(values).all(axis=0)
-    linear = ~finite | (np.ptp(slopes, axis=0) <= _ROUNDING * np.max(np.abs(values), axis=0))
+    linear = ~finite | (np.ptp(slopes, axis=0) <= ROUNDING * np.max(np.abs(values), axis=0))
     changed = []
     for support in law.support & terms.is_factor:
         others = np.column_stack(
@@ -64,7 +59,7 @@ def _changes(law: Law, column: int) -> list[list[str]]:
         scales = np.maximum(np.linalg.norm(others, axis=0), np.finfo(float).tiny)
         residuals = slopes[:, suspects] - others / scales @ np.linalg.lstsq(others / scales, slopes[:, suspects])[0]
         sizes = np.max(np.abs(slopes[:, suspects]), axis=0)
-        changed.append([terms.names[k] for k in suspects[np.max(np.abs(residuals), axis=0) > 1e2 * _ROUNDING * sizes]])
+        changed.append([terms.names[k] for k in suspects[np.max(np.abs(residuals), axis=0) > ROUNDING * sizes]])
     return changed
 
 
@@ -76,7 +71,7 @@ def _equilibrium_outcomes(law: Law, trials: Trials) -> Iterator[Outcome]:
     starting = []
     for trial in trials:
         sizes, std = np.abs(trial.states), trial.std(noise)
-        leaves_zero = np.all(sizes[:1] <= _NOISES * std[:1]) and np.any(sizes > 5 * _NOISES * std)
+        leaves_zero = np.all(sizes[:1] <= SIGNIFICANT * std[:1]) and np.any(sizes > 5 * SIGNIFICANT * std)
         if leaves_zero and _is_equilibrium(law, trial):
             starting += [] if _starts_as_measured(law, trials.with_trials([trial]), noise) else [trial]
     if starting:
@@ -94,7 +89,7 @@ def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
         return False
     with suppress(CommonlawError):
         fitted = law.predict(trial, start="all", averaged=False).trajectories[0].states[0]
-        return bool(np.all(np.abs(fitted - trial[0].states[0]) <= _MAX_MISFIT * trial[0].std(noise)[0]))
+        return bool(np.all(np.abs(fitted - trial[0].states[0]) <= 3 * trial[0].std(noise)[0]))
     return False
 
 

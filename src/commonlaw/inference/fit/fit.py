@@ -179,8 +179,11 @@ class Fit:
 
     @property
     def has_converged(self) -> bool:
-        """Whether the predicted decrease is negligible; otherwise the Laplace approximation does not hold."""
-        return self.predicted_decrease < settings.MAX_PREDICTED_DECREASE * len(self.estimates)
+        """Whether the maximum is within `SIGNIFICANT` standard errors; else Laplace's approximation does not hold.
+
+        The predicted decrease is their square, of each object.
+        """
+        return self.predicted_decrease < settings.SIGNIFICANT**2 * len(self.estimates)
 
     @cached_property
     def departures(self) -> Departures:

@@ -18,7 +18,6 @@ from commonlaw.inference.fit.parameter_grid import divisors, log_grid
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.settings import (
     MAX_DECADES,
-    MAX_STANDARDIZED_RESIDUAL,
     MIN_SAMPLES,
     MIN_SAMPLES_OF_MANY,
     PER_DECADE,
@@ -32,7 +31,7 @@ from commonlaw.integration import (
     simulate_each,
 )
 from commonlaw.library.grammar import evaluate
-from commonlaw.likelihood import ErrorModel, Estimate, Mesh, jacobians
+from commonlaw.likelihood import HUBER_THRESHOLD, ErrorModel, Estimate, Mesh, jacobians
 from commonlaw.runtime.progress import unannounced
 
 Departures = Mapping[str, bool]
@@ -66,7 +65,7 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
             seen = (mesh.observed & ~mesh.still)[:, j]
             standard = (model.residuals(mesh, states) / problem.std_of(mesh))[seen, j]
-            usual = np.abs(standard) <= MAX_STANDARDIZED_RESIDUAL
+            usual = np.abs(standard) <= HUBER_THRESHOLD
             whole += len(usual)
             seen[seen], standard = usual, standard[usual]
             squares.append(standard**2)
@@ -74,7 +73,7 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
             lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
             count += len(standard)
     if 2 * count < whole:
-        return [f"mostly larger than {MAX_STANDARDIZED_RESIDUAL:g} noise standard deviations"]
+        return [f"mostly larger than {HUBER_THRESHOLD:g} noise standard deviations"]
     if not is_measured:
         return []
     squared, listed, penalty = np.concatenate(squares), list[str](), np.log(max(count, 2))

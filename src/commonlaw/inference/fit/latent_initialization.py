@@ -192,11 +192,14 @@ class _Guesses:
         rates = np.abs(coefficients) * self._sizes(self.scales, parameters) / self.scales[:, np.newaxis]
         return self._duration * float(np.sum(rates[self.trials.schema.is_latent]))
 
-    def draws(self, guess: Floats) -> list[Draw]:
+    def draws(
+        self, guess: Floats, decades: tuple[float, float] = (-1.0, 1.5), share_negative: float = 0.25
+    ) -> list[Draw]:
         """Return random draws of nonlinear parameters and coefficients of latent equations, with given signs.
 
         Rates are log-uniform: a state changes by its scale within a trial at the slowest, and within the shortest step
         at the fastest. Parameters that are no factors, such as K in ``s/(K + s)``, are from their `parameter_grid`.
+        Free initial values are log-uniform between decades from the scales of their states, a share of them negative.
         """
         trials, terms, schema = self.trials, self.terms, self.trials.schema
         tried = np.isnan(self.known) & (schema.is_latent[:, np.newaxis] | ~terms.is_factor)
@@ -222,8 +225,8 @@ class _Guesses:
             targets = np.log(typical * steps ** random.uniform(0, 1, len(typical)))
             drawn[is_rate] = either * np.exp(np.linalg.lstsq(matrix, targets)[0])
             if is_drawn:
-                is_negative = random.uniform(size=len(starts)) < settings.NEGATIVE
-                sizes = starts * 10 ** random.uniform(*settings.INITIAL_VALUE_DECADES, len(starts))
+                is_negative = random.uniform(size=len(starts)) < share_negative
+                sizes = starts * 10 ** random.uniform(*decades, len(starts))
                 starts = np.where(is_negative, -sizes, sizes)
             draws.append(Draw(drawn, starts))
         return draws

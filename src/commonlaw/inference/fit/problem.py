@@ -43,6 +43,7 @@ from commonlaw.likelihood import (
     interpolate,
     meshes,
 )
+from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.solvers import AbstractSolver
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import pure_error, with_typical
@@ -382,7 +383,7 @@ def prepare(
     *,
     noise: Floats | None = None,
     huber_threshold: float = HUBER_THRESHOLD,
-    most_samples: int = settings.MAX_SAMPLES,
+    most_samples: int = FitOptions.max_samples,
     guess: Floats | None = None,
 ) -> SearchProblem:
     """Return the inference problem of these trials and candidate terms.

@@ -70,20 +70,16 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
     plain = pool.plain
     assert plain is not None
     taken = (*plain.problem.terms.variables.names, *property_names(trials.properties))
-    name, done = free_name("u", taken), list[str]()
+    name, tried = free_name("u", taken), list[tuple[_LatentStateModel, Fit]]()
     models = [
         _LatentStateModel(plain, family, state, name)
         for family in FAMILIES
         for state in (trials.schema.states if family.is_of_state else ("",))
     ]
-
-    def fitted(model: _LatentStateModel) -> Fit:
-        done.append(model.description)
-        share = len(done) / (len(models) + 1)
-        progress(Stage(f"trying a latent state that {model.description}", share))
-        return model.fitted(trials, most_samples)
-
-    tried = [(model, fit) for model in models if (fit := fitted(model)).is_usable]
+    for number, model in enumerate(models, start=1):
+        progress(Stage(f"trying a latent state that {model.description}", number / (len(models) + 1)))
+        if (fit := model.fitted(trials, most_samples)).is_usable:
+            tried.append((model, fit))
     tried.sort(key=lambda pair: pair[1])
     best_models = tried[: settings.MAX_RIVALS]
     tried[: settings.MAX_RIVALS] = [(model, model.restarted(trials, most_samples, fit)) for model, fit in best_models]

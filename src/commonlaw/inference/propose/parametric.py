@@ -401,8 +401,8 @@ def _joint(proposed: Sequence[Sequence[Sequence[CandidateSupport]]], most: Seque
 
 def _max_joint_supports(equations: int) -> int:
     """Return how many supports of each equation are combined with those of the others."""
-    sets, laws = settings.MAX_JOINT_LAWS
-    return next(count for count in range(sets, 0, -1) if count == 1 or count**equations <= laws)
+    counts = range(settings.MAX_KEPT, 1, -1)
+    return next((count for count in counts if count**equations <= settings.MAX_TRIED_SETS), 1)
 
 
 def _without_processes(fit: Fit, estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:

@@ -6,7 +6,7 @@ of them get another term, and so on. Measurements are compared with integrals of
 equation is not multiplied by the denominator, which would put measurement errors into the regressors.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, combinations
@@ -173,26 +173,26 @@ class _Ranking:
 
     def best(self) -> list[tuple[float, CandidateSupport]]:
         """Return the best shapes of each size with their BIC."""
-        scores = self._all()
-        groups: dict[int, list[tuple[float, _Shape]]] = {}
-        for shape, score in scores.items():
-            groups.setdefault(shape.numbers, []).append((score.squares, shape))
-        least = {numbers: min(listed)[0] for numbers, listed in groups.items()}
+        scores, optimized = self._all(), set[_Shape]()
+
+        def ranked(numbers: int, shapes: Iterable[_Shape]) -> list[tuple[float, _Shape]]:
+            return sorted((scores[shape].squares, shape) for shape in shapes if shape.numbers == numbers)
+
+        sizes = sorted({shape.numbers for shape in scores})
+        least = {numbers: ranked(numbers, scores)[0][0] for numbers in sizes}
         most = min(self._criterion.enough(least), self.at_most)
-        optimized: dict[int, list[tuple[float, _Shape]]] = {}
         for numbers in range(most + 2):
-            for _, shape in sorted(groups.get(numbers, []))[: settings.MAX_REFINED]:
+            for _, shape in ranked(numbers, scores)[: settings.MAX_REFINED]:
                 scores[shape] = self._optimized(shape, scores[shape])
-                optimized.setdefault(numbers, []).append((scores[shape].squares, shape))
+                optimized.add(shape)
         for numbers in range(most + 1, 1, -1):
-            for _, shape in sorted(optimized.get(numbers, []))[:1]:
+            for _, shape in ranked(numbers, optimized)[:1]:
                 for less, score in self._without_one(shape, scores[shape]):
-                    listed = optimized.setdefault(less.numbers, [])
-                    if less not in {kept_shape for _, kept_shape in listed} or score.squares < scores[less].squares:
+                    if less not in optimized or score.squares < scores[less].squares:
                         scores[less] = score
-                        optimized[less.numbers] = [(score.squares, less), *(pair for pair in listed if pair[1] != less)]
-        ranked = [(numbers, sorted(listed)) for numbers, listed in optimized.items()]
-        kept = self._criterion.kept(ranked, self.at_most)
+                        optimized.add(less)
+        listed = [(numbers, ranked(numbers, optimized)) for numbers in sorted({shape.numbers for shape in optimized})]
+        kept = self._criterion.kept(listed, self.at_most)
         pairs = ((value, self._with_starts(shape, scores[shape])) for value, shape in kept)
         return [(value, support) for value, support in pairs if support is not None]
 

@@ -40,27 +40,17 @@ class StandardizedErrors:
     """Standardized errors of the forecasts of one trial.
 
     Horizons `ahead` are times since the last sample used for the initial state, shape (n,). Sizes are absolute errors
-    over half widths of the 95 % intervals, `reach`, both of shape (n, states): NaN for missing values, and for all of a
-    forecast without intervals; infinite for all of one that diverges.
+    in standard deviations of the normal distribution with the 95 % intervals, `std`, both of shape (n, states): NaN for
+    missing values, and for all of a forecast without intervals; sizes are infinite for all of one that diverges.
     """
 
     ahead: Floats
     sizes: Floats
-    reach: Floats
-
-    @property
-    def standardized(self) -> Floats:
-        """Absolute errors in standard deviations of the normal distribution with these intervals."""
-        return self.sizes * float(two_sided(settings.LEVEL))
-
-    @property
-    def std(self) -> Floats:
-        """These standard deviations; NaN for missing values."""
-        return np.where(np.isnan(self.sizes), np.nan, self.reach / float(two_sided(settings.LEVEL)))
+    std: Floats
 
 
-def interval_inflation(found: Sequence[StandardizedErrors]) -> IntervalInflation | None:
-    """Return the factors by which intervals are inflated at each horizon; None if nothing was forecast.
+def interval_inflation(found: Sequence[StandardizedErrors], horizons: int = 6) -> IntervalInflation | None:
+    """Return the factors by which intervals are inflated at evenly spaced horizons; None if nothing was forecast.
 
     With enough held-out trials, the factor is the conformal quantile of the errors near a horizon at the level
     L (1 + 1/n), which covers one more of n exchangeable observations (Lei et al. 2018). Here n is the effective sample
@@ -72,14 +62,14 @@ def interval_inflation(found: Sequence[StandardizedErrors]) -> IntervalInflation
     longest = max((float(errors.ahead.max()) for errors in found if len(errors.ahead)), default=0.0)
     if not longest > 0:
         return None
-    horizons, factors, width = [], [], longest / settings.HORIZONS
-    for middle in width * (np.arange(settings.HORIZONS) + 0.5):
+    middles, factors, width = [], [], longest / horizons
+    for middle in width * (np.arange(horizons) + 0.5):
         near = [errors.sizes[abs(errors.ahead - middle) <= width] for errors in found]
         trials = [known for errors in near if len(known := errors[np.isfinite(errors)])]
         if trials:
-            horizons.append(middle)
+            middles.append(middle)
             factors.append(_factor(trials))
-    return IntervalInflation(np.array(horizons), np.maximum.accumulate(factors)) if factors else None
+    return IntervalInflation(np.array(middles), np.maximum.accumulate(factors)) if factors else None
 
 
 def _factor(trials: Sequence[Floats]) -> float:
@@ -98,8 +88,8 @@ def _factor(trials: Sequence[Floats]) -> float:
         worth = np.clip(
             count * settings.LEVEL * (1 - settings.LEVEL) / max(scatter, np.finfo(float).tiny), count, len(sizes)
         )
-        return max(1.0, quantile(settings.LEVEL * (1 + 1 / worth)))
-    squares = np.array([np.mean(trial**2) for trial in trials]) * float(two_sided(settings.LEVEL)) ** 2
+        return max(1.0, quantile(settings.LEVEL * (1 + 1 / worth)) / float(two_sided(settings.LEVEL)))
+    squares = np.array([np.mean(trial**2) for trial in trials])
     return float(
         np.sqrt(max(1.0, (settings.PRIOR_OBSERVATIONS + squares.sum()) / (settings.PRIOR_OBSERVATIONS + count)))
     )
@@ -160,7 +150,7 @@ def _folds(trials: Trials, both_ways: bool) -> Iterator[tuple[list[Trial], LeftO
                 [([trial.cut(half) for trial, half in whole], None)],
             )
         return
-    for fold in range(min(settings.MAX_FOLDS, max(map(len, repeated)))):
+    for fold in range(min(settings.MAX_WINDOWS, max(map(len, repeated)))):
         left_out = [group[fold] for group in repeated if fold < len(group)]
         rest = [trial for group in groups for trial in group if not any(trial is held_out for held_out in left_out)]
         yield rest, [(left_out, None)]
@@ -196,14 +186,15 @@ def _standardized_errors(
         forecast.horizons,
         strict=True,
     ):
-        middle, half = trajectory.states[:, : low.shape[1]], (high - low) / 2
-        sizes = abs(trial.states - middle) / half
+        middle, std = trajectory.states[:, : low.shape[1]], (high - low) / (2 * float(two_sided(settings.LEVEL)))
+        sizes = abs(trial.states - middle) / std
         if not np.isfinite(middle).all():
             sizes = np.where(np.isnan(trial.states), np.nan, np.inf)
-        elif not np.isfinite(half).all():
+        elif not np.isfinite(std).all():
             sizes = np.full_like(sizes, np.nan)
+        std[np.isnan(sizes)] = np.nan
         later = ahead > 0
-        yield (trial.object, trial.name), StandardizedErrors(ahead[later], sizes[later], half[later])
+        yield (trial.object, trial.name), StandardizedErrors(ahead[later], sizes[later], std[later])
 
 
 def best_forecaster(
@@ -258,7 +249,7 @@ def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
     if any(diverged) if fit.has_process_noise else 2 * sum(diverged) > len(diverged):
         return True
     count = len(fit.problem.trials.objects)
-    finite = [known for error in errors if len(known := error.standardized[np.isfinite(error.sizes)])]
+    finite = [known for error in errors if len(known := error.sizes[np.isfinite(error.sizes)])]
     if min(count, len(finite)) < 2:
         return False
     squares = [np.median(errors_of_trial**2) for errors_of_trial in finite]  # Robust to outliers of the measurements
@@ -279,7 +270,7 @@ def _score(errors: Sequence[StandardizedErrors]) -> float:
     """
     if not all(np.isfinite(error.sizes).any() and not np.isinf(error.sizes).any() for error in errors):
         return -np.inf
-    squares = [float(np.nanmean(error.standardized**2)) for error in errors]
+    squares = [float(np.nanmean(error.sizes**2)) for error in errors]
     widths = [float(np.nanmean(np.log(error.std))) for error in errors]
     scale = max(1.0, float(np.mean(squares)))
     return -sum(widths) - len(errors) * float(np.log(scale)) / 2 - sum(squares) / scale / 2

@@ -22,7 +22,6 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
-from commonlaw.inference.settings import DIFFERENCE_SPACING, MAX_ITERATIONS, ROUNDING
 from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError, Scales
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
@@ -247,10 +246,10 @@ def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: 
     Arrays have the shape (variables,).
     """
     optimum, least = start, value(start)
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(settings.MAX_ITERATIONS):
         step = _step(value, optimum, least, low, high)
         length = float(np.abs(step).max(initial=0.0))
-        if length < ROUNDING:
+        if length < settings.ROUNDING:
             return np.clip(optimum + step, low, high)
         step *= min(1.0, 1 / length)
         for share in (1, 1 / 4, 1 / 16, 1 / 64, 1 / 256):
@@ -263,24 +262,29 @@ def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: 
     return optimum
 
 
-def _step(value: Callable[[Floats], float], at: Floats, known: float, low: Floats, high: Floats) -> Floats:
-    """Return Newton's step, by central differences, in the variables that no bound is active for."""
+def _step(
+    value: Callable[[Floats], float], at: Floats, known: float, low: Floats, high: Floats, spacing: float = 0.02
+) -> Floats:
+    """Return Newton's step, by central differences, in the variables that no bound is active for.
+
+    Their spacing suits functions known to some ten digits, of variables of order one.
+    """
     # At a bound, differences are taken on its inner side
-    center = np.clip(at, np.minimum(low + DIFFERENCE_SPACING, high), np.maximum(high - DIFFERENCE_SPACING, low))
-    free = np.flatnonzero(high - low > 2 * DIFFERENCE_SPACING)
+    center = np.clip(at, np.minimum(low + spacing, high), np.maximum(high - spacing, low))
+    free = np.flatnonzero(high - low > 2 * spacing)
     middle = known if np.array_equal(center, at) else value(center)
-    moves = DIFFERENCE_SPACING * np.eye(len(at))[free]
+    moves = spacing * np.eye(len(at))[free]
     after, before = (np.array([value(center + sign * move) for move in moves]) for sign in (1, -1))
-    gradient, curvature = (after - before) / (2 * DIFFERENCE_SPACING), np.diag(after + before - 2 * middle)
+    gradient, curvature = (after - before) / (2 * spacing), np.diag(after + before - 2 * middle)
     for i, j in combinations(range(len(free)), 2):
         both = value(center + moves[j] + moves[i]) + value(center - moves[j] - moves[i])
         curvature[i, j] = curvature[j, i] = (both - after[j] - after[i] - before[j] - before[i] + 2 * middle) / 2
-    curvature /= DIFFERENCE_SPACING**2
+    curvature /= spacing**2
     outward = np.where(gradient > 0, at[free] <= low[free], (gradient < 0) & (at[free] >= high[free]))
     step, inner = np.zeros(len(at)), free[~outward]
     if len(inner):
         sizes, directions = np.linalg.eigh(curvature[np.ix_(~outward, ~outward)])
-        sizes = np.maximum(np.abs(sizes), ROUNDING * np.abs(sizes).max())
+        sizes = np.maximum(np.abs(sizes), settings.ROUNDING * np.abs(sizes).max())
         if sizes.max() > 0:
             step[inner] = -directions @ ((directions.T @ gradient[~outward]) / sizes)
     return step

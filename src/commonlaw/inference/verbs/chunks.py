@@ -9,6 +9,7 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, Provenance, Uncertainty, average_law
+from commonlaw.law.objects import of_all_objects
 from commonlaw.law.provenance import Domain
 from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.cluster import done_in_parts
@@ -44,6 +45,7 @@ def fitted_by_parts(
     twice = [name for name, count in Counter(objects).items() if count > 1]
     if twice:
         raise CommonlawError("object-in-two-files", object=twice[0])
+    coefficients, covariance = of_all_objects(laws)
     weights, known = np.array([samples for _, samples in fitted], dtype=np.float64), [law.uncertainty for law in laws]
     degrees = [uncertainty.degrees_of_freedom for uncertainty in known if uncertainty.degrees_of_freedom is not None]
     ranges = [law.provenance.domain.visited for law in laws]
@@ -55,9 +57,9 @@ def fitted_by_parts(
     return replace(
         laws[0],
         objects=objects,
-        coefficients=np.concatenate([law.coefficients for law in laws]),
+        coefficients=coefficients,
         uncertainty=Uncertainty(
-            np.concatenate([uncertainty.known_covariance() for uncertainty in known]),
+            covariance,
             noise=_root_mean_square(
                 weights, [unknown if uncertainty.noise is None else uncertainty.noise for uncertainty in known]
             ),

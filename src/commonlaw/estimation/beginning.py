@@ -1,0 +1,425 @@
+"""A model and trials before the fit: what is unknown, likely first values, bounds and priors."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError, check_choice, unknown
+from commonlaw.estimation.model import Model, ModelText, read_model
+from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
+from commonlaw.estimation.search import Bounds
+from commonlaw.law import Law
+from commonlaw.law.alignment import measured_schema
+from commonlaw.law.law import object_index, shares_terms
+from commonlaw.law.observation import ALL, OBJECT, TRIAL, Restrictions
+from commonlaw.law.parameters import named_parameters
+from commonlaw.library.bounds import bounds_in, limits_of
+from commonlaw.library.sizes import likely_sizes
+from commonlaw.trials import Trial, Trials
+from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
+from commonlaw.trials.trial import Start, has_sparse_states, property_names
+
+FREE = "free"
+"""The initial value of each trial that the measurements determine."""
+
+NoiseGiven = float | str | Mapping[str, float]
+"""The noise of a quantity: a standard deviation, of all objects or by object, or a property with one for each value."""
+InitialGiven = Start | tuple[float, float] | Mapping[str, float | None]
+"""An initial value as users give it: a `Start`, an expression of parameters, or a mean and a standard deviation."""
+
+
+def needs_model(
+    text: ModelText,
+    trials: Trials,
+    initial_values: Mapping[str, InitialGiven],
+    shared: Sequence[str] | Mapping[str, str],
+    priors: Mapping[str, tuple[float, float]] | None,
+) -> bool:
+    """Return whether equations are to be fitted as a model: what `commonlaw.refine` fits has none of these."""
+    names = property_names(trials.properties)
+    special = any(
+        name in trials.schema.states
+        or isinstance(start, tuple)
+        or (isinstance(start, str) and start != FREE and start not in names)
+        or (isinstance(start, Mapping) and any(value is None or isinstance(value, str) for value in start.values()))
+        for name, start in initial_values.items()
+    )
+    censored = any(np.isfinite(trial.below).any() for trial in trials)
+    sparse = has_sparse_states(tuple(trials), trials.schema)
+    return bool(not text.is_plain or special or censored or sparse or priors or isinstance(shared, Mapping))
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The unknown numbers of a model: which parameter of which trials, or which initial value, each one is.
+
+    For each trial `parameters` and `initial` have the index of each parameter and initial value among the unknowns, or
+    -1 for one that is known, in `values`, or follows from others.
+    """
+
+    names: list[str] = field(default_factory=list)
+    labels: list[str] = field(default_factory=list)
+    parameters: list[list[int]] = field(default_factory=list)
+    values: list[list[float]] = field(default_factory=list)
+    initial: list[list[int]] = field(default_factory=list)
+
+    def add(self, name: str, label: str) -> int:
+        self.names.append(name)
+        self.labels.append(label)
+        return len(self.names) - 1
+
+    def means(self, trials: Trials, owner: str) -> tuple[Floats, Floats]:
+        """Return M and m with parameters ``M unknowns + m`` of an object, means over its trials, (P, p) and (P,)."""
+        rows = [i for i, trial in enumerate(trials) if trial.object == owner]
+        indices = np.array([self.parameters[i] for i in rows]).reshape(len(rows), -1)
+        shares = (indices[:, :, np.newaxis] == np.arange(len(self.names))).mean(axis=0)
+        return shares, np.mean([self.values[i] for i in rows], axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """A model before it is fitted: what is unknown, likely first values of it, whether these were guessed, its bounds.
+
+    First values have shape (p,), initial values among them; `groups` has the noise group of each object, by quantity,
+    and `start` the time of initial values.
+    """
+
+    model: Model
+    trials: Trials
+    unknowns: Unknowns
+    problem: Problem
+    first: Floats
+    guessed: Bools
+    bounds: Bounds
+    groups: Mapping[str, Mapping[str, str]]
+    logarithmic: tuple[str, ...]
+    start: float | None
+    restrictions: Restrictions
+
+
+def begin(
+    text: ModelText,
+    trials: Trials,
+    initial_values: Mapping[str, InitialGiven],
+    initial_time: float | None = None,
+    shared: Mapping[str, str] | None = None,
+    guesses: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    log_states: Sequence[str] = (),
+    noise: Mapping[str, NoiseGiven] | None = None,
+) -> Beginning:
+    """Return a model and trials as a fit begins with them, see `commonlaw.fit`."""
+    properties, shared, priors = property_names(trials.properties), shared or {}, priors or {}
+    model = read_model(with_initial(text, initial_values, trials), trials.schema, properties)
+    for j, state in enumerate(model.schema.states):
+        is_free = model.initial[j] is None and j not in model.known
+        # Nothing is said of it, and no observation equation may determine it
+        if is_free and state not in (*model.observables, *initial_values) and not model.text.observed:
+            raise CommonlawError("equation-without-column", name=state)
+    unknowns = _unknowns(model, trials, properties, shared)
+    known, groups = _checked_noise(trials, noise or {})
+    shown = with_logarithms(trials, log_states)
+    problem = _problem(model, with_noise(shown, known), unknowns, initial_time, priors)
+    first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
+    problem = _with_groups(replace(problem, sizes=state_sizes), groups)
+    written = tuple(bound.text for bound in text.bounds)
+    restrictions = Restrictions(
+        dict(shared),
+        dict(priors),
+        written,
+        {name: given for name, given in (noise or {}).items() if not isinstance(given, Mapping)},
+    )
+    bounds = _bounds(model, trials, unknowns)
+    logarithmic = shown.schema.logarithmic
+    return Beginning(
+        model, trials, unknowns, problem, first, guessed, bounds, groups, logarithmic, initial_time, restrictions
+    )
+
+
+def with_initial(text: ModelText, initial_values: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
+    """Return the text with initial values that are given apart from it."""
+    properties, initial = property_names(trials.properties), dict(text.initial)
+    for name, start in initial_values.items():
+        if start is None or start == FREE:
+            initial.pop(name, None)
+        elif isinstance(start, str):
+            if start.isidentifier() and start not in properties and get_close_matches(start, properties):
+                raise unknown("property", start, properties)
+            initial[name] = start
+        elif isinstance(start, Mapping):
+            known = dict[str, float]()
+            for owner in trials.objects:
+                value = start.get(owner, np.nan)
+                if value is not None and not isinstance(value, str):
+                    known[owner] = _finite(name, value, owner)
+            initial[name] = known
+        elif isinstance(start, tuple):
+            mean, std = map(float, start)
+            if not 0 < std < np.inf:
+                raise CommonlawError("prior-not-positive", name=f"{name}(0)", std=std)
+            initial[name] = mean, std
+        else:
+            initial[name] = repr(_finite(name, start, trials.objects[0]))
+    return replace(text, initial=initial)
+
+
+def _finite(state: str, value: float, owner: str) -> float:
+    if not np.isfinite(value):
+        raise CommonlawError("initial-value-not-finite", state=state, value=value, object=owner)
+    return float(value)
+
+
+def _unknowns(model: Model, trials: Trials, properties: Sequence[str], shared: Mapping[str, str]) -> Unknowns:
+    result, indices_of = Unknowns(), dict[tuple[str, object], int]()
+    for name in shared:
+        check_choice("parameter", name, [parameter for parameter in model.parameters if parameter not in properties])
+    for trial in trials:
+        indices, values = list[int](), list[float]()
+        for name in model.parameters:
+            if name in properties:
+                indices.append(-1)
+                values.append(number_of(name, trial.object, trials))
+                continue
+            by = shared.get(name, OBJECT)
+            key = _group(by, trial, trials)
+            if (name, key) not in indices_of:
+                alone = by == ALL or (by == OBJECT and len(trials.objects) == 1)
+                label = trial.label if by == TRIAL else key
+                indices_of[name, key] = result.add(name, name if alone else f"{name} of {label}")
+            indices.append(indices_of[name, key])
+            values.append(0.0)
+        result.parameters.append(indices)
+        result.values.append(values)
+    for trial in trials:
+        determined = model.free_of(trial.object)
+        indices = [
+            result.add(f"{name}(0)", f"{name}(0) of {trial.label}") if j in determined else -1
+            for j, name in enumerate(model.variables.states)
+        ]
+        result.initial.append(indices)
+    return result
+
+
+def _group(by: str, trial: Trial, trials: Trials) -> object:
+    """Return what a trial shares a parameter with: equal values are one group."""
+    properties, inputs = property_names(trials.properties), trials.schema.inputs
+    if by in (ALL, OBJECT, TRIAL):
+        return {ALL: None, OBJECT: trial.object, TRIAL: (trial.object, trial.name)}[by]
+    if by in inputs:
+        column = trial.inputs[:, inputs.index(by)]
+        if np.ptp(column) > 0:
+            raise CommonlawError("group-varies-in-trial", trial=trial.label, column=by)
+        return float(column[0])
+    check_choice("property", by, (*properties, *inputs))
+    if by not in trials.properties.get(trial.object, {}):
+        raise CommonlawError("property-missing", object=trial.object, property=by)
+    return trials.properties[trial.object][by]
+
+
+def _checked_noise(
+    trials: Trials, noise: Mapping[str, NoiseGiven]
+) -> tuple[dict[str, float | Mapping[str, float]], dict[str, dict[str, str]]]:
+    """Return which measured quantities have known noise, and of which each object has that of its group, by name."""
+    known, groups = dict[str, float | Mapping[str, float]](), dict[str, dict[str, str]]()
+    for name, given in noise.items():
+        check_choice("measured quantity", name, trials.schema.states)
+        if isinstance(given, str):
+            check_choice("property", given, property_names(trials.properties))
+            groups[name] = {trial.object: str(_group(given, trial, trials)) for trial in trials}
+        elif isinstance(given, Mapping):
+            known[name] = given
+        elif not 0 < given < np.inf:
+            raise CommonlawError("noise-not-positive", name=name, level=given)
+        else:
+            known[name] = float(given)
+    return known, groups
+
+
+def _problem(
+    model: Model, trials: Trials, unknowns: Unknowns, start: float | None, priors: Mapping[str, tuple[float, float]]
+) -> Problem:
+    data = []
+    rows = zip(trials, unknowns.parameters, unknowns.values, unknowns.initial, strict=True)
+    for trial, parameters, values, initial in rows:
+        if start is not None and start > trial.times[0]:
+            raise CommonlawError("initial-time-late", trial=trial.label, time=trial.times[0], initial_time=start)
+        data.append(TrialData.of(trial, model, start, parameters, values, initial))
+    for name, (_, std) in priors.items():
+        check_choice("parameter", name, list(dict.fromkeys(unknowns.names)))
+        if not 0 < std < np.inf:
+            raise CommonlawError("prior-not-positive", name=name, std=std)
+    logarithmic = np.array([name in trials.schema.logarithmic for name in model.observables])
+    priors = {f"{model.variables.states[j]}(0)": prior for j, prior in model.expected.items()} | dict(priors)
+    normal_priors = tuple(NormalPrior.of(i, *priors[name]) for i, name in enumerate(unknowns.names) if name in priors)
+    return Problem(model, tuple(data), len(unknowns.names), logarithmic, np.ones(model.width), normal_priors)
+
+
+def _with_groups(problem: Problem, groups: Mapping[str, Mapping[str, str]]) -> Problem:
+    """Return a problem in which a quantity is one for each group of objects, so that each has noise of its own."""
+    model, columns, names = problem.model, list[tuple[int, str | None]](), list[str]()
+    for k, name in enumerate(model.observables):
+        for group in dict.fromkeys(groups[name].values()) if name in groups else [None]:
+            columns.append((k, group))
+            names.append(name if group is None else f"{name} of {group}")
+    if names == list(model.observables):
+        return problem
+    order = [k for k, _ in columns]
+    outputs = replace(model.outputs, outputs=model.outputs.outputs[order])
+    data = []
+    for trial_data in problem.trials:
+        trial = trial_data.trial
+        belongs = [g is None or groups[model.observables[k]][trial.object] == g for k, g in columns]
+        states, noise, below = (
+            np.where(belongs, values[:, order], np.nan) for values in (trial.states, trial.noise, trial.below)
+        )
+        repeats = trial.repeats and replace(
+            trial.repeats, counts=trial.repeats.counts[:, order], squares=trial.repeats.squares[:, order]
+        )
+        data.append(replace(trial_data, trial=replace(trial, states=states, noise=noise, below=below, repeats=repeats)))
+    grouped = replace(model, observables=tuple(names), outputs=outputs)
+    return replace(problem, model=grouped, trials=tuple(data), logarithmic=problem.logarithmic[order])
+
+
+def _sizes(
+    model: Model, trials: Trials, problem: Problem, unknowns: Unknowns, guesses: Mapping[str, float]
+) -> tuple[Floats, Floats, Bools]:
+    """Return likely sizes of the unknowns, of the states and rates, and which unknowns were guessed."""
+    columns = {name: i for i, name in enumerate(model.variables.names)}
+    measured = dict[str, float]()
+    for j, name in enumerate(model.observables):
+        values = np.concatenate([np.append(trial.states[:, j], trial.below[:, j]) for trial in trials])
+        measured[name] = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+    known = {
+        columns[name]: size
+        for name, size in measured.items()
+        if name in model.variables.states and name not in model.text.observed
+    }
+    span = max(trial.times[-1] - trial.times[0] for trial in problem.trials) or 1.0
+    known[columns[model.variables.time]] = max(float(np.abs(trial.times).max()) for trial in problem.trials) or 1.0
+    for i, name in enumerate(model.schema.inputs):
+        values = np.concatenate([trial.inputs[:, model.column[i]] for trial in trials])
+        known[columns[name]] = float(np.abs(values).max(initial=0.0)) or 1.0
+    for i, name in enumerate(model.parameters):
+        pairs = zip(unknowns.parameters, unknowns.values, strict=True)
+        known_values = [values[i] for indices, values in pairs if indices[i] < 0]
+        if any(known_values):
+            known[columns[name]] = float(np.mean(np.abs(known_values)))
+        if i in model.delay:
+            known[columns[name]] = 0.1 * span
+    for name, value in guesses.items():
+        check_choice("parameter", name, [parameter for parameter in unknowns.names if parameter in columns])
+        if not np.isfinite(value) or value == 0:
+            raise CommonlawError("guess-out-of-bounds", name=name, value=value)
+        known[columns[name]] = abs(value)
+    for prior in problem.priors:
+        for name, mean, root in zip(np.array(unknowns.names)[prior.indices], prior.mean, prior.root, strict=True):
+            if name in columns:
+                known.setdefault(columns[name], abs(float(mean)) or 1 / float(np.linalg.norm(root)))
+    for i, value_at_start in enumerate(model.initial):
+        if i not in known and value_at_start is not None:
+            try:
+                known.update({i: abs(float(value_at_start))} if float(value_at_start) else {})
+            except ValueError:
+                continue
+    statements: list[tuple[str, float | int | None]] = [
+        (expression, i) for i, expression in enumerate(model.expressions[: model.width])
+    ]
+    for name, expression in zip(model.observables, model.expressions[model.width :], strict=True):
+        statements.append((expression, measured[name]))
+    statements += [(start, known[i]) for i, start in enumerate(model.initial) if start is not None and i in known]
+    for condition, after in model.events:
+        changes = [(f"v{j}", new) for j, new in enumerate(after) if new != f"v{j}"]
+        statements += [(condition, None), *((f"{state} - ({new})", None) for state, new in changes)]
+    likely = likely_sizes(statements, known, len(columns), span)
+    by_name = {name: likely[i] for name, i in columns.items()}
+    by_name |= {f"{name}(0)": likely[i] for i, name in enumerate(model.variables.states)} | dict(guesses)
+    sizes = np.array([by_name[name] for name in unknowns.names])
+    guessed = np.array([name in guesses for name in unknowns.names], dtype=np.bool_)
+    for trial, indices in zip(trials, unknowns.initial, strict=True):
+        for name, k in zip(model.variables.states, indices, strict=True):
+            if k >= 0 and name in model.observables and name not in model.text.observed:
+                seen = trial.states[:, model.observables.index(name)]
+                seen = seen[np.isfinite(seen)]
+                if len(seen) and seen[0] != 0:  # Measured states begin at their first measurements
+                    sizes[k], guessed[k] = seen[0], True
+    return sizes, likely[: model.width], guessed
+
+
+def _bounds(model: Model, trials: Trials, unknowns: Unknowns) -> Bounds:
+    limits = [limits_of(name, model.text.bounds) for name in unknowns.names]
+    low, high = (
+        (np.array(ends, dtype=np.float64) for ends in zip(*limits, strict=True)) if limits else (np.zeros(0),) * 2
+    )
+    for name, least, most in zip(unknowns.names, low, high, strict=True):
+        if not least < most:
+            texts = [bound.text for bound in model.text.bounds if bound.name == name]
+            raise CommonlawError("bound-empty", text="; ".join(texts))
+    longest = max(trial.times[-1] - trial.times[0] for trial in trials)
+    delays = [model.parameters[index] for index in model.delay if index >= 0]
+    for i, name in enumerate(unknowns.names):
+        if name in delays:
+            low[i], high[i] = max(low[i], 0.0), min(high[i], longest)
+    return Bounds(low, high)
+
+
+def beginning_of(
+    law: Law,
+    trials: Trials,
+    noise: Mapping[str, NoiseGiven],
+    equations: Sequence[str] | None = None,
+    log_states: Sequence[str] | None = None,
+    input_interpolation: str | None = None,
+) -> "Beginning":
+    """Return how a fit of a law to trials in its units begins, with noise as in `commonlaw.fit`, see `refit`."""
+    if law.order == 0:
+        raise CommonlawError("discrete-not-refined")
+    if not shares_terms(law):
+        raise CommonlawError("refine-own-terms")
+    observation = law.observation
+    between = input_interpolation or measured_schema(law).input_interpolation
+    trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
+    written = equations or law.provenance.equations or law.structure
+    text, restrictions, free = ModelText.of(written), Restrictions(), list[str]()
+    if observation is not None:
+        if observation.restrictions is None:
+            raise CommonlawError("restrictions-not-recorded")
+        restrictions = observation.restrictions
+        bounds = bounds_in(restrictions.bounds)
+        text = replace(
+            text,
+            observed=observation.equations,
+            initial=observation.initial,
+            bounds=bounds,
+            events=observation.events,
+        )
+        free = [name for name in law.terms.variables.states if name not in observation.initial]
+    begun = begin(
+        text,
+        trials,
+        dict(law.schema.initial_values) if observation is None else dict.fromkeys(free),
+        law.schema.initial_time if observation is None else observation.initial_time,
+        restrictions.shared,
+        priors=restrictions.priors,
+        log_states=measured_schema(law).logarithmic if log_states is None else log_states,
+        noise=noise,
+    )
+    return replace(begun, first=_values_of(law, begun))
+
+
+def _values_of(law: Law, begun: "Beginning") -> Floats:
+    """Return first values of the unknowns: those of a law, as far as it has some that are not zero."""
+    result, named = begun.first.copy(), named_parameters(law)
+    estimated = () if law.observation is None else law.observation.estimated
+    by_trial = {(estimate.object, estimate.trial, estimate.name): estimate.value for estimate in estimated}
+    rows = zip(begun.trials, begun.unknowns.parameters, begun.unknowns.initial, strict=True)
+    for trial, parameters, initial in rows:
+        values = dict(zip(named.names, named.values[object_index(law, trial.object)].tolist(), strict=True))
+        for k in (*parameters, *initial):
+            name = begun.unknowns.names[k]
+            value = by_trial.get((trial.object, trial.name, name), values.get(name, 0.0))
+            if k >= 0 and value != 0 and np.isfinite(value):
+                result[k] = value
+    return result
