@@ -150,7 +150,7 @@ def test_errors_intervals_and_history_are_printed_where_they_are_known(run):
     found = json.loads(run(*fit, "--json")[1])
     law = from_json(json.dumps(found["law"]))
     assert [each["standard error"] for each in found["intervals"]] == law.params["standard error"].tolist()
-    assert [each["stage"] for each in found["history"]] == [each.stage for each in law.provenance.history]
+    assert [each["stage"] for each in found["history"]] == [each.stage for each in law.history]
     assert all(each["stage"] in out for each in found["history"])
     estimate, error = law.params.query("object == 'Ball 3'")[["estimate", "standard error"]].to_numpy()[0]
     assert with_error(estimate, error).split(" ± ") == row.split()[3:5]

@@ -215,9 +215,7 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     assert [name for name, used in zip(within.terms.names, within.support[0], strict=True) if used] == [
         "1", "v*abs(v)", "sin(5 t)",
     ]  # fmt: skip
-    steps = {
-        law: next(step for step in law.provenance.history if step.stage == "model error") for law in (within, without)
-    }
+    steps = {law: next(step for step in law.history if step.stage == "model error") for law in (within, without)}
     assert steps[within].choice == "none"
     assert within.diagnostics == ()
     (progress,) = (diagnostic for diagnostic in without.diagnostics if diagnostic.kind != "not identifiable")

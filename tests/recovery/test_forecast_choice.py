@@ -45,7 +45,7 @@ def test_candidates_of_a_law_that_forecasts_chose_are_ranked_by_their_scores_and
 
 def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(seasonal, law):
     assert law.structure == ("w' = a w",)
-    reasons = {step.stage: step.reason for step in law.provenance.history}
+    reasons = {step.stage: step.reason for step in law.history}
     assert reasons["terms of w'"].startswith("best forecasts of held-out data")
     assert law.uncertainty.error_model.kind == "proportional"  # Errors of every group are among those that are tried
     forecast = law.predict(seasonal, start=LEARNED, return_std=True)

@@ -28,7 +28,7 @@ def found(trials, truth, **settings):
     scores = (law.coefficients - expected)[free] / errors[free]
     assert np.all(np.abs(scores) < 4)
     np.testing.assert_allclose(law.coefficients[~free], expected[~free])
-    assert {step.stage for step in law.provenance.history} == STAGES | {
+    assert {step.stage for step in law.history} == STAGES | {
         *(f"terms of {side}" for side in left_hand_sides(law)),
         *(["pooling"] if law.uncertainty.pooled is not None else []),
     }
@@ -119,7 +119,7 @@ def test_given_noise_is_used(drops, drag):
     settings = {"order": 2, "library": "poly:2"}
     law = cl.discover(drops, method=cl.TrajectoryLikelihood(noise={"x": 0.2}), **settings)
     assert law.uncertainty.noise == pytest.approx([0.2])
-    assert law.provenance.history[0].reason == "as given"
+    assert law.history[0].reason == "as given"
     assert drag.provenance.history[0].reason != "as given"
     # With the same support, standard errors grow with the noise
     methods = [cl.TrajectoryLikelihood(noise={"x": noise}) for noise in (0.1, 0.05)]

@@ -60,8 +60,8 @@ def test_inputs_that_are_held_are_found_out_and_the_law_with_them():
     inside = law.support[0]
     missed = (law.coefficients[0, 0, inside] - [0.2, -0.8, 1.0]) / standard_errors(law)[0, 0, inside]
     assert np.all(np.abs(missed) < 3.5)
-    assert (law.provenance.history[0].stage, law.provenance.history[0].choice) == ("inputs", "held")
-    assert "against linear" in law.provenance.history[0].reason
+    assert (law.history[0].stage, law.history[0].choice) == ("inputs", "held")
+    assert "against linear" in law.history[0].reason
     assert law.predict(trials).score() > 0.997
     compared = cl.compare({"held": law, "lines": on("linear", law)}, trials, **KNOWN)
     assert compared["law"].tolist() == ["held", "lines"]
@@ -81,7 +81,7 @@ def test_inputs_that_are_held_are_found_out_and_the_law_with_them():
 def test_inputs_stay_on_lines_where_the_evidence_for_nothing_else_is_strong():
     trials = driven("linear")
     law = cl.fit("x' = a + b x + c u", trials, **KNOWN)
-    (step,) = (each for each in law.provenance.history if each.stage == "inputs")
+    (step,) = (each for each in law.history if each.stage == "inputs")
     assert step.choice == "linear"
     assert "the evidence for no other interpolation is strong" in step.reason
     with refused("unknown-name", kind="input_interpolation", name="steps"):

@@ -56,7 +56,7 @@ def test_the_law_of_all_files_is_that_of_all_trials(law, whole):
     alone = together.uncertainty.unpooled.coefficients
     np.testing.assert_allclose(law.coefficients[:, law.support], alone, rtol=1e-4)
     assert law.uncertainty.noise == pytest.approx(together.uncertainty.noise, rel=0.05)
-    said = {step.stage: step.choice for step in law.provenance.history}
+    said = {step.stage: step.choice for step in law.history}
     assert said["proposals"] == "1 law of 3 groups of at most 10 objects"
     visited = law.provenance.domain.visited["x"]
     assert visited == (min(each.states.min() for each in whole), max(each.states.max() for each in whole))
@@ -121,7 +121,7 @@ def test_a_law_of_few_objects_is_refined_for_all_of_a_stream(folder, whole):
     np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-7)
     again = cl.refine(law, stream, **SETTINGS)
     np.testing.assert_allclose(again.coefficients, cl.refine(together, whole, **SETTINGS).coefficients, rtol=1e-7)
-    assert "each object was fitted to its trials, file by file" in [each.reason for each in law.provenance.history]
+    assert "each object was fitted to its trials, file by file" in [each.reason for each in law.history]
 
 
 def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):

@@ -87,7 +87,7 @@ def test_the_law_is_in_units_of_the_state_and_its_intervals_hold_the_truth(law):
     assert law.structure == ("w' = a w + b w^2",)
     assert law.uncertainty.noise == pytest.approx([0.08], rel=0.15)
     assert not law.uncertainty.error_model
-    assert "% of it, on a logarithmic scale" in law.provenance.history[0].choice
+    assert "% of it, on a logarithmic scale" in law.history[0].choice
     own = law.support[0]
     missed = (law.coefficients[0, 0, own] - [0.6, -0.006]) / standard_errors(law)[0, 0, own]
     assert np.all(np.abs(missed) < 3.5)

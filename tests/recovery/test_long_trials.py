@@ -74,7 +74,7 @@ def test_the_law_of_a_part_has_errors_and_says_what_it_was_fitted_to(step, sampl
     assert law.uncertainty.noise[0] == pytest.approx(NOISE, rel=0.05)  # By all samples
     (said,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.SAMPLES]
     assert how in said.text
-    assert law.provenance.history[0].stage == "samples"
+    assert law.history[0].stage == "samples"
     assert law.assess(trials).usable
 
 

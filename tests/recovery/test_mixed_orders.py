@@ -189,7 +189,7 @@ def test_the_orders_of_the_law_that_made_the_data_are_found(name, noise):
     if noise < 0.05:
         assert law.structure == equations
     said = ", ".join(f"{state} {each}" for state, each in zip(law.schema.states, order, strict=True))
-    assert (law.provenance.history[0].stage, law.provenance.history[0].choice) == ("order", said)
+    assert (law.history[0].stage, law.history[0].choice) == ("order", said)
 
 
 def test_orders_are_given_by_state():

@@ -108,7 +108,7 @@ def test_an_order_of_which_no_law_can_be_found_is_left_out(settings, order):
         cl.Trials.from_arrays(times, measured, names=["x"]), method=method, **{"library": "poly:1"} | settings
     )
     assert law.order == order
-    assert law.provenance.history[0].reason.startswith("no law of another order was found: ")
+    assert law.history[0].reason.startswith("no law of another order was found: ")
 
 
 @pytest.mark.parametrize(

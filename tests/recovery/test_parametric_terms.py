@@ -103,7 +103,7 @@ def test_it_forecasts_is_kept_and_says_what_else_it_could_be(law, enzymes, tmp_p
     assert chosen.chosen
     assert others
     assert law.uncertainty.inclusion_probabilities[0][law.support[0]].min() > 0.9
-    assert any(step.stage == "library" and step.choice == "7 terms" for step in law.provenance.history)
+    assert any(step.stage == "library" and step.choice == "7 terms" for step in law.history)
 
 
 def test_equations_share_a_term_without_constants(tmp_path):

@@ -71,7 +71,7 @@ def test_refined_coefficients_are_those_of_shooting(prey, by_rates):
     np.testing.assert_allclose(own(law, law.coefficients[object_index(law, name)]), expected, atol=0.02 * errors.min())
     np.testing.assert_allclose(own(law, standard_errors(law)[0]), errors, rtol=0.05)
     np.testing.assert_array_equal(law.support, by_rates.support)
-    assert law.provenance.history[-1].stage == "coefficients"
+    assert law.history[-1].stage == "coefficients"
 
 
 def test_errors_by_drawing_blocks_anew_agree_with_those_of_the_likelihood(prey, by_rates):

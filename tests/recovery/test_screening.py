@@ -38,8 +38,8 @@ def test_a_law_among_many_terms_is_that_among_few(swinging, narrow):
     for term in ("x", "v"):
         wide, few = (each.coefficients[:, 0, each.terms.index(term)] for each in (law, narrow))
         np.testing.assert_allclose(wide, few, rtol=1e-3)
-    assert law.provenance.history[0].stage == "screening"
-    assert law.provenance.history[0].choice.endswith("of 78 terms")
+    assert law.history[0].stage == "screening"
+    assert law.history[0].choice.endswith("of 78 terms")
 
 
 def test_a_term_that_screening_left_out_comes_back_if_it_improves_the_law(swinging, narrow, monkeypatch):

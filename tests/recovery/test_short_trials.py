@@ -52,8 +52,8 @@ def test_a_single_short_trial_gives_a_law_and_says_what_noise_was_assumed(sample
     times = np.linspace(0, 2, samples)
     law = cl.discover(cl.Trials.from_arrays(times, 3 * np.exp(-times)), order=order, library="poly:3")
     if samples - order - law.support.sum() < 4:  # Else the residuals of exact values estimate the noise
-        assert law.provenance.history[0].reason.startswith("assumed: ")
-        assert law.provenance.history[0].reason.endswith("`noise={'x': ...}`")
+        assert law.history[0].reason.startswith("assumed: ")
+        assert law.history[0].reason.endswith("`noise={'x': ...}`")
 
 
 def test_noise_of_short_trials_is_the_scatter_about_parabolas_of_all_of_them_together():

@@ -49,7 +49,7 @@ def test_a_depot_is_found_with_its_coefficients(law, swallowed):
 
 
 def test_it_says_what_the_state_does_and_what_fits_alike(law):
-    (step,) = [each for each in law.provenance.history if each.stage == "latent state"]
+    (step,) = [each for each in law.history if each.stage == "latent state"]
     assert step.choice == "u' = c u"
     assert step.reason.startswith("decays from 1, as a depot or a drive does; without it")
     (outcome,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "not identifiable"]
@@ -113,7 +113,7 @@ def test_a_slow_drive_of_a_pendulum_is_found_by_its_angle():
     values, errors = parameters.values, parameters.errors
     g, c, force, r = truth.T
     assert (abs(values - np.column_stack([-c, -g, force, r])) < 4 * errors).mean() > 0.9
-    (step,) = [each for each in law.provenance.history if each.stage == "latent state"]
+    (step,) = [each for each in law.history if each.stage == "latent state"]
     assert step.choice == "exp(-r*t)"
 
 

@@ -59,8 +59,8 @@ def test_a_law_says_what_is_universal_and_what_follows_properties():
     table = relations_frame(law).set_index("term")
     assert table["kind"].to_dict() == {"1": "universal", "v^2": "power law"}
     assert table["unit"].to_dict() == {"1": "m/s²", "v^2": "kg/m³"}
-    assert "v^2 in x'': power law of diameter^2/mass" in law.provenance.history[-1].choice
-    assert "offered: diameter, mass" in law.provenance.history[-1].reason
+    assert "v^2 in x'': power law of diameter^2/mass" in law.history[-1].choice
+    assert "offered: diameter, mass" in law.history[-1].reason
 
 
 def test_units_say_what_a_factor_is():
@@ -249,8 +249,8 @@ def test_the_mean_over_partially_pooled_objects_has_the_covariance_of_a_mean():
 
 def test_pooling_is_recorded_and_kept():
     found = pool_objects(law_of())
-    assert found.provenance.history[-1].stage == "pooling"
-    assert "v in x''" in found.provenance.history[-1].choice
+    assert found.history[-1].stage == "pooling"
+    assert "v in x''" in found.history[-1].choice
     again = from_json(to_json(found))
     np.testing.assert_array_equal(again.uncertainty.shared_factor, found.uncertainty.shared_factor)
     with refused("already-pooled"):

@@ -104,7 +104,7 @@ def test_a_property_in_an_equation_has_the_value_of_its_object():
     assert values[:, 1].tolist() == [drops.properties[name]["drag"] for name in law.objects] == [-0.1, -0.3]
     assert (errors[:, 1] == 0).all()
     assert (errors[:, 0] > 0).all()
-    assert ("property", "drag") in [(each.stage, each.choice) for each in law.provenance.history]
+    assert ("property", "drag") in [(each.stage, each.choice) for each in law.history]
 
 
 def test_counts_that_make_no_sense_are_refused(law, cups):

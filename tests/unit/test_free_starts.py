@@ -84,7 +84,7 @@ def test_such_a_law_is_saved_and_forecasts_trials_that_start_elsewhere():
     again = from_json(to_json(law))
     assert str(again) == str(law)
     assert again.schema.initial_values == {"omega": None}
-    assert ("start", "omega") in [(each.stage, each.choice) for each in law.provenance.history]
+    assert ("start", "omega") in [(each.stage, each.choice) for each in law.history]
     times = CASES["pendulum"][-1]
     other = cl.Trials.from_arrays(times, solution("pendulum", (4.0, 0.1), (0.3, 1.5)), object="a", names=["theta"])
     start = again.predict(other, start=12).trajectories[0].states[0]

@@ -223,7 +223,7 @@ def test_a_law_of_version_2_is_read_whole():
     assert law.uncertainty.shared_factor.tolist() == list(raw["common"].values())
     assert law.uncertainty.noise.tolist() == raw["noise"]
     assert law.uncertainty.inclusion_probabilities.tolist() == raw["inclusion"]
-    assert [(each.stage, each.choice, each.reason) for each in law.provenance.history] == [
+    assert [(each.stage, each.choice, each.reason) for each in law.history] == [
         (each["stage"], each["choice"], each["reason"]) for each in raw["history"]
     ]
 
@@ -241,7 +241,7 @@ def test_names_of_earlier_versions_are_replaced(version):
     assert (again.diagnostics, again.provenance.alternatives, again.provenance.history) == (
         law.diagnostics,
         law.provenance.alternatives,
-        law.provenance.history,
+        law.history,
     )
     np.testing.assert_array_equal(again.coefficients, law.coefficients)
 
@@ -257,7 +257,7 @@ def test_a_law_of_version_1_does_not_know_how_accurate_it_is():
     law = Law.load(SAVED / "version-1.json")
     assert law.uncertainty.covariance is law.uncertainty.noise is law.uncertainty.inclusion_probabilities is None
     assert law.uncertainty.shared_factor == Uncertainty().shared_factor
-    assert law.provenance.history == ()
+    assert law.history == ()
     np.testing.assert_array_equal(law.coefficients, Law.load(SAVED / "version-2.json").coefficients)
 
 

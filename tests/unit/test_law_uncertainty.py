@@ -274,7 +274,7 @@ def test_a_saved_law_keeps_its_uncertainty_to_the_last_bit(drag, predators):
         again = from_json(to_json(law))
         for name in ("covariance", "noise", "inclusion_probabilities"):
             np.testing.assert_array_equal(getattr(again.uncertainty, name), getattr(law.uncertainty, name))
-        assert again.provenance.history == law.provenance.history
+        assert again.provenance.history == law.history
         assert to_json(again) == to_json(law)
 
 

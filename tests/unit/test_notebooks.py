@@ -55,8 +55,8 @@ def test_names_of_strangers_in_a_verdict_are_text(law, drops):
 
 
 def test_a_history_shows_a_row_for_each_choice(law):
-    shown = law.provenance.history._repr_html_()
-    assert shown.count("<tr") == len(law.provenance.history) + 1
+    shown = law.history._repr_html_()
+    assert shown.count("<tr") == len(law.history) + 1
     assert "maximum likelihood" in shown
 
 

@@ -51,7 +51,7 @@ def test_a_law_is_fitted_to_all_rows():
     assert law.uncertainty.noise[0] == pytest.approx(noise, rel=0.1)
     assert law.uncertainty.degrees_of_freedom[0] == 16
     assert law.predict(trials, start="all").trajectories[0].states[0, 0] == pytest.approx(start, rel=1e-3)
-    assert "18 measurements" in str([step for step in law.provenance.history if step.stage == "coefficients"])
+    assert "18 measurements" in str([step for step in law.history if step.stage == "coefficients"])
 
 
 def test_arrays_and_tables_hold_the_same_means_counts_and_squares():

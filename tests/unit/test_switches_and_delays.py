@@ -88,4 +88,4 @@ def test_later_inputs_drive_forecasts(noise):
 def test_the_interpolation_of_inputs_is_the_one_that_fits():
     law = cl.fit("x' = (g u - x)/s", heated(0.01, 15), priors={"g": (0.6, 0.3)})
     assert law.observation.measured.input_interpolation == "held"
-    assert next(each for each in law.provenance.history if each.stage == "inputs").choice == "held"
+    assert next(each for each in law.history if each.stage == "inputs").choice == "held"

@@ -33,7 +33,7 @@ def white(swayed):
 
 
 def step(law, stage):
-    return next(each for each in law.provenance.history if each.stage == stage)
+    return next(each for each in law.history if each.stage == stage)
 
 
 def kinds(law):

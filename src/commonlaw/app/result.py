@@ -134,7 +134,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
         ],
         "failures": [text_in_page(failure) for failure in findings.failures],
         "outcomes": [text_in_page(str(diagnostic)) for diagnostic in law.diagnostics],
-        "history": [[step.stage, step.choice, text_in_page(step.reason)] for step in law.provenance.history],
+        "history": [[step.stage, step.choice, text_in_page(step.reason)] for step in law.history],
     }
     made = Found(findings, about)
     for candidate in iterate_candidates(law, findings.training, _CANDIDATES, part(show, SEARCHED, 1.0)):

@@ -141,9 +141,9 @@ def print_history(law: "Law") -> None:
     if law.provenance.alternatives:
         say("\nAll candidate laws (* chosen):\n")
         print_frame(readable_candidates(law.provenance.alternatives))
-    say("\nFound in these steps:\n" if law.provenance.history else "\nThere is no record of how the law was found.")
-    if law.provenance.history:
-        rows = ([step.stage, step.choice, in_options(step.reason)] for step in law.provenance.history)
+    say("\nFound in these steps:\n" if law.history else "\nThere is no record of how the law was found.")
+    if law.history:
+        rows = ([step.stage, step.choice, in_options(step.reason)] for step in law.history)
         print_table(["stage", "choice", "reason"], rows)
 
 

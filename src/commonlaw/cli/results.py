@@ -302,7 +302,7 @@ class FitResult:
             "law": json.loads(to_json(law)),
             "equations": {name: list(law.equations(name)) for name in law.objects},
             "intervals": None if law.uncertainty.covariance is None else interval_frame(law).to_dict(orient="records"),
-            "history": [asdict(step) for step in law.provenance.history],
+            "history": [asdict(step) for step in law.history],
             "truth": None if self.truth is None else json.loads(to_json(self.truth)),
             "fit": findings.fit
             and {"score": findings.fit.score(), "errors": findings.fit.errors().to_dict(orient="records")},

@@ -208,7 +208,7 @@ class LawDiscovery:
         is_text = isinstance(self.known, Mapping | str | None) and derivatives is None and not library.functions
         made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if is_text else ()
         outcomes = (*law.diagnostics, *outcomes, *instead)
-        provenance = replace(law.provenance, calls=made, outcomes=outcomes, history=(*steps, *law.provenance.history))
+        provenance = replace(law.provenance, calls=made, outcomes=outcomes, history=(*steps, *law.history))
         if isinstance(trials, TrialStream):
             return replace(law, provenance=provenance)
         outcomes = (*with_origin_outcomes(outcomes, law, trials), *outcomes_of_confounding(trials, law.order, library))

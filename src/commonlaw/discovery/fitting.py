@@ -360,7 +360,7 @@ def _of_model(
         return laws[best]
     law, plausible = laws[best], np.flatnonzero(gains > gains[best] - STRONG).tolist()
     why = f"between samples; twice the log-likelihood ratio to straight lines is {gains[best]:.3g}"
-    history = (*law.provenance.history, Step("inputs", tried[best], why))
+    history = (*law.history, Step("inputs", tried[best], why))
     # Dead times that depend on how inputs go between samples, where measurements do not decide it
     named, outcomes = named_parameters(law), [*law.provenance.outcomes]
     for name in dict.fromkeys(name for signal in law.schema.inputs for name in re.findall(r"\(t - (\w+)\)$", signal)):
@@ -381,7 +381,7 @@ def _of_model(
 
 def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
     """Return which errors were chosen in place of white noise, and what they change, if there are any."""
-    steps = {step.stage: step.choice for step in law.provenance.history if step.choice != "none"}
+    steps = {step.stage: step.choice for step in law.history if step.choice != "none"}
     chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
     parameters = named_parameters(law)
     if not chosen or not parameters.names:

@@ -384,7 +384,7 @@ def discover_observed(
         f"{sum(candidates[0].support)} of {search.open.sum()}",
         f"the fewest for any parameters of observations{apart}",
     )
-    return replace(law, provenance=replace(law.provenance, history=(step, *law.provenance.history)))
+    return replace(law, provenance=replace(law.provenance, history=(step, *law.history)))
 
 
 def _begun(

@@ -257,5 +257,5 @@ def _law(search: CandidateSearch, best: Candidate) -> Law:
         seed=options.seed,
         tried_errors=len(kinds) > 1,
     )
-    history = (*best.screened.steps, *best.steps, *law.provenance.history)
+    history = (*best.screened.steps, *best.steps, *law.history)
     return replace(law, provenance=replace(law.provenance, history=history))

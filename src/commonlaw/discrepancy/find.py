@@ -280,7 +280,7 @@ def discrepancy(
         f"coefficients estimated jointly with it; noise scaled by {fitted.posterior.noise_factor:.3g}",
     )
     narrow, wide = setting.refitted(law, fitted)
-    history, calls = (*law.provenance.history, step), (*law.provenance.calls, called)
+    history, calls = (*law.history, step), (*law.provenance.calls, called)
     provenance = replace(law.provenance, history=history, calls=calls, with_discrepancy=wide)
     return Discrepancy(
         law=replace(narrow, provenance=provenance),

@@ -48,7 +48,6 @@ DEPRECATED: dict[str, str | tuple[str, Callable[[Any], Any]]] = {
     "export": "save(path)",
     "from_json": "commonlaw.law.from_json(text)",
     "has_std": "uncertainty.has_std",
-    "history": "provenance.history",
     "inclusion_probabilities": "uncertainty.inclusion_probabilities",
     "index": ("objects.index(name)", _by_method("law:object_index")),
     "interval_ends": ("conf_int(level)", _by_method("parameters:coefficient_intervals")),
@@ -72,10 +71,6 @@ DEPRECATED: dict[str, str | tuple[str, Callable[[Any], Any]]] = {
     "pool": "commonlaw.law.pool_objects(law)",
     "rates": ("terms.variables.states", _by_function("parameters:rate_names")),
     "relations": "commonlaw.law.relations_frame(law)",
-    "score": (
-        "predict(trials).metric(metric)",
-        lambda law: lambda trials, metric="r2", *, start=None: law.predict(trials, start=start).metric(metric),
-    ),
     "select": "commonlaw.law.select_objects(law, objects)",
     "shared": ("support", _by_function("law:shares_terms")),
     "standard_errors": ("params", _by_function("parameters:standard_errors")),

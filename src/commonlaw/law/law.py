@@ -19,7 +19,7 @@ from commonlaw.law import text
 from commonlaw.law.deprecated import DeprecatedClassMembers, Structure, deprecated_member
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import Names, read_equations, stated_law
-from commonlaw.law.provenance import Provenance
+from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, with_rates
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Residuals
-    from commonlaw.forecast.forecast import Forecast
+    from commonlaw.forecast.forecast import Forecast, Metric
     from commonlaw.integration.vector_field import InputFunction
     from commonlaw.law.verdict import LawVerdict
     from commonlaw.report.page import Page
@@ -368,6 +368,11 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """Notes on the law, such as lack of fit or confounded variables, each with a code."""
         return self.provenance.outcomes
 
+    @property
+    def history(self) -> History:
+        """Choices of the search in order, with their reasons; prints as a table."""
+        return History(self.provenance.history)
+
     # Right-hand side, simulation, forecasts
 
     def rhs(self, name: str, values: ArrayLike) -> Floats:
@@ -491,6 +496,23 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return cast("Forecast", _call("forecast:predict", self, trials, **options, **how))
 
     # Comparison with measurements
+
+    def score(self, trials: Trials, metric: "Metric" = "r2", *, start: int | None = None) -> float:
+        """Return the score of forecasts by a metric of scikit-learn, averaged over states.
+
+        Raises `CommonlawError` if there is no such metric, or the trials cannot be forecast.
+
+        Parameters
+        ----------
+        trials
+            Measurements; missing values do not count.
+        metric
+            ``"r2"``, 1 - sum (y - f)^2 / sum (y - mean y)^2; ``"rmse"`` or ``"mae"``, in the unit of the state; or a
+            function of measurements and forecasts of a state, shape (n,) each.
+        start
+            Number of first samples that determine the initial state, see `predict`.
+        """
+        return self.predict(trials, start=start).metric(metric)
 
     def residuals(self, trials: Trials) -> "Residuals":
         """Return the residuals of trials about the trajectories of the law, with tests for patterns.

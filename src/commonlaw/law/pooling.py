@@ -87,7 +87,7 @@ def _with_values(law: Law, values: Floats, step: Step, **known: Any) -> Law:
     """Return a law with other coefficients in its support, shape (objects, parameters), their errors and a step."""
     coefficients = law.coefficients.copy()
     coefficients[:, law.support] = values
-    provenance = replace(law.provenance, history=(*law.provenance.history, step))
+    provenance = replace(law.provenance, history=(*law.history, step))
     uncertainty = replace(law.uncertainty, pooled=None, **known)
     return replace(law, coefficients=coefficients, uncertainty=uncertainty, provenance=provenance)
 

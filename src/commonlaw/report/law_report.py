@@ -145,8 +145,7 @@ def _head(name: str, schema: Schema) -> str:
 def choices(case: LawCase) -> Section:
     """Return the part on every choice on the way."""
     rows = [
-        {"stage": step.stage, "choice": step.choice, "reason": case.words(step.reason)}
-        for step in case.law.provenance.history
+        {"stage": step.stage, "choice": step.choice, "reason": case.words(step.reason)} for step in case.law.history
     ]
     block: Block = Text("No history is recorded.")
     if rows:

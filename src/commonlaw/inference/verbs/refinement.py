@@ -161,7 +161,7 @@ def _of_observation(
     if taken.get("input_interpolation") == "auto":
         raise CommonlawError("not-with-observation", settings=["input_interpolation='auto'"])
     refined = refit(law, trials, **taken, progress=progress).law(calls)
-    history = (*law.provenance.history, refined.provenance.history[-1])
+    history = (*law.history, refined.provenance.history[-1])
     return replace(refined, provenance=replace(refined.provenance, history=history))
 
 
@@ -216,7 +216,7 @@ class _Fit:
                 *with_approximation(pool, outcomes_of_fit(fit, is_converged, tried_errors=self.errors == "auto")),
                 *outcomes_of_unmeasured(refined, problem),
             ),
-            history=(*law.provenance.history, *chosen),
+            history=(*law.history, *chosen),
             domain=replace(domain, visited={**domain.visited, **latent_state_ranges(problem.trials, fit.estimates)}),
         )
         return replace(refined, provenance=provenance)
@@ -233,7 +233,7 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     fits = [partial(how.refined, law_of_part, alike=False, progress=silent) for law_of_part in laws]
     result = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
     step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
-    return replace(result, provenance=replace(result.provenance, history=(*law.provenance.history, step)))
+    return replace(result, provenance=replace(result.provenance, history=(*law.history, step)))
 
 
 def adapt(law: Law, trials: Trials) -> Law:
@@ -245,7 +245,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     )
     if law.observation is not None:
         result = updated(law, trials)
-        return replace(result, provenance=replace(law.provenance, history=(*law.provenance.history, step)))
+        return replace(result, provenance=replace(law.provenance, history=(*law.history, step)))
     law.uncertainty.known_covariance()
     if law.uncertainty.noise is None or law.uncertainty.error_model:
         lacks = "has errors other than white noise" if law.uncertainty.noise is not None else "has no noise estimate"
@@ -289,5 +289,5 @@ def adapt(law: Law, trials: Trials) -> Law:
         coefficients=coefficients,
         uncertainty=uncertainty,
         properties=trials.properties,
-        provenance=replace(law.provenance, history=(*law.provenance.history, step)),
+        provenance=replace(law.provenance, history=(*law.history, step)),
     )
