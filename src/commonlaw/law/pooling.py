@@ -166,10 +166,12 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
         {name: units[name] for name in names if name in units},
     )
     table = PropertyTable(tuple(names), np.array(rows).reshape(len(law.objects), len(names)), dimensions)
+    deviations = np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2)[:, free])
     try:
+        if (deviations.min(axis=0) < np.sqrt(np.finfo(float).eps) * deviations.max(axis=0)).any():
+            raise np.linalg.LinAlgError("Rounding errors are as large as a variance")
         fitted = explain(estimates.coefficients[:, free], estimates.covariance[:, free][:, :, free], table)
     except np.linalg.LinAlgError as error:
-        deviations = np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2)[:, free])
         raise CommonlawError(
             "relations-not-comparable", error=str(error).lower(), least=deviations.min(), most=deviations.max()
         ) from None
