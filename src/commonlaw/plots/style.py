@@ -8,11 +8,12 @@ from contextlib import contextmanager
 from io import BytesIO
 from math import ceil
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from matplotlib import rc_context, style
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
@@ -71,7 +72,8 @@ def styled() -> Iterator[None]:
 
 def frozen_layout(figure: Figure) -> Figure:
     """Lay the figure out once: repeated constrained layouts differ, and so would the bytes of a file."""
-    figure.draw_without_rendering()
+    if engine := figure.get_layout_engine():
+        engine.execute(figure)
     figure.set_layout_engine("none")
     for panel in figure.axes:
         panel.set_position(np.round(panel.get_position().bounds, 5).tolist())
@@ -232,7 +234,13 @@ def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> 
     kind = figure_format(path)
     content = BytesIO()
     with styled(), rc_context({"svg.fonttype": "none" if text else "path"}):
-        figure.savefig(content, format=kind, metadata=dict(_METADATA[kind]))
+        if kind == "svg":
+            # `savefig` draws twice, as it draws without output first
+            canvas, svg = figure.canvas, cast(Any, FigureCanvasSVG(figure))
+            svg.print_svg(content, metadata=dict(_METADATA[kind]))
+            figure.set_canvas(canvas)
+        else:
+            figure.savefig(content, format=kind, metadata=dict(_METADATA[kind]))
     return content.getvalue()
 
 
