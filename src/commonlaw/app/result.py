@@ -16,17 +16,18 @@ import pandas as pd
 from commonlaw.app.question import message, text_in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.forecast import Forecast, fitted
+from commonlaw.forecast import Forecast
+from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw, candidate_law, compare, iterate_candidates
 from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.equilibria import has_phase_plane
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors, units_with_rates
-from commonlaw.law.pooling import by_properties, comparable_groups, contrasts
+from commonlaw.law.pooling import comparable_groups, contrasts
 from commonlaw.law.script import Source, to_script
 from commonlaw.law.simplify import within_errors
-from commonlaw.law.tables import coefficients_by_object, quantities_by_object, with_interval, with_unit
+from commonlaw.law.tables import quantities_by_object, readable, with_interval, with_unit
 from commonlaw.library import order_of_each
 from commonlaw.plots import (
     Figure,
@@ -40,7 +41,8 @@ from commonlaw.plots import (
 )
 from commonlaw.report.markup import equation_parts, formula
 from commonlaw.runtime.progress import Stage, part
-from commonlaw.text import counted, r_squared
+from commonlaw.summary import Summary, parameters_caption, shown_equations, simpler_forms
+from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.verdict import Findings, find
 
@@ -130,7 +132,7 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
                 "held_out": not view.is_fit and findings.is_held_out,
                 "trials": [{"object": trial.object, "name": trial.name} for trial in view.trials.trials[:_TRIALS]],
             }
-            for view in _views(findings)
+            for view in findings.curves
         ],
         "failures": [text_in_page(failure) for failure in findings.failures],
         "outcomes": [text_in_page(str(diagnostic)) for diagnostic in law.diagnostics],
@@ -170,17 +172,12 @@ def compared(one: Found, other: Found) -> dict[str, Any]:
 
 def _summary(found: Found, evidence: float | None) -> dict[str, Any]:
     findings, law = found.findings, found.law
-    kinds = {"residuals of the fit": findings.fit}
-    kinds["errors of forecasts" + ", held-out trials" * findings.is_held_out] = findings.forecast
     errors = {}
-    for kind, curves in kinds.items():
-        if curves is not None:
-            rms = (
-                curves.errors()
-                .groupby("state", sort=False)["rms error"]
-                .apply(lambda trial_errors: np.sqrt((trial_errors**2).mean()))
-            )
-            errors[kind] = {name: float(f"{value:.3g}") for name, value in rms.items() if np.isfinite(value)}
+    for curves in findings.curves:
+        held_out = ", held-out trials" * findings.is_held_out
+        kind = "residuals of the fit" if curves.is_fit else f"errors of forecasts{held_out}"
+        rms = squared_errors(curves).mean().pow(0.5)
+        errors[kind] = {name: float(f"{value:.3g}") for name, value in rms.items() if np.isfinite(value)}
     return {
         "equations": list(law.structure) if shares_terms(law) else [],
         "parameters": len(named_parameters(law).names) if shares_terms(law) else None,
@@ -207,7 +204,7 @@ def compared_groups(found: Found, asked: Groups) -> dict[str, Any]:
     values = comparable_groups(law).get(asked.by, [])
     check_choice("index of the reference", asked.reference, range(len(values)))
     rows = [
-        [with_unit(name, unit), _level(value), with_interval(*numbers)]
+        [with_unit(name, unit), _level(value), str(with_interval(*numbers))]
         for name, value, _, *numbers, unit in contrasts(law, asked.by, values[asked.reference]).values.tolist()
     ]
     return {"head": ["parameter", asked.by, f"difference from {_level(values[asked.reference])}"], "rows": rows}
@@ -237,45 +234,32 @@ def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> Itera
 
 def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
     """Return a candidate with what the page shows of it."""
-    law = candidate.law
+    law, of_found, views = candidate.law, Summary(found.findings), list[dict[str, Any]]()
+    summary = of_found.of_law(law)
+    for view in found.findings.curves:
+        curves = summary.findings.fit if view.is_fit else summary.findings.forecast
+        few = view.trials.with_trials(view.trials.trials[:_TRIALS])
+        whole = len(few) == len(view.trials)
+        drawn = curves if whole else of_found.curves_of(law, few, view.is_fit, has_bands(law))
+        score = "" if curves is None else summary.score(curves)
+        views.append({"score": score, "curves": [] if drawn is None else [*_curves(drawn)]})
     shown = {
         "size": candidate.size,
         "chosen": candidate.chosen,
         "evidence": candidate.evidence,
-        "text": list(law.structure) if shares_terms(law) else list(law.equations(law.objects[0])),
+        "text": shown_equations(law),
         "formula": _mathml(law),
-        "simpler": [*within_errors(law), *(by_properties(law) if candidate.chosen else ())],
+        "simpler": simpler_forms(law) if candidate.chosen else within_errors(law),
         "left": left_hand_sides(law),
         "equations": _editable(law),
         "figures": _figure_kinds(law, found.findings.forecast is not None),
         "terms": _terms(law, law.support),
-        "table": _table(coefficients_by_object(law)),
+        "caption": parameters_caption(law),
+        "table": _table(summary.parameters),
         "quantities": _table(quantities_by_object(law)),
-        "views": [_view(law, view, found.findings.start) for view in _views(found.findings)],
+        "views": views,
     }
     return ShownLaw(candidate, shown)
-
-
-def _views(findings: Findings) -> list[Forecast]:
-    return [view for view in (findings.fit, findings.forecast) if view is not None]
-
-
-def _view(law: Law, of_law: Forecast, start: int | None) -> dict[str, Any]:
-    """Return a candidate's fit or forecasts of the same trials as those of the law, few enough to be drawn."""
-    trials = of_law.trials.with_trials(of_law.trials.trials[:_TRIALS])
-    try:
-        if of_law.is_fit:
-            made = fitted(law, trials, return_std=has_bands(law))
-        else:
-            made = law.predict(trials, start=start, return_std=has_bands(law))
-    except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
-        return {"score": "", "diverged": 0, "curves": []}
-    score = made.score()
-    return {
-        "score": r_squared(score) if np.isfinite(score) else "",
-        "diverged": len(made.outcomes),
-        "curves": list(_curves(made)),
-    }
 
 
 def _mathml(law: Law) -> list[list[str]]:
@@ -291,7 +275,9 @@ def _terms(law: Law, support: Bools) -> list[list[str]]:
 
 
 def _table(frame: pd.DataFrame) -> dict[str, Any]:
-    return {"head": list(frame), "rows": frame.to_numpy().tolist()}
+    cells = readable(frame).to_numpy().tolist()
+    rows = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row] for row in cells]
+    return {"head": list(frame), "rows": rows}
 
 
 def _editable(law: Law) -> dict[str, Any] | None:

@@ -30,7 +30,7 @@ from commonlaw.cli.options import (
     saving,
     taking,
 )
-from commonlaw.cli.output import Artifacts, in_words, print_history, print_json, print_table, say
+from commonlaw.cli.output import Artifacts, in_words, print_history, print_json, print_law, print_table, say
 from commonlaw.cli.results import FitResult, Outputs, compared, find_law, load, over_table, print_compared, with_outputs
 from commonlaw.cli.source import (
     WITH_LAW,
@@ -761,7 +761,7 @@ def refine(
         law = cl.refine(law, trials, **settings, progress=show)
         later = Artifacts()
         later.save(save, law=law)
-    say(str(law))
+    print_law(law)
     if history:
         print_history(law)
     later.end((*(trials.notes if isinstance(trials, cl.Trials) else ()), *law.diagnostics))

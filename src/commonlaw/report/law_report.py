@@ -14,7 +14,8 @@ import pandas as pd
 from commonlaw import __version__
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
-from commonlaw.forecast import Forecast, fitted
+from commonlaw.forecast import Forecast
+from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, relations_frame, to_script
@@ -26,10 +27,8 @@ from commonlaw.law.script import Source
 from commonlaw.law.tables import (
     MEANINGS,
     coefficient_names,
-    coefficients_by_object,
     quantile_frame,
     quantities_by_object,
-    readable_candidates,
     shown_quantities,
     spread_tables,
     with_unit,
@@ -65,7 +64,8 @@ from commonlaw.report.page import Page
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.progress import on_terminal
 from commonlaw.stream import ManyFindings, find_by_stream
-from commonlaw.text import counted, r_squared
+from commonlaw.summary import Summary, in_states, parameters_caption
+from commonlaw.text import counted
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.roles import GUESSED
 from commonlaw.verdict import Findings, find
@@ -74,31 +74,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-@dataclass(frozen=True, eq=False)
-class LawCase:
-    """Findings and rival laws, and what turns messages into the words of the caller."""
-
-    findings: Findings
-    words: Callable[[str], str]
-    rivals: tuple[CandidateLaw, ...] = ()
-
-    @property
-    def law(self) -> Law:
-        """The law."""
-        return self.findings.law
-
-    @property
-    def forecast_of(self) -> str:
-        """What the forecasts are of, in words."""
-        if not self.law.provenance.is_learned:
-            return "compared with it"
-        if self.findings.is_held_out:
-            return "held out"
-        return f"of the training data{', later samples included' if self.findings.has_later_samples else ''}"
-
-    def said(self, text: object) -> str:
-        """Return a message as Markdown that shows it as it stands, in the words of whoever asked."""
-        return literal(self.words(str(text)))
+def said(case: Summary, text: object) -> str:
+    """Return a message as Markdown that shows it as it stands, in the words of whoever asked."""
+    return literal(case.words(str(text)).replace("R^2", "R²"))
 
 
 def folded(table: Table, title: str) -> Block:
@@ -111,25 +89,18 @@ def listed(lines: "list[str] | tuple[str, ...]") -> str:
     return "\n\n" + "\n".join(f"- {line}" for line in lines) + "\n\n"
 
 
-def data_checks(case: LawCase) -> Section:
+def data_checks(case: Summary) -> Section:
     """Return the part on what the data checks found."""
     checked = case.findings.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
     notes = [note for note in dict.fromkeys(checked.notes) if not note.startswith(GUESSED)]
     remarks = [*checked.lines(), *notes, *map(str, case.law.diagnostics)]
     remarks_text = (
-        " Data checks: no problem found." if not remarks else listed([case.said(remark) for remark in remarks])
+        " Data checks: no problem found." if not remarks else listed([said(case, remark) for remark in remarks])
     )
-    trials = case.findings.trials
-    objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
-    counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
-    learned, some = sum(map(len, case.findings.training)), counted(len(case.findings.training), "trial")
-    held_out = "" if case.findings.training is trials else f" Training data: {learned} samples of {some}."
     frame = checked.to_frame().drop(columns="clipped")
-    frame.columns = [_head(name, trials.schema) for name in frame.columns]
+    frame.columns = [_head(name, case.findings.trials.schema) for name in frame.columns]
     table = Table("trials", "All trials.", frame)
-    return Section(
-        "data-checks", "Data checks", (Text(f"{counts}{held_out}{remarks_text}"), folded(table, "All trials"))
-    )
+    return Section("data-checks", "Data checks", (Text(f"{case.counts}.{remarks_text}"), folded(table, "All trials")))
 
 
 def _head(name: str, schema: Schema) -> str:
@@ -142,7 +113,7 @@ def _head(name: str, schema: Schema) -> str:
     return {"object": schema.object, "trial": schema.trial}.get(name, name)
 
 
-def choices(case: LawCase) -> Section:
+def choices(case: Summary) -> Section:
     """Return the part on every choice on the way."""
     rows = [
         {"stage": step.stage, "choice": step.choice, "reason": case.words(step.reason)}
@@ -154,13 +125,14 @@ def choices(case: LawCase) -> Section:
     return Section("choices", "History", (block,))
 
 
-def in_short(case: LawCase) -> str:
+def in_short(case: Summary) -> str:
     """Return a paragraph for readers without statistics, as Markdown."""
     law, fit = case.law, case.findings.fit
-    states, objects = literal(" and ".join(law.schema.states)), len(law.objects)
+    states, objects, several = literal(" and ".join(law.schema.states)), len(law.objects), len(law.schema.states) > 1
     what = "from one moment to the next" if law.order == 0 else "at every moment"
     shared = "" if objects == 1 else f" All {objects} objects follow the same equations, each with numbers of its own."
-    text = f"In short: the equations say how {states} changes {what}, given its present value.{shared}"
+    change, present = ("change", "their present values") if several else ("changes", "its present value")
+    text = f"In short: the equations say how {states} {change} {what}, given {present}.{shared}"
     if fit is not None and np.isfinite(score := fit.score()) and score > 0:
         text += f" They reproduce {min(100 * score, 99.99):.4g} % of the variation in the measurements."
     if law.uncertainty.covariance is not None and law.support.any():
@@ -168,7 +140,7 @@ def in_short(case: LawCase) -> str:
     return f"\n\n{text}\n\n"
 
 
-def methods(case: LawCase) -> Section:
+def methods(case: Summary) -> Section:
     """Return the part on how the law was estimated, with its formulas."""
     if case.law.order == 0:
         text = "Coefficients are least squares estimates from each sample to the next: "
@@ -188,7 +160,7 @@ def methods(case: LawCase) -> Section:
     return Section("methods", "Methods", (Text(text),))
 
 
-def again(case: LawCase, command: str, table: str | Source) -> Section:
+def again(case: Summary, command: str, table: str | Source) -> Section:
     """Return the part that says how to make the law again."""
     asked = f"Command:{code(command, 'sh')}" if command else ""
     text = asked
@@ -208,24 +180,24 @@ def again(case: LawCase, command: str, table: str | Source) -> Section:
 _FAILURES = (CommonlawError, ArithmeticError, np.linalg.LinAlgError)
 
 
-def residuals(case: LawCase) -> Section:
+def residuals(case: Summary) -> Section:
     """Return the part on residuals and the discrepancy."""
     blocks = (*_patterns(case), *_discrepancy(case), *_errors(case))
     return Section("residuals", "Residuals and discrepancy", blocks)
 
 
-def _patterns(case: LawCase) -> Iterator[Block]:
+def _patterns(case: Summary) -> Iterator[Block]:
     """Yield what measurements are off the law's trajectories, and which patterns that has."""
     try:
         tested = case.law.residuals(case.findings.trials)
     except _FAILURES as error:
-        yield Text(f"The residuals could not be tested: {case.said(error)}.")
+        yield Text(f"The residuals could not be tested: {said(case, error)}.")
         return
     meaning = "Residuals are measured minus fitted, in standard deviations of the noise. "
     meaning += "Orange: means of neighbouring residuals with 95 % intervals."
     if len(tested.significant) > 1:
         meaning += " Several patterns often have one cause: start with the smallest p-value."
-    yield Text(meaning + listed([case.said(line) for line in str(tested).splitlines()]))
+    yield Text(meaning + listed([said(case, line) for line in str(tested).splitlines()]))
     # Small figures of residuals, those of the first state at once
     panels = ResidualPanels(tested)
     for j, state in enumerate(tested.trials.schema.states):
@@ -241,7 +213,7 @@ def _patterns(case: LawCase) -> Iterator[Block]:
         yield Fold("Tests of the residuals", (Table("tests", "adjusted: p-values by false discovery rate.", tests),))
 
 
-def _discrepancy(case: LawCase) -> Iterator[Block]:
+def _discrepancy(case: Summary) -> Iterator[Block]:
     """Yield the discrepancy, a function that objects share."""
     if len(case.law.objects) > 100:
         yield Text("A discrepancy shared by all objects was not estimated: there are many objects.")
@@ -249,7 +221,7 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
     try:
         estimate = case.law.discrepancy(case.findings.training)
     except _FAILURES as error:
-        yield Text(f"A discrepancy shared by all objects could not be estimated: {case.said(error)}.")
+        yield Text(f"A discrepancy shared by all objects could not be estimated: {said(case, error)}.")
         return
     of = literal(f"{estimate.basis.coordinate} in {estimate.equation}")
     strength = f"2 log B = {estimate.evidence:.1f}".replace("-", "−")
@@ -261,11 +233,11 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
             f"({strength}; above {STRONG:.0f} is strong)."
         )
     picture = Picture("discrepancy", "Discrepancy with its 95 % band.", partial(plot_discrepancy, estimate))
-    lines = Text(listed([case.said(line) for line in str(estimate).splitlines()]))
+    lines = Text(listed([said(case, line) for line in str(estimate).splitlines()]))
     yield Fold("Discrepancy", (picture, lines))
 
 
-def _errors(case: LawCase) -> Iterator[Block]:
+def _errors(case: Summary) -> Iterator[Block]:
     """Yield the errors of measurement, and whether the law itself errs."""
     law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.schema
     if law.uncertainty.noise is not None:
@@ -282,16 +254,7 @@ def _errors(case: LawCase) -> Iterator[Block]:
         yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
 
 
-_MEASURES = {
-    "held-out error": "Held-out error is the mean squared error on held-out data.",
-    "BIC": "BIC penalizes the misfit by the number of terms; lower is better.",
-    "stability": "Stability is the share of bootstrap resamples in which the least certain term is selected.",
-    **{name: f"{text}." for name, text in MEANINGS.items()},
-}
-"""What measures of candidates mean."""
-
-
-def coefficients(case: LawCase) -> Section:
+def coefficients(case: Summary) -> Section:
     """Return the part on coefficients, and on what decides them."""
     law, blocks = case.law, list[Block]()
     if law.uncertainty.explanation is not None and len(law.objects) > 1:
@@ -323,7 +286,7 @@ def coefficients(case: LawCase) -> Section:
         blocks.append(_intervals(law, what))
         if len(data := shown_quantities(law)):
             ends = ", with 95 % intervals; an infinite end says that there is none" if known else ""
-            caption = f"Quantities that follow from the coefficients{ends}."
+            caption = f"Derived quantities{ends}."
             frame = quantities_by_object(law) if len(law.objects) > 1 else data
             blocks.append(folded(Table("quantities", caption, frame, data=data), "Quantities"))
         if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
@@ -337,15 +300,12 @@ def coefficients(case: LawCase) -> Section:
     return Section("coefficients", "Coefficients", tuple(blocks))
 
 
-def values(law: Law) -> tuple[Block, ...]:
+def values(case: Summary) -> tuple[Block, ...]:
     """Return the numbers that follow the formula of a law: its coefficients, by object, with intervals."""
-    if not named_parameters(law).names:
+    if not len(frame := case.parameters):
         return ()
-    known = law.uncertainty.covariance is not None
-    caption = "Coefficients ± standard errors, with 95 % intervals." if known else "Coefficients."
-    frame, data = coefficients_by_object(law), law.params.dropna(axis=1, how="all")
-    # Of one object without trials of their own a row for each coefficient
-    table = Table("values", caption, frame if len(frame) > 1 else data, data=data)
+    data = case.law.params.dropna(axis=1, how="all")
+    table = Table("values", f"{parameters_caption(case.law)}.", frame, data=data)
     return (folded(table, "Coefficients by object"),)
 
 
@@ -362,14 +322,14 @@ def _intervals(law: Law, caption: str) -> Block:
     return Gallery(tuple(pictures))
 
 
-def _contrasts(case: LawCase) -> Iterator[Block]:
+def _contrasts(case: Summary) -> Iterator[Block]:
     """Yield how parameters differ between groups of objects, for each property that makes some."""
     for i, (name, (reference, *_)) in enumerate(comparable_groups(case.law).items()):
         title = f"Differences from {name} {reference}"
         try:
             frame = contrasts(case.law, name, reference)
         except CommonlawError as error:
-            yield Text(f"{literal(title)}: {case.said(error)}.")
+            yield Text(f"{literal(title)}: {said(case, error)}.")
             continue
         if len(frame):
             frame = frame.drop(columns="reference").dropna(axis=1, how="all")
@@ -378,26 +338,27 @@ def _contrasts(case: LawCase) -> Iterator[Block]:
             yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
 
 
-def candidates(case: LawCase) -> Section:
+def candidates(case: Summary) -> Section:
     """Return the part on candidate laws."""
-    law, blocks, listed = case.law, list[Block](), case.law.provenance.alternatives
-    if not listed:
+    law, blocks, frame = case.law, list[Block](), case.candidates
+    if not len(frame):
         text = "The terms were given; no other law was compared."
         return Section("candidates", "Candidate laws", (Text(text),))
     if case.rivals or len(law.objects) <= 100:  # Of more, fits take long
         blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
     caption = "Candidates of each equation (* chosen)."
-    there = {name for candidate in listed for name in candidate.measures}
-    caption += "".join(f" {explanation}" for name, explanation in _MEASURES.items() if name in there)
-    table = Table("compared", caption, readable_candidates(listed))
+    caption += "".join(f" {literal(meaning)}." for name, meaning in MEANINGS.items() if name in frame)
+    table = Table("compared", caption, frame)
     return Section("candidates", "Candidate laws", (*blocks, folded(table, "Candidates")))
 
 
-def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
+def _refitted(case: Summary, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     """Yield how laws of other sizes fit the same trials, and how they forecast held-out ones."""
-    if len(found) < 2 or case.findings.shown is None:
+    findings, held_out = case.findings, case.findings.is_held_out
+    curves = findings.forecast if held_out else findings.shown
+    if len(found) < 2 or curves is None:
         return
-    held_out = case.findings.is_held_out
+    again = [case.curves_of(candidate.law, curves.trials, curves.is_fit) for candidate in found]
     score = f"1 − R² of {'forecasts' if held_out else 'the fit'}"
     rows = [
         {
@@ -405,9 +366,9 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
             "terms": candidate.size,
             "law": "; ".join(candidate.law.structure),
             "2 log B": candidate.evidence,
-            score: 1 - _score(case, candidate.law),
+            score: None if of_candidate is None else 1 - of_candidate.score(),
         }
-        for candidate in found
+        for candidate, of_candidate in zip(found, again, strict=True)
     ]
     caption = "Laws with few to many terms, fitted to the same trials (* chosen)."
     if held_out:
@@ -417,20 +378,7 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
-def _score(case: LawCase, law: Law) -> float:
-    """Return R^2 of what is held out, or else of the fit; NaN where there is none."""
-    findings = case.findings
-    try:
-        if findings.fit is not None and not findings.is_held_out:
-            return fitted(law, findings.training).score()
-        return (
-            law.predict(findings.forecast.trials, start=findings.start).score() if findings.forecast else float("nan")
-        )
-    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-        return float("nan")
-
-
-def experiments(case: LawCase) -> Section:
+def experiments(case: Summary) -> Section:
     """Return the part on what to measure next."""
     title, designs = "Next experiment", suggestions(case.law, case.findings.training)
     if not designs:
@@ -449,7 +397,7 @@ def experiments(case: LawCase) -> Section:
     return Section("experiments", title, (Text(intro + listed(lines)),))
 
 
-def ranges(case: LawCase) -> Section:
+def ranges(case: Summary) -> Section:
     """Return the part on where the law may be used: what was visited when it was learned."""
     law, trials = case.law, case.findings.training
     schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
@@ -471,7 +419,7 @@ def ranges(case: LawCase) -> Section:
     return Section("ranges", "Range of validity", (Text(text), Table("visited", "Range of the data.", frame)))
 
 
-def fit(case: LawCase) -> Section:
+def fit(case: Summary) -> Section:
     """Return the part on trials as measured, with solutions of the law through them."""
     title, fit = "Fit", case.findings.fit
     if fit is None:
@@ -479,34 +427,21 @@ def fit(case: LawCase) -> Section:
             "a law in discrete time has forecasts only, see below" if case.law.order == 0 else "see the forecasts below"
         )
         return Section("fit", title, (Text(f"No fitted curves: {why}."),))
-    training = "of the training data" if case.law.provenance.is_learned else "compared with it"
-    diverged = f" {len(fit.outcomes)} of them diverge." if fit.outcomes else ""
     intro = (
-        f"Fit of {counted(len(fit.trials), 'trial')} {training}, initial conditions estimated from all samples: "
-        f"{_quality(fit)} (1: perfect; 0: the mean of each trial).{diverged} Points: measurements. Lines: fit. Below: "
-        f"residuals, measured minus fitted."
+        f"{said(case, case.score(fit))}. Initial conditions are estimated from all samples. R² is 1 for a perfect fit "
+        f"and 0 for the mean of each trial. Points: measurements. Lines: fit. Below: residuals, measured minus fitted."
         f"{_legend(fit)}"
     )
     return Section("fit", title, (Text(intro), *Curves(fit, "fit").blocks()))
 
 
-def forecasts(case: LawCase) -> Section:
+def forecasts(case: Summary) -> Section:
     """Return the part on trials as measured, with forecasts from their first samples."""
     title, forecast = "Forecasts from the first samples", case.findings.forecast
     if forecast is None:
-        return Section("forecasts", title, (Text(listed([case.said(failure) for failure in case.findings.failures])),))
-    diverged = f" {len(forecast.outcomes)} of the forecasts diverge." if forecast.outcomes else ""
-    begin = forecast.title.removeprefix("forecast ")
-    intro = (
-        f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, {begin}: {_quality(forecast)}."
-        f"{diverged} Below: errors, forecast minus measured.{_legend(forecast)}"
-    )
+        return Section("forecasts", title, (Text(listed([said(case, failure) for failure in case.findings.failures])),))
+    intro = f"{said(case, case.score(forecast))}. Below: errors, forecast minus measured.{_legend(forecast)}"
     return Section("forecasts", title, (Text(intro), *Curves(forecast, "forecast").blocks()))
-
-
-def _quality(forecast: Forecast) -> str:
-    score = forecast.score()
-    return f"${r_squared(score)}$" if np.isfinite(score) else r"$R^2 = -\infty$"
 
 
 def _legend(forecast: Forecast) -> str:
@@ -549,21 +484,11 @@ class Curves:
     @cached_property
     def _rms(self) -> pd.DataFrame:
         """Root mean square errors, a row for each object and a column for each state."""
-        schema = self.forecast.trials.schema
-        squared = (self.errors["rms error"] ** 2).groupby([self.errors[schema.object], self.errors["state"]]).mean()
-        return squared.pow(0.5).unstack("state").reindex(columns=list(schema.states))
+        return squared_errors(self.forecast).groupby(level=0).mean().pow(0.5)
 
     def in_words(self, name: str) -> str:
         """Return the root mean square error of an object, in the states' units, in words."""
-        schema, rms = self.forecast.trials.schema, self._rms.loc[name]
-        if np.isinf(rms).any():
-            return "diverges"
-        errors = [
-            f"{value:.2g} {schema.units.get(state, '')}".rstrip() + f" ({state})" * (len(rms) > 1)
-            for state, value in zip(schema.states, rms, strict=True)
-            if np.isfinite(value)
-        ]
-        return " and ".join(errors) or "not measured"
+        return in_states(self._rms.T[name], self.forecast)
 
     def _by_state(self) -> pd.DataFrame:
         frame, rows, schema = self.forecast.to_frame(), [], self.forecast.trials.schema
@@ -667,7 +592,7 @@ def law_report(
         The title, "A law of" the states by default; and a line below it, such as file, date and checksum.
     """
     check_packages()
-    case, law = LawCase(findings, words, tuple(rivals)), findings.law
+    case, law = Summary(findings, everything, rivals=tuple(rivals), words=words), findings.law
     first, *others = map(literal, findings.sentences)
     above = f"{literal(about)}\n\n" if about else ""
     summary = f"{above}**{first}**{law_markdown(law)}{in_short(case)}"
@@ -684,29 +609,20 @@ def law_report(
         choices,
         methods,
     )
-    sections = [all_objects(everything)] if everything else []
+    sections = [all_objects(case)] if everything else []
     for part in parts:
         progress(part.__name__)
         sections.append(part(case))
-    below = (*values(law), Text(listed(others)))
+    below = (*values(case), Text(listed(others)))
     return Report(title, summary, (*sections, again(case, command, table)), below)
 
 
-def all_objects(found: ManyFindings) -> Section:
-    """Return the part on all objects."""
-    law, shown = found.law, counted(len(found.few.trials.objects), "object")
-    bands = (
-        "" if np.isnan(found.coverage) else f" The 95 % bands hold {100 * found.coverage:.3g} % of the measurements."
-    )
-    diverged = f" {found.diverged} of the forecasts diverge." if found.diverged else ""
-    intro = (
-        f"{found.forecast_of} were forecast, each from initial conditions fitted to its first samples: "
-        f"${r_squared(found.score)}$.{bands}{diverged} "
-        f"The verdict and the other parts of this page are about {shown} that represent all, evenly "
-        "spaced by the rank of their forecast error."
-    )
+def all_objects(case: Summary) -> Section:
+    """Return the part on all objects of a stream."""
+    assert case.everything is not None
+    law, intro = case.everything.law, f"{'. '.join(said(case, score) for score in case.scores)}."
     more = _coefficients(law) if len(law.objects) > MANY and law.support.any() else ()
-    return Section("all-objects", "All objects", (Text(intro), *_forecasts(found), *more))
+    return Section("all-objects", "All objects", (Text(intro), *_forecasts(case.everything), *more))
 
 
 def _forecasts(found: ManyFindings) -> Iterator[Block]:
