@@ -37,11 +37,10 @@ from commonlaw.law.parameters import (
 )
 from commonlaw.law.printing import dependence, latex_lefts, latex_structure
 from commonlaw.law.quantiles import two_sided
-from commonlaw.law.text import latex_left_hand_sides, with_error
+from commonlaw.law.text import MANY, latex_left_hand_sides, with_error
 from commonlaw.library import Terms
 from commonlaw.library.notation import latex_name
 from commonlaw.plots.forecast import (
-    ROW_HEIGHT,
     draw_forecast,
     forecast_grid,
     forecast_keys,
@@ -363,10 +362,6 @@ def _draw_bars(panel: Axes, heights: ArrayLike, errors: Floats, low: Floats, hig
         panel.hlines(heights, low, high, color=COLORS[0], linewidth=1.4)
 
 
-_NAMED = 50
-"""Objects with a line and a name each; more are drawn in order of their coefficients, without names."""
-
-
 @styled()
 def plot_intervals(law: Law) -> Figure:
     """Plot the coefficients of all objects as dots with 95 % intervals (a forest plot).
@@ -374,7 +369,7 @@ def plot_intervals(law: Law) -> Figure:
     Each object has a line; more than fifty objects are sorted by each coefficient, without names.
     """
     dots = DotPlot(law)
-    if len(law.objects) > _NAMED:  # Each coefficient in the order of its size
+    if len(law.objects) > MANY:  # Each coefficient in the order of its size
         figure = Figure(figsize=(dots.width, 0.6 + 2.6 * dots.lines), layout="constrained")
         panels = figure.subplots(dots.lines, dots.columns, squeeze=False)
         for panel in panels.flat[len(dots.coefficients) :]:
@@ -412,7 +407,7 @@ class IntervalPanels:
     @styled()
     def draw(self, panel: int) -> Figure:
         """Return the figure of a panel."""
-        coefficient, named = self._dots.coefficients[panel], len(self.law.objects) <= _NAMED
+        coefficient, named = self._dots.coefficients[panel], len(self.law.objects) <= MANY
         figure = Figure(figsize=(3.6, 0.8 + 0.2 * len(self.law.objects) if named else 2.8), layout="constrained")
         axes = figure.add_subplot()
         if named:
@@ -580,9 +575,6 @@ def _magnitudes(values: Floats) -> Floats:
     return np.ma.masked_equal(np.abs(values), 0)
 
 
-_QUANTILE = 3.841
-
-
 @styled()
 def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = None) -> Figure:
     """Plot the profile likelihood of a parameter of one object, with its 95 % interval.
@@ -606,15 +598,15 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
     profile = likelihood_profile(law, trials, parameter, name)
     figure = Figure(figsize=(5.4, 4.0), layout="constrained")
     panel = figure.add_subplot()
-    low, high = profile.values[0], profile.values[-1]
+    low, high, limit = profile.values[0], profile.values[-1], float(two_sided(0.95)) ** 2
     fine = np.linspace(low, high, 200)
-    panel.axhline(_QUANTILE, color=GREY, linewidth=0.8)
+    panel.axhline(limit, color=GREY, linewidth=0.8)
     ends = np.clip(profile.interval, low, high)
     panel.axvspan(*ends, color=COLORS[0], alpha=0.12, linewidth=0)
     panel.plot(fine, ((fine - profile.estimate) / profile.error) ** 2, color=GREY, linestyle="--")
     panel.plot(profile.values, profile.deviance, color=COLORS[0], marker="o")
     panel.axvline(profile.estimate, color=COLORS[0], linestyle=":")
-    panel.set_ylim(-0.3, max(2 * _QUANTILE, float(np.max(profile.deviance)) * 0.6) if len(fine) else None)
+    panel.set_ylim(-0.3, max(2 * limit, float(np.max(profile.deviance)) * 0.6) if len(fine) else None)
     label = math(latex_name(parameter), parameter)
     panel.set_xlabel(f"{label} ({unit_text(profile.unit)})" if profile.unit else label)
     panel.set_ylabel("2 log (largest likelihood / likelihood)")
@@ -623,10 +615,6 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
     parabola = key("by the standard error", color=GREY, linestyle="--")
     add_legend(figure, [key("profile", color=COLORS[0], marker="o"), interval, parabola], "below")
     return frozen_layout(figure)
-
-
-_MAX_COLORED = 40
-"""Objects with a colour and a name each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -664,7 +652,7 @@ def plot_relations(law: Law) -> Figure:
 
     Coefficients are object-specific estimates before pooling. Power laws have logarithmic axes; those of several
     properties also have a panel in which the objects collapse onto one line. The grey band contains 95 % of the
-    objects, by the between-object variance. Up to forty objects have names.
+    objects, by the between-object variance. Up to fifty objects have names.
 
     Raises `CommonlawError` if the law is not from `Law.explain`.
 
@@ -676,7 +664,7 @@ def plot_relations(law: Law) -> Figure:
     rows = [*_coefficients(law)]
     columns = max(row.panels for row in rows)
     figure = Figure(figsize=fitting(1.6 + 3.1 * columns, 0.7 + 2.7 * len(rows)), layout="constrained")
-    named = len(law.objects) <= _MAX_COLORED
+    named = len(law.objects) <= MANY
     alike = {"color": COLORS[0], "marker": ".", "alpha": 0.5}
     grid, look = figure.add_gridspec(len(rows), columns), looks(law.objects) if named else {}
     for i, row in enumerate(rows):
@@ -745,7 +733,7 @@ def _draw(panel: Axes, each: _RelatedCoefficient, column: int, law: Law) -> None
         panel.set_xlabel(axis_label(name, law.schema.units.get(name, "")))
     elif relation.properties:
         panel.set_xlabel(plain(dependence(relation), 40))
-    elif len(law.objects) <= _MAX_COLORED:
+    elif len(law.objects) <= MANY:
         names = [plain(shorten(in_line(name), 20, placeholder=" …"), 60) for name in law.objects]
         panel.set_xticks(positions, names, rotation=90)
     else:
@@ -799,9 +787,9 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     dots = DotPlot(law, truth)
     maps = HeatMaps(law, law.support.any(axis=0) | np.isin(law.terms.names, true), truth)
     coefficients = dots if 0 < len(dots.coefficients) <= 12 else maps
-    columns, lines = forecast_grid(shown)
+    columns, height = forecast_grid(shown)
     equations = equation_lines(law)
-    heights = (ROW_HEIGHT * lines, 0.4 + coefficients.height)
+    heights = (height, 0.4 + coefficients.height)
     width = max(coefficients.width, 1.2 + 2.4 * max(columns, 2))
     size = fitting(width, 1.4 + 0.3 * equations.count("\n") + sum(heights))
     figure = Figure(figsize=size, layout="constrained")

@@ -33,6 +33,9 @@ COLORS = (
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p")
 DASHES = ("-", "--", ":", "-.")
 
+BAND: Mapping[str, Any] = {"alpha": 0.18, "linewidth": 0}
+"""The look of a band, with the colour of its curve."""
+
 SETTINGS: Mapping[str, Any] = {
     "figure.dpi": 100,
     "savefig.dpi": 150,
@@ -152,13 +155,18 @@ def axis_label(name: str, unit: str = "") -> str:
     return plain(f"{name} ({unit_text(unit)})" if unit else name, 60)
 
 
-WIDEST = 9.0
-"""Inches, at most, that figures are wide, so that they fit the cell of a notebook."""
-
-
 def fitting(width: float, height: float) -> tuple[float, float]:
-    """Return the size of a figure, in inches, that is not wider than `WIDEST`."""
-    return min(width, WIDEST), height
+    """Return the size of a figure, in inches, that is not wider than the cell of a notebook, 9 inches."""
+    return min(width, 9.0), height
+
+
+def thinned(count: int, most: int = 1500) -> slice:
+    """Return which of so many points are drawn, evenly spaced and at most so many.
+
+    >>> list(range(10))[thinned(10, 4)]
+    [0, 3, 6, 9]
+    """
+    return slice(None, None, -(-count // most) or 1)
 
 
 def columns_for(panels: int, most: int = 4) -> int:
