@@ -20,6 +20,7 @@ from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.errors import unknown
 from commonlaw.experiments.plan import Design, Forecasts
 from commonlaw.forecast import Forecast
+from commonlaw.forecast.forecast import squared_errors
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.style import (
@@ -74,11 +75,10 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
 
 def relative_errors(forecast: Forecast) -> "pd.Series[float]":
     """Return the RMS error of each object, in units of the states' standard deviation, the smallest first."""
-    errors, states = forecast.errors(), np.concatenate([trial.states for trial in forecast.trials])
-    deviations = pd.Series(np.nanstd(states, axis=0), forecast.trials.schema.states).replace(0.0, np.nan)
-    squared = (errors["rms error"] / errors["state"].map(deviations)) ** 2
-    grouped = squared.groupby(errors[forecast.trials.schema.object], sort=False)
-    relative: pd.Series[float] = grouped.mean().pow(0.5)
+    squared, states = squared_errors(forecast), np.concatenate([trial.states for trial in forecast.trials])
+    variances = pd.Series(np.nanvar(states, axis=0), forecast.trials.schema.states).replace(0.0, np.nan)
+    scaled = squared.groupby(level=0, sort=False).mean() / variances[squared.columns]
+    relative: pd.Series[float] = scaled.mean(axis=1).pow(0.5)
     return relative.sort_values(kind="stable")
 
 

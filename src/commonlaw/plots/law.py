@@ -25,9 +25,7 @@ from commonlaw.forecast import Forecast, fitted
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import has_bands
-from commonlaw.law.law import object_index
 from commonlaw.law.parameters import (
-    by_terms_of,
     coefficient_units,
     equation_label,
     left_hand_sides,
@@ -65,6 +63,7 @@ from commonlaw.plots.style import (
     styled,
     unit_text,
 )
+from commonlaw.summary import true_coefficients
 from commonlaw.text import in_line
 from commonlaw.trials import Trials
 
@@ -209,7 +208,7 @@ class DotPlot:
     @cached_property
     def coefficients(self) -> list[Coefficient]:
         """All coefficients that are in the law or in the truth, equation by equation."""
-        law, known, result = self.law, true_coefficients(self.law, self.truth), list[Coefficient]()
+        law, known, result = self.law, _true_terms(self.law, self.truth), list[Coefficient]()
         labels, lefts, is_named = term_labels(law.terms), left_hand_sides(law), self._by_parameter
         support = law.support if known is None else np.ones_like(law.support)
         parameters = tabulated_parameters(law, None if is_named else support)
@@ -500,7 +499,7 @@ class HeatMaps:
     def draw(self, figure: Figure, index: SubplotSpec) -> None:
         """Draw into a part of a figure."""
         panels = index.subgridspec(len(self.law.schema.states), 1).subplots(squeeze=False)[:, 0]
-        norm, known = scale(self.law.coefficients), true_coefficients(self.law, self.truth)
+        norm, known = scale(self.law.coefficients), _true_terms(self.law, self.truth)
         labels = [label for label, shown in zip(term_labels(self.law.terms), self.shown, strict=True) if shown]
         for j, (panel, equation) in enumerate(zip(panels, equation_labels(self.law), strict=True)):
             values = self.law.coefficients[:, j, self.shown]
@@ -529,13 +528,10 @@ class HeatMaps:
         return [key("true term", color=COLORS[1], **frame)]
 
 
-def true_coefficients(law: Law, truth: Law | None) -> Floats | None:
-    """Return true coefficients of a law's objects, shape (objects, equations, terms), NaN where absent, if known."""
-    if truth is None:
-        return None
-    known, none = by_terms_of(law, truth, truth.coefficients), np.zeros(law.support.shape)
-    coefficients = [known[object_index(truth, name)] if name in truth.objects else none for name in law.objects]
-    return absent_as_nan(np.array(coefficients))
+def _true_terms(law: Law, truth: Law | None) -> Floats | None:
+    """Return `true_coefficients`, NaN where a term is absent."""
+    known = true_coefficients(law, truth)
+    return None if known is None else absent_as_nan(known)
 
 
 def absent_as_nan(values: Floats) -> Floats:

@@ -3,8 +3,7 @@
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
@@ -432,7 +431,7 @@ def fit(case: Summary) -> Section:
         f"and 0 for the mean of each trial. Points: measurements. Lines: fit. Below: residuals, measured minus fitted."
         f"{_legend(fit)}"
     )
-    return Section("fit", title, (Text(intro), *Curves(fit, "fit").blocks()))
+    return Section("fit", title, (Text(intro), *curve_blocks(fit, "fit")))
 
 
 def forecasts(case: Summary) -> Section:
@@ -441,7 +440,7 @@ def forecasts(case: Summary) -> Section:
     if forecast is None:
         return Section("forecasts", title, (Text(listed([said(case, failure) for failure in case.findings.failures])),))
     intro = f"{said(case, case.score(forecast))}. Below: errors, forecast minus measured.{_legend(forecast)}"
-    return Section("forecasts", title, (Text(intro), *Curves(forecast, "forecast").blocks()))
+    return Section("forecasts", title, (Text(intro), *curve_blocks(forecast, "forecast")))
 
 
 def _legend(forecast: Forecast) -> str:
@@ -450,97 +449,48 @@ def _legend(forecast: Forecast) -> str:
     return f"{bands}{' Colours: trials of an object.' if several else ''}"
 
 
-@dataclass(frozen=True, eq=False)
-class Curves:
-    """Curves of a fit or a forecast, and their errors; `kind` begins the names of figures and tables."""
+def curve_blocks(forecast: Forecast, kind: str) -> Iterator[Block]:
+    """Yield figures of objects, tables of errors, and a figure of all errors; `kind` begins their names."""
+    what, word = ("residual", "Residuals of the fit") if forecast.is_fit else ("error", "Errors of the forecasts")
+    rms = squared_errors(forecast).groupby(level=0).mean().pow(0.5).T
+    ranked, shown = [str(name) for name in relative_errors(forecast).index], representative(forecast)
 
-    forecast: Forecast
-    kind: str
+    def ends(names: Sequence[str]) -> str:
+        first_and_last = dict.fromkeys((names[0], names[-1]))
+        texts = (f"**{literal(name)}** {literal(in_states(rms[name], forecast))}" for name in first_and_last)
+        return f"RMS {what}: {' to '.join(texts)}.".replace(r"\.", ".")
 
-    def blocks(self) -> Iterator[Block]:
-        """Yield figures of objects, tables of what the curves are off, and a figure of all that."""
-        yield from self._objects()
-        word = "Residuals of the fit" if self.forecast.is_fit else "Errors of the forecasts"
-        yield Table(f"{self.kind}-by-state", f"{word} by state.", self._by_state().dropna(axis=1, how="all"), 3)
-        errors = self.errors if self.forecast.outcomes else self.errors.drop(columns="diverged after")
-        units, what = self.forecast.trials.schema.units, "residual" if self.forecast.is_fit else "error"
-        errors = errors.assign(state=[with_unit(state, units.get(state)) for state in errors["state"]])
-        errors.columns = [name.replace("rms", "RMS").replace("error", what) for name in map(str, errors)]
-        yield folded(Table(f"{self.kind}-errors", f"{word} by trial.", errors, 3), f"{word} by trial")
-        yield Fold(
-            f"{word} of all trials", (Picture(f"{self.kind}-all", f"{word}.", partial(plot_errors, self.forecast)),)
-        )
+    omitted = f"{text}. " if (text := omission(forecast, shown)) else ""
+    yield Picture(f"{kind}-objects", f"{omitted}{ends(ranked)}", partial(plot_forecast, forecast))
+    if others := [name for name in ranked if name not in shown]:
+        # Of very many objects few lines of each
+        few = len(others) <= MANY
+        draw, size = (partial(plot_forecast, forecast), len(shown)) if few else (ForecastPanels(forecast).overview, 36)
+        parts = [others[i : i + size] for i in range(0, len(others), size)]
+        pictures = tuple(Picture(f"{kind}-{i + 1}", ends(part), partial(draw, part)) for i, part in enumerate(parts))
+        yield Fold(f"The other {counted(len(others), 'object')}", pictures if few else (Gallery(pictures),))
+    yield Table(f"{kind}-by-state", f"{word} by state.", _by_state(forecast, what).dropna(axis=1, how="all"), 3)
+    errors, units = forecast.errors(), forecast.trials.schema.units
+    errors = errors if forecast.outcomes else errors.drop(columns="diverged after")
+    errors = errors.assign(state=[with_unit(state, units.get(state)) for state in errors["state"]])
+    errors.columns = [name.replace("rms", "RMS").replace("error", what) for name in map(str, errors)]
+    yield folded(Table(f"{kind}-errors", f"{word} by trial.", errors, 3), f"{word} by trial")
+    yield Fold(f"{word} of all trials", (Picture(f"{kind}-all", f"{word}.", partial(plot_errors, forecast)),))
 
-    @cached_property
-    def errors(self) -> pd.DataFrame:
-        """Errors of each trial, see `Forecast.errors`."""
-        return self.forecast.errors()
 
-    @cached_property
-    def relative(self) -> "pd.Series[float]":
-        """RMS errors of each object, the smallest first, see `relative_errors`."""
-        return relative_errors(self.forecast)
-
-    @cached_property
-    def _rms(self) -> pd.DataFrame:
-        """Root mean square errors, a row for each object and a column for each state."""
-        return squared_errors(self.forecast).groupby(level=0).mean().pow(0.5)
-
-    def in_words(self, name: str) -> str:
-        """Return the root mean square error of an object, in the states' units, in words."""
-        return in_states(self._rms.T[name], self.forecast)
-
-    def _by_state(self) -> pd.DataFrame:
-        frame, rows, schema = self.forecast.to_frame(), [], self.forecast.trials.schema
-        what, sign = ("residual", -1.0) if self.forecast.is_fit else ("error", 1.0)
-        for state in schema.states:
-            errors = sign * frame[f"{state} error"].to_numpy(dtype=np.float64)
-            seen = errors[np.isfinite(errors)]
-            row: dict[str, object] = {
-                "state": state,
-                "unit": schema.units.get(state),
-                "measurements": len(seen),
-                f"mean {what}": None,
-                f"RMS {what}": None,
-            }
-            if len(seen):
-                mean, rms = float(np.mean(seen)), float(np.sqrt(np.mean(seen**2)))
-                row |= {f"mean {what}": mean if abs(mean) > 1e-3 * rms else 0.0, f"RMS {what}": rms}
-            if f"{state} measured low" in frame and len(seen):
-                low, high = frame[f"{state} measured low"], frame[f"{state} measured high"]
-                inside = ((low <= frame[state]) & (frame[state] <= high))[np.isfinite(errors)]
-                row["within 95 % band"] = f"{100 * inside.mean():.0f} %"
-            rows.append(row)
-        return pd.DataFrame(rows)
-
-    def _objects(self) -> Iterator[Block]:
-        """Yield one figure of all objects, or of many those evenly spaced by rank, and the others folded."""
-        ranked, shown = [str(name) for name in self.relative.index], representative(self.forecast)
-        omitted = omission(self.forecast, shown)
-        caption = f"{omitted}. {self._ends(ranked)}" if omitted else self._ends(ranked)
-        yield Picture(f"{self.kind}-objects", f"{caption}.", partial(plot_forecast, self.forecast))
-        others = [name for name in ranked if name not in shown]
-        if others:
-            yield Fold(f"The other {counted(len(others), 'object')}", tuple(self._others(others, len(shown))))
-
-    def _ends(self, ranked: Sequence[str]) -> str:
-        """Return the errors of the first and the last of some objects as Markdown."""
-        ends = (
-            f"**{literal(name)}** {literal(self.in_words(name))}" for name in dict.fromkeys((ranked[0], ranked[-1]))
-        )
-        what = "RMS residual" if self.forecast.is_fit else "RMS error"
-        return f"{what}: {' to '.join(ends)}".replace(r"\.", ".")
-
-    def _others(self, ranked: Sequence[str], size: int) -> Iterator[Block]:
-        """Yield figures of some objects, so many in each; of very many few lines of each."""
-        few = len(ranked) <= 50
-        draw = partial(plot_forecast, self.forecast) if few else ForecastPanels(self.forecast).overview
-        size = size if few else 36
-        parts = [ranked[i : i + size] for i in range(0, len(ranked), size)]
-        pictures = tuple(
-            Picture(f"{self.kind}-{i + 1}", f"{self._ends(part)}.", partial(draw, part)) for i, part in enumerate(parts)
-        )
-        yield from pictures if few else (Gallery(pictures),)
+def _by_state(forecast: Forecast, what: str) -> pd.DataFrame:
+    frame, rows, schema = forecast.to_frame(), list[dict[str, object]](), forecast.trials.schema
+    for state in schema.states:
+        errors = frame[f"{state} error"].astype(float) * (-1.0 if forecast.is_fit else 1.0)
+        seen = errors[np.isfinite(errors)]
+        mean, rms = float(seen.mean()), float(np.sqrt((seen**2).mean()))
+        row: dict[str, object] = {"state": state, "unit": schema.units.get(state), "measurements": len(seen)}
+        row |= {f"mean {what}": 0.0 if abs(mean) <= 1e-3 * rms else mean, f"RMS {what}": rms}
+        if f"{state} measured low" in frame and len(seen):
+            inside = frame[state].between(frame[f"{state} measured low"], frame[f"{state} measured high"])
+            row["within 95 % band"] = f"{100 * inside[seen.index].mean():.0f} %"
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def law_page(
