@@ -277,7 +277,9 @@ def _terms(law: Law, support: Bools) -> list[list[str]]:
 
 def _table(frame: pd.DataFrame) -> dict[str, Any]:
     cells = readable(frame).to_numpy().tolist()
-    rows = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row] for row in cells]
+    rows = [
+        [str(cell) if not isinstance(cell, float) else f"{cell:.4g}" * (cell == cell) for cell in row] for row in cells
+    ]
     return {"head": list(frame), "rows": rows}
 
 
