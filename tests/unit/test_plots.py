@@ -451,7 +451,7 @@ def test_a_law_that_was_not_explained_is_refused():
 
 
 def test_very_many_objects_are_not_told_apart(law, monkeypatch):
-    monkeypatch.setattr("commonlaw.plots.law.MANY", len(MASSES) - 1)
+    monkeypatch.setattr("commonlaw.plots.relations.MANY", len(MASSES) - 1)
     figure = plot_relations(law)
     gravity = figure.axes[0]
     assert gravity.get_xlabel() == "objects"
