@@ -157,7 +157,7 @@ def test_what_a_page_has_no_use_for_is_refused(law, drops, stream):
 
 
 def test_the_page_tells_of_all_objects(law, found):
-    first, *blocks = all_objects(Summary(found.few, found)).blocks
+    first, *blocks = all_objects(Summary(found.few, found))
     assert "Forecasts of 120 trials of 60 objects" in first.text
     tables = {block.name: block.frame for block in blocks if isinstance(block, Table)}
     assert tables["worst"]["object"].tolist() == found.relative.index[:-11:-1].tolist()

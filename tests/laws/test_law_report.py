@@ -128,7 +128,7 @@ def test_of_many_objects_some_from_the_best_to_the_worst_are_shown_and_the_other
     )
     trials = replace(drops, trials=tuple(copies), properties={})
     case = Summary(find(many, trials))
-    blocks = forecasts(case).blocks
+    blocks = [*forecasts(case)]
     picture, rest = (next(block for block in blocks if isinstance(block, kind)) for kind in (Picture, Fold))
     shown = {axes.get_title() for axes in picture.draw().axes} - {""}
     assert len(shown) == 12
@@ -186,7 +186,7 @@ def test_of_several_objects_many_coefficients_have_a_figure_each():
     names = ["one", "two"]
     law = cl.Law.from_text("x'' = a + b v + c x", {each: dict.fromkeys(names, 2.0) for each in "abc"})
     trials = cl.Trials.from_arrays([np.arange(20.0)] * 2, [np.arange(20.0)] * 2, object=names)
-    shown = coefficients(Summary(find(law, trials))).blocks
+    shown = coefficients(Summary(find(law, trials)))
     (gallery,) = [each for each in shown if isinstance(each, Gallery)]
     captions = [picture.caption.replace("\\", "") for picture in gallery.pictures]
     assert captions == [f"Coefficients {term} in x''." for term in "abc"]

@@ -1,7 +1,7 @@
 """A law with all that a report says of it, the sections that say it, and reports of few objects or of many."""
 
 import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -88,18 +88,16 @@ def listed(lines: "list[str] | tuple[str, ...]") -> str:
     return "\n\n" + "\n".join(f"- {line}" for line in lines) + "\n\n"
 
 
-def data_checks(case: Summary) -> Section:
-    """Return the part on what the data checks found."""
+def data_checks(case: Summary) -> Iterator[Block]:
+    """Yield what the data checks found."""
     checked = case.findings.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
     notes = [note for note in dict.fromkeys(checked.notes) if not note.startswith(GUESSED)]
     remarks = [*checked.lines(), *notes, *map(str, case.law.diagnostics)]
-    remarks_text = (
-        " Data checks: no problem found." if not remarks else listed([said(case, remark) for remark in remarks])
-    )
+    problems = listed([said(case, remark) for remark in remarks]) if remarks else " Data checks: no problem found."
+    yield Text(f"{case.counts}.{problems}")
     frame = checked.to_frame().drop(columns="clipped")
     frame.columns = [_head(name, case.findings.trials.schema) for name in frame.columns]
-    table = Table("trials", "All trials.", frame)
-    return Section("data-checks", "Data checks", (Text(f"{case.counts}.{remarks_text}"), folded(table, "All trials")))
+    yield folded(Table("trials", "All trials.", frame), "All trials")
 
 
 def _head(name: str, schema: Schema) -> str:
@@ -112,16 +110,15 @@ def _head(name: str, schema: Schema) -> str:
     return {"object": schema.object, "trial": schema.trial}.get(name, name)
 
 
-def choices(case: Summary) -> Section:
-    """Return the part on every choice on the way."""
-    rows = [
-        {"stage": step.stage, "choice": step.choice, "reason": case.words(step.reason)}
-        for step in case.law.provenance.history
-    ]
-    block: Block = Text("No history is recorded.")
-    if rows:
-        block = Table("history", "Choices in the search, with their reasons.", pd.DataFrame(rows))
-    return Section("choices", "History", (block,))
+def choices(case: Summary) -> Iterator[Block]:
+    """Yield every choice on the way."""
+    rows = [(step.stage, step.choice, case.words(step.reason)) for step in case.law.provenance.history]
+    frame = pd.DataFrame(rows, columns=["stage", "choice", "reason"])
+    yield (
+        Table("history", "Choices in the search, with their reasons.", frame)
+        if rows
+        else Text("No history is recorded.")
+    )
 
 
 def in_short(case: Summary) -> str:
@@ -139,12 +136,12 @@ def in_short(case: Summary) -> str:
     return f"\n\n{text}\n\n"
 
 
-def methods(case: Summary) -> Section:
-    """Return the part on how the law was estimated, with its formulas."""
+def methods(case: Summary) -> Iterator[Block]:
+    """Yield how the law was estimated, with its formulas."""
     if case.law.order == 0:
-        text = "Coefficients are least squares estimates from each sample to the next: "
-        text += r"$\min_c \sum_k (x_{k+1} - f(x_k; c))^2$."
-        return Section("methods", "Methods", (Text(text),))
+        squares = r"$\min_c \sum_k (x_{k+1} - f(x_k; c))^2$"
+        yield Text(f"Coefficients are least squares estimates from each sample to the next: {squares}.")
+        return
     text = (
         r"Each trial is a solution of $\dot{x} = f(x, u, t; c)$, measured with noise: $y_i = x(t_i) + \varepsilon_i$, "
         r"$\varepsilon_i \sim N(0, \sigma^2)$. Coefficients $c$ and initial conditions $x_0$ maximize the likelihood, "
@@ -156,13 +153,12 @@ def methods(case: Summary) -> Section:
             r" Terms are chosen by evidence, $2 \log B = 2 \log (p(y | M_1) / p(y | M_2))$; above 10 is very strong "
             "(Kass and Raftery 1995)."
         )
-    return Section("methods", "Methods", (Text(text),))
+    yield Text(text)
 
 
 def again(case: Summary, command: str, table: str | Source) -> Section:
     """Return the part that says how to make the law again."""
-    asked = f"Command:{code(command, 'sh')}" if command else ""
-    text = asked
+    text = f"Command:{code(command, 'sh')}" if command else ""
     if table:
         is_said = isinstance(table, Source) and not table.stream
         is_whole = case.findings.training is case.findings.trials or is_said
@@ -172,17 +168,17 @@ def again(case: Summary, command: str, table: str | Source) -> Section:
     for name in ("numpy", "scipy", "pandas", "matplotlib", "heyoka"):
         with suppress(PackageNotFoundError):
             versions.append(f"{name} {version(name)}")
-    made_with = ", ".join(versions)
-    return Section("again", "Reproduction", (Text(f"{text}Made with {made_with}."),))
+    return Section("again", "Reproduction", (Text(f"{text}Made with {', '.join(versions)}."),))
 
 
 _FAILURES = (CommonlawError, ArithmeticError, np.linalg.LinAlgError)
 
 
-def residuals(case: Summary) -> Section:
-    """Return the part on residuals and the discrepancy."""
-    blocks = (*_patterns(case), *_discrepancy(case), *_errors(case))
-    return Section("residuals", "Residuals and discrepancy", blocks)
+def residuals(case: Summary) -> Iterator[Block]:
+    """Yield residuals and the discrepancy."""
+    yield from _patterns(case)
+    yield from _discrepancy(case)
+    yield from _errors(case)
 
 
 def _patterns(case: Summary) -> Iterator[Block]:
@@ -253,50 +249,52 @@ def _errors(case: Summary) -> Iterator[Block]:
         yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
 
 
-def coefficients(case: Summary) -> Section:
-    """Return the part on coefficients, and on what decides them."""
-    law, blocks = case.law, list[Block]()
+def coefficients(case: Summary) -> Iterator[Block]:
+    """Yield coefficients, and what decides them."""
+    law, known = case.law, case.law.uncertainty.covariance is not None
     if law.uncertainty.explanation is not None and len(law.objects) > 1:
         caption = (
             "Coefficients explained by properties: kind, properties, factor, and standard deviation between objects. "
             "The factor of an affine function is its constant; the formula at the top has all of them."
         )
-        blocks.append(Table("relations", caption, relations_frame(law).dropna(axis=1, how="all")))
+        yield Table("relations", caption, relations_frame(law).dropna(axis=1, how="all"))
         caption = "Estimates by object against properties that explain them."
-        blocks.append(Picture("relation-plots", caption, partial(plot_relations, law)))
-    if law.support.any():
-        known = law.uncertainty.covariance is not None
-        what = "Coefficients by object with 95 % intervals." if known else "Coefficients by object."
-        others = len(law.uncertainty.other_laws)
-        text = "Their standard errors are unknown."
-        if known and case.findings.is_exact:
-            holds = "" if others else ", if the law holds"
-            text = f"95 % intervals contain the true coefficient with a probability of 95 %{holds}."
-        elif known:
-            text = "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals "
-            text += "reflect sampling error only."
-        if known and others:
-            text += f" They are averaged over the law and {counted(others, 'other plausible law')}."
-        blocks.append(Text(text))
-        pairs = zip(coefficient_names(law), named_parameters(law).errors.T, strict=True)
-        given = [name for (name, _), errors in pairs if known and not errors.any()]
-        if given:
-            blocks.append(Text(f"Fixed: {literal(', '.join(given))}."))
-        blocks.append(_intervals(law, what))
-        if len(data := shown_quantities(law)):
-            ends = ", with 95 % intervals; an infinite end says that there is none" if known else ""
-            caption = f"Derived quantities{ends}."
-            frame = quantities_by_object(law) if len(law.objects) > 1 else data
-            blocks.append(folded(Table("quantities", caption, frame, data=data), "Quantities"))
-        if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
-            caption = (
-                "Phase plane: flow, nullclines, where one state is constant, fixed points and fitted trajectories."
-            )
-            blocks.append(Picture("phase-plane", caption, partial(plot_phase_plane, law, case.findings.fit)))
-        blocks += _contrasts(case) if known else ()
-    else:
-        blocks.append(Text("The law has no term: all rates are zero."))
-    return Section("coefficients", "Coefficients", tuple(blocks))
+        yield Picture("relation-plots", caption, partial(plot_relations, law))
+    if not law.support.any():
+        yield Text("The law has no term: all rates are zero.")
+        return
+    others = len(law.uncertainty.other_laws)
+    text = "Their standard errors are unknown."
+    if known and case.findings.is_exact:
+        holds = "" if others else ", if the law holds"
+        text = f"95 % intervals contain the true coefficient with a probability of 95 %{holds}."
+    elif known:
+        text = "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals "
+        text += "reflect sampling error only."
+    if known and others:
+        text += f" They are averaged over the law and {counted(others, 'other plausible law')}."
+    yield Text(text)
+    pairs = zip(coefficient_names(law), named_parameters(law).errors.T, strict=True)
+    if given := [name for (name, _), errors in pairs if known and not errors.any()]:
+        yield Text(f"Fixed: {literal(', '.join(given))}.")
+    intervals, panels = ", with 95 % intervals" if known else "", IntervalPanels(law)
+    if len(law.objects) == 1 or len(panels.captions) <= 2:
+        yield Picture("intervals", f"Coefficients by object{intervals}.", partial(plot_intervals, law))
+    else:  # One each, as a phone is narrow
+        pictures = [
+            Picture(f"intervals-{i + 1}", f"Coefficients {literal(what)}{intervals}.", partial(panels.draw, i))
+            for i, what in enumerate(panels.captions)
+        ]
+        yield Gallery(tuple(pictures))
+    if len(data := shown_quantities(law)):
+        ends = ", with 95 % intervals; an infinite end says that there is none" if known else ""
+        frame = quantities_by_object(law) if len(law.objects) > 1 else data
+        yield folded(Table("quantities", f"Derived quantities{ends}.", frame, data=data), "Quantities")
+    if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
+        caption = "Phase plane: flow, nullclines, where one state is constant, fixed points and fitted trajectories."
+        yield Picture("phase-plane", caption, partial(plot_phase_plane, law, case.findings.fit))
+    if known:
+        yield from _contrasts(case)
 
 
 def values(case: Summary) -> tuple[Block, ...]:
@@ -306,19 +304,6 @@ def values(case: Summary) -> tuple[Block, ...]:
     data = case.law.params.dropna(axis=1, how="all")
     table = Table("values", f"{parameters_caption(case.law)}.", frame, data=data)
     return (folded(table, "Coefficients by object"),)
-
-
-def _intervals(law: Law, caption: str) -> Block:
-    """Return a figure of all coefficients; of many coefficients of several objects one each, as a phone is narrow."""
-    panels = IntervalPanels(law)
-    if len(law.objects) == 1 or len(panels.captions) <= 2:
-        return Picture("intervals", caption, partial(plot_intervals, law))
-    intervals = "" if law.uncertainty.covariance is None else ", with 95 % intervals"
-    pictures = [
-        Picture(f"intervals-{i + 1}", f"Coefficients {literal(what)}{intervals}.", partial(panels.draw, i))
-        for i, what in enumerate(panels.captions)
-    ]
-    return Gallery(tuple(pictures))
 
 
 def _contrasts(case: Summary) -> Iterator[Block]:
@@ -337,18 +322,17 @@ def _contrasts(case: Summary) -> Iterator[Block]:
             yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
 
 
-def candidates(case: Summary) -> Section:
-    """Return the part on candidate laws."""
-    law, blocks, frame = case.law, list[Block](), case.candidates
+def candidates(case: Summary) -> Iterator[Block]:
+    """Yield the candidate laws."""
+    law, frame = case.law, case.candidates
     if not len(frame):
-        text = "The terms were given; no other law was compared."
-        return Section("candidates", "Candidate laws", (Text(text),))
+        yield Text("The terms were given; no other law was compared.")
+        return
     if case.rivals or len(law.objects) <= 100:  # Of more, fits take long
-        blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
-    caption = "Candidates of each equation (* chosen)."
-    caption += "".join(f" {literal(meaning)}." for name, meaning in MEANINGS.items() if name in frame)
-    table = Table("compared", caption, frame)
-    return Section("candidates", "Candidate laws", (*blocks, folded(table, "Candidates")))
+        yield from _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
+    meanings = (f" {literal(meaning)}." for name, meaning in MEANINGS.items() if name in frame)
+    caption = f"Candidates of each equation (* chosen).{''.join(meanings)}"
+    yield folded(Table("compared", caption, frame), "Candidates")
 
 
 def _refitted(case: Summary, found: Sequence[CandidateLaw]) -> Iterator[Block]:
@@ -377,13 +361,13 @@ def _refitted(case: Summary, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
-def experiments(case: Summary) -> Section:
-    """Return the part on what to measure next."""
-    title, designs = "Next experiment", suggestions(case.law, case.findings.training)
+def experiments(case: Summary) -> Iterator[Block]:
+    """Yield what to measure next."""
+    designs = suggestions(case.law, case.findings.training)
     if not designs:
         needs = "a law in continuous time of measured states, with a covariance matrix"
-        text = f"No suggestion: experimental design needs {needs}."
-        return Section("experiments", title, (Text(text),))
+        yield Text(f"No suggestion: experimental design needs {needs}.")
+        return
     intro = (
         "The most informative further trial, with initial conditions in the range of the data, and duration and "
         "sampling as before."
@@ -393,11 +377,11 @@ def experiments(case: Summary) -> Section:
         (planned,) = design.experiments
         sentences = " ".join(map(literal, design.sentences))
         lines.append(f"**{literal(purpose)}**: {literal(planned.text)}. {sentences}")
-    return Section("experiments", title, (Text(intro + listed(lines)),))
+    yield Text(intro + listed(lines))
 
 
-def ranges(case: Summary) -> Section:
-    """Return the part on where the law may be used: what was visited when it was learned."""
+def ranges(case: Summary) -> Iterator[Block]:
+    """Yield where the law may be used: what was visited when it was learned."""
     law, trials = case.law, case.findings.training
     schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
@@ -414,33 +398,31 @@ def ranges(case: Summary) -> Section:
     )
     if law.provenance.is_learned and law.uncertainty.explanation is None and len(law.objects) > 1:
         text += " Other objects are forecast with the mean coefficients."
-    frame = pd.DataFrame(rows).dropna(axis=1, how="all")
-    return Section("ranges", "Range of validity", (Text(text), Table("visited", "Range of the data.", frame)))
+    yield Text(text)
+    yield Table("visited", "Range of the data.", pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
-def fit(case: Summary) -> Section:
-    """Return the part on trials as measured, with solutions of the law through them."""
-    title, fit = "Fit", case.findings.fit
-    if fit is None:
-        why = (
-            "a law in discrete time has forecasts only, see below" if case.law.order == 0 else "see the forecasts below"
-        )
-        return Section("fit", title, (Text(f"No fitted curves: {why}."),))
-    intro = (
+def fit(case: Summary) -> Iterator[Block]:
+    """Yield trials as measured, with solutions of the law through them."""
+    if (fit := case.findings.fit) is None:
+        has_only = "a law in discrete time has forecasts only, see below"
+        yield Text(f"No fitted curves: {has_only if case.law.order == 0 else 'see the forecasts below'}.")
+        return
+    yield Text(
         f"{said(case, case.score(fit))}. Initial conditions are estimated from all samples. R² is 1 for a perfect fit "
         f"and 0 for the mean of each trial. Points: measurements. Lines: fit. Below: residuals, measured minus fitted."
         f"{_legend(fit)}"
     )
-    return Section("fit", title, (Text(intro), *curve_blocks(fit, "fit")))
+    yield from curve_blocks(fit, "fit")
 
 
-def forecasts(case: Summary) -> Section:
-    """Return the part on trials as measured, with forecasts from their first samples."""
-    title, forecast = "Forecasts from the first samples", case.findings.forecast
-    if forecast is None:
-        return Section("forecasts", title, (Text(listed([said(case, failure) for failure in case.findings.failures])),))
-    intro = f"{said(case, case.score(forecast))}. Below: errors, forecast minus measured.{_legend(forecast)}"
-    return Section("forecasts", title, (Text(intro), *curve_blocks(forecast, "forecast")))
+def forecasts(case: Summary) -> Iterator[Block]:
+    """Yield trials as measured, with forecasts from their first samples."""
+    if (forecast := case.findings.forecast) is None:
+        yield Text(listed([said(case, failure) for failure in case.findings.failures]))
+        return
+    yield Text(f"{said(case, case.score(forecast))}. Below: errors, forecast minus measured.{_legend(forecast)}")
+    yield from curve_blocks(forecast, "forecast")
 
 
 def _legend(forecast: Forecast) -> str:
@@ -491,6 +473,21 @@ def _by_state(forecast: Forecast, what: str) -> pd.DataFrame:
             row["within 95 % band"] = f"{100 * inside[seen.index].mean():.0f} %"
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+_PARTS: Mapping[str, Callable[[Summary], Iterator[Block]]] = {
+    "Fit": fit,
+    "Coefficients": coefficients,
+    "Forecasts from the first samples": forecasts,
+    "Candidate laws": candidates,
+    "Residuals and discrepancy": residuals,
+    "Range of validity": ranges,
+    "Next experiment": experiments,
+    "Data checks": data_checks,
+    "History": choices,
+    "Methods": methods,
+}
+"""The sections of a report by their titles; the names of the functions are those of their anchors."""
 
 
 def law_page(
@@ -547,32 +544,22 @@ def law_report(
     above = f"{literal(about)}\n\n" if about else ""
     summary = f"{above}**{first}**{law_markdown(law)}{in_short(case)}"
     title = title or f"A law of {', '.join(law.schema.states)}"
-    parts = (
-        fit,
-        coefficients,
-        forecasts,
-        candidates,
-        residuals,
-        ranges,
-        experiments,
-        data_checks,
-        choices,
-        methods,
-    )
-    sections = [all_objects(case)] if everything else []
-    for part in parts:
-        progress(part.__name__)
-        sections.append(part(case))
+    sections = list[Section]()
+    for heading, part in (_PARTS if everything is None else {"All objects": all_objects, **_PARTS}).items():
+        progress(heading.lower())
+        sections.append(Section(part.__name__.replace("_", "-"), heading, tuple(part(case))))
     below = (*values(case), Text(listed(others)))
     return Report(title, summary, (*sections, again(case, command, table)), below)
 
 
-def all_objects(case: Summary) -> Section:
-    """Return the part on all objects of a stream."""
+def all_objects(case: Summary) -> Iterator[Block]:
+    """Yield what holds of all objects of a stream."""
     assert case.everything is not None
-    law, intro = case.everything.law, f"{'. '.join(said(case, score) for score in case.scores)}."
-    more = _coefficients(law) if len(law.objects) > MANY and law.support.any() else ()
-    return Section("all-objects", "All objects", (Text(intro), *_forecasts(case.everything), *more))
+    law = case.everything.law
+    yield Text(f"{'. '.join(said(case, score) for score in case.scores)}.")
+    yield from _forecasts(case.everything)
+    if len(law.objects) > MANY and law.support.any():
+        yield from _coefficients(law)
 
 
 def _forecasts(found: ManyFindings) -> Iterator[Block]:
