@@ -14,7 +14,7 @@ from commonlaw.forecast import Forecast
 from commonlaw.inference import Bounds
 from commonlaw.law import History, Law, select_objects
 from commonlaw.law.tables import readable
-from commonlaw.law.verdict import LawVerdict
+from commonlaw.law.verdict import LawVerdict, StateError
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
 from commonlaw.report.document import within
 from commonlaw.report.markup import law_markdown, markdown
@@ -35,14 +35,11 @@ def notebook_html(
     few = slice(6)
     match value:
         case History():
-            rows = [(step.stage, step.choice, step.reason) for step in value]
-            steps = pd.DataFrame(rows, columns=["stage", "choice", "reason"])
+            steps = pd.DataFrame([*value], columns=["stage", "choice", "reason"])
             return visible(str(steps.to_html(index=False, border=0, justify="left")))
         case LawVerdict():
-            names = ("state", "law", "persistence", "unit")
-            errors = pd.DataFrame(
-                [{name: getattr(state_error, name) for name in names} for state_error in value.state_errors]
-            )
+            errors = pd.DataFrame(value.state_errors, columns=StateError._fields)
+            errors = errors[["state", "law", "persistence", "unit"]]
             return _page("Verdict", value.sentences, "Root mean square errors of forecasts", errors)
         case Residuals():
             return _page("Residuals", str(value).splitlines(), "Tests", value.tests())
