@@ -56,7 +56,8 @@ def notebook_html(
                 shown = f"<pre>{escape(str(value))}</pre>"
             notes = "".join(f"<p>Note: {escape(in_line(str(diagnostic)))}</p>" for diagnostic in value.diagnostics)
             table = value.params.dropna(axis=1, how="all")
-            drawn = _drawn(lambda: plot_intervals(select_objects(value, value.objects[few]))) if value.support.any() else ""
+            first = value.objects[few]
+            drawn = _drawn(lambda: plot_intervals(select_objects(value, first))) if value.support.any() else ""
             wide = "".join(f'<div class="commonlaw-law">{part}</div>' for part in (shown, _table(table)))
             return _joined(repr(value), _STYLE + wide + notes, drawn)
         case Trials():
