@@ -334,6 +334,11 @@ class Findings:
         return self.fit or self.forecast
 
     @property
+    def curves(self) -> tuple[Forecast, ...]:
+        """The fit and the forecasts, as far as there are any."""
+        return tuple(curves for curves in (self.fit, self.forecast) if curves is not None)
+
+    @property
     def is_held_out(self) -> bool:
         """Whether the forecasts are of trials that the law was not learned from."""
         if self.forecast is None:

@@ -4,8 +4,7 @@ import asyncio
 
 import pytest
 
-from commonlaw.app import access
-from commonlaw.app.access import HEADERS, LARGEST, ConnectionLimit, Guard, Keys, TooLargeError, TooSlowError
+from commonlaw.app.access import HEADERS, ConnectionLimit, Guard, Keys, TooLargeError, TooSlowError
 from commonlaw.app.server import hosts_at
 
 HOST = "127.0.0.1:8000"
@@ -24,7 +23,7 @@ async def everything(scope, receive, send):
     await send({"type": "http.response.body", "body": f"{scope['path']} {len(body)}".encode()})
 
 
-def answer(path="/room/tables", method="POST", parts=(b"table",), more=False, keys=None, **headers):
+def answer(path="/room/tables", method="POST", parts=(b"table",), more=False, keys=None, patience=30.0, **headers):
     """Return status, headers and body that a request gets."""
     sent, left = [], list(parts)
     named = {
@@ -44,7 +43,8 @@ def answer(path="/room/tables", method="POST", parts=(b"table",), more=False, ke
         sent.append(message)
 
     scope = {"type": "http", "path": path, "method": method, "headers": pairs}
-    asyncio.run(Guard(everything, keys or Keys(**KEYS), hosts_at(8000), ConnectionLimit())(scope, receive, send))
+    guard = Guard(everything, keys or Keys(**KEYS), hosts_at(8000), ConnectionLimit(), patience=patience)
+    asyncio.run(guard(scope, receive, send))
     return sent[0]["status"], sent[0]["headers"], sent[1]["body"]
 
 
@@ -73,7 +73,7 @@ def test_the_page_itself_is_answered_without_the_room_in_the_path_and_nothing_is
         (403, {"origin": "null"}),
         (403, {"sec_fetch_site": "cross-site"}),
         (403, {"sec_fetch_site": "same-site", "method": "GET"}),
-        (413, {"content_length": str(LARGEST + 1)}),
+        (413, {"content_length": str(Guard.largest + 1)}),
         (413, {"content_length": "-1"}),
         (413, {"content_length": "9" * 5000}),
     ],
@@ -85,13 +85,12 @@ def test_others_are_refused(status, request_):
 
 def test_more_than_is_taken_ends_the_request_however_it_is_announced():
     with pytest.raises(TooLargeError):
-        answer(parts=[bytes(LARGEST // 2)] * 3)
+        answer(parts=[bytes(Guard.largest // 2)] * 3)
 
 
-def test_what_stands_still_on_its_way_ends_the_request(monkeypatch):
-    monkeypatch.setattr(access, "PATIENCE", 0.01)
+def test_what_stands_still_on_its_way_ends_the_request():
     with pytest.raises(TooSlowError):
-        answer(parts=[b"ta"], more=True)
+        answer(parts=[b"ta"], more=True, patience=0.01)
 
 
 @pytest.mark.parametrize("path", ["/printed", "/printed/", "/once"])
@@ -126,16 +125,15 @@ class Transport:
         self.is_open = False
 
 
-def test_a_connection_waits_for_a_while_unless_it_is_let_through(monkeypatch):
+def test_a_connection_waits_for_a_while_unless_it_is_let_through():
     async def wait():
-        entered, connections = {name: Transport() for name in ("stranger", "page")}, ConnectionLimit()
+        entered, connections = {name: Transport() for name in ("stranger", "page")}, ConnectionLimit(seconds=0.01)
         for name, each in entered.items():
             connections.enter(name, each)
         connections.accept("page")
         await asyncio.sleep(0.1)
         return [name for name, each in entered.items() if each.is_open]
 
-    monkeypatch.setattr("commonlaw.app.access._SECONDS", 0.01)
     assert asyncio.run(wait()) == ["page"]
 
 

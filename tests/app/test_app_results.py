@@ -57,7 +57,7 @@ def test_curves_and_coefficients_are_those_of_the_law(law, drops):
     curves = fitted(law, drops, return_std=True), law.predict(drops, start=10, return_std=True)
     assert [each["title"] for each in shown["views"]] == ["fit", "forecast from the first 10 samples"]
     for view, expected in zip(candidate["views"], curves, strict=True):
-        assert view["score"] == r_squared(expected.score())
+        assert r_squared(expected.score()) in view["score"]
         for trial, trajectory, curve in zip(drops, expected.trajectories, view["curves"], strict=True):
             measured, line, low, high = (np.array(each, dtype=float) for each in curve["states"][0])
             there = np.isfinite(measured)
@@ -66,7 +66,7 @@ def test_curves_and_coefficients_are_those_of_the_law(law, drops):
             np.testing.assert_allclose(line[there], trajectory.states[:, 0], rtol=1e-4)
             assert ((low < line) & (line < high)).all()
     assert [row[0] for row in candidate["table"]["rows"]] == list(drops.objects)
-    assert candidate["table"]["head"] == ["object", "g (m/s²)", "c (1/s)"]
+    assert candidate["table"]["head"] == ["object", "g (m/s²)", "c (1/s)", "RMS residual of x (m)"]
     assert shown["follows"] == ["mass"]
 
 
@@ -120,7 +120,7 @@ def test_a_law_of_other_terms_is_shown_after_the_candidates(law, drops):
     taken = after.of_candidate(1)
     assert taken.law.structure == ("x'' = a",)
     curves = taken.findings.fit, taken.findings.forecast
-    assert [r_squared(curve.score()) for curve in curves] == [each["score"] for each in other["views"]]
+    assert all(r_squared(curve.score()) in each["score"] for curve, each in zip(curves, other["views"], strict=True))
     assert after.of_candidate(0) is after
     for terms, words in (
         ([], Diagnostic("equation-count", {"equations": 1})),
@@ -259,7 +259,7 @@ def test_numbers_stand_beside_the_formula_with_the_ends_of_their_intervals(law, 
     table = next(results(law, drops, drops, lambda _: None)).candidates[0].shown["table"]
     low, high = named_parameters(law).intervals()
     for row, *ends in zip(table["rows"], low, high, strict=True):
-        shown = [[float(each) for each in cell.split("\n")[1].split(" to ")] for cell in row[1:]]
+        shown = [[float(each) for each in cell.split("\n")[1].split(" to ")] for cell in row[1:3]]
         np.testing.assert_allclose(np.transpose(shown), ends, rtol=0.02)
 
 

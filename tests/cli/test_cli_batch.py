@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.cli.learning import COLUMNS, in_processes
+from commonlaw.cli.batch import COLUMNS, in_processes
 
 QUICK = ["--order", "2", "--library", "poly:1", "--state", "x"]
 

@@ -30,7 +30,7 @@ def test_files_of_a_pattern_give_one_law(run, tmp_path):
     code, out, err = run("-v", "discover", *words, "--save", "law.json")
     assert code == 0, err
     assert "2 files with 2 objects" in out
-    assert "Training data, 6 trials: " in out
+    assert "Fit of 6 trials of the training data: " in out
     assert "2 of 2, on 2 workers" in err
     law = from_json((tmp_path / "law.json").read_text())
     expected = cl.discover(drops, order=2, library="poly:1", method=cl.DerivativeRegression())

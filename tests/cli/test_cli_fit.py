@@ -1,6 +1,7 @@
 """Equations fitted on the command line, with orders by state, positive states, or no option at all."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -149,16 +150,23 @@ def test_a_state_without_a_column_starts_at_a_dose(run, tmp_path):
 
 
 @pytest.mark.usefixtures("cups")
-def test_fit_prints_a_line_for_each_parameter(run, tmp_path):
+def test_fit_prints_each_parameter_of_each_object_with_its_interval(run, tmp_path):
     code, out, _ = run("fit", "cups.csv", "T' = -k (T - a)", *ROLES, "--unit", "min=min", "--save", "law.json")
     law = cl.Law.load(tmp_path / "law.json").conf_int()
-    lines = [line.split() for line in out.splitlines()]
-    assert ["cup", "parameter", "estimate", "standard", "error", "95", "%", "low", "95", "%", "high", "unit"] in lines
+    lines = out.splitlines()
+    head = next(
+        i for i, line in enumerate(lines) if line.split() == ["cup", "k", "(1/min)", "a", "RMS", "residual", "of", "T"]
+    )
     assert code == 0
-    for row in law.itertuples(index=False):
-        (numbers,) = [line[2:] for line in lines if line[:2] == [row.object, row.parameter]]
-        assert [float(number) for number in numbers[:4]] == pytest.approx(list(row[4:8]), rel=0.02, abs=0.06 * row[5])
-        assert numbers[4:] == (["1/min"] if row.parameter == "k" else [])
+    for name, rows in law.groupby("object", sort=False):
+        at = next(i for i, line in enumerate(lines) if i > head and line.split()[:1] == [name])
+        # Estimate and standard error, and on the line below the ends of the interval
+        pairs = [
+            re.findall(rf"(\S+) {word} (\S+)", line) for line, word in zip(lines[at : at + 2], ("±", "to"), strict=True)
+        ]
+        for k, row in enumerate(rows.itertuples(index=False)):
+            numbers = [float(number) for numbers in pairs for number in numbers[k]]
+            assert numbers == pytest.approx(list(row[4:8]), rel=0.02, abs=0.06 * row[5])
 
 
 @pytest.mark.usefixtures("cups")

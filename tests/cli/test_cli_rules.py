@@ -8,7 +8,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.cli.main import Command, commonlaw
-from commonlaw.cli.options import ENDINGS, ReadFile, ReadLaw, ReadTable, WrittenFile
+from commonlaw.cli.options import ENDINGS, ReadFile, ReadLaw, ReadTable, WrittenFile, dialect
 
 DROPS = cl.datasets.linear_drag(noise=0.05, trials=3)
 
@@ -220,3 +220,9 @@ def test_words_that_are_no_text_are_refused_by_name(run):
     code, _, err = run("discover", "a.csv", "--object-name", "b\udcff")
     assert (code, "--object-name: 'b\\udcff' is not text in UTF-8" in err) == (2, True)
     assert run("compare", "a.csv", "x' = b\udcff", "x' = 1")[0] == 2
+
+
+def test_doses_are_named_in_the_words_of_the_command_that_takes_them():
+    said = {words: dialect(command)("doses=['dose']") for words, command in ALL.items()}
+    assert said[("fit",)] == "--dose 'dose'"
+    assert {said[words] for words in (("discover",), ("data", "check"))} == {"--dose 'dose' of commonlaw fit"}

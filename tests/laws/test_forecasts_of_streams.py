@@ -12,6 +12,7 @@ from commonlaw.law.tables import quantile_frame, spread_tables
 from commonlaw.report.document import Picture, Table
 from commonlaw.report.law_report import all_objects
 from commonlaw.stream import find_by_stream
+from commonlaw.summary import Summary
 from commonlaw.verdict import find
 from tests.refusals import refused
 
@@ -156,8 +157,8 @@ def test_what_a_page_has_no_use_for_is_refused(law, drops, stream):
 
 
 def test_the_page_tells_of_all_objects(law, found):
-    first, *blocks = all_objects(found).blocks
-    assert "120 trials of 60 objects were forecast" in first.text
+    first, *blocks = all_objects(Summary(found.few, found))
+    assert "Forecasts of 120 trials of 60 objects" in first.text
     tables = {block.name: block.frame for block in blocks if isinstance(block, Table)}
     assert tables["worst"]["object"].tolist() == found.relative.index[:-11:-1].tolist()
     quantiles = tables["spread"].set_index("of 60 objects")

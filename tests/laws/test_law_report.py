@@ -11,8 +11,9 @@ from commonlaw.law import Provenance, to_latex
 from commonlaw.law.parameters import named_parameters
 from commonlaw.report import law_report, to_page
 from commonlaw.report.document import Fold, Gallery, Picture, Table
-from commonlaw.report.law_report import LawCase, coefficients, forecasts
+from commonlaw.report.law_report import coefficients, forecasts
 from commonlaw.report.markup import formula, law_latex
+from commonlaw.summary import Summary
 from commonlaw.verdict import find
 
 SECTIONS = [
@@ -53,9 +54,9 @@ def test_the_report_has_its_parts_in_order_and_says_what_the_verdict_says(report
     assert r"\ddot{x} &= a + b\, v" in report.summary
     page = to_page(report).decode()
     assert "commonlaw report drops.csv" in page
-    assert "4 trials of 2 objects, 196 samples. Training data: 98 samples of 2 trials." in page
-    assert "Forecasts of 2 trials held out, from the first 10 samples" in page
-    assert "held out" in page
+    assert "4 trials of 2 objects, 196 samples; training data: 2 trials, 98 samples." in page
+    assert "Forecasts of 2 held-out trials from the first 10 samples" in page
+    assert "Tested on held-out trials" in page
     assert "&quot;drops.csv&quot;" in page or "'drops.csv'" in page or "&#39;drops.csv&#39;" in page
 
 
@@ -126,8 +127,8 @@ def test_of_many_objects_some_from_the_best_to_the_worst_are_shown_and_the_other
         properties={},
     )
     trials = replace(drops, trials=tuple(copies), properties={})
-    case = LawCase(find(many, trials), str)
-    blocks = forecasts(case).blocks
+    case = Summary(find(many, trials))
+    blocks = [*forecasts(case)]
     picture, rest = (next(block for block in blocks if isinstance(block, kind)) for kind in (Picture, Fold))
     shown = {axes.get_title() for axes in picture.draw().axes} - {""}
     assert len(shown) == 12
@@ -185,7 +186,7 @@ def test_of_several_objects_many_coefficients_have_a_figure_each():
     names = ["one", "two"]
     law = cl.Law.from_text("x'' = a + b v + c x", {each: dict.fromkeys(names, 2.0) for each in "abc"})
     trials = cl.Trials.from_arrays([np.arange(20.0)] * 2, [np.arange(20.0)] * 2, object=names)
-    shown = coefficients(LawCase(find(law, trials), str)).blocks
+    shown = coefficients(Summary(find(law, trials)))
     (gallery,) = [each for each in shown if isinstance(each, Gallery)]
     captions = [picture.caption.replace("\\", "") for picture in gallery.pictures]
     assert captions == [f"Coefficients {term} in x''." for term in "abc"]

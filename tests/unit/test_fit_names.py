@@ -143,7 +143,8 @@ def fieller(constant, slope, covariance, reach):
 
 
 def test_parameters_of_equations_are_in_every_form_of_the_law(law):
-    from commonlaw.plots.law import DotPlot, equation_lines
+    from commonlaw.plots.equations import equation_lines
+    from commonlaw.plots.law import DotPlot
 
     for each in (law, from_json(to_json(law))):
         table = each.params

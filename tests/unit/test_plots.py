@@ -28,7 +28,7 @@ from commonlaw.plots import (
     plot_trials,
     render,
 )
-from commonlaw.plots.style import COLORS, MARKERS, WIDEST
+from commonlaw.plots.style import COLORS, MARKERS
 from commonlaw.trials import Schema, Trial, Trials
 from tests.refusals import refused
 
@@ -343,7 +343,7 @@ def test_nothing_is_clipped_and_no_title_runs_into_another(name: str) -> None:
     figure.draw_without_rendering()
     box, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
     assert min(box.x0, box.y0, width - box.x1, height - box.y1) > -0.02
-    assert width <= WIDEST
+    assert width <= 9
     titles = [panel.title.get_window_extent() for panel in figure.axes if panel.get_title()]
     legends = [legend.get_window_extent() for legend in figure.legends]
     assert all(not a.overlaps(b) for i, a in enumerate(titles) for b in [*titles[:i], *legends])
@@ -451,7 +451,7 @@ def test_a_law_that_was_not_explained_is_refused():
 
 
 def test_very_many_objects_are_not_told_apart(law, monkeypatch):
-    monkeypatch.setattr("commonlaw.plots.law._MAX_COLORED", len(MASSES) - 1)
+    monkeypatch.setattr("commonlaw.plots.relations.MANY", len(MASSES) - 1)
     figure = plot_relations(law)
     gravity = figure.axes[0]
     assert gravity.get_xlabel() == "objects"

@@ -12,8 +12,8 @@ from hypothesis import given, strategies as st
 
 import commonlaw as cl
 from commonlaw.app.question import Question, in_page, settings_form
-from commonlaw.cli.learning import setting_options
 from commonlaw.cli.options import GroupedOption, taking
+from commonlaw.cli.question import setting_options
 from commonlaw.discovery.cache import digest
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.law.script import written

@@ -62,27 +62,30 @@ def _same(one: str, other: str) -> bool:
     return compare_digest(one.encode(errors="replace"), other.encode())
 
 
-_WAITING, _OPEN = 64, 192
-"""Connections that wait, and all of them; far fewer than the files that a process may have open."""
-
-_SECONDS = 10.0
-"""How long a connection may wait."""
-
-BACKLOG = 32
-"""Connections that are taken in at once: fewer than may wait, so that each is heard before it must give way."""
-
 Peer = tuple[str, int]
 
 
+@dataclass
 class ConnectionLimit:
     """Connections that are open.
 
     Each waits until a request of it is let through, and is closed if that takes long, whatever it sends. When too many
     wait, the one that has waited longest gives way. So strangers, whom nothing distinguishes from a browser before they
     speak, neither take the place of those that are known nor wear out the process.
+
+    Parameters
+    ----------
+    waiting, all_open
+        Connections that wait, and all of them, at most; far fewer than the files that a process may have open.
+    seconds
+        How long a connection may wait.
     """
 
-    def __init__(self) -> None:
+    waiting: int = 64
+    all_open: int = 192
+    seconds: float = 10.0
+
+    def __post_init__(self) -> None:
         self._waiting: dict[Peer, asyncio.Transport] = {}
         self._open = 0
 
@@ -90,8 +93,8 @@ class ConnectionLimit:
         """Let a connection wait."""
         self._open += 1
         self._waiting[peer] = transport
-        asyncio.get_running_loop().call_later(_SECONDS, self._close, peer, transport)
-        if len(self._waiting) > _WAITING or self._open > _OPEN:
+        asyncio.get_running_loop().call_later(self.seconds, self._close, peer, transport)
+        if len(self._waiting) > self.waiting or self._open > self.all_open:
             oldest = next(iter(self._waiting))
             self._close(oldest, self._waiting[oldest])
 
@@ -125,12 +128,6 @@ def protocol(connections: ConnectionLimit) -> type[asyncio.Protocol]:
 
     return Waiting
 
-
-LARGEST = 64 * 2**20
-"""Bytes of a request; a table is sent whole."""
-
-PATIENCE = 30.0
-"""Seconds that the next bytes of a request may take."""
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -176,6 +173,10 @@ class Guard:
     hosts: frozenset[str]
     """Names and ports that requests may be sent to, in small letters."""
     connections: ConnectionLimit
+    largest: int = 64 * 2**20
+    """Bytes of a request; a table is sent whole."""
+    patience: float = 30.0
+    """Seconds that the next bytes of a request may take."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or refuse it."""
@@ -204,11 +205,11 @@ class Guard:
             async def limited() -> Message:
                 nonlocal taken
                 try:
-                    message = await asyncio.wait_for(receive(), PATIENCE)
+                    message = await asyncio.wait_for(receive(), self.patience)
                 except TimeoutError:
                     raise TooSlowError from None
                 taken += len(message.get("body", b""))
-                if taken > LARGEST:
+                if taken > self.largest:
                     raise TooLargeError
                 return message
 
@@ -230,7 +231,7 @@ class Guard:
         if scope["method"] not in ("GET", "HEAD") and headers.get("origin") != f"http://{headers['host']}":
             return 403
         length = headers.get("content-length", "0")
-        return 413 if not (length.isdecimal() and len(length) < 20 and int(length) <= LARGEST) else 0
+        return 413 if not (length.isdecimal() and len(length) < 20 and int(length) <= self.largest) else 0
 
 
 async def _answer(status: int, send: Send, text: str = "", keys: Keys | None = None, to: str = "") -> None:

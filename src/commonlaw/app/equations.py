@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from commonlaw.app.question import Columns, Equations, Table, message
+from commonlaw.app.question import MAX_DRAWN_TRIALS, Columns, Equations, Table, message
 from commonlaw.array_types import Floats, Indices
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
@@ -28,9 +28,6 @@ from commonlaw.report.markup import formula, parts_of
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import with_doses
 from commonlaw.trials.trial import property_names
-
-_TRIALS, _POINTS = 60, 60
-"""Trials that are drawn, and points of a curve where samples are fewer."""
 
 
 class Asked(msgspec.Struct, forbid_unknown_fields=True):
@@ -111,7 +108,7 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
         "formula": formulas,
         "states": begun.model.observables,
         "values": values,
-        "curves": [_curve(begun.problem, trial, first) for trial in begun.problem.trials[:_TRIALS]],
+        "curves": [_curve(begun.problem, trial, first) for trial in begun.problem.trials[:MAX_DRAWN_TRIALS]],
     }
 
 
@@ -163,7 +160,7 @@ def _formulas(begun: Beginning) -> list[list[str]]:
 def _followed(problem: Problem, unknowns: Floats, moved: Moved) -> list[tuple[int, list[list[float]]]]:
     """Return solutions from given initial values: those that are computed in time, and at least one."""
     # Curves that follow a slider are sent after 0.02 s of computing; the others come with the next answer
-    shown, until, result = problem.trials[:_TRIALS], monotonic() + 0.02, list[tuple[int, list[list[float]]]]()
+    shown, until, result = problem.trials[:MAX_DRAWN_TRIALS], monotonic() + 0.02, list[tuple[int, list[list[float]]]]()
     for i in moved.trials:
         check_choice("index of a trial", i, range(min(len(shown), len(moved.initial))))
         data, _ = _drawn(shown[i])
@@ -180,11 +177,11 @@ def _followed(problem: Problem, unknowns: Floats, moved: Moved) -> list[tuple[in
     return result
 
 
-def _drawn(data: TrialData) -> tuple[TrialData, Indices]:
+def _drawn(data: TrialData, points: int = 60) -> tuple[TrialData, Indices]:
     """Return a trial with a row for each point of its curve, and which of them are its samples."""
     times = data.times
-    if len(times) < _POINTS:
-        times = np.union1d(times, np.linspace(times[0], times[-1], _POINTS))
+    if len(times) < points:
+        times = np.union1d(times, np.linspace(times[0], times[-1], points))
     return replace(data, times=times, rows=np.arange(len(times))), np.searchsorted(times, data.trial.times)
 
 

@@ -30,6 +30,9 @@ from commonlaw.trials.tables import column_roles_of, rows_of
 if TYPE_CHECKING:
     from commonlaw.discovery import TrajectoryLikelihood
 
+MAX_DRAWN_TRIALS = 60
+"""Trials whose curves the page is sent."""
+
 _READING = {
     "dates": "the date format",
     "decimal": "the decimal mark",

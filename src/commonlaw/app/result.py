@@ -7,26 +7,27 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 import pandas as pd
 
-from commonlaw.app.question import message, text_in_page
+from commonlaw.app.question import MAX_DRAWN_TRIALS, message, text_in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.forecast import Forecast, fitted
+from commonlaw.forecast import Forecast
+from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw, candidate_law, compare, iterate_candidates
 from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.equilibria import has_phase_plane
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors, units_with_rates
-from commonlaw.law.pooling import by_properties, comparable_groups, contrasts
+from commonlaw.law.pooling import comparable_groups, contrasts
 from commonlaw.law.script import Source, to_script
 from commonlaw.law.simplify import within_errors
-from commonlaw.law.tables import coefficients_by_object, quantities_by_object, with_interval, with_unit
+from commonlaw.law.tables import quantities_by_object, readable, with_interval, with_unit
 from commonlaw.library import order_of_each
 from commonlaw.plots import (
     Figure,
@@ -38,17 +39,13 @@ from commonlaw.plots import (
     plot_residuals,
     render,
 )
+from commonlaw.plots.style import thinned
 from commonlaw.report.markup import equation_parts, formula
-from commonlaw.runtime.progress import Stage, part
-from commonlaw.text import counted, r_squared
+from commonlaw.runtime.progress import Stage
+from commonlaw.summary import Summary, parameters_caption, shown_equations, simpler_forms
+from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.verdict import Findings, find
-
-_CANDIDATES, _TRIALS, _POINTS, _SAMPLES, _DIGITS = 12, 60, 60, 400, 5
-"""Most candidates, trials that are drawn, points of a curve, samples of a trial; digits of numbers in curves."""
-
-SEARCHED = 0.5
-"""Share of the whole that is done once there is a law, as in reports; the rest is its rivals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +103,7 @@ class Found:
 
 def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], None]) -> Iterator[Found]:
     """Yield a law with all that the page needs of it, again and again with one more candidate after it."""
-    show(Stage("assessing forecasts", SEARCHED))
+    show(Stage("assessing forecasts", 0.0))
     findings = find(law, trials, training)
     law = findings.law
     schema = findings.trials.schema
@@ -128,16 +125,18 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
                 "title": view.title,
                 "fit": view.is_fit,
                 "held_out": not view.is_fit and findings.is_held_out,
-                "trials": [{"object": trial.object, "name": trial.name} for trial in view.trials.trials[:_TRIALS]],
+                "trials": [
+                    {"object": trial.object, "name": trial.name} for trial in view.trials.trials[:MAX_DRAWN_TRIALS]
+                ],
             }
-            for view in _views(findings)
+            for view in findings.curves
         ],
         "failures": [text_in_page(failure) for failure in findings.failures],
         "outcomes": [text_in_page(str(diagnostic)) for diagnostic in law.diagnostics],
         "history": [[step.stage, step.choice, text_in_page(step.reason)] for step in law.history],
     }
     made = Found(findings, about)
-    for candidate in iterate_candidates(law, findings.training, _CANDIDATES, part(show, SEARCHED, 1.0)):
+    for candidate in iterate_candidates(law, findings.training, 12, show):
         made = made.with_laws([_shown(candidate, made)])
         yield made
 
@@ -170,17 +169,12 @@ def compared(one: Found, other: Found) -> dict[str, Any]:
 
 def _summary(found: Found, evidence: float | None) -> dict[str, Any]:
     findings, law = found.findings, found.law
-    kinds = {"residuals of the fit": findings.fit}
-    kinds["errors of forecasts" + ", held-out trials" * findings.is_held_out] = findings.forecast
     errors = {}
-    for kind, curves in kinds.items():
-        if curves is not None:
-            rms = (
-                curves.errors()
-                .groupby("state", sort=False)["rms error"]
-                .apply(lambda trial_errors: np.sqrt((trial_errors**2).mean()))
-            )
-            errors[kind] = {name: float(f"{value:.3g}") for name, value in rms.items() if np.isfinite(value)}
+    for curves in findings.curves:
+        held_out = ", held-out trials" * findings.is_held_out
+        kind = "residuals of the fit" if curves.is_fit else f"errors of forecasts{held_out}"
+        rms = squared_errors(curves).mean().pow(0.5)
+        errors[kind] = {name: float(f"{value:.3g}") for name, value in rms.items() if np.isfinite(value)}
     return {
         "equations": list(law.structure) if shares_terms(law) else [],
         "parameters": len(named_parameters(law).names) if shares_terms(law) else None,
@@ -207,7 +201,7 @@ def compared_groups(found: Found, asked: Groups) -> dict[str, Any]:
     values = comparable_groups(law).get(asked.by, [])
     check_choice("index of the reference", asked.reference, range(len(values)))
     rows = [
-        [with_unit(name, unit), _level(value), with_interval(*numbers)]
+        [with_unit(name, unit), _level(value), str(with_interval(*numbers))]
         for name, value, _, *numbers, unit in contrasts(law, asked.by, values[asked.reference]).values.tolist()
     ]
     return {"head": ["parameter", asked.by, f"difference from {_level(values[asked.reference])}"], "rows": rows}
@@ -237,45 +231,36 @@ def of_terms(found: Found, support: Bools, show: Callable[[str], None]) -> Itera
 
 def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
     """Return a candidate with what the page shows of it."""
-    law = candidate.law
+    law, of_found, views = candidate.law, Summary(found.findings), list[dict[str, Any]]()
+    summary = of_found.of_law(law)
+    for view in found.findings.curves:
+        curves = summary.findings.fit if view.is_fit else summary.findings.forecast
+        few = view.trials.with_trials(view.trials.trials[:MAX_DRAWN_TRIALS])
+        whole = len(few) == len(view.trials)
+        drawn = curves if whole else of_found.curves_of(law, few, view.is_fit, has_bands(law))
+        score = "" if curves is None else summary.score(curves)
+        views.append({"score": score, "curves": [] if drawn is None else [*_curves(drawn)]})
     shown = {
         "size": candidate.size,
         "chosen": candidate.chosen,
         "evidence": candidate.evidence,
-        "text": list(law.structure) if shares_terms(law) else list(law.equations(law.objects[0])),
+        "text": shown_equations(law),
         "formula": _mathml(law),
-        "simpler": [*within_errors(law), *(by_properties(law) if candidate.chosen else ())],
+        "simpler": simpler_forms(law) if candidate.chosen else within_errors(law),
         "left": left_hand_sides(law),
         "equations": _editable(law),
-        "figures": _figure_kinds(law, found.findings.forecast is not None),
+        "figures": [
+            {"name": name, "title": kind.title, "object": kind.of_object, "parameter": kind.of_parameter}
+            for name, kind in _FIGURES.items()
+            if kind.is_there(law, found.findings)
+        ],
         "terms": _terms(law, law.support),
-        "table": _table(coefficients_by_object(law)),
+        "caption": parameters_caption(law),
+        "table": _table(summary.parameters),
         "quantities": _table(quantities_by_object(law)),
-        "views": [_view(law, view, found.findings.start) for view in _views(found.findings)],
+        "views": views,
     }
     return ShownLaw(candidate, shown)
-
-
-def _views(findings: Findings) -> list[Forecast]:
-    return [view for view in (findings.fit, findings.forecast) if view is not None]
-
-
-def _view(law: Law, of_law: Forecast, start: int | None) -> dict[str, Any]:
-    """Return a candidate's fit or forecasts of the same trials as those of the law, few enough to be drawn."""
-    trials = of_law.trials.with_trials(of_law.trials.trials[:_TRIALS])
-    try:
-        if of_law.is_fit:
-            made = fitted(law, trials, return_std=has_bands(law))
-        else:
-            made = law.predict(trials, start=start, return_std=has_bands(law))
-    except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
-        return {"score": "", "diverged": 0, "curves": []}
-    score = made.score()
-    return {
-        "score": r_squared(score) if np.isfinite(score) else "",
-        "diverged": len(made.outcomes),
-        "curves": list(_curves(made)),
-    }
 
 
 def _mathml(law: Law) -> list[list[str]]:
@@ -291,7 +276,11 @@ def _terms(law: Law, support: Bools) -> list[list[str]]:
 
 
 def _table(frame: pd.DataFrame) -> dict[str, Any]:
-    return {"head": list(frame), "rows": frame.to_numpy().tolist()}
+    cells = readable(frame).to_numpy().tolist()
+    rows = [
+        [str(cell) if not isinstance(cell, float) else f"{cell:.4g}" * (cell == cell) for cell in row] for row in cells
+    ]
+    return {"head": list(frame), "rows": rows}
 
 
 def _editable(law: Law) -> dict[str, Any] | None:
@@ -318,30 +307,15 @@ def _editable(law: Law) -> dict[str, Any] | None:
     }
 
 
-def _figure_kinds(law: Law, has_forecast: bool) -> list[dict[str, Any]]:
-    """Return the pictures that there are of a law: name, title, and whether they are of an object and a parameter."""
-    figures = [("law", "Law with fit and coefficients"), ("fit", "Fitted curves and residuals")]
-    if has_forecast:
-        figures.append(("forecast", "Forecasts with bands"))
-    if law.order != 0:
-        figures.append(("residuals", "Residuals: patterns, autocorrelation, quantiles"))
-    if shares_terms(law):
-        figures.append(("coefficients", "Coefficients by object"))
-    of_object = []
-    if has_phase_plane(law):
-        of_object.append(("phase-plane", "Phase plane with nullclines and fixed points", False))
-    if shares_terms(law) and law.order != 0 and named_parameters(law).names:
-        of_object.append(("profile", "Profile likelihood of a parameter", True))
-    plain = [{"name": name, "title": title, "object": False, "parameter": False} for name, title in figures]
-    return plain + [{"name": a, "title": b, "object": True, "parameter": c} for a, b, c in of_object]
-
-
 def _curves(forecast: Forecast) -> Iterator[dict[str, Any]]:
-    """Yield for each trial times, and by state what was measured, forecast, and the ends of the band."""
-    smooth, states = forecast.smooth(_POINTS), len(forecast.trials.schema.states)
+    """Yield for each trial times, and by state what was measured, forecast, and the ends of the band.
+
+    A curve has 60 points or as many as samples, and about 400 at most.
+    """
+    smooth, states = forecast.smooth(60), len(forecast.trials.schema.states)
     bands = None if smooth.std is None else smooth.bands(measured=smooth.noise is not None)
     for i, (trial, trajectory) in enumerate(zip(smooth.trials, smooth.trajectories, strict=True)):
-        every = slice(None, None, -(-len(trial.times) // (_SAMPLES + _POINTS)))
+        every = thinned(len(trial.times), 460)
         columns = [trial.states, trajectory.states[:, :states], *((None, None) if bands is None else bands[i])]
         yield {
             "t": numbers(trial.times[every]),
@@ -352,31 +326,69 @@ def _curves(forecast: Forecast) -> Iterator[dict[str, Any]]:
 
 
 def numbers(values: Floats) -> list[float | None]:
-    """Return numbers with a few digits; what is not finite is None."""
-    return [float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None for value in values.tolist()]
+    """Return numbers with five digits; what is not finite is None."""
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
 
 
 one_draws = Lock()
 """Matplotlib draws in one thread at a time."""
 
-_OF_CURVES: Mapping[str, Callable[[Found, str, str], Figure]] = {
-    "law": lambda found, *_: plot_law(found.law, curves(found, found.findings.shown)),
-    "fit": lambda found, *_: plot_forecast(curves(found, found.findings.fit)),
-    "forecast": lambda found, *_: plot_forecast(curves(found, found.findings.forecast)),
-    "residuals": lambda found, *_: plot_residuals(found.law.residuals(found.findings.training)),
-    "coefficients": lambda found, *_: plot_coefficients(found.law, "support"),
-    "phase-plane": lambda found, owner, _: plot_phase_plane(found.law, found.findings.training, owner),
-    "profile": lambda found, owner, name: plot_profile(found.law, found.findings.training, name, owner),
-}
 
-_WRITTEN: Mapping[str, str] = {
-    "law": "cl.plots.plot_law(law, trials)",
-    "fit": "cl.plots.plot_forecast(law.predict(trials, start='all', return_std={bands}))",
-    "forecast": "cl.plots.plot_forecast(law.predict({measured}, start={start}, return_std={bands}))",
-    "residuals": "cl.plots.plot_residuals(law.residuals(trials))",
-    "coefficients": "cl.plots.plot_coefficients(law, 'support')",
-    "phase-plane": "cl.plots.plot_phase_plane(law, trials, {object!r})",
-    "profile": "cl.plots.plot_profile(law, trials, {parameter!r}, {object!r})",
+class _FigureKind(NamedTuple):
+    """A kind of picture: title, what draws it of an object and a parameter, that as Python, and when it is there."""
+
+    title: str
+    draw: Callable[[Found, str, str], Figure]
+    written: str
+    is_there: Callable[[Law, Findings], bool] = lambda *_: True
+    of_object: bool = False
+    of_parameter: bool = False
+
+
+_FIGURES = {
+    "law": _FigureKind(
+        "Law with fit and coefficients",
+        lambda found, *_: plot_law(found.law, curves(found, found.findings.shown)),
+        "plot_law(law, trials)",
+    ),
+    "fit": _FigureKind(
+        "Fitted curves and residuals",
+        lambda found, *_: plot_forecast(curves(found, found.findings.fit)),
+        "plot_forecast(law.predict(trials, start='all', return_std={bands}))",
+    ),
+    "forecast": _FigureKind(
+        "Forecasts with bands",
+        lambda found, *_: plot_forecast(curves(found, found.findings.forecast)),
+        "plot_forecast(law.predict({measured}, start={start}, return_std={bands}))",
+        lambda _, findings: findings.forecast is not None,
+    ),
+    "residuals": _FigureKind(
+        "Residuals: patterns, autocorrelation, quantiles",
+        lambda found, *_: plot_residuals(found.law.residuals(found.findings.training)),
+        "plot_residuals(law.residuals(trials))",
+        lambda law, _: law.order != 0,
+    ),
+    "coefficients": _FigureKind(
+        "Coefficients by object",
+        lambda found, *_: plot_coefficients(found.law, "support"),
+        "plot_coefficients(law, 'support')",
+        lambda law, _: shares_terms(law),
+    ),
+    "phase-plane": _FigureKind(
+        "Phase plane with nullclines and fixed points",
+        lambda found, owner, _: plot_phase_plane(found.law, found.findings.training, owner),
+        "plot_phase_plane(law, trials, {object!r})",
+        lambda law, _: has_phase_plane(law),
+        of_object=True,
+    ),
+    "profile": _FigureKind(
+        "Profile likelihood of a parameter",
+        lambda found, owner, name: plot_profile(found.law, found.findings.training, name, owner),
+        "plot_profile(law, trials, {parameter!r}, {object!r})",
+        lambda law, _: shares_terms(law) and law.order != 0 and bool(named_parameters(law).names),
+        of_object=True,
+        of_parameter=True,
+    ),
 }
 
 
@@ -388,7 +400,7 @@ def figure_file(
     Raises `CommonlawError` if there is no such picture, or the law has it not.
     """
     kind, _, ending = name.partition(".")
-    check_choice("figure", kind, _OF_CURVES)
+    check_choice("figure", kind, _FIGURES)
     check_choice("ending of a figure", ending, ("svg", "png", "py"))
     if ending == "py":
         findings, lines = found.findings, to_script(found.law, source).splitlines()
@@ -401,12 +413,12 @@ def figure_file(
             measured = source.training.removesuffix("[1]") + "[0]"
         bands = findings.fit is not None and findings.fit.std is not None
         named = {"object": owner, "parameter": parameter, "start": findings.start}
-        call = _WRITTEN[kind].format(bands=bands, measured=measured, **named)
-        lines += [f"figure = {call}", f"cl.plots.save_figure(figure, '{kind}.svg')", ""]
+        call = _FIGURES[kind].written.format(bands=bands, measured=measured, **named)
+        lines += [f"figure = cl.plots.{call}", f"cl.plots.save_figure(figure, '{kind}.svg')", ""]
         return "\n".join(lines).encode()
     with one_draws:
         try:
-            return render(_OF_CURVES[kind](found, owner, parameter), f".{ending}")
+            return render(_FIGURES[kind].draw(found, owner, parameter), f".{ending}")
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             raise CommonlawError("figure-failed", figure=kind, reason=error) from None
 

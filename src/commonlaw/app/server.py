@@ -43,7 +43,7 @@ def serve(
         optional_import(package, "the app", "app")
     import uvicorn
 
-    from commonlaw.app.access import BACKLOG, ConnectionLimit, Guard, Keys, protocol
+    from commonlaw.app.access import ConnectionLimit, Guard, Keys, protocol
     from commonlaw.app.routes import application
 
     sessions, connections = Sessions(), ConnectionLimit()
@@ -61,8 +61,9 @@ def serve(
         port = listening.getsockname()[1]
         keys = Keys(f"commonlaw-{port}")
         guard = Guard(application(sessions), keys, hosts_at(port), connections)
+        # Fewer are taken in at once than may wait, so that each is heard before it must give way
         config = uvicorn.Config(
-            guard, loop="asyncio", http=protocol(connections), ws="none", backlog=BACKLOG, log_level="error",
+            guard, loop="asyncio", http=protocol(connections), ws="none", backlog=32, log_level="error",
             access_log=False, lifespan="off", server_header=False,
         )  # fmt: skip
         server = uvicorn.Server(config)

@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from commonlaw.app.question import Columns, Question, Table
-from commonlaw.app.result import SEARCHED, Found, ShownLaw, of_terms, results, support_of
+from commonlaw.app.result import Found, ShownLaw, of_terms, results, support_of
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
 from commonlaw.law import from_json, to_json
@@ -104,13 +104,14 @@ def answer(question: Question, table: Table, known: str | None, show: Callable[[
     """Yield what a question asked of a table finds, with more and more candidates; or of a known law."""
     from commonlaw.discovery import discover
 
+    searching, finishing = part(show, 0.0, 0.5), part(show, 0.5, 1.0)
     show("reading the table")
     trials = table.trials(question.columns)
     training = question.hold_out.training(trials)
     if (given := known or question.law) is not None:
         law = from_json(given)
     elif question.equations is not None:
-        law = question.equations.fit(training, question.fit_settings | {"progress": part(show, 0.0, SEARCHED)})
+        law = question.equations.fit(training, question.fit_settings | {"progress": searching})
     else:
         law = discover(
             training,
@@ -118,12 +119,12 @@ def answer(question: Question, table: Table, known: str | None, show: Callable[[
             library=question.library,
             method=question.method,
             known=dict(question.known.items()),
-            progress=part(show, 0.0, SEARCHED),
+            progress=searching,
         )
         if question.explain:
             show("explaining coefficients")
             law = law.explain()
-    yield from results(law, trials, training, show)
+    yield from results(law, trials, training, finishing)
 
 
 T = TypeVar("T")

@@ -133,6 +133,8 @@ def dialect(command: click.Command) -> Dialect:
         if getattr(by_name.get(name), "group", "") == "Table":
             toml = re.sub(r"('[^']*'): ", r"\1 = ", value)
             return f"{name} = {toml} in the --schema file"
+        if name == "doses":  # That other commands do not take
+            return f"{' '.join(f'--dose {text}' for text in _texts(value, write))} of commonlaw fit"
         return " ".join(f"--set {name}={text}" for text in _texts(value, write)) if name in settings else code
 
     return write

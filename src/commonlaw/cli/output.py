@@ -28,10 +28,6 @@ if TYPE_CHECKING:
     from commonlaw.plots import Figure
 
 
-_GAP = 3
-"""Characters between the columns of a table."""
-
-
 def say(text: str, err: bool = False) -> None:
     """Print lines on stdout or stderr, with nothing in them that a terminal would obey.
 
@@ -61,33 +57,19 @@ def print_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
         numeric = all(isinstance(row[j], int | float | tuple | Written) or str(row[j]).startswith("< ") for row in rows)
         table.add_column(in_line(name), justify="right" if numeric else "left")
     for row in rows:
-        table.add_row(*(in_line(shown(cell)) for cell in row))
+        table.add_row(*map(shown, row))
     _console().print(table)
     if left_out:
         say(f" ... and {len(left_out)} more rows")
 
 
-def parameter_columns(law: "Law") -> dict[str, list[object]]:
-    """Return the columns of a table with a row for each parameter of given equations and each object."""
-    from commonlaw.law.tables import readable
-
-    names = {"object": law.schema.object, "low": "95 % low", "high": "95 % high"}
-    frame = readable(law.params).drop(columns=["equation", "term"]).rename(columns=names)
-    if len(law.objects) == 1:
-        frame = frame.drop(columns=law.schema.object)
-    return {name: frame[name].tolist() for name in map(str, frame) if name != "unit" or frame["unit"].any()}
-
-
 def print_columns(columns: Mapping[str, Sequence[object]]) -> None:
     """Print columns of which the first names the rows; a row for each column where they are too wide together."""
-    head, rows = list(columns), list(zip(*columns.values(), strict=True))
-    widths = [max(len(shown(cell)) for cell in (name, *values)) + _GAP for name, values in columns.items()]
-    room = _console().width
-    if sum(widths) <= room:
+    head, rows, room = list(columns), list(zip(*columns.values(), strict=True)), _console().width
+    if sum(_width((name, *values)) for name, values in columns.items()) <= room:
         print_table(head, rows)
         return
-    names = max(map(len, head)) + _GAP
-    across = [max(len(shown(cell)) for cell in row) + _GAP for row in rows]
+    names, across = _width(head), [*map(_width, rows)]
     while rows:
         # As many side by side as there is room for, but one at least
         count = max(1, bisect_right(list(accumulate(across)), room - names))
@@ -100,6 +82,11 @@ def print_columns(columns: Mapping[str, Sequence[object]]) -> None:
             say("")
 
 
+def _width(cells: Iterable[object]) -> int:
+    """Return how many characters a column of these cells takes, with those between it and the next."""
+    return 3 + max(len(line) for cell in cells for line in shown(cell).split("\n"))
+
+
 def print_frame(frame: "pd.DataFrame", titles: Mapping[str, str] = MappingProxyType({})) -> None:
     """Print a data frame without its index; columns may have other titles."""
     from commonlaw.law.tables import readable
@@ -108,13 +95,31 @@ def print_frame(frame: "pd.DataFrame", titles: Mapping[str, str] = MappingProxyT
     print_table([titles.get(str(name), str(name)) for name in frame.columns], frame.itertuples(index=False, name=None))
 
 
-def print_quantities(law: "Law") -> None:
-    """Print what is quoted of a law of a known form, if it has one."""
-    from commonlaw.law.tables import shown_quantities
+def print_law(law: "Law", parameters: "pd.DataFrame | None" = None) -> None:
+    """Print a law: its equations, parameters, simpler forms, and what is quoted of a known form.
 
-    if len(quantities := shown_quantities(law)):
-        say("\nQuantities, with 95 % intervals:\n" if "low" in quantities else "\nQuantities:\n")
-        print_frame(quantities)
+    `parameters` is `commonlaw.summary.parameter_table` by default.
+    """
+    from commonlaw.law.tables import quantities_by_object, readable, spread_tables
+    from commonlaw.law.text import MANY
+    from commonlaw.summary import parameter_table, parameters_caption, shown_equations, simpler_forms
+
+    parameters = parameter_table(law) if parameters is None else parameters
+    say("\n".join(map(in_line, shown_equations(law))))
+    if len(law.objects) > MANY and (tables := spread_tables(law, 10)):
+        spread, farthest = tables
+        say("\nCoefficients of all objects:\n")
+        print_frame(spread)
+        say("\nThe 10 objects farthest from the medians, in standard deviations of a normal spread:\n")
+        print_frame(farthest)
+    elif len(parameters):
+        say(f"\n{parameters_caption(law)}:\n")
+        print_columns({str(name): column.tolist() for name, column in readable(parameters).items()})
+    for line in simpler_forms(law):
+        say(f"\n{in_line(line)}")
+    if len(quantities := quantities_by_object(law)):
+        say("\nDerived quantities:\n")
+        print_columns({str(name): column.tolist() for name, column in quantities.items()})
 
 
 def _console() -> "Console":
@@ -124,14 +129,19 @@ def _console() -> "Console":
 
 
 def shown(value: object) -> str:
-    """Return a cell's text: numbers to four digits or as far as their error lets them be, nothing for a missing one."""
+    """Return a cell's text: numbers to four digits or as far as their error lets them be, nothing for a missing one.
+
+    Only numbers with their intervals have several lines.
+    """
+    if isinstance(value, Written):
+        return str(value)
     if isinstance(value, tuple):
         return with_error(*value)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
         return "" if value != value else f"{value:.4g}"
-    return str(value)
+    return in_line(str(value))
 
 
 def print_history(law: "Law") -> None:

@@ -23,16 +23,7 @@ from commonlaw.cli.options import (
     option,
     saving,
 )
-from commonlaw.cli.output import (
-    Artifacts,
-    parameter_columns,
-    print_frame,
-    print_history,
-    print_json,
-    print_quantities,
-    print_table,
-    say,
-)
+from commonlaw.cli.output import Artifacts, print_frame, print_history, print_json, print_law, print_notes, say
 from commonlaw.cli.results import page
 from commonlaw.cli.source import (
     WITH_LAW,
@@ -46,7 +37,7 @@ from commonlaw.cli.source import (
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, average_law, relations_frame, select_objects, to_json, to_latex
 from commonlaw.law.alignment import has_bands, measured_schema
-from commonlaw.law.parameters import named_parameters, units_with_rates
+from commonlaw.law.parameters import units_with_rates
 from commonlaw.law.text import Written
 from commonlaw.runtime.progress import check_memory, part
 from commonlaw.text import counted, in_line, number_or_text, r_squared
@@ -75,12 +66,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
     law = Law.load(law_path)
     law = select_objects(law, [name]) if name else average_law(law) if average else law
     if not latex:
-        say(str(law))
-        if law.uncertainty.covariance is not None:
-            averaged = ", averaged over the plausible laws" if law.uncertainty.other_laws else ""
-            say(f"\n95 % intervals{averaged}:\n")
-            print_frame(law.params)
-        print_quantities(law)
+        print_law(law)
         if law.uncertainty.other_laws:
             say("\nPlausible laws:\n")
             rows = [(share, "; ".join(model.structure)) for share, model in law.models]
@@ -92,6 +78,7 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
             say(f"\n{law.provenance.domain.horizon_sentence(law.schema.units.get(law.schema.time, ''))}")
         if history:
             print_history(law)
+        print_notes(law.diagnostics)
         return
     if law.uncertainty.explanation is not None and len(law.objects) > 1:
         say(to_latex(law))
@@ -155,15 +142,11 @@ def explain(
     elif latex:
         say(to_latex(law))
     else:
-        say(f"{law}\n")
+        print_law(law)
         kinds = {"universal": "shared", "own": "object-specific"}
         shown = relations_frame(law).dropna(axis=1, how="all").replace({"kind": kinds})
+        say("\nRelations of coefficients to properties:\n")
         print_frame(shown, {"scatter": "SD between objects", "scatter error": "its standard error"})
-        if law.provenance.equations and named_parameters(law).names:
-            columns = parameter_columns(law)
-            say(f"\nParameters of {'; '.join(law.provenance.equations)}:\n")
-            print_table(list(columns), zip(*columns.values(), strict=True))
-        print_quantities(law)
         if history:
             print_history(law)
     notes = () if has_properties else ("no property of the objects is known: give a table of them, --properties FILE",)

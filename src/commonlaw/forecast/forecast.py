@@ -371,6 +371,20 @@ def variation(states: Floats) -> tuple[Floats, Floats]:
     return counts, np.sum((states - means) ** 2, axis=0, where=seen)
 
 
+def squared_errors(forecast: Forecast) -> "pd.DataFrame":
+    """Return the squared error of each measurement, a row for each sample with its object and a column for each state.
+
+    A state that was not measured has NaN, and one after a divergence infinity.
+    """
+    import pandas as pd
+
+    schema = forecast.trials.schema
+    errors = [(np.nan_to_num(curve, nan=np.inf) - states) ** 2 for states, curve in forecast._compared()]
+    names = np.repeat([trial.object for trial in forecast.trials], [*map(len, errors)])
+    frame = pd.DataFrame(np.concatenate(errors), index=names, columns=list(schema.states))
+    return frame[list(schema.measured)]
+
+
 def _measured_at(again: Callable[[Sequence[Floats]], Forecast], measured: Trials, times: Sequence[Floats]) -> Forecast:
     """Return a forecast at more times as measured."""
     return again(times).as_measured(measured)

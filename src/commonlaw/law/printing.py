@@ -191,26 +191,28 @@ def _has_relations(law: Law) -> bool:
     return law.uncertainty.explanation is not None and len(law.objects) > 1
 
 
-def printed(law: Law) -> str:
-    """Return a law as `print` shows it: equations, what names stand for, and what a user should know."""
-    known, values = named_parameters(law), list[str]()
+def equation_lines(law: Law) -> list[str]:
+    """Return the equations of a law: with numbers of one object, with relations to properties, or of each object."""
     observed = [] if law.observation is None else law.observation.lines
     if len(law.objects) == 1:
-        body = [*law.equations(), *observed]
-        if law.provenance.equations:
-            pairs = zip(known.values[0], np.nan_to_num(known.errors[0]), strict=True)
-            heads = text.with_units(known.names, known.units)
-            values = [f"{head} = {text.with_error(*pair)}" for head, pair in zip(heads, pairs, strict=True)]
-    elif _has_relations(law):
-        body = [*law.equations(), *relation_lines(law)]
-    elif shares_terms(law):
-        body = [*law.structure, *observed]
-        if known.names:
-            heads = text.with_units(known.names, known.units)
-            body += ["", *text.coefficient_table(law.objects, heads, known.values, known.errors)]
-    else:
-        by_object = {name: law.equations(name) for name in law.objects}
-        body = [line for name, lines in by_object.items() for line in (f"{name}:", *(f"  {line}" for line in lines))]
+        return [*law.equations(), *observed]
+    if _has_relations(law):
+        return [*law.equations(), *relation_lines(law)]
+    if shares_terms(law):
+        return [*law.structure, *observed]
+    by_object = {name: law.equations(name) for name in law.objects}
+    return [line for name, lines in by_object.items() for line in (f"{name}:", *(f"  {line}" for line in lines))]
+
+
+def printed(law: Law) -> str:
+    """Return a law as `print` shows it: equations, what names stand for, and what a user should know."""
+    known, values, body = named_parameters(law), list[str](), equation_lines(law)
+    heads = text.with_units(known.names, known.units)
+    if len(law.objects) == 1 and law.provenance.equations:
+        pairs = zip(known.values[0], np.nan_to_num(known.errors[0]), strict=True)
+        values = [f"{head} = {text.with_error(*pair)}" for head, pair in zip(heads, pairs, strict=True)]
+    elif len(law.objects) > 1 and not _has_relations(law) and shares_terms(law) and known.names:
+        body += ["", *text.coefficient_table(law.objects, heads, known.values, known.errors)]
     meanings = ", ".join([*(f"{rate} = {state}'" for state, rate in state_rates(law)), *values])
     lines = [*body, *(["", f"with {meanings}"] if meanings else []), *within_errors(law)]
     return "\n".join(map(in_line, [*lines, *(f"Note: {diagnostic}" for diagnostic in law.diagnostics)]))

@@ -20,7 +20,7 @@ from commonlaw.law.text import MANY, Written, probability_text, rounded, with_er
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.text import counted
 
-_WITH_ERRORS = ("coefficient", "estimate", "factor", "standard error", "low", "high")
+_WITH_ERRORS = ("coefficient", "estimate", "factor", "standard error", "low", "high", "95 %")
 """Columns, or how they begin, whose digits mean something as far as the column of standard errors says."""
 
 
@@ -34,6 +34,9 @@ _COMPARING = ("2 log B", LOG_SCORE, "held-out error", "BIC", "AIC")
 """What candidates are compared by, the first that is there."""
 
 MEANINGS = {
+    "held-out error": "held-out error: mean squared error on held-out data",
+    "BIC": "BIC: penalizes the misfit by the number of terms; lower is better",
+    "stability": "stability: share of bootstrap resamples in which the least certain term is selected",
     "2 log B": "2 log B: evidence against a law relative to the best; above 10 is very strong (Kass and Raftery 1995)",
     LOG_SCORE: f"{LOG_SCORE}: how much less probable held-out data are by forecasts of a law, in logarithms; none if "
     "they diverge",
@@ -251,10 +254,10 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
         return pd.DataFrame()
     known = law.uncertainty.covariance is not None
     low, high = parameters.intervals() if known else (parameters.values, parameters.values)
-    by_trial = dict[str, dict[str, dict[str, str]]]()
+    by_trial = dict[str, dict[str, dict[str, Written]]]()
     for estimate in () if law.observation is None else law.observation.estimated:
-        by_trial.setdefault(estimate.object, {}).setdefault(estimate.trial, {})[estimate.name] = with_error(
-            estimate.value, estimate.error
+        by_trial.setdefault(estimate.object, {}).setdefault(estimate.trial, {})[estimate.name] = Written(
+            with_error(estimate.value, estimate.error)
         )
     rows = list[list[str]]()
     for name, *estimates in zip(
@@ -264,27 +267,28 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
         for trial, cells in by_trial.get(name, {}).items():
             if not cells.keys().isdisjoint(parameters.names):
                 label = f"{name}, {law.schema.trial} {trial}"
-                rows.append([label, *(cells.get(parameter, "") for parameter in parameters.names)])
-    return pd.DataFrame(rows, columns=[law.schema.object, *starmap(with_unit, coefficient_names(law))])
+                rows.append([label, *(cells.get(parameter, Written()) for parameter in parameters.names)])
+    heads = [law.schema.object, *starmap(with_unit, coefficient_names(law))]
+    return pd.DataFrame(rows, columns=heads, dtype=object)
 
 
 def quantities_by_object(law: Law) -> pd.DataFrame:
     """Return what is quoted of a law of a known form, as `coefficients_by_object`; empty if there is nothing."""
     shown = shown_quantities(law)
-    columns: dict[str, dict[str, str]] = {}
+    columns: dict[str, dict[str, Written]] = {}
     for row in shown.fillna({"unit": ""} if "unit" in shown else {}).to_dict("records"):
         title = with_unit(f"{row['quantity']} {row['symbol']}", row.get("unit"))
         error = float(np.nan_to_num(row.get("standard error", 0.0)))
         cell = with_interval(row["estimate"], error, *(row[end] for end in ("low", "high") if end in row))
         columns.setdefault(title, {})[row["object"]] = cell
-    rows = [[name, *(cells.get(name, "") for cells in columns.values())] for name in law.objects if columns]
-    return pd.DataFrame(rows, columns=[law.schema.object, *columns])
+    rows = [[name, *(cells.get(name, Written()) for cells in columns.values())] for name in law.objects if columns]
+    return pd.DataFrame(rows, columns=[law.schema.object, *columns], dtype=object)
 
 
-def with_interval(value: float, error: float, *ends: float) -> str:
+def with_interval(value: float, error: float, *ends: float) -> Written:
     """Return a value with its standard error, and on a line below the ends of its interval."""
     interval = f"\n{' to '.join(rounded(end, error) for end in ends)}" if error > 0 else ""
-    return with_error(value, error) + interval
+    return Written(with_error(value, error) + interval)
 
 
 def with_unit(name: str, unit: str | None) -> str:

@@ -19,10 +19,10 @@ from commonlaw.plots.law import (
     plot_intervals,
     plot_law,
     plot_profile,
-    plot_relations,
 )
 from commonlaw.plots.library import plot_library, plot_path
 from commonlaw.plots.phase_plane import plot_phase_plane
+from commonlaw.plots.relations import plot_relations
 from commonlaw.plots.residuals import ResidualPanels, plot_discrepancy, plot_errors, plot_residuals
 from commonlaw.plots.style import figure_format, render, save_figure
 from commonlaw.runtime.notebooks import show_type

@@ -20,9 +20,11 @@ from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.errors import unknown
 from commonlaw.experiments.plan import Design, Forecasts
 from commonlaw.forecast import Forecast
+from commonlaw.forecast.forecast import squared_errors
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.style import (
+    BAND,
     COLORS,
     DASHES,
     GREY,
@@ -36,15 +38,10 @@ from commonlaw.plots.style import (
     plain,
     show_lowest_ticks,
     styled,
+    thinned,
 )
 from commonlaw.text import in_line
 from commonlaw.trials import Trials
-
-_MAX_PANELS, ROW_HEIGHT = 12, 2.5
-"""Of a figure, unless objects are named: pairs of panels; and the height of a row of them, in inches."""
-
-_LIGHT = 0.18
-"""Opacity of a band."""
 
 _POINTS: Mapping[str, Any] = {"markersize": 3, "alpha": 0.45, "markeredgewidth": 0}
 
@@ -68,8 +65,8 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
     """
     names = representative(forecast) if objects is None else objects
     shown = of_objects(forecast, names)
-    columns, lines = forecast_grid(shown)
-    size = fitting(1.4 + 2.4 * max(columns, 2), 1 + ROW_HEIGHT * lines)
+    columns, height = forecast_grid(shown)
+    size = fitting(1.4 + 2.4 * max(columns, 2), 1 + height)
     figure = Figure(figsize=size, layout="constrained")
     draw_forecast(figure, figure.add_gridspec(1, 1)[0], shown, columns)
     add_legend(figure, forecast_keys(shown), "above", "" if objects else omission(forecast, names))
@@ -78,17 +75,19 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
 
 def relative_errors(forecast: Forecast) -> "pd.Series[float]":
     """Return the RMS error of each object, in units of the states' standard deviation, the smallest first."""
-    errors, states = forecast.errors(), np.concatenate([trial.states for trial in forecast.trials])
-    deviations = pd.Series(np.nanstd(states, axis=0), forecast.trials.schema.states).replace(0.0, np.nan)
-    squared = (errors["rms error"] / errors["state"].map(deviations)) ** 2
-    grouped = squared.groupby(errors[forecast.trials.schema.object], sort=False)
-    relative: pd.Series[float] = grouped.mean().pow(0.5)
+    squared, states = squared_errors(forecast), np.concatenate([trial.states for trial in forecast.trials])
+    variances = pd.Series(np.nanvar(states, axis=0), forecast.trials.schema.states).replace(0.0, np.nan)
+    scaled = squared.groupby(level=0, sort=False).mean() / variances[squared.columns]
+    relative: pd.Series[float] = scaled.mean(axis=1).pow(0.5)
     return relative.sort_values(kind="stable")
 
 
 def representative(forecast: Forecast) -> list[str]:
-    """Return the objects of a figure: all, or of many those evenly spaced by the rank of their RMS error."""
-    objects, most = forecast.trials.objects, max(1, _MAX_PANELS // len(forecast.trials.schema.states))
+    """Return the objects of a figure: all, or of many those evenly spaced by the rank of their RMS error.
+
+    A figure has twelve pairs of panels.
+    """
+    objects, most = forecast.trials.objects, max(1, 12 // len(forecast.trials.schema.states))
     if len(objects) <= most:
         return list(objects)
     ranked = [str(name) for name in relative_errors(forecast).index]
@@ -101,11 +100,11 @@ def omission(forecast: Forecast, shown: Sequence[str]) -> str:
     return f"{some} of {count} objects, evenly spaced by the rank of their RMS error" if some < count else ""
 
 
-def forecast_grid(forecast: Forecast) -> tuple[int, int]:
-    """Return the columns of pairs of panels, at most four unless there are more states, and their lines."""
+def forecast_grid(forecast: Forecast) -> tuple[int, float]:
+    """Return the columns of pairs of panels, at most four unless there are more states, and their height in inches."""
     states, objects = len(forecast.trials.schema.states), len(forecast.trials.objects)
     across = columns_for(objects, max(1, 4 // states))
-    return across * states, -(-objects // across)
+    return across * states, 2.5 * -(-objects // across)
 
 
 def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, columns: int) -> None:
@@ -208,7 +207,7 @@ def draw_pair(pair: Pair, most: int = 150) -> None:
     error.axhline(0, color=GREY, linewidth=0.8)
     for curve in curves:
         seen = ~np.isnan(curve.measured)
-        every = -(-len(curve.times[seen]) // most) or 1
+        every = thinned(len(curve.times[seen]), most).step
         state.plot(curve.times[seen], curve.measured[seen], "o", color=curve.color, markevery=every, **_POINTS)
     for curve in curves:
         for panel, times, values in ((state, curve.at, curve.forecast), (error, curve.compared, curve.error)):
@@ -228,7 +227,7 @@ def draw_bands(pair: Pair) -> None:
                 low, high = panel.get_ylim()
                 bounds = 2 * low - high, 2 * high - low
                 ends = np.clip([curve.low - above, curve.high - above], *bounds)
-                panel.fill_between(curve.at, *ends, color=curve.color, alpha=_LIGHT, linewidth=0, zorder=1)
+                panel.fill_between(curve.at, *ends, color=curve.color, zorder=1, **BAND)
 
 
 def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -265,7 +264,7 @@ def forecast_keys(forecast: Forecast) -> list[Line2D]:
     keys = [key("measured", color=GREY, marker="o", markersize=4, linestyle=""), key(forecast.title, color=GREY)]
     if forecast.std is not None:
         of = "states" if forecast.noise is None else "measured"
-        keys.append(key(f"95 % band ({of})", color=GREY, linewidth=8, alpha=_LIGHT))
+        keys.append(key(f"95 % band ({of})", color=GREY, linewidth=8, alpha=BAND["alpha"]))
     if forecast.outcomes:
         keys.append(key("diverged", color=GREY, marker="X", linestyle=":"))
     if 1 < len(colors) <= len(COLORS):
@@ -307,56 +306,48 @@ def of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     )
 
 
-_MAX_DRAWN = 4
-"""Of experiments, and of laws, that are drawn."""
-
-
 @styled()
 def plot_design(design: Design) -> Figure:
-    """Plot the forecasts of all plausible laws for the experiments of a design, with 95 % bands.
+    """Plot the forecasts of plausible laws for the experiments of a design, four of each, with 95 % bands.
 
     The y axis is the difference from the forecast of the most probable law, or the ratio on a logarithmic scale. Where
     bands do not overlap, one measurement discriminates between the laws. Only the first object of an experiment is
     drawn.
     """
-    drawn, schema = design.experiments[:_MAX_DRAWN], measured_schema(design.laws[0].law)
+    drawn, laws, schema = design.experiments[:4], design.laws[:4], measured_schema(design.laws[0].law)
     states = drawn[0].forecasts.states
     size = fitting(max(5.4, 3.4 * len(states)), 0.8 + 2.5 * len(drawn))
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(len(drawn), len(states), squeeze=False)
     for i, planned in enumerate(drawn):
         for j, name in enumerate(states):
-            _draw(panels[i, j], planned.forecasts, j)
+            _draw(panels[i, j], planned.forecasts, j, len(laws))
             is_ratio = name in planned.forecasts.logarithmic
             label = f"{name} / first law" if is_ratio else f"{name} − first law"
             panels[i, j].set_ylabel(axis_label(label, "" if is_ratio else schema.units.get(name, "")))
         panels[i, 0].set_title(plain(f"{i + 1}. {planned.text}", 60 * len(states)), loc="left", fontsize=9)
     for panel in panels[-1]:
         panel.set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
-    laws = enumerate(design.laws[:_MAX_DRAWN])
     keys = [
-        key(plain(f"{'; '.join(model.law.structure)}  ({model.probability:.2f})", 60), **_look(k)) for k, model in laws
+        key(plain(f"{'; '.join(model.law.structure)}  ({model.probability:.2f})", 60), **_look(k))
+        for k, model in enumerate(laws)
     ]
     figure.legend(handles=keys, loc="outside upper left")
     return frozen_layout(figure)
 
 
 def _look(index: int) -> dict[str, Any]:
-    return {"color": COLORS[index % len(COLORS)], "linestyle": DASHES[index % len(DASHES)]}
+    return {"color": COLORS[index], "linestyle": DASHES[index]}
 
 
-def _draw(panel: Axes, forecasts: Forecasts, state: int) -> None:
+def _draw(panel: Axes, forecasts: Forecasts, state: int, laws: int) -> None:
     half, first = two_sided(0.95), forecasts.means[0]
-    for k, (mean, std) in enumerate(zip(forecasts.means[:_MAX_DRAWN], forecasts.std[:_MAX_DRAWN], strict=True)):
+    for k, (mean, std) in enumerate(zip(forecasts.means[:laws], forecasts.std[:laws], strict=True)):
         low, middle, high = ((mean - first + side * half * std)[:, state] for side in (-1, 0, 1))
         if forecasts.states[state] in forecasts.logarithmic:
             low, middle, high = np.exp(low), np.exp(middle), np.exp(high)
-        panel.fill_between(forecasts.times, low, high, color=COLORS[k % len(COLORS)], alpha=0.18, linewidth=0)
+        panel.fill_between(forecasts.times, low, high, color=COLORS[k], **BAND)
         panel.plot(forecasts.times, middle, **_look(k))
-
-
-_WIDTH, _HEIGHT, _FOOT = 3.6, 2.3, 0.5
-"""Of a figure, of the panels of a state, and of what stands below all of them, in inches."""
 
 
 Limits = tuple[float, float]
@@ -373,10 +364,11 @@ class ForecastPanels:
         """Return the figure of one object."""
         schema = self.forecast.trials.schema
         states, lower = schema.states, difference_of(self.forecast)
-        height = _HEIGHT * len(states) + _FOOT
-        figure = Figure(figsize=(_WIDTH, height))
+        foot = 0.5  # Inches, of the labels below all panels
+        height = 2.3 * len(states) + foot
+        figure = Figure(figsize=(3.6, height))
         panels = figure.subplots(2 * len(states), 1, sharex=True, height_ratios=[2, 1] * len(states))
-        figure.subplots_adjust(left=0.225, right=0.98, top=1 - 0.08 / height, bottom=_FOOT / height, hspace=0.18)
+        figure.subplots_adjust(left=0.225, right=0.98, top=1 - 0.08 / height, bottom=foot / height, hspace=0.18)
         for j, state in enumerate(states):
             pair = Pair(panels[2 * j], panels[2 * j + 1], self._curves[name, j])
             draw_pair(pair, 40)
@@ -396,7 +388,7 @@ class ForecastPanels:
         states = range(len(self.forecast.trials.schema.states))
         columns = 3
         lines = -(-len(names) // columns)
-        figure = Figure(figsize=(_WIDTH, 0.75 * len(states) * lines))
+        figure = Figure(figsize=(3.6, 0.75 * len(states) * lines))
         panel = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         panel.set(xlim=(0, columns), ylim=(lines * len(states), 0))
         panel.set_axis_off()
@@ -410,7 +402,7 @@ class ForecastPanels:
                 corner = (column, top + j)
                 (begin, end), (low, high) = self._times, limits
                 for curve in curves:
-                    every = slice(None, None, -(-len(curve.times) // 15))  # At most 15 measurements of a trial
+                    every = thinned(len(curve.times), 15)
                     measured = (curve.times[every], curve.measured[every], ".")
                     for times, values, style in (measured, (curve.at, np.clip(curve.forecast, low, high), "-")):
                         across = corner[0] + 0.95 * (times - begin) / (end - begin)

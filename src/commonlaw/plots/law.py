@@ -1,9 +1,8 @@
-"""A law as figures: its equations, its coefficients, and how well it fits."""
+"""A law as figures: its coefficients, and with its equations how well it fits."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from textwrap import shorten
 from typing import Any, Literal
 
 import numpy as np
@@ -15,33 +14,24 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
-from numpy.typing import ArrayLike
+from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
-from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.errors import check_choice
 from commonlaw.estimation import likelihood_profile
 from commonlaw.forecast import Forecast, fitted
-from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import has_bands
-from commonlaw.law.law import object_index
 from commonlaw.law.parameters import (
-    by_terms_of,
-    coefficient_units,
     equation_label,
     left_hand_sides,
-    named_parameters,
-    state_rates,
     tabulated_parameters,
 )
-from commonlaw.law.printing import dependence, latex_lefts, latex_structure
 from commonlaw.law.quantiles import two_sided
-from commonlaw.law.text import latex_left_hand_sides, with_error
-from commonlaw.library import Terms
+from commonlaw.law.text import MANY, with_error
 from commonlaw.library.notation import latex_name
+from commonlaw.plots.equations import equation_labels, equation_lines, parameter_label, term_labels
 from commonlaw.plots.forecast import (
-    ROW_HEIGHT,
     draw_forecast,
     forecast_grid,
     forecast_keys,
@@ -54,11 +44,9 @@ from commonlaw.plots.style import (
     COLORS,
     GREY,
     add_legend,
-    axis_label,
     fitting,
     frozen_layout,
     key,
-    looks,
     math,
     number_text,
     plain,
@@ -66,104 +54,8 @@ from commonlaw.plots.style import (
     styled,
     unit_text,
 )
-from commonlaw.text import in_line
+from commonlaw.summary import true_coefficients
 from commonlaw.trials import Trials
-
-
-def term_labels(terms: Terms) -> list[str]:
-    """Return every term as a label."""
-    names = terms.variables.names
-    return [math(term.latex(names), text) for term, text in zip(terms.terms, terms.names, strict=True)]
-
-
-def equation_labels(law: Law) -> list[str]:
-    """Return the left-hand side of every equation as a label."""
-    return [
-        math(latex, text)
-        for latex, text in zip(latex_left_hand_sides(law.schema.states, law.order), left_hand_sides(law), strict=True)
-    ]
-
-
-def equation_lines(law: Law) -> str:
-    """Return the law as lines of mathtext: with numbers if it has one object, else with the names of coefficients.
-
-    A last line defines rates and names.
-    """
-    lines = []
-    for j, label in enumerate(equation_labels(law)):
-        lines += _broken(f"{label} $=$", _summands(law, j))
-    if law.observation is not None:
-        lefts, names = latex_lefts(law)[len(law.schema.states) :], law.observation.written
-        for j, (label, name) in enumerate(zip(lefts, names, strict=True), len(law.schema.states)):
-            lines += _broken(f"{math(label, name)} $=$", _summands(law, j))
-    rates = [
-        f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
-        for state, rate in state_rates(law)
-    ]
-    parameters = named_parameters(law)
-    given = parameters.names if law.provenance.equations else law.terms.variables.parameters
-    pairs = zip(parameters.names, parameters.values[0], strict=True) if len(law.objects) == 1 else ()
-    values = [f"{math(latex_name(name), name)} $=$ {_number(value)}" for name, value in pairs if name in given]
-    meaning = ", ".join([*rates, *values])
-    return "\n".join([*lines, f"with {meaning}"] if meaning else lines)
-
-
-def parameter_label(law: Law, equation: int, term: int) -> str:
-    """Return the parameters of a coefficient as a label, with its factor; empty if it is not in the law or has none."""
-    factor, names = _factor_and_parameters(law, equation, term)
-    sign = {1.0: "", -1.0: "$-$"}.get(factor, _number(factor))
-    return sign + names if names and law.support[equation, term] else ""
-
-
-def _factor_and_parameters(law: Law, equation: int, term: int) -> tuple[float, str]:
-    """Return what a coefficient is as given: a factor times parameters or over them, or a number and none."""
-    for product in named_parameters(law).products:
-        if (product.equation, product.term) == (equation, term):
-            above, below = (
-                r"\, ".join(latex_name(name) for name, exponent in product.coefficients if exponent == power)
-                for power in (1, -1)
-            )
-            latex = rf"\frac{{{above or 1}}}{{{below}}}" if below else above
-            return product.factor, math(latex, " ".join(name for name, _ in product.coefficients))
-    return float(law.coefficients[0, equation, term]), ""
-
-
-def _summands(law: Law, j: int) -> list[tuple[str, str]]:
-    """Return sign and text of each summand of equation j."""
-    if law.provenance.equations:
-        return [
-            ("$-$" if summand.negative else "$+$", math(summand.name, summand.name))
-            for summand in latex_structure(law)[j]
-        ]
-    summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
-    for k in np.flatnonzero(law.support[j] & law.terms.is_factor):
-        value, names = (law.coefficients[0, j, k], "") if one else _factor_and_parameters(law, j, int(k))
-        number = "" if names and abs(value) == 1 else _number(abs(value))
-        label = f"({labels[k]})" if law.terms.terms[k].is_sum else labels[k]
-        rest = "" if law.terms.names[k] == "1" else f" {label}"
-        summands.append(("$-$" if value < 0 else "$+$", number + names + rest))
-    return summands
-
-
-def _broken(left: str, summands: list[tuple[str, str]]) -> list[str]:
-    """Return an equation on a few lines, cut with an ellipsis if it is longer."""
-    lines = [left if summands else f"{left} 0"]
-    for i, (sign, text) in enumerate(summands):
-        part = f" {sign} {text}" if i else f" {sign.replace('$+$', '')}{text}"
-        if len(lines[-1]) + len(part) <= 90:
-            lines[-1] += part
-        elif len(lines) < 2:
-            lines.append(part)
-        else:
-            lines[-1] += " …"
-            break
-    return lines
-
-
-def _number(value: float) -> str:
-    mantissa, _, exponent = f"{value:.4g}".partition("e")
-    return rf"${mantissa} \times 10^{{{int(exponent)}}}$" if exponent else mantissa
-
 
 _DOT: Mapping[str, Any] = {"color": COLORS[0], "marker": "o", "linestyle": ""}
 _FRAME = {"markersize": 9, "markerfacecolor": "none", "markeredgewidth": 1.2}
@@ -195,6 +87,11 @@ class Coefficient:
         """Its parameter and unit, as far as there are any."""
         return " ".join(filter(None, (self.parameter, f"({self.unit})" if self.unit else "")))
 
+    @property
+    def numbers(self) -> Floats:
+        """Its estimates, true values, standard errors and ends of intervals, shape (5, objects)."""
+        return np.array([self.learned, self.true, self.errors, self.low, self.high])
+
 
 @dataclass(frozen=True, eq=False)
 class DotPlot:
@@ -210,7 +107,7 @@ class DotPlot:
     @cached_property
     def coefficients(self) -> list[Coefficient]:
         """All coefficients that are in the law or in the truth, equation by equation."""
-        law, known, result = self.law, true_coefficients(self.law, self.truth), list[Coefficient]()
+        law, known, result = self.law, _true_terms(self.law, self.truth), list[Coefficient]()
         labels, lefts, is_named = term_labels(law.terms), left_hand_sides(law), self._by_parameter
         support = law.support if known is None else np.ones_like(law.support)
         parameters = tabulated_parameters(law, None if is_named else support)
@@ -295,12 +192,9 @@ class DotPlot:
 
     def draw_panel(self, panel: Axes, each: Coefficient) -> None:
         """Draw a coefficient of several objects."""
-        heights = np.arange(len(self.law.objects))
-        panel.plot(each.learned, heights, **_DOT)
-        panel.plot(each.true, heights, **_OPEN)
-        _draw_bars(panel, heights, each.errors, each.low, each.high)
-        panel.set_yticks(heights, [plain(name, 22) for name in self.law.objects])
-        panel.set_ylim(len(heights) - 0.5, -0.5)
+        _draw_dots(panel, each.numbers)
+        panel.set_yticks(range(len(self.law.objects)), [plain(name, 22) for name in self.law.objects])
+        panel.set_ylim(len(self.law.objects) - 0.5, -0.5)
         panel.margins(x=0.15)
         panel.locator_params(axis="x", nbins=4)
         panel.set_xlabel(each.label)
@@ -312,16 +206,7 @@ class DotPlot:
         ratios = [1 + len(group) for group in groups]
         panels = index.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
         for panel, group, label in zip(panels, groups, equation_labels(self.law), strict=True):
-            heights = np.arange(len(group))
-            panel.plot([coefficient.learned[0] for coefficient in group], heights, **_DOT)
-            panel.plot([coefficient.true[0] for coefficient in group], heights, **_OPEN)
-            _draw_bars(
-                panel,
-                heights,
-                *np.array(
-                    [(coefficient.errors[0], coefficient.low[0], coefficient.high[0]) for coefficient in group]
-                ).T,
-            )
+            _draw_dots(panel, np.array([coefficient.numbers[:, 0] for coefficient in group]).reshape(-1, 5).T)
             for height, coefficient in enumerate(group):  # Its value, right of its dot and interval
                 value, error = coefficient.learned[0], coefficient.errors[0]
                 if np.isfinite(value):
@@ -329,21 +214,17 @@ class DotPlot:
                     at = (np.fmax(value, coefficient.high[0]), height)
                     text = f"{number} {coefficient.unit}".rstrip()
                     panel.annotate(text, at, (8, 0), textcoords="offset points", va="center", fontsize=9)
-            panel.set_yticks(heights, [coefficient.term for coefficient in group])
+            panel.set_yticks(range(len(group)), [coefficient.term for coefficient in group])
             panel.set_ylim(len(group) - 0.4, -0.6)
             what = "parameters" if self._by_parameter else "terms"
             panel.set_title(f"{what} of {label}", loc="left")
             panel.margins(x=0.4 if self.law.uncertainty.covariance is None else 0.7)  # room for the printed values
         panels[-1].locator_params(axis="x", nbins=5)
-        logarithmic = self._scale(panels[-1])
-        panels[-1].set_xlabel("coefficient, on a logarithmic scale" if logarithmic else "coefficient")
-
-    def _scale(self, panel: Axes) -> bool:
-        """Make the axis symmetric-logarithmic if coefficients differ by a factor above 100; return whether."""
         values = np.abs([[*coefficient.learned, *coefficient.true] for coefficient in self.coefficients])
         low, high = np.nanmin(values), np.nanmax(values)
-        differ = bool(high > 100 * low)
-        if differ:
+        panel, what = panels[-1], "coefficient"
+        if high > 100 * low:
+            what = "coefficient, on a logarithmic scale"
             panel.set_xscale("symlog", linthresh=low)
             # Matplotlib's own ticks for this scale run into each other around zero
             decades = 10.0 ** np.round(np.log10([np.sqrt(low * high), high]))
@@ -354,17 +235,17 @@ class DotPlot:
             panel.xaxis.set_major_locator(FixedLocator(apart))
             panel.xaxis.set_major_formatter("{x:g}")
             panel.xaxis.set_minor_locator(NullLocator())
-        return differ
+        panel.set_xlabel(what)
 
 
-def _draw_bars(panel: Axes, heights: ArrayLike, errors: Floats, low: Floats, high: Floats) -> None:
-    """Draw the 95 % intervals of coefficients whose errors are known."""
+def _draw_dots(panel: Axes, numbers: Floats) -> None:
+    """Draw `Coefficient.numbers` below each other, with 95 % intervals where errors are known."""
+    learned, true, errors, low, high = numbers
+    heights = np.arange(len(learned))
+    panel.plot(learned, heights, **_DOT)
+    panel.plot(true, heights, **_OPEN)
     if errors.any():
         panel.hlines(heights, low, high, color=COLORS[0], linewidth=1.4)
-
-
-_NAMED = 50
-"""Objects with a line and a name each; more are drawn in order of their coefficients, without names."""
 
 
 @styled()
@@ -374,7 +255,7 @@ def plot_intervals(law: Law) -> Figure:
     Each object has a line; more than fifty objects are sorted by each coefficient, without names.
     """
     dots = DotPlot(law)
-    if len(law.objects) > _NAMED:  # Each coefficient in the order of its size
+    if len(law.objects) > MANY:  # Each coefficient in the order of its size
         figure = Figure(figsize=(dots.width, 0.6 + 2.6 * dots.lines), layout="constrained")
         panels = figure.subplots(dots.lines, dots.columns, squeeze=False)
         for panel in panels.flat[len(dots.coefficients) :]:
@@ -412,7 +293,7 @@ class IntervalPanels:
     @styled()
     def draw(self, panel: int) -> Figure:
         """Return the figure of a panel."""
-        coefficient, named = self._dots.coefficients[panel], len(self.law.objects) <= _NAMED
+        coefficient, named = self._dots.coefficients[panel], len(self.law.objects) <= MANY
         figure = Figure(figsize=(3.6, 0.8 + 0.2 * len(self.law.objects) if named else 2.8), layout="constrained")
         axes = figure.add_subplot()
         if named:
@@ -505,7 +386,7 @@ class HeatMaps:
     def draw(self, figure: Figure, index: SubplotSpec) -> None:
         """Draw into a part of a figure."""
         panels = index.subgridspec(len(self.law.schema.states), 1).subplots(squeeze=False)[:, 0]
-        norm, known = scale(self.law.coefficients), true_coefficients(self.law, self.truth)
+        norm, known = scale(self.law.coefficients), _true_terms(self.law, self.truth)
         labels = [label for label, shown in zip(term_labels(self.law.terms), self.shown, strict=True) if shown]
         for j, (panel, equation) in enumerate(zip(panels, equation_labels(self.law), strict=True)):
             values = self.law.coefficients[:, j, self.shown]
@@ -534,13 +415,10 @@ class HeatMaps:
         return [key("true term", color=COLORS[1], **frame)]
 
 
-def true_coefficients(law: Law, truth: Law | None) -> Floats | None:
-    """Return true coefficients of a law's objects, shape (objects, equations, terms), NaN where absent, if known."""
-    if truth is None:
-        return None
-    known, none = by_terms_of(law, truth, truth.coefficients), np.zeros(law.support.shape)
-    coefficients = [known[object_index(truth, name)] if name in truth.objects else none for name in law.objects]
-    return absent_as_nan(np.array(coefficients))
+def _true_terms(law: Law, truth: Law | None) -> Floats | None:
+    """Return `true_coefficients`, NaN where a term is absent."""
+    known = true_coefficients(law, truth)
+    return None if known is None else absent_as_nan(known)
 
 
 def absent_as_nan(values: Floats) -> Floats:
@@ -580,9 +458,6 @@ def _magnitudes(values: Floats) -> Floats:
     return np.ma.masked_equal(np.abs(values), 0)
 
 
-_QUANTILE = 3.841
-
-
 @styled()
 def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = None) -> Figure:
     """Plot the profile likelihood of a parameter of one object, with its 95 % interval.
@@ -606,15 +481,15 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
     profile = likelihood_profile(law, trials, parameter, name)
     figure = Figure(figsize=(5.4, 4.0), layout="constrained")
     panel = figure.add_subplot()
-    low, high = profile.values[0], profile.values[-1]
+    low, high, limit = profile.values[0], profile.values[-1], float(two_sided(0.95)) ** 2
     fine = np.linspace(low, high, 200)
-    panel.axhline(_QUANTILE, color=GREY, linewidth=0.8)
+    panel.axhline(limit, color=GREY, linewidth=0.8)
     ends = np.clip(profile.interval, low, high)
     panel.axvspan(*ends, color=COLORS[0], alpha=0.12, linewidth=0)
     panel.plot(fine, ((fine - profile.estimate) / profile.error) ** 2, color=GREY, linestyle="--")
     panel.plot(profile.values, profile.deviance, color=COLORS[0], marker="o")
     panel.axvline(profile.estimate, color=COLORS[0], linestyle=":")
-    panel.set_ylim(-0.3, max(2 * _QUANTILE, float(np.max(profile.deviance)) * 0.6) if len(fine) else None)
+    panel.set_ylim(-0.3, max(2 * limit, float(np.max(profile.deviance)) * 0.6) if len(fine) else None)
     label = math(latex_name(parameter), parameter)
     panel.set_xlabel(f"{label} ({unit_text(profile.unit)})" if profile.unit else label)
     panel.set_ylabel("2 log (largest likelihood / likelihood)")
@@ -623,149 +498,6 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
     parabola = key("by the standard error", color=GREY, linestyle="--")
     add_legend(figure, [key("profile", color=COLORS[0], marker="o"), interval, parabola], "below")
     return frozen_layout(figure)
-
-
-_MAX_COLORED = 40
-"""Objects with a colour and a name each."""
-
-
-@dataclass(frozen=True, eq=False)
-class _RelatedCoefficient:
-    """Each object's own estimates of a coefficient with half their 95 % intervals, shape (objects,); its relation."""
-
-    label: str
-    unit: str
-    relation: Relation
-    estimates: Floats
-    halves: Floats
-    properties: Floats
-
-    @property
-    def panels(self) -> int:
-        """How many panels show it: one for each property, and one for several together."""
-        count = len(self.relation.properties)
-        return count + (count > 1) or 1
-
-    @property
-    def sign(self) -> float:
-        """That of the coefficients where logarithms are drawn, else 1."""
-        return -1.0 if self.logarithmic and self.relation.factors[0] < 0 else 1.0
-
-    @property
-    def logarithmic(self) -> bool:
-        """Whether its axes are logarithmic: it follows a power law, and no interval holds zero."""
-        least = np.min(self.estimates * np.sign(self.relation.factors[0]) - self.halves)
-        return self.relation.kind is RelationKind.POWER_LAW and bool(least > 0)
-
-
-@styled()
-def plot_relations(law: Law) -> Figure:
-    """Plot the coefficients against the properties on which they depend, with 95 % intervals.
-
-    Coefficients are object-specific estimates before pooling. Power laws have logarithmic axes; those of several
-    properties also have a panel in which the objects collapse onto one line. The grey band contains 95 % of the
-    objects, by the between-object variance. Up to forty objects have names.
-
-    Raises `CommonlawError` if the law is not from `Law.explain`.
-
-    Parameters
-    ----------
-    law
-        From `Law.explain`.
-    """
-    rows = [*_coefficients(law)]
-    columns = max(row.panels for row in rows)
-    figure = Figure(figsize=fitting(1.6 + 3.1 * columns, 0.7 + 2.7 * len(rows)), layout="constrained")
-    named = len(law.objects) <= _MAX_COLORED
-    alike = {"color": COLORS[0], "marker": ".", "alpha": 0.5}
-    grid, look = figure.add_gridspec(len(rows), columns), looks(law.objects) if named else {}
-    for i, row in enumerate(rows):
-        for k in range(row.panels):
-            panel = figure.add_subplot(grid[i, k])
-            _draw(panel, row, k, law)
-            points = zip(law.objects, _positions(row, k), row.sign * row.estimates, row.halves, strict=True)
-            for name, position, value, half in points:
-                panel.errorbar(position, value, half, linestyle="none", capsize=2 * named, **look.get(name, alike))
-            if k == 0:
-                panel.set_ylabel(axis_label("−coefficient" if row.sign < 0 else "coefficient", row.unit))
-                panel.set_title(row.label, loc="left")
-    keys = [key(plain(name), linestyle="none", **style) for name, style in look.items()]
-    keys.append(key("relation", color="black"))
-    if any(row.relation.scatter for row in rows):
-        keys.append(key("95 % of objects", color=GREY, linewidth=6, alpha=0.4))
-    add_legend(figure, keys)
-    return frozen_layout(figure)
-
-
-def _coefficients(law: Law) -> Iterator[_RelatedCoefficient]:
-    """Yield the coefficients that have a relation."""
-    if law.uncertainty.explanation is None:
-        raise CommonlawError("relations-missing-to-draw")
-    estimates = law.uncertainty.own_estimates(law.coefficients[:, law.support])
-    reach = law.uncertainty.reach(len(law.schema.states))[np.nonzero(law.support)[0]]
-    halves = reach * np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2))
-    units, lefts, terms = coefficient_units(law), equation_labels(law), term_labels(law.terms)
-    sides = left_hand_sides(law)
-    for i, ((j, k), relation) in enumerate(
-        zip(np.argwhere(law.support), law.uncertainty.explanation.relations, strict=True)
-    ):
-        if relation is not None:
-            known = [law.properties.get(name, {}) for name in law.objects]
-            if not all({*relation.properties} <= attributes.keys() for attributes in known):
-                raise CommonlawError("relations-without-properties")
-            rows = [[float(attributes[name]) for name in relation.properties] for attributes in known]
-            values = np.array(rows).reshape(len(law.objects), len(relation.properties))
-            unit = units.get((sides[j], law.terms.names[k]), "")
-            label = f"{terms[k]} in {lefts[j]}: {relation.kind}"
-            yield _RelatedCoefficient(label, unit, relation, estimates.coefficients[:, i], halves[:, i], values)
-
-
-def _positions(each: _RelatedCoefficient, column: int) -> Floats:
-    """Return where the objects stand on a panel's horizontal axis, shape (objects,)."""
-    if column < len(each.relation.properties):
-        return np.asarray(each.properties[:, column])
-    if not each.relation.properties:
-        return np.arange(len(each.estimates), dtype=np.float64)
-    columns = each.relation.columns(each.properties)
-    affine = each.relation.kind is RelationKind.AFFINE
-    return np.asarray(columns @ each.relation.factors if affine else columns[:, 0])
-
-
-def _draw(panel: Axes, each: _RelatedCoefficient, column: int, law: Law) -> None:
-    """Draw the axes of a panel, and the relation where it is a line there."""
-    relation, positions = each.relation, _positions(each, column)
-    if each.logarithmic:
-        for axis, scale in ((panel.xaxis, panel.set_xscale), (panel.yaxis, panel.set_yscale)):
-            scale("log")
-            axis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_formatter(NullFormatter())
-    if column < len(relation.properties):
-        name = relation.properties[column]
-        panel.set_xlabel(axis_label(name, law.schema.units.get(name, "")))
-    elif relation.properties:
-        panel.set_xlabel(plain(dependence(relation), 40))
-    elif len(law.objects) <= _MAX_COLORED:
-        names = [plain(shorten(in_line(name), 20, placeholder=" …"), 60) for name in law.objects]
-        panel.set_xticks(positions, names, rotation=90)
-    else:
-        panel.set_xlabel("objects")
-    if column < len(relation.properties) and len(relation.properties) > 1:
-        return  # The other properties differ between the objects: there is no one line
-    ends = (positions.min(), positions.max())
-    along = np.geomspace(*ends, 100) if each.logarithmic else np.linspace(*ends, 100)
-    if column < len(relation.properties):
-        curve = np.asarray(relation.columns(along[:, np.newaxis]) @ relation.factors)
-    elif relation.properties:
-        curve = along if relation.kind is RelationKind.AFFINE else relation.factors[0] * along
-    else:
-        curve = np.full_like(along, relation.factors[0])
-    panel.plot(along, each.sign * curve, color="black", zorder=1)
-    if relation.scatter:
-        width = two_sided(0.95) * relation.scatter
-        share = curve / (relation.factors[0] * relation.typical)
-        low, high = (curve * np.exp(s * width) if relation.relative else curve + s * width * share for s in (-1, 1))
-        panel.fill_between(along, each.sign * low, each.sign * high, color=GREY, alpha=0.25, zorder=0)
 
 
 @styled()
@@ -799,9 +531,9 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     dots = DotPlot(law, truth)
     maps = HeatMaps(law, law.support.any(axis=0) | np.isin(law.terms.names, true), truth)
     coefficients = dots if 0 < len(dots.coefficients) <= 12 else maps
-    columns, lines = forecast_grid(shown)
+    columns, height = forecast_grid(shown)
     equations = equation_lines(law)
-    heights = (ROW_HEIGHT * lines, 0.4 + coefficients.height)
+    heights = (height, 0.4 + coefficients.height)
     width = max(coefficients.width, 1.2 + 2.4 * max(columns, 2))
     size = fitting(width, 1.4 + 0.3 * equations.count("\n") + sum(heights))
     figure = Figure(figsize=size, layout="constrained")

@@ -13,7 +13,7 @@ from commonlaw.formulation import StrongForm
 from commonlaw.law import Law
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.library import Terms, term_unit, with_rates
-from commonlaw.plots.law import equation_labels
+from commonlaw.plots.equations import equation_labels
 from commonlaw.plots.style import (
     COLORS,
     DASHES,

@@ -16,10 +16,19 @@ from commonlaw.forecast import Forecast
 from commonlaw.law import Law
 from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.forecast import Curve, curves_of
-from commonlaw.plots.style import COLORS, GREY, add_legend, axis_label, fitting, frozen_layout, key, plain, styled
-
-_MAX_POINTS = 1500
-"""Residuals that are drawn in a panel."""
+from commonlaw.plots.style import (
+    BAND,
+    COLORS,
+    GREY,
+    add_legend,
+    axis_label,
+    fitting,
+    frozen_layout,
+    key,
+    plain,
+    styled,
+    thinned,
+)
 
 
 @styled()
@@ -99,7 +108,7 @@ def _against(panel: Axes, values: Floats, own: Floats, label: str) -> None:
     panel.set_xlabel(label)
     panel.locator_params(axis="x", nbins=6)
     seen = np.flatnonzero(np.isfinite(own) & np.isfinite(values))
-    some = seen[:: -(-len(seen) // _MAX_POINTS) or 1]
+    some = seen[thinned(len(seen))]
     panel.plot(values[some], own[some], ".", color=GREY, markersize=2)
     panel.axhline(0.0, color="black", linewidth=0.8)
     count = min(10, max(1, len(seen) // 4))
@@ -122,8 +131,7 @@ def _memory(panel: Axes, residuals: Residuals, j: int) -> None:
 def _quantiles(panel: Axes, own: Floats) -> None:
     ordered = np.sort(own[np.isfinite(own)])
     normal = [NormalDist().inv_cdf((i + 0.5) / len(ordered)) for i in range(len(ordered))]
-    step = -(-len(ordered) // _MAX_POINTS) or 1
-    parts = slice(50), slice(None, None, step), slice(-50, None)  # All at the ends, and some between
+    parts = slice(50), thinned(len(ordered)), slice(-50, None)  # All at the ends, and some between
     some = np.unique(np.concatenate([np.arange(len(ordered))[part] for part in parts]))
     panel.plot(np.array(normal)[some], ordered[some], ".", color=COLORS[0], markersize=2)
     panel.axline((0.0, 0.0), slope=1.0, color="black", linewidth=0.8)
@@ -146,10 +154,10 @@ def plot_errors(forecast: Forecast) -> Figure:
         drawn = [curve for name in forecast.trials.objects for curve in curves[name, j]]
         times, errors, outside = np.concatenate([_errors(curve) for curve in drawn], axis=1)
         some_outside |= bool(outside.any())
-        every = -(-len(times) // 1500) or 1
+        every = thinned(len(times))
         panel.axhline(0, color=GREY, linewidth=0.8)
         for kind, color in ((outside == 0, COLORS[0]), (outside == 1, COLORS[1])):
-            panel.plot(times[kind][::every], errors[kind][::every], "o", color=color, markersize=3, alpha=0.5, mew=0)
+            panel.plot(times[kind][every], errors[kind][every], "o", color=color, markersize=3, alpha=0.5, mew=0)
         if len(errors):
             usual, largest = np.quantile(np.abs(errors), [0.99, 1.0])
             bound = 1.1 * min(3 * usual, largest) or 1.0
@@ -184,7 +192,7 @@ def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     grid = figure.add_gridspec(2, 1, height_ratios=(4, 1))
     upper = figure.add_subplot(grid[0])
     lower = figure.add_subplot(grid[1], sharex=upper)
-    upper.fill_between(along, function - half, function + half, color=COLORS[0], alpha=0.18, linewidth=0)
+    upper.fill_between(along, function - half, function + half, color=COLORS[0], **BAND)
     upper.plot(along, function, color=COLORS[0])
     upper.axhline(0.0, color=GREY, linewidth=0.8)
     for end in (basis.low, basis.high):

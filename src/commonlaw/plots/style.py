@@ -8,11 +8,12 @@ from contextlib import contextmanager
 from io import BytesIO
 from math import ceil
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from matplotlib import rc_context, style
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
@@ -31,6 +32,9 @@ COLORS = (
 )  # fmt: skip
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p")
 DASHES = ("-", "--", ":", "-.")
+
+BAND: Mapping[str, Any] = {"alpha": 0.18, "linewidth": 0}
+"""The look of a band, with the colour of its curve."""
 
 SETTINGS: Mapping[str, Any] = {
     "figure.dpi": 100,
@@ -71,7 +75,8 @@ def styled() -> Iterator[None]:
 
 def frozen_layout(figure: Figure) -> Figure:
     """Lay the figure out once: repeated constrained layouts differ, and so would the bytes of a file."""
-    figure.draw_without_rendering()
+    if engine := figure.get_layout_engine():
+        engine.execute(figure)
     figure.set_layout_engine("none")
     for panel in figure.axes:
         panel.set_position(np.round(panel.get_position().bounds, 5).tolist())
@@ -150,13 +155,18 @@ def axis_label(name: str, unit: str = "") -> str:
     return plain(f"{name} ({unit_text(unit)})" if unit else name, 60)
 
 
-WIDEST = 9.0
-"""Inches, at most, that figures are wide, so that they fit the cell of a notebook."""
-
-
 def fitting(width: float, height: float) -> tuple[float, float]:
-    """Return the size of a figure, in inches, that is not wider than `WIDEST`."""
-    return min(width, WIDEST), height
+    """Return the size of a figure, in inches, that is not wider than the cell of a notebook, 9 inches."""
+    return min(width, 9.0), height
+
+
+def thinned(count: int, most: int = 1500) -> slice:
+    """Return which of so many points are drawn, evenly spaced and at most so many.
+
+    >>> list(range(10))[thinned(10, 4)]
+    [0, 3, 6, 9]
+    """
+    return slice(None, None, -(-count // most) or 1)
 
 
 def columns_for(panels: int, most: int = 4) -> int:
@@ -232,7 +242,13 @@ def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> 
     kind = figure_format(path)
     content = BytesIO()
     with styled(), rc_context({"svg.fonttype": "none" if text else "path"}):
-        figure.savefig(content, format=kind, metadata=dict(_METADATA[kind]))
+        if kind == "svg":
+            # `savefig` draws twice, as it draws without output first
+            canvas, svg = figure.canvas, cast(Any, FigureCanvasSVG(figure))
+            svg.print_svg(content, metadata=dict(_METADATA[kind]))
+            figure.set_canvas(canvas)
+        else:
+            figure.savefig(content, format=kind, metadata=dict(_METADATA[kind]))
     return content.getvalue()
 
 

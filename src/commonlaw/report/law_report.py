@@ -1,10 +1,9 @@
 """A law with all that a report says of it, the sections that say it, and reports of few objects or of many."""
 
 import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,8 @@ import pandas as pd
 from commonlaw import __version__
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
-from commonlaw.forecast import Forecast, fitted
+from commonlaw.forecast import Forecast
+from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, relations_frame, to_script
@@ -26,10 +26,8 @@ from commonlaw.law.script import Source
 from commonlaw.law.tables import (
     MEANINGS,
     coefficient_names,
-    coefficients_by_object,
     quantile_frame,
     quantities_by_object,
-    readable_candidates,
     shown_quantities,
     spread_tables,
     with_unit,
@@ -65,7 +63,8 @@ from commonlaw.report.page import Page
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.progress import on_terminal
 from commonlaw.stream import ManyFindings, find_by_stream
-from commonlaw.text import counted, r_squared
+from commonlaw.summary import Summary, in_states, parameters_caption
+from commonlaw.text import counted
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.roles import GUESSED
 from commonlaw.verdict import Findings, find
@@ -74,31 +73,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-@dataclass(frozen=True, eq=False)
-class LawCase:
-    """Findings and rival laws, and what turns messages into the words of the caller."""
-
-    findings: Findings
-    words: Callable[[str], str]
-    rivals: tuple[CandidateLaw, ...] = ()
-
-    @property
-    def law(self) -> Law:
-        """The law."""
-        return self.findings.law
-
-    @property
-    def forecast_of(self) -> str:
-        """What the forecasts are of, in words."""
-        if not self.law.provenance.is_learned:
-            return "compared with it"
-        if self.findings.is_held_out:
-            return "held out"
-        return f"of the training data{', later samples included' if self.findings.has_later_samples else ''}"
-
-    def said(self, text: object) -> str:
-        """Return a message as Markdown that shows it as it stands, in the words of whoever asked."""
-        return literal(self.words(str(text)))
+def said(case: Summary, text: object) -> str:
+    """Return a message as Markdown that shows it as it stands, in the words of whoever asked."""
+    return literal(case.words(str(text)).replace("R^2", "R²"))
 
 
 def folded(table: Table, title: str) -> Block:
@@ -111,25 +88,16 @@ def listed(lines: "list[str] | tuple[str, ...]") -> str:
     return "\n\n" + "\n".join(f"- {line}" for line in lines) + "\n\n"
 
 
-def data_checks(case: LawCase) -> Section:
-    """Return the part on what the data checks found."""
+def data_checks(case: Summary) -> Iterator[Block]:
+    """Yield what the data checks found."""
     checked = case.findings.trials.check(order=0)  # What trials cannot tell is among the outcomes of the law
     notes = [note for note in dict.fromkeys(checked.notes) if not note.startswith(GUESSED)]
     remarks = [*checked.lines(), *notes, *map(str, case.law.diagnostics)]
-    remarks_text = (
-        " Data checks: no problem found." if not remarks else listed([case.said(remark) for remark in remarks])
-    )
-    trials = case.findings.trials
-    objects, samples = counted(len(trials.objects), "object"), sum(map(len, trials))
-    counts = f"{counted(len(trials), 'trial')} of {objects}, {samples} samples."
-    learned, some = sum(map(len, case.findings.training)), counted(len(case.findings.training), "trial")
-    held_out = "" if case.findings.training is trials else f" Training data: {learned} samples of {some}."
+    problems = listed([said(case, remark) for remark in remarks]) if remarks else " Data checks: no problem found."
+    yield Text(f"{case.counts}.{problems}")
     frame = checked.to_frame().drop(columns="clipped")
-    frame.columns = [_head(name, trials.schema) for name in frame.columns]
-    table = Table("trials", "All trials.", frame)
-    return Section(
-        "data-checks", "Data checks", (Text(f"{counts}{held_out}{remarks_text}"), folded(table, "All trials"))
-    )
+    frame.columns = [_head(name, case.findings.trials.schema) for name in frame.columns]
+    yield folded(Table("trials", "All trials.", frame), "All trials")
 
 
 def _head(name: str, schema: Schema) -> str:
@@ -142,24 +110,25 @@ def _head(name: str, schema: Schema) -> str:
     return {"object": schema.object, "trial": schema.trial}.get(name, name)
 
 
-def choices(case: LawCase) -> Section:
-    """Return the part on every choice on the way."""
-    rows = [
-        {"stage": step.stage, "choice": step.choice, "reason": case.words(step.reason)} for step in case.law.history
-    ]
-    block: Block = Text("No history is recorded.")
-    if rows:
-        block = Table("history", "Choices in the search, with their reasons.", pd.DataFrame(rows))
-    return Section("choices", "History", (block,))
+def choices(case: Summary) -> Iterator[Block]:
+    """Yield every choice on the way."""
+    rows = [(step.stage, step.choice, case.words(step.reason)) for step in case.law.history]
+    frame = pd.DataFrame(rows, columns=["stage", "choice", "reason"])
+    yield (
+        Table("history", "Choices in the search, with their reasons.", frame)
+        if rows
+        else Text("No history is recorded.")
+    )
 
 
-def in_short(case: LawCase) -> str:
+def in_short(case: Summary) -> str:
     """Return a paragraph for readers without statistics, as Markdown."""
     law, fit = case.law, case.findings.fit
-    states, objects = literal(" and ".join(law.schema.states)), len(law.objects)
+    states, objects, several = literal(" and ".join(law.schema.states)), len(law.objects), len(law.schema.states) > 1
     what = "from one moment to the next" if law.order == 0 else "at every moment"
     shared = "" if objects == 1 else f" All {objects} objects follow the same equations, each with numbers of its own."
-    text = f"In short: the equations say how {states} changes {what}, given its present value.{shared}"
+    change, present = ("change", "their present values") if several else ("changes", "its present value")
+    text = f"In short: the equations say how {states} {change} {what}, given {present}.{shared}"
     if fit is not None and np.isfinite(score := fit.score()) and score > 0:
         text += f" They reproduce {min(100 * score, 99.99):.4g} % of the variation in the measurements."
     if law.uncertainty.covariance is not None and law.support.any():
@@ -167,12 +136,12 @@ def in_short(case: LawCase) -> str:
     return f"\n\n{text}\n\n"
 
 
-def methods(case: LawCase) -> Section:
-    """Return the part on how the law was estimated, with its formulas."""
+def methods(case: Summary) -> Iterator[Block]:
+    """Yield how the law was estimated, with its formulas."""
     if case.law.order == 0:
-        text = "Coefficients are least squares estimates from each sample to the next: "
-        text += r"$\min_c \sum_k (x_{k+1} - f(x_k; c))^2$."
-        return Section("methods", "Methods", (Text(text),))
+        squares = r"$\min_c \sum_k (x_{k+1} - f(x_k; c))^2$"
+        yield Text(f"Coefficients are least squares estimates from each sample to the next: {squares}.")
+        return
     text = (
         r"Each trial is a solution of $\dot{x} = f(x, u, t; c)$, measured with noise: $y_i = x(t_i) + \varepsilon_i$, "
         r"$\varepsilon_i \sim N(0, \sigma^2)$. Coefficients $c$ and initial conditions $x_0$ maximize the likelihood, "
@@ -184,13 +153,12 @@ def methods(case: LawCase) -> Section:
             r" Terms are chosen by evidence, $2 \log B = 2 \log (p(y | M_1) / p(y | M_2))$; above 10 is very strong "
             "(Kass and Raftery 1995)."
         )
-    return Section("methods", "Methods", (Text(text),))
+    yield Text(text)
 
 
-def again(case: LawCase, command: str, table: str | Source) -> Section:
+def again(case: Summary, command: str, table: str | Source) -> Section:
     """Return the part that says how to make the law again."""
-    asked = f"Command:{code(command, 'sh')}" if command else ""
-    text = asked
+    text = f"Command:{code(command, 'sh')}" if command else ""
     if table:
         is_said = isinstance(table, Source) and not table.stream
         is_whole = case.findings.training is case.findings.trials or is_said
@@ -200,31 +168,31 @@ def again(case: LawCase, command: str, table: str | Source) -> Section:
     for name in ("numpy", "scipy", "pandas", "matplotlib", "heyoka"):
         with suppress(PackageNotFoundError):
             versions.append(f"{name} {version(name)}")
-    made_with = ", ".join(versions)
-    return Section("again", "Reproduction", (Text(f"{text}Made with {made_with}."),))
+    return Section("again", "Reproduction", (Text(f"{text}Made with {', '.join(versions)}."),))
 
 
 _FAILURES = (CommonlawError, ArithmeticError, np.linalg.LinAlgError)
 
 
-def residuals(case: LawCase) -> Section:
-    """Return the part on residuals and the discrepancy."""
-    blocks = (*_patterns(case), *_discrepancy(case), *_errors(case))
-    return Section("residuals", "Residuals and discrepancy", blocks)
+def residuals(case: Summary) -> Iterator[Block]:
+    """Yield residuals and the discrepancy."""
+    yield from _patterns(case)
+    yield from _discrepancy(case)
+    yield from _errors(case)
 
 
-def _patterns(case: LawCase) -> Iterator[Block]:
+def _patterns(case: Summary) -> Iterator[Block]:
     """Yield what measurements are off the law's trajectories, and which patterns that has."""
     try:
         tested = case.law.residuals(case.findings.trials)
     except _FAILURES as error:
-        yield Text(f"The residuals could not be tested: {case.said(error)}.")
+        yield Text(f"The residuals could not be tested: {said(case, error)}.")
         return
     meaning = "Residuals are measured minus fitted, in standard deviations of the noise. "
     meaning += "Orange: means of neighbouring residuals with 95 % intervals."
     if len(tested.significant) > 1:
         meaning += " Several patterns often have one cause: start with the smallest p-value."
-    yield Text(meaning + listed([case.said(line) for line in str(tested).splitlines()]))
+    yield Text(meaning + listed([said(case, line) for line in str(tested).splitlines()]))
     # Small figures of residuals, those of the first state at once
     panels = ResidualPanels(tested)
     for j, state in enumerate(tested.trials.schema.states):
@@ -240,7 +208,7 @@ def _patterns(case: LawCase) -> Iterator[Block]:
         yield Fold("Tests of the residuals", (Table("tests", "adjusted: p-values by false discovery rate.", tests),))
 
 
-def _discrepancy(case: LawCase) -> Iterator[Block]:
+def _discrepancy(case: Summary) -> Iterator[Block]:
     """Yield the discrepancy, a function that objects share."""
     if len(case.law.objects) > 100:
         yield Text("A discrepancy shared by all objects was not estimated: there are many objects.")
@@ -248,7 +216,7 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
     try:
         estimate = case.law.discrepancy(case.findings.training)
     except _FAILURES as error:
-        yield Text(f"A discrepancy shared by all objects could not be estimated: {case.said(error)}.")
+        yield Text(f"A discrepancy shared by all objects could not be estimated: {said(case, error)}.")
         return
     of = literal(f"{estimate.basis.coordinate} in {estimate.equation}")
     strength = f"2 log B = {estimate.evidence:.1f}".replace("-", "−")
@@ -260,11 +228,11 @@ def _discrepancy(case: LawCase) -> Iterator[Block]:
             f"({strength}; above {STRONG:.0f} is strong)."
         )
     picture = Picture("discrepancy", "Discrepancy with its 95 % band.", partial(plot_discrepancy, estimate))
-    lines = Text(listed([case.said(line) for line in str(estimate).splitlines()]))
+    lines = Text(listed([said(case, line) for line in str(estimate).splitlines()]))
     yield Fold("Discrepancy", (picture, lines))
 
 
-def _errors(case: LawCase) -> Iterator[Block]:
+def _errors(case: Summary) -> Iterator[Block]:
     """Yield the errors of measurement, and whether the law itself errs."""
     law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.schema
     if law.uncertainty.noise is not None:
@@ -281,94 +249,71 @@ def _errors(case: LawCase) -> Iterator[Block]:
         yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
 
 
-_MEASURES = {
-    "held-out error": "Held-out error is the mean squared error on held-out data.",
-    "BIC": "BIC penalizes the misfit by the number of terms; lower is better.",
-    "stability": "Stability is the share of bootstrap resamples in which the least certain term is selected.",
-    **{name: f"{text}." for name, text in MEANINGS.items()},
-}
-"""What measures of candidates mean."""
-
-
-def coefficients(case: LawCase) -> Section:
-    """Return the part on coefficients, and on what decides them."""
-    law, blocks = case.law, list[Block]()
+def coefficients(case: Summary) -> Iterator[Block]:
+    """Yield coefficients, and what decides them."""
+    law, known = case.law, case.law.uncertainty.covariance is not None
     if law.uncertainty.explanation is not None and len(law.objects) > 1:
         caption = (
             "Coefficients explained by properties: kind, properties, factor, and standard deviation between objects. "
             "The factor of an affine function is its constant; the formula at the top has all of them."
         )
-        blocks.append(Table("relations", caption, relations_frame(law).dropna(axis=1, how="all")))
+        yield Table("relations", caption, relations_frame(law).dropna(axis=1, how="all"))
         caption = "Estimates by object against properties that explain them."
-        blocks.append(Picture("relation-plots", caption, partial(plot_relations, law)))
-    if law.support.any():
-        known = law.uncertainty.covariance is not None
-        what = "Coefficients by object with 95 % intervals." if known else "Coefficients by object."
-        others = len(law.uncertainty.other_laws)
-        text = "Their standard errors are unknown."
-        if known and case.findings.is_exact:
-            holds = "" if others else ", if the law holds"
-            text = f"95 % intervals contain the true coefficient with a probability of 95 %{holds}."
-        elif known:
-            text = "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals "
-            text += "reflect sampling error only."
-        if known and others:
-            text += f" They are averaged over the law and {counted(others, 'other plausible law')}."
-        blocks.append(Text(text))
-        pairs = zip(coefficient_names(law), named_parameters(law).errors.T, strict=True)
-        given = [name for (name, _), errors in pairs if known and not errors.any()]
-        if given:
-            blocks.append(Text(f"Fixed: {literal(', '.join(given))}."))
-        blocks.append(_intervals(law, what))
-        if len(data := shown_quantities(law)):
-            ends = ", with 95 % intervals; an infinite end says that there is none" if known else ""
-            caption = f"Quantities that follow from the coefficients{ends}."
-            frame = quantities_by_object(law) if len(law.objects) > 1 else data
-            blocks.append(folded(Table("quantities", caption, frame, data=data), "Quantities"))
-        if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
-            caption = (
-                "Phase plane: flow, nullclines, where one state is constant, fixed points and fitted trajectories."
-            )
-            blocks.append(Picture("phase-plane", caption, partial(plot_phase_plane, law, case.findings.fit)))
-        blocks += _contrasts(case) if known else ()
-    else:
-        blocks.append(Text("The law has no term: all rates are zero."))
-    return Section("coefficients", "Coefficients", tuple(blocks))
+        yield Picture("relation-plots", caption, partial(plot_relations, law))
+    if not law.support.any():
+        yield Text("The law has no term: all rates are zero.")
+        return
+    others = len(law.uncertainty.other_laws)
+    text = "Their standard errors are unknown."
+    if known and case.findings.is_exact:
+        holds = "" if others else ", if the law holds"
+        text = f"95 % intervals contain the true coefficient with a probability of 95 %{holds}."
+    elif known:
+        text = "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals "
+        text += "reflect sampling error only."
+    if known and others:
+        text += f" They are averaged over the law and {counted(others, 'other plausible law')}."
+    yield Text(text)
+    pairs = zip(coefficient_names(law), named_parameters(law).errors.T, strict=True)
+    if given := [name for (name, _), errors in pairs if known and not errors.any()]:
+        yield Text(f"Fixed: {literal(', '.join(given))}.")
+    intervals, panels = ", with 95 % intervals" if known else "", IntervalPanels(law)
+    if len(law.objects) == 1 or len(panels.captions) <= 2:
+        yield Picture("intervals", f"Coefficients by object{intervals}.", partial(plot_intervals, law))
+    else:  # One each, as a phone is narrow
+        pictures = [
+            Picture(f"intervals-{i + 1}", f"Coefficients {literal(what)}{intervals}.", partial(panels.draw, i))
+            for i, what in enumerate(panels.captions)
+        ]
+        yield Gallery(tuple(pictures))
+    if len(data := shown_quantities(law)):
+        ends = ", with 95 % intervals; an infinite end says that there is none" if known else ""
+        frame = quantities_by_object(law) if len(law.objects) > 1 else data
+        yield folded(Table("quantities", f"Derived quantities{ends}.", frame, data=data), "Quantities")
+    if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
+        caption = "Phase plane: flow, nullclines, where one state is constant, fixed points and fitted trajectories."
+        yield Picture("phase-plane", caption, partial(plot_phase_plane, law, case.findings.fit))
+    if known:
+        yield from _contrasts(case)
 
 
-def values(law: Law) -> tuple[Block, ...]:
+def values(case: Summary) -> tuple[Block, ...]:
     """Return the numbers that follow the formula of a law: its coefficients, by object, with intervals."""
-    if not named_parameters(law).names:
+    if not len(frame := case.parameters):
         return ()
-    known = law.uncertainty.covariance is not None
-    caption = "Coefficients ± standard errors, with 95 % intervals." if known else "Coefficients."
-    frame, data = coefficients_by_object(law), law.params.dropna(axis=1, how="all")
-    # Of one object without trials of their own a row for each coefficient
-    table = Table("values", caption, frame if len(frame) > 1 else data, data=data)
+    data = case.law.params.dropna(axis=1, how="all")
+    table = Table("values", f"{parameters_caption(case.law)}.", frame, data=data)
     return (folded(table, "Coefficients by object"),)
 
 
-def _intervals(law: Law, caption: str) -> Block:
-    """Return a figure of all coefficients; of many coefficients of several objects one each, as a phone is narrow."""
-    panels = IntervalPanels(law)
-    if len(law.objects) == 1 or len(panels.captions) <= 2:
-        return Picture("intervals", caption, partial(plot_intervals, law))
-    intervals = "" if law.uncertainty.covariance is None else ", with 95 % intervals"
-    pictures = [
-        Picture(f"intervals-{i + 1}", f"Coefficients {literal(what)}{intervals}.", partial(panels.draw, i))
-        for i, what in enumerate(panels.captions)
-    ]
-    return Gallery(tuple(pictures))
-
-
-def _contrasts(case: LawCase) -> Iterator[Block]:
+def _contrasts(case: Summary) -> Iterator[Block]:
     """Yield how parameters differ between groups of objects, for each property that makes some."""
     for i, (name, (reference, *_)) in enumerate(comparable_groups(case.law).items()):
         title = f"Differences from {name} {reference}"
         try:
             frame = contrasts(case.law, name, reference)
         except CommonlawError as error:
-            yield Text(f"{literal(title)}: {case.said(error)}.")
+            yield Text(f"{literal(title)}: {said(case, error)}.")
             continue
         if len(frame):
             frame = frame.drop(columns="reference").dropna(axis=1, how="all")
@@ -377,26 +322,26 @@ def _contrasts(case: LawCase) -> Iterator[Block]:
             yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
 
 
-def candidates(case: LawCase) -> Section:
-    """Return the part on candidate laws."""
-    law, blocks, listed = case.law, list[Block](), case.law.provenance.alternatives
-    if not listed:
-        text = "The terms were given; no other law was compared."
-        return Section("candidates", "Candidate laws", (Text(text),))
-    if case.rivals or len(law.objects) <= 100:  # Of more, fits take long
-        blocks += _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
-    caption = "Candidates of each equation (* chosen)."
-    there = {name for candidate in listed for name in candidate.measures}
-    caption += "".join(f" {explanation}" for name, explanation in _MEASURES.items() if name in there)
-    table = Table("compared", caption, readable_candidates(listed))
-    return Section("candidates", "Candidate laws", (*blocks, folded(table, "Candidates")))
-
-
-def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
-    """Yield how laws of other sizes fit the same trials, and how they forecast held-out ones."""
-    if len(found) < 2 or case.findings.shown is None:
+def candidates(case: Summary) -> Iterator[Block]:
+    """Yield the candidate laws."""
+    law, frame = case.law, case.candidates
+    if not len(frame):
+        yield Text("The terms were given; no other law was compared.")
         return
-    held_out = case.findings.is_held_out
+    if case.rivals or len(law.objects) <= 100:  # Of more, fits take long
+        yield from _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
+    meanings = (f" {literal(meaning)}." for name, meaning in MEANINGS.items() if name in frame)
+    caption = f"Candidates of each equation (* chosen).{''.join(meanings)}"
+    yield folded(Table("compared", caption, frame), "Candidates")
+
+
+def _refitted(case: Summary, found: Sequence[CandidateLaw]) -> Iterator[Block]:
+    """Yield how laws of other sizes fit the same trials, and how they forecast held-out ones."""
+    findings, held_out = case.findings, case.findings.is_held_out
+    curves = findings.forecast if held_out else findings.shown
+    if len(found) < 2 or curves is None:
+        return
+    again = [case.curves_of(candidate.law, curves.trials, curves.is_fit) for candidate in found]
     score = f"1 − R² of {'forecasts' if held_out else 'the fit'}"
     rows = [
         {
@@ -404,9 +349,9 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
             "terms": candidate.size,
             "law": "; ".join(candidate.law.structure),
             "2 log B": candidate.evidence,
-            score: 1 - _score(case, candidate.law),
+            score: None if of_candidate is None else 1 - of_candidate.score(),
         }
-        for candidate in found
+        for candidate, of_candidate in zip(found, again, strict=True)
     ]
     caption = "Laws with few to many terms, fitted to the same trials (* chosen)."
     if held_out:
@@ -416,26 +361,13 @@ def _refitted(case: LawCase, found: Sequence[CandidateLaw]) -> Iterator[Block]:
     yield Table("sizes", caption, pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
-def _score(case: LawCase, law: Law) -> float:
-    """Return R^2 of what is held out, or else of the fit; NaN where there is none."""
-    findings = case.findings
-    try:
-        if findings.fit is not None and not findings.is_held_out:
-            return fitted(law, findings.training).score()
-        return (
-            law.predict(findings.forecast.trials, start=findings.start).score() if findings.forecast else float("nan")
-        )
-    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-        return float("nan")
-
-
-def experiments(case: LawCase) -> Section:
-    """Return the part on what to measure next."""
-    title, designs = "Next experiment", suggestions(case.law, case.findings.training)
+def experiments(case: Summary) -> Iterator[Block]:
+    """Yield what to measure next."""
+    designs = suggestions(case.law, case.findings.training)
     if not designs:
         needs = "a law in continuous time of measured states, with a covariance matrix"
-        text = f"No suggestion: experimental design needs {needs}."
-        return Section("experiments", title, (Text(text),))
+        yield Text(f"No suggestion: experimental design needs {needs}.")
+        return
     intro = (
         "The most informative further trial, with initial conditions in the range of the data, and duration and "
         "sampling as before."
@@ -445,11 +377,11 @@ def experiments(case: LawCase) -> Section:
         (planned,) = design.experiments
         sentences = " ".join(map(literal, design.sentences))
         lines.append(f"**{literal(purpose)}**: {literal(planned.text)}. {sentences}")
-    return Section("experiments", title, (Text(intro + listed(lines)),))
+    yield Text(intro + listed(lines))
 
 
-def ranges(case: LawCase) -> Section:
-    """Return the part on where the law may be used: what was visited when it was learned."""
+def ranges(case: Summary) -> Iterator[Block]:
+    """Yield where the law may be used: what was visited when it was learned."""
     law, trials = case.law, case.findings.training
     schema, length = trials.schema, [float(np.ptp(trial.times)) for trial in trials]
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
@@ -466,46 +398,31 @@ def ranges(case: LawCase) -> Section:
     )
     if law.provenance.is_learned and law.uncertainty.explanation is None and len(law.objects) > 1:
         text += " Other objects are forecast with the mean coefficients."
-    frame = pd.DataFrame(rows).dropna(axis=1, how="all")
-    return Section("ranges", "Range of validity", (Text(text), Table("visited", "Range of the data.", frame)))
+    yield Text(text)
+    yield Table("visited", "Range of the data.", pd.DataFrame(rows).dropna(axis=1, how="all"))
 
 
-def fit(case: LawCase) -> Section:
-    """Return the part on trials as measured, with solutions of the law through them."""
-    title, fit = "Fit", case.findings.fit
-    if fit is None:
-        why = (
-            "a law in discrete time has forecasts only, see below" if case.law.order == 0 else "see the forecasts below"
-        )
-        return Section("fit", title, (Text(f"No fitted curves: {why}."),))
-    training = "of the training data" if case.law.provenance.is_learned else "compared with it"
-    diverged = f" {len(fit.outcomes)} of them diverge." if fit.outcomes else ""
-    intro = (
-        f"Fit of {counted(len(fit.trials), 'trial')} {training}, initial conditions estimated from all samples: "
-        f"{_quality(fit)} (1: perfect; 0: the mean of each trial).{diverged} Points: measurements. Lines: fit. Below: "
-        f"residuals, measured minus fitted."
+def fit(case: Summary) -> Iterator[Block]:
+    """Yield trials as measured, with solutions of the law through them."""
+    if (fit := case.findings.fit) is None:
+        has_only = "a law in discrete time has forecasts only, see below"
+        yield Text(f"No fitted curves: {has_only if case.law.order == 0 else 'see the forecasts below'}.")
+        return
+    yield Text(
+        f"{said(case, case.score(fit))}. Initial conditions are estimated from all samples. R² is 1 for a perfect fit "
+        f"and 0 for the mean of each trial. Points: measurements. Lines: fit. Below: residuals, measured minus fitted."
         f"{_legend(fit)}"
     )
-    return Section("fit", title, (Text(intro), *Curves(fit, "fit").blocks()))
+    yield from curve_blocks(fit, "fit")
 
 
-def forecasts(case: LawCase) -> Section:
-    """Return the part on trials as measured, with forecasts from their first samples."""
-    title, forecast = "Forecasts from the first samples", case.findings.forecast
-    if forecast is None:
-        return Section("forecasts", title, (Text(listed([case.said(failure) for failure in case.findings.failures])),))
-    diverged = f" {len(forecast.outcomes)} of the forecasts diverge." if forecast.outcomes else ""
-    begin = forecast.title.removeprefix("forecast ")
-    intro = (
-        f"Forecasts of {counted(len(forecast.trials), 'trial')} {case.forecast_of}, {begin}: {_quality(forecast)}."
-        f"{diverged} Below: errors, forecast minus measured.{_legend(forecast)}"
-    )
-    return Section("forecasts", title, (Text(intro), *Curves(forecast, "forecast").blocks()))
-
-
-def _quality(forecast: Forecast) -> str:
-    score = forecast.score()
-    return f"${r_squared(score)}$" if np.isfinite(score) else r"$R^2 = -\infty$"
+def forecasts(case: Summary) -> Iterator[Block]:
+    """Yield trials as measured, with forecasts from their first samples."""
+    if (forecast := case.findings.forecast) is None:
+        yield Text(listed([said(case, failure) for failure in case.findings.failures]))
+        return
+    yield Text(f"{said(case, case.score(forecast))}. Below: errors, forecast minus measured.{_legend(forecast)}")
+    yield from curve_blocks(forecast, "forecast")
 
 
 def _legend(forecast: Forecast) -> str:
@@ -514,107 +431,63 @@ def _legend(forecast: Forecast) -> str:
     return f"{bands}{' Colours: trials of an object.' if several else ''}"
 
 
-@dataclass(frozen=True, eq=False)
-class Curves:
-    """Curves of a fit or a forecast, and their errors; `kind` begins the names of figures and tables."""
+def curve_blocks(forecast: Forecast, kind: str) -> Iterator[Block]:
+    """Yield figures of objects, tables of errors, and a figure of all errors; `kind` begins their names."""
+    what, word = ("residual", "Residuals of the fit") if forecast.is_fit else ("error", "Errors of the forecasts")
+    rms = squared_errors(forecast).groupby(level=0).mean().pow(0.5).T
+    ranked, shown = [str(name) for name in relative_errors(forecast).index], representative(forecast)
 
-    forecast: Forecast
-    kind: str
+    def ends(names: Sequence[str]) -> str:
+        first_and_last = dict.fromkeys((names[0], names[-1]))
+        texts = (f"**{literal(name)}** {literal(in_states(rms[name], forecast))}" for name in first_and_last)
+        return f"RMS {what}: {' to '.join(texts)}.".replace(r"\.", ".")
 
-    def blocks(self) -> Iterator[Block]:
-        """Yield figures of objects, tables of what the curves are off, and a figure of all that."""
-        yield from self._objects()
-        word = "Residuals of the fit" if self.forecast.is_fit else "Errors of the forecasts"
-        yield Table(f"{self.kind}-by-state", f"{word} by state.", self._by_state().dropna(axis=1, how="all"), 3)
-        errors = self.errors if self.forecast.outcomes else self.errors.drop(columns="diverged after")
-        units, what = self.forecast.trials.schema.units, "residual" if self.forecast.is_fit else "error"
-        errors = errors.assign(state=[with_unit(state, units.get(state)) for state in errors["state"]])
-        errors.columns = [name.replace("rms", "RMS").replace("error", what) for name in map(str, errors)]
-        yield folded(Table(f"{self.kind}-errors", f"{word} by trial.", errors, 3), f"{word} by trial")
-        yield Fold(
-            f"{word} of all trials", (Picture(f"{self.kind}-all", f"{word}.", partial(plot_errors, self.forecast)),)
-        )
+    omitted = f"{text}. " if (text := omission(forecast, shown)) else ""
+    yield Picture(f"{kind}-objects", f"{omitted}{ends(ranked)}", partial(plot_forecast, forecast))
+    if others := [name for name in ranked if name not in shown]:
+        # Of very many objects few lines of each
+        few = len(others) <= MANY
+        draw, size = (partial(plot_forecast, forecast), len(shown)) if few else (ForecastPanels(forecast).overview, 36)
+        parts = [others[i : i + size] for i in range(0, len(others), size)]
+        pictures = tuple(Picture(f"{kind}-{i + 1}", ends(part), partial(draw, part)) for i, part in enumerate(parts))
+        yield Fold(f"The other {counted(len(others), 'object')}", pictures if few else (Gallery(pictures),))
+    yield Table(f"{kind}-by-state", f"{word} by state.", _by_state(forecast, what).dropna(axis=1, how="all"), 3)
+    errors, units = forecast.errors(), forecast.trials.schema.units
+    errors = errors if forecast.outcomes else errors.drop(columns="diverged after")
+    errors = errors.assign(state=[with_unit(state, units.get(state)) for state in errors["state"]])
+    errors.columns = [name.replace("rms", "RMS").replace("error", what) for name in map(str, errors)]
+    yield folded(Table(f"{kind}-errors", f"{word} by trial.", errors, 3), f"{word} by trial")
+    yield Fold(f"{word} of all trials", (Picture(f"{kind}-all", f"{word}.", partial(plot_errors, forecast)),))
 
-    @cached_property
-    def errors(self) -> pd.DataFrame:
-        """Errors of each trial, see `Forecast.errors`."""
-        return self.forecast.errors()
 
-    @cached_property
-    def relative(self) -> "pd.Series[float]":
-        """RMS errors of each object, the smallest first, see `relative_errors`."""
-        return relative_errors(self.forecast)
+def _by_state(forecast: Forecast, what: str) -> pd.DataFrame:
+    frame, rows, schema = forecast.to_frame(), list[dict[str, object]](), forecast.trials.schema
+    for state in schema.states:
+        errors = frame[f"{state} error"].astype(float) * (-1.0 if forecast.is_fit else 1.0)
+        seen = errors[np.isfinite(errors)]
+        mean, rms = float(seen.mean()), float(np.sqrt((seen**2).mean()))
+        row: dict[str, object] = {"state": state, "unit": schema.units.get(state), "measurements": len(seen)}
+        row |= {f"mean {what}": 0.0 if abs(mean) <= 1e-3 * rms else mean, f"RMS {what}": rms}
+        if f"{state} measured low" in frame and len(seen):
+            inside = frame[state].between(frame[f"{state} measured low"], frame[f"{state} measured high"])
+            row["within 95 % band"] = f"{100 * inside[seen.index].mean():.0f} %"
+        rows.append(row)
+    return pd.DataFrame(rows)
 
-    @cached_property
-    def _rms(self) -> pd.DataFrame:
-        """Root mean square errors, a row for each object and a column for each state."""
-        schema = self.forecast.trials.schema
-        squared = (self.errors["rms error"] ** 2).groupby([self.errors[schema.object], self.errors["state"]]).mean()
-        return squared.pow(0.5).unstack("state").reindex(columns=list(schema.states))
 
-    def in_words(self, name: str) -> str:
-        """Return the root mean square error of an object, in the states' units, in words."""
-        schema, rms = self.forecast.trials.schema, self._rms.loc[name]
-        if np.isinf(rms).any():
-            return "diverges"
-        errors = [
-            f"{value:.2g} {schema.units.get(state, '')}".rstrip() + f" ({state})" * (len(rms) > 1)
-            for state, value in zip(schema.states, rms, strict=True)
-            if np.isfinite(value)
-        ]
-        return " and ".join(errors) or "not measured"
-
-    def _by_state(self) -> pd.DataFrame:
-        frame, rows, schema = self.forecast.to_frame(), [], self.forecast.trials.schema
-        what, sign = ("residual", -1.0) if self.forecast.is_fit else ("error", 1.0)
-        for state in schema.states:
-            errors = sign * frame[f"{state} error"].to_numpy(dtype=np.float64)
-            seen = errors[np.isfinite(errors)]
-            row: dict[str, object] = {
-                "state": state,
-                "unit": schema.units.get(state),
-                "measurements": len(seen),
-                f"mean {what}": None,
-                f"RMS {what}": None,
-            }
-            if len(seen):
-                mean, rms = float(np.mean(seen)), float(np.sqrt(np.mean(seen**2)))
-                row |= {f"mean {what}": mean if abs(mean) > 1e-3 * rms else 0.0, f"RMS {what}": rms}
-            if f"{state} measured low" in frame and len(seen):
-                low, high = frame[f"{state} measured low"], frame[f"{state} measured high"]
-                inside = ((low <= frame[state]) & (frame[state] <= high))[np.isfinite(errors)]
-                row["within 95 % band"] = f"{100 * inside.mean():.0f} %"
-            rows.append(row)
-        return pd.DataFrame(rows)
-
-    def _objects(self) -> Iterator[Block]:
-        """Yield one figure of all objects, or of many those evenly spaced by rank, and the others folded."""
-        ranked, shown = [str(name) for name in self.relative.index], representative(self.forecast)
-        omitted = omission(self.forecast, shown)
-        caption = f"{omitted}. {self._ends(ranked)}" if omitted else self._ends(ranked)
-        yield Picture(f"{self.kind}-objects", f"{caption}.", partial(plot_forecast, self.forecast))
-        others = [name for name in ranked if name not in shown]
-        if others:
-            yield Fold(f"The other {counted(len(others), 'object')}", tuple(self._others(others, len(shown))))
-
-    def _ends(self, ranked: Sequence[str]) -> str:
-        """Return the errors of the first and the last of some objects as Markdown."""
-        ends = (
-            f"**{literal(name)}** {literal(self.in_words(name))}" for name in dict.fromkeys((ranked[0], ranked[-1]))
-        )
-        what = "RMS residual" if self.forecast.is_fit else "RMS error"
-        return f"{what}: {' to '.join(ends)}".replace(r"\.", ".")
-
-    def _others(self, ranked: Sequence[str], size: int) -> Iterator[Block]:
-        """Yield figures of some objects, so many in each; of very many few lines of each."""
-        few = len(ranked) <= 50
-        draw = partial(plot_forecast, self.forecast) if few else ForecastPanels(self.forecast).overview
-        size = size if few else 36
-        parts = [ranked[i : i + size] for i in range(0, len(ranked), size)]
-        pictures = tuple(
-            Picture(f"{self.kind}-{i + 1}", f"{self._ends(part)}.", partial(draw, part)) for i, part in enumerate(parts)
-        )
-        yield from pictures if few else (Gallery(pictures),)
+_PARTS: Mapping[str, Callable[[Summary], Iterator[Block]]] = {
+    "Fit": fit,
+    "Coefficients": coefficients,
+    "Forecasts from the first samples": forecasts,
+    "Candidate laws": candidates,
+    "Residuals and discrepancy": residuals,
+    "Range of validity": ranges,
+    "Next experiment": experiments,
+    "Data checks": data_checks,
+    "History": choices,
+    "Methods": methods,
+}
+"""The sections of a report by their titles; the names of the functions are those of their anchors."""
 
 
 def law_page(
@@ -666,46 +539,27 @@ def law_report(
         The title, "A law of" the states by default; and a line below it, such as file, date and checksum.
     """
     check_packages()
-    case, law = LawCase(findings, words, tuple(rivals)), findings.law
+    case, law = Summary(findings, everything, rivals=tuple(rivals), words=words), findings.law
     first, *others = map(literal, findings.sentences)
     above = f"{literal(about)}\n\n" if about else ""
     summary = f"{above}**{first}**{law_markdown(law)}{in_short(case)}"
     title = title or f"A law of {', '.join(law.schema.states)}"
-    parts = (
-        fit,
-        coefficients,
-        forecasts,
-        candidates,
-        residuals,
-        ranges,
-        experiments,
-        data_checks,
-        choices,
-        methods,
-    )
-    sections = [all_objects(everything)] if everything else []
-    for part in parts:
-        progress(part.__name__)
-        sections.append(part(case))
-    below = (*values(law), Text(listed(others)))
+    sections = list[Section]()
+    for heading, part in (_PARTS if everything is None else {"All objects": all_objects, **_PARTS}).items():
+        progress(heading.lower())
+        sections.append(Section(part.__name__.replace("_", "-"), heading, tuple(part(case))))
+    below = (*values(case), Text(listed(others)))
     return Report(title, summary, (*sections, again(case, command, table)), below)
 
 
-def all_objects(found: ManyFindings) -> Section:
-    """Return the part on all objects."""
-    law, shown = found.law, counted(len(found.few.trials.objects), "object")
-    bands = (
-        "" if np.isnan(found.coverage) else f" The 95 % bands hold {100 * found.coverage:.3g} % of the measurements."
-    )
-    diverged = f" {found.diverged} of the forecasts diverge." if found.diverged else ""
-    intro = (
-        f"{found.forecast_of} were forecast, each from initial conditions fitted to its first samples: "
-        f"${r_squared(found.score)}$.{bands}{diverged} "
-        f"The verdict and the other parts of this page are about {shown} that represent all, evenly "
-        "spaced by the rank of their forecast error."
-    )
-    more = _coefficients(law) if len(law.objects) > MANY and law.support.any() else ()
-    return Section("all-objects", "All objects", (Text(intro), *_forecasts(found), *more))
+def all_objects(case: Summary) -> Iterator[Block]:
+    """Yield what holds of all objects of a stream."""
+    assert case.everything is not None
+    law = case.everything.law
+    yield Text(f"{'. '.join(said(case, score) for score in case.scores)}.")
+    yield from _forecasts(case.everything)
+    if len(law.objects) > MANY and law.support.any():
+        yield from _coefficients(law)
 
 
 def _forecasts(found: ManyFindings) -> Iterator[Block]:

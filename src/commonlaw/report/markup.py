@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from markdown_it.token import Token
 
 
-_MAX_OBJECTS = 6
-"""Objects with terms of their own whose equations are shown."""
-
-
 def law_markdown(law: Law) -> str:
     """Return the equations of a law as Markdown, with numbers that all objects share, and a simpler form."""
     if not shares_terms(law) and len(law.objects) > 1:
@@ -62,12 +58,12 @@ def _has_numbers(law: Law) -> bool:
     return len(law.objects) == 1 or law.uncertainty.explanation is not None
 
 
-def _own(law: Law) -> Iterator[str]:
+def _own(law: Law, most: int = 6) -> Iterator[str]:
     """Yield the equations of the first objects, each with terms of its own."""
-    for name in law.objects[:_MAX_OBJECTS]:
+    for name in law.objects[:most]:
         yield f"\n\n**{literal(name)}**" + _displayed(_broken(_spelled(to_latex(law, name))), law.equations(name))
-    if len(law.objects) > _MAX_OBJECTS:
-        yield f"\n\nand {len(law.objects) - _MAX_OBJECTS} more objects with terms of their own."
+    if len(law.objects) > most:
+        yield f"\n\nand {len(law.objects) - most} more objects with terms of their own."
 
 
 def _spelled(latex: str) -> str:

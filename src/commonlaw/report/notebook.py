@@ -14,15 +14,12 @@ from commonlaw.forecast import Forecast
 from commonlaw.inference import Bounds
 from commonlaw.law import History, Law, select_objects
 from commonlaw.law.tables import readable
-from commonlaw.law.verdict import LawVerdict
+from commonlaw.law.verdict import LawVerdict, StateError
 from commonlaw.plots import Figure, plot_forecast, plot_intervals, plot_trials, render
 from commonlaw.report.document import within
 from commonlaw.report.markup import law_markdown, markdown
 from commonlaw.text import in_line, visible
 from commonlaw.trials import Trials
-
-_ROWS, _OBJECTS = 10, 6
-"""Of a table, and objects in a figure."""
 
 _STYLE = (
     "<style>.commonlaw-law { max-width: 100%; overflow-x: auto; } "
@@ -34,17 +31,15 @@ _STYLE = (
 def notebook_html(
     value: Law | Trials | Forecast | History | LawVerdict | Residuals | Discrepancy[Law] | Bounds | Design,
 ) -> str:
-    """Return a value as HTML for a notebook; figures of many objects show the first ones."""
+    """Return a value as HTML for a notebook; figures of many objects show the first six."""
+    few = slice(6)
     match value:
         case History():
-            rows = [(step.stage, step.choice, step.reason) for step in value]
-            steps = pd.DataFrame(rows, columns=["stage", "choice", "reason"])
+            steps = pd.DataFrame([*value], columns=["stage", "choice", "reason"])
             return visible(str(steps.to_html(index=False, border=0, justify="left")))
         case LawVerdict():
-            names = ("state", "law", "persistence", "unit")
-            errors = pd.DataFrame(
-                [{name: getattr(state_error, name) for name in names} for state_error in value.state_errors]
-            )
+            errors = pd.DataFrame(value.state_errors, columns=StateError._fields)
+            errors = errors[["state", "law", "persistence", "unit"]]
             return _page("Verdict", value.sentences, "Root mean square errors of forecasts", errors)
         case Residuals():
             return _page("Residuals", str(value).splitlines(), "Tests", value.tests())
@@ -61,19 +56,16 @@ def notebook_html(
                 shown = f"<pre>{escape(str(value))}</pre>"
             notes = "".join(f"<p>Note: {escape(in_line(str(diagnostic)))}</p>" for diagnostic in value.diagnostics)
             table = value.params.dropna(axis=1, how="all")
-            drawn = (
-                _drawn(lambda: plot_intervals(select_objects(value, value.objects[:_OBJECTS])))
-                if value.support.any()
-                else ""
-            )
+            first = value.objects[few]
+            drawn = _drawn(lambda: plot_intervals(select_objects(value, first))) if value.support.any() else ""
             wide = "".join(f'<div class="commonlaw-law">{part}</div>' for part in (shown, _table(table)))
             return _joined(repr(value), _STYLE + wide + notes, drawn)
         case Trials():
             frame = value.check(order=0).to_frame().iloc[:, :5]
-            few = value.select(object=list(value.objects[:_OBJECTS]))
-            return _joined(repr(value), _table(frame), _drawn(lambda: plot_trials(few)))
+            some = value.select(object=list(value.objects[few]))
+            return _joined(repr(value), _table(frame), _drawn(lambda: plot_trials(some)))
         case _:
-            objects = list(value.trials.objects[:_OBJECTS])
+            objects = list(value.trials.objects[few])
             return _joined(repr(value), _table(value.errors()), _drawn(lambda: plot_forecast(value, objects)))
 
 
@@ -85,10 +77,10 @@ def _page(title: str, sentences: Sequence[str], of_table: str, table: pd.DataFra
     return visible(f"<div><h4>{title}</h4><p><strong>{first}</strong></p><ul>{listed}</ul>{below}</div>")
 
 
-def _table(frame: pd.DataFrame) -> str:
-    more = f"<p>... and {len(frame) - _ROWS} more rows</p>" if len(frame) > _ROWS else ""
+def _table(frame: pd.DataFrame, rows: int = 10) -> str:
+    more = f"<p>... and {len(frame) - rows} more rows</p>" if len(frame) > rows else ""
     return (
-        str(readable(frame.head(_ROWS)).to_html(index=False, na_rep="", float_format="{:.4g}".format, border=0)) + more
+        str(readable(frame.head(rows)).to_html(index=False, na_rep="", float_format="{:.4g}".format, border=0)) + more
     )
 
 

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.plots.law import add_color_bar, heat_map, scale, term_labels
+from commonlaw.plots.equations import term_labels
+from commonlaw.plots.law import add_color_bar, heat_map, scale
 from commonlaw.plots.style import frozen_layout, plain, styled
 
 

@@ -63,16 +63,14 @@ export function move(index) {
   const parts = [`${plural(candidate.size, "term")}${candidate.chosen ? ", chosen" : ""}${candidate.own ? ", your choice" : ""}`];
   if (candidate.evidence !== null) parts.push(`${probable(candidate.evidence)} (2 log B ${Number(candidate.evidence.toPrecision(3))})`);
   found.views.forEach((view, i) => {
-    const { score, diverged, curves } = candidate.views[i], held = view.held_out ? ", held-out trials" : "";
-    if (score) parts.push(`${score.replace("R^2", "R²")} (${view.title}${held})`);
-    if (diverged) parts.push(`${plural(diverged, view.fit ? "fitted curve" : "forecast")} diverge${diverged === 1 ? "s" : ""}`);
-    if (!curves.length) parts.push(`${view.title}: cannot be computed for these trials`);
+    parts.push(candidate.views[i].score.replace("R^2", "R²") || `${view.title}: cannot be computed for these trials`);
   });
   $("which").textContent = parts.join("; ");
   $("slider").setAttribute("aria-valuetext", parts.join("; "));
   $("formula").replaceChildren(...candidate.formula.length ? candidate.formula.map(equation) : candidate.text.map(each => element("div", each, { class: "equation" })));
   $("formula").append(...candidate.simpler.map(each => element("div", each, { class: "soft" })));
   press();
+  $("coefficients").caption.textContent = candidate.caption;
   fill($("coefficients"), candidate.table.head, candidate.table.rows);
   $("quantities_part").hidden = !candidate.quantities.rows.length;
   fill($("quantities"), candidate.quantities.head, candidate.quantities.rows);
