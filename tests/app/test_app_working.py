@@ -78,7 +78,7 @@ def test_a_process_that_was_prepared_does_the_next_work_only():
     until = time.monotonic() + 60
     while any(each._listener.is_alive() for each in ended) and time.monotonic() < until:
         time.sleep(0.05)
-    (first, is_warm), (second, _) = (each.made for each in ended)
-    assert is_warm
+    (first, warm), (second, cold) = (each.made for each in ended)
+    assert (warm, cold) == (True, False)
     assert first != second
     assert not any(psutil.pid_exists(each) for each in (first, second))

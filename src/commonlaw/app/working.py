@@ -43,13 +43,13 @@ class _Ready:
         """Begin a process, unless one waits."""
         with self._lock:
             if self._waiting is None or not self._waiting[0].is_alive():
-                self._waiting = begun(_work, *_HEAVY, preload=_HEAVY)
+                self._waiting = begun(_work, *_HEAVY)
 
     def taken(self) -> Begun:
         """Return the process that waits, and let none wait; a new one if there is none."""
         with self._lock:
             ready, self._waiting = self._waiting, None
-        return ready if ready is not None and ready[0].is_alive() else begun(_work, preload=_HEAVY)
+        return ready if ready is not None and ready[0].is_alive() else begun(_work)
 
 
 _READY = _Ready()

@@ -49,7 +49,7 @@ def in_processes(
     try:
         while waiting or busy:
             while waiting and len(busy) < at_once:
-                process, connection = idle.pop() if idle else begun(_serve, work, preload=("commonlaw.discovery",))
+                process, connection = idle.pop() if idle else begun(_serve, work)
                 number, piece = waiting.pop()
                 busy[connection] = process, number
                 with suppress(OSError):  # Its process has ended; receiving the answer fails, too

@@ -3,7 +3,7 @@
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from threading import Thread, current_thread, main_thread
@@ -111,16 +111,14 @@ def deaf_to_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def begun(work: Callable[..., None], *given: Any, preload: Sequence[str] = ()) -> "tuple[BaseProcess, Connection]":
+def begun(work: Callable[..., None], *given: Any) -> "tuple[BaseProcess, Connection]":
     """Begin a process that works with a connection to this one, which is returned too, and with what is given.
 
-    It is no fork of this process, which would have the locks of its threads and none of these. On Linux it is forked
-    from a server that has loaded the modules `preload` of the first call once for all; elsewhere it is spawned.
+    It is spawned: a forked one would have the locks of this one's threads, and none of these.
     """
     from multiprocessing import get_context
 
-    context = get_context("forkserver") if sys.platform == "linux" else get_context("spawn")
-    context.set_forkserver_preload([*preload])
+    context = get_context("spawn")
     connection, far_end = context.Pipe()
     process = context.Process(target=work, args=(far_end, *given), daemon=True)
     with deaf_to_interrupts():
@@ -134,10 +132,12 @@ def end_with_parent() -> None:
     """Let this process end when the one that started it has ended, however that came."""
     from multiprocessing import parent_process
 
-    known, direct = parent_process(), os.getppid()  # processes of joblib know none; the direct parent may be a server
+    known = parent_process()
+    parent = os.getppid() if known is None else known.pid  # which may have ended already
 
     def watch() -> None:
-        while os.getppid() == direct and (known is None or known.is_alive()):
+        # Where a process keeps the number of a parent that has ended (Windows), it notices when it has to answer
+        while os.getppid() == parent:
             sleep(0.1)
         os._exit(1)
 
