@@ -13,9 +13,9 @@ _MORE_FITS = 1.1
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_the_law_is_the_same(name, request):
+def test_the_law_is_the_same(name, request, monkeypatch):
     if name.startswith("measured"):
-        request.getfixturevalue("ball_drops_folder")
+        monkeypatch.setenv("COMMONLAW_DATA", str(request.getfixturevalue("ball_drops_folder")))
     found, golden = recovered(name), stored()[name]
     assert found.structure == golden.structure
     parameters, errors = np.array(golden.parameters), np.nan_to_num(golden.errors)

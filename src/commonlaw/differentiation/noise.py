@@ -11,8 +11,10 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.base import need_samples
 from commonlaw.errors import CommonlawError
 
-_MIN_SAMPLES, _MAX_ORDER = 8, 10
-"""Samples of a trial, and the highest order of differences."""
+MIN_SAMPLES = 8
+"""Samples of a trial whose differences estimate the noise."""
+_MAX_ORDER = 10
+"""The highest order of differences."""
 OUTLIER_THRESHOLD = 4.0
 """Standard deviations beyond which a value, or a difference that it is in, is an outlier."""
 
@@ -62,7 +64,7 @@ def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
     t, x = np.asarray(times, dtype=np.float64), np.asarray(states, dtype=np.float64)
     if t.ndim != 1 or x.ndim != 2 or len(x) != len(t):
         raise CommonlawError("shapes-of-times-and-states", times=t.shape, states=x.shape)
-    need_samples(len(t), _MIN_SAMPLES, "estimates of the noise")
+    need_samples(len(t), MIN_SAMPLES, "estimates of the noise")
     wrong = np.flatnonzero(~(np.isfinite(t) & np.isfinite(x).all(axis=1)))
     if len(wrong):
         raise CommonlawError("value-not-finite", sample=wrong[0] + 1)
@@ -103,7 +105,7 @@ def noise_degrees_of_freedom(samples: int) -> float:
     Of differences of second order, which most smooth states take: they are correlated, so that the estimate is worth
     half as many independent ones.
     """
-    if samples < _MIN_SAMPLES:
+    if samples < MIN_SAMPLES:
         return 0.0
     return (samples - 2) / noise_correlation(2)
 

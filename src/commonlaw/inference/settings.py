@@ -1,5 +1,7 @@
 """Every number by which inference decides, with its unit, its meaning and its source."""
 
+from commonlaw.differentiation.noise import MIN_SAMPLES as MIN_SAMPLES
+
 # Rounding and iterations
 ROUNDING = 1e-6
 """Relative difference, or change in units of a scale, up to which two numbers are equal."""
@@ -30,8 +32,6 @@ ASSUMED_NOISE = 0.05
 """Noise, in standard deviations of a state, where a trial has too few samples for an estimate."""
 MIN_FREEDOM = 4
 """Degrees of freedom of an estimate of noise: its relative standard error is then a third."""
-MIN_SAMPLES = 8
-"""Samples of a trial whose differences estimate the noise."""
 MIN_SAMPLES_OF_MANY = 30
 """Samples by which noise at some stride or size of a state is estimated, to a tenth."""
 VAGUE = 100.0

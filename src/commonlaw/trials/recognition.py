@@ -164,7 +164,7 @@ def units_in_names(names: Sequence[str]) -> dict[str, str]:
     """Return the units that names of quantities end in, by the name; where others begin alike, the end is an index.
 
     >>> units_in_names(["water temp_C", "x_mm", "speed_m_s", "V_m", "y_cm", "current_A", "current_B", "mass_g_sd"])
-    {'x_mm': 'mm', 'speed_m_s': 'm/s', 'water temp_C': 'degC'}
+    {'water temp_C': 'degC', 'x_mm': 'mm', 'speed_m_s': 'm/s'}
     """
     result = dict[str, str]()
     for name, (quantities, suffixes) in product(names, _SUFFIXES.items()):
