@@ -22,6 +22,9 @@ T = TypeVar("T")
 Task = Callable[[Callable[[str], None]], Iterator[T]]
 """Work that tells its stages and yields what it has made so far; it must be possible to pickle it."""
 
+_SECONDS_TO_END = 1.0
+"""Time for a process to end by itself after its last message."""
+
 _HEAVY = (
     "commonlaw.app.sessions", "commonlaw.app.result", "commonlaw.discovery", "commonlaw.integration.lsoda", "pint",
     "heyoka",
@@ -70,8 +73,6 @@ class Work(Generic[T]):
     is_running: bool = True
     done: float | None = None
     """The largest share of the whole that was done when a stage began; None until one says it."""
-    seconds_to_leave: float = 1.0
-    """Those that its process has to end by itself once it has said its last."""
 
     def __post_init__(self) -> None:
         self.stages.append(("starting", time()))
@@ -90,7 +91,7 @@ class Work(Generic[T]):
     def close(self) -> None:
         """End it now, and wait until its process is gone."""
         self.cancel()
-        self._listener.join(self.seconds_to_leave)
+        self._listener.join(_SECONDS_TO_END)
 
     def state(self) -> dict[str, Any]:
         """Return what is sent to the page: whether it goes on, its stages with the seconds that they took, what failed.
@@ -112,11 +113,11 @@ class Work(Generic[T]):
                 try:
                     kind, value = self._connection.recv()
                 except (EOFError, OSError, pickle.UnpicklingError):
-                    self._process.join(self.seconds_to_leave)
+                    self._process.join(_SECONDS_TO_END)
                     code = self._process.exitcode
                     kind, value = "end", f"the work ended by itself, with code {code}: there may be too little memory"
                 self._take(kind, value)
-        self._process.join(self.seconds_to_leave)
+        self._process.join(_SECONDS_TO_END)
         self._process.kill()
         self._process.join()
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     import pint
 
 
+_MAX_BITS = (9, 12, 10)
+"""Largest cost in bits of the exponents of one, two and three properties together; more properties are not tried."""
+
 MAX_DENOMINATOR = 4
 """Of exponents."""
 
@@ -44,16 +47,14 @@ def exponent_sets(properties: int, most: int) -> ExponentSets:
     An exponent p/q, of at most 4, costs p + q bits, so that simple ones are more probable. Sets of the same number of
     properties share one probability, whichever these are: the more properties are offered, the less probable is each.
     """
-    # Largest cost of the exponents of one, two and three properties together; more properties are not tried
-    most_bits = (9, 12, 10)
     fractions = {Fraction(p, q) for q in range(1, MAX_DENOMINATOR + 1) for p in range(1, 4 * q + 1)}
     costs = [(fraction.numerator + fraction.denominator, float(fraction)) for fraction in sorted(fractions)]
-    signed = [(bits, sign * value) for bits, value in costs if bits <= most_bits[0] for sign in (1, -1)]
+    signed = [(bits, sign * value) for bits, value in costs if bits <= _MAX_BITS[0] for sign in (1, -1)]
     bits, values = np.array(signed).T
     norm = np.log2(np.sum(2.0**-bits))
     exponents, log_prior = [np.empty((0, properties))], [np.empty(0)]
-    for size in range(1, min(most, properties, len(most_bits)) + 1):
-        limit = most_bits[size - 1]
+    for size in range(1, min(most, properties, len(_MAX_BITS)) + 1):
+        limit = _MAX_BITS[size - 1]
         few = bits <= limit - 2 * (size - 1)
         indices = np.array(list(product(np.flatnonzero(few), repeat=size)))
         cost = bits[indices].sum(axis=1)
