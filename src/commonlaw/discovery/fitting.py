@@ -1,4 +1,4 @@
-"""A law that somebody has in mind: exactly these terms, coefficients found in trials."""
+"""A law of given terms, whose coefficients are estimated from trials."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -14,7 +14,7 @@ from commonlaw.library.grammar import FUNCTIONS, OTHER_NAMES, columns_in, consta
 from commonlaw.library.notation import quoted
 
 _MAX_SUMMANDS = 200
-"""Of one product; more would be no law that somebody has in mind."""
+"""Most summands that a product is multiplied out into."""
 
 
 class NotAFactorError(Exception):
