@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.differentiation import noise_order
 from commonlaw.formulation import law_variables
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.lack_of_fit import proportional_noise_gain, with_proportional_noise
@@ -15,8 +16,8 @@ TIMES = np.linspace(0, 4, 300)
 DECAY = 5 * np.exp(-TIMES)[:, np.newaxis]
 
 
-def problem_of(states, **settings):
-    trials = cl.Trials.from_arrays(TIMES, states, names=["x"])
+def problem_of(*states, **settings):
+    trials = cl.Trials.from_arrays([TIMES] * len(states), states, names=["x"])
     terms = PolynomialLibrary(1).bind(law_variables(trials.schema, 1))
     return prepare(trials, terms, np.full((1, 1, len(terms)), np.nan), **settings)
 
@@ -36,6 +37,17 @@ def test_white_noise_and_exact_states_show_none():
     white = [with_proportional_noise(problem_of(DECAY + 0.05 * noise(seed))) for seed in range(50)]
     assert sum(bool(each.errors) for each in white) <= 1
     assert not with_proportional_noise(problem_of(DECAY)).errors
+
+
+def test_trials_that_change_too_fast_between_samples_hide_neither_growth_nor_its_absence():
+    fast = 5 + np.sin(np.pi / 2 * np.arange(len(TIMES)) + 0.1)[:, np.newaxis]
+    assert noise_order(TIMES, fast[:, 0]) is None
+    slow = [DECAY * (1 + 0.05 * noise(seed)) for seed in range(2)]
+    share = with_proportional_noise(problem_of(*slow, fast)).errors.heteroscedastic["proportional"][0]
+    assert share == pytest.approx(0.05, rel=0.1)
+    white = [DECAY + 0.05 * noise(seed) for seed in range(2)]
+    assert not with_proportional_noise(problem_of(*white, fast)).errors
+    assert not with_proportional_noise(problem_of(slow[0], fast)).errors
 
 
 def test_noise_that_is_given_stays():

@@ -194,7 +194,8 @@ def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
     """Return the problem with proportional noise of the states for which differences of samples support it.
 
     Twice the log-likelihood ratio of squared differences must exceed log n, times the variance inflation by the
-    correlation of neighbouring differences.
+    correlation of neighbouring differences. Trials in which no two orders of differences agree are left out: their
+    states change too fast between samples. They must be fewer than half.
     """
     schema, floor = problem.trials.schema, noise_floor(problem.trials)
     noise, shares = problem.noise.copy(), np.zeros(len(problem.noise))
@@ -209,7 +210,8 @@ def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
                 if name not in schema.initial_values and len(values) >= MIN_SAMPLES and np.ptp(values) > 0:
                     columns.append((trial.times[seen], values, smooth[seen, j]))
         orders = [noise_order(times, values) for times, values, _ in columns]
-        if not orders or None in orders:
+        columns = [column for column, order in zip(columns, orders, strict=True) if order]
+        if len(columns) <= len(orders) / 2:
             continue
         order = max(order for order in orders if order)
         squares = zip(*(_differences(*column, order) for column in columns), strict=True)
