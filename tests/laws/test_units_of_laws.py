@@ -12,7 +12,8 @@ from commonlaw.inference import bounds
 from commonlaw.law import average_law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.quantiles import upper_bound
-from commonlaw.trials.transformations import Conversion, in_units
+from commonlaw.trials.transformations import in_units
+from commonlaw.trials.units import Conversion
 from tests.refusals import refused
 
 

@@ -13,8 +13,9 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import TrialDerivatives
 from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
-from commonlaw.trials.transformations import Conversion, rates_in_words, without_rates
+from commonlaw.trials.transformations import rates_in_words, without_rates
 from commonlaw.trials.trial import with_typical
+from commonlaw.trials.units import Conversion
 
 GivenDerivatives = ArrayLike | Sequence[ArrayLike] | Mapping[str, Any]
 """An array for each trial, shape (n, states); or by state the name of a column, or an array for each trial, (n,)."""

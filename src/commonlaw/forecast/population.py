@@ -16,8 +16,8 @@ from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.quantiles import mixture_interval, two_sided
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.trials import Schema, Trials
-from commonlaw.trials.transformations import Conversion
 from commonlaw.trials.trial import Property, property_names
+from commonlaw.trials.units import Conversion
 
 
 class Population(NamedTuple):

@@ -15,7 +15,6 @@ from commonlaw.library.parametric import free_name
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.transformations import (
-    Conversion,
     in_units,
     objects_at_rest,
     with_doses,
@@ -26,6 +25,7 @@ from commonlaw.trials.transformations import (
     without_states,
 )
 from commonlaw.trials.trial import as_numbers, property_names
+from commonlaw.trials.units import Conversion
 
 
 def matched(

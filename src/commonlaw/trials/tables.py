@@ -23,6 +23,7 @@ from commonlaw.trials.reading import Reading, Restarts, WrittenReading, checked,
 from commonlaw.trials.recognition import input_values, quantity, shown_columns, unit_in_name, units_in_names
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
+from commonlaw.trials.units import in_radians
 
 
 def _stacked(table: Table, names: Sequence[str], repeated: Iterable[str], more: Mapping[str, Column]) -> Table:
@@ -444,7 +445,7 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     notes += [f"units read from names: {', '.join(read)}"] if read else []
     remarks = (*table.notes, *spelled, *spelled_runs, *shown.lines, *known.notes, *notes)
     nameless = columns.object is None and "object_name" not in roles
-    data = TrialData(tuple(trials), schema, known.values, remarks, nameless)
+    data = in_radians(TrialData(tuple(trials), schema, known.values, remarks, nameless))
     return Rows(data, tuple(empty), tuple(row_indices), shown)
 
 
@@ -500,9 +501,8 @@ def trials_from_arrays(
     ]
     notes = [f"t: dates taken as time in {clock.since}"] if clock else []
     notes += [f"samples without a measured state left out: {'; '.join(gaps)}"] if gaps else []
-    return TrialData(
-        made, schema, known.values, (*known.notes, *notes, *repeats_in_words(made)), set(objects) == {"object"}
-    )
+    remarks = (*known.notes, *notes, *repeats_in_words(made))
+    return in_radians(TrialData(made, schema, known.values, remarks, set(objects) == {"object"}))
 
 
 def _times_by_trial(times: Any, states: Any) -> tuple[list[Any], bool]:

@@ -1,9 +1,9 @@
 """Trials in other variables: units, logarithms, rates, properties and doses as inputs, latent states, without rest."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,48 +11,11 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.outcomes import Outcome, note
 from commonlaw.text import shown
-from commonlaw.trials.headers import find_name, parse_unit, registry
+from commonlaw.trials.headers import find_name
 from commonlaw.trials.recognition import note_on_pulses
 from commonlaw.trials.trial import Schema, Start, Trial, property_names
 from commonlaw.trials.trials import Trials
-
-
-class Conversion(NamedTuple):
-    """From one unit to another: ``scale * value + offset``."""
-
-    scale: float = 1.0
-    offset: float = 0.0
-
-    @classmethod
-    def between(cls, name: str, given: str | None, wanted: str | None) -> "Conversion":
-        """Return the conversion of a variable, refused if there is none; nothing if a unit is not known.
-
-        >>> Conversion.between("x", "mm", "m").scale, Conversion.between("T", "degC", "K").offset
-        (0.001, 273.15)
-        """
-        import pint
-
-        if given is None or wanted is None or given == wanted:
-            return cls()
-        given_unit, wanted_unit = parse_unit(given), parse_unit(wanted)
-        try:
-            zero, first, second = (
-                float(registry().Quantity(i, given_unit).to(wanted_unit).magnitude) for i in (0.0, 1.0, 2.0)
-            )
-        except (pint.PintError, ArithmeticError, ValueError):
-            zero = first = second = np.nan
-        bend, largest = abs(second - 2 * first + zero), max(abs(zero), abs(first), abs(second))
-        if not (np.isfinite(largest) and first != zero and bend <= 1e-9 * largest):
-            raise CommonlawError("units-incompatible", name=name, unit=given, law_unit=wanted)
-        return cls(first - zero, zero)
-
-    def __bool__(self) -> bool:
-        """Whether it changes anything."""
-        return self != (1.0, 0.0)
-
-    def of(self, values: Floats) -> Floats:
-        """Return values in the other unit."""
-        return self.scale * values + self.offset
+from commonlaw.trials.units import Conversion, converted, mapped, with_converted_properties
 
 
 def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
@@ -69,42 +32,14 @@ def in_units(trials: Trials, units: Mapping[str, str]) -> Trials:
     shifted = [name for name in schema.logarithmic if name in changed and changed[name].offset]
     if shifted:
         raise CommonlawError("unit-of-logarithm", name=shifted[0], unit=units[shifted[0]])
-    properties = {owner: dict(values) for owner, values in trials.properties.items()}
-    for values, name in product(properties.values(), changed):
-        if isinstance(value := values.get(name), float):
-            values[name] = changed[name].scale * value + changed[name].offset
     changes = ", ".join(f"{name} from {given[name]} to {units[name]}" for name in changed)
     return replace(
         trials,
-        trials=tuple(_converted(trial, schema, changed) for trial in trials),
+        trials=tuple(converted(trial, schema, changed) for trial in trials),
         schema=replace(schema, units={**schema.units, **{name: units[name] for name in changed}}),
-        properties=properties,
+        properties=with_converted_properties(trials.properties, changed),
         notes=(*trials.notes, f"converted into the units of the law: {changes}"),
     )
-
-
-def _converted(trial: Trial, schema: Schema, changed: Mapping[str, Conversion]) -> Trial:
-    inputs, earlier, factors = trial.inputs.copy(), trial.earlier.copy(), np.ones(len(schema.states))
-    functions = dict[int, Callable[[Floats], Floats]]()
-    for j, name in enumerate(schema.states):
-        how = changed.get(name, Conversion())
-        functions[j] = Conversion(1.0, float(np.log(how.scale))).of if name in schema.logarithmic else how.of
-        factors[j] = 1.0 if name in schema.logarithmic else how.scale
-    for j, name in enumerate(schema.inputs):
-        inputs[:, j] = changed.get(name, Conversion()).of(inputs[:, j])
-    for column, name in zip(earlier.T, (schema.time, *schema.inputs), strict=False):
-        column[:] = changed.get(name, Conversion()).of(column)
-    times = changed.get(schema.time, Conversion()).of(trial.times)
-    return _mapped(replace(trial, times=times, inputs=inputs, earlier=earlier), functions, factors)
-
-
-def _mapped(trial: Trial, functions: Mapping[int, Callable[[Floats], Floats]], factors: Floats) -> Trial:
-    """Return a trial with functions of some states, by column; `factors` are their derivatives at the measurements."""
-    states, below = trial.states.copy(), trial.below.copy()
-    for values, (j, function) in product((states, below), functions.items()):
-        values[:, j] = function(values[:, j])
-    repeats = trial.repeats and trial.repeats.scaled(factors)
-    return replace(trial, states=states, below=below, noise=trial.noise * np.abs(factors), repeats=repeats)
 
 
 def with_logarithms(trials: Trials, states: Sequence[str]) -> Trials:
@@ -165,7 +100,7 @@ def _with_logarithms(trial: Trial, columns: Sequence[int], names: Sequence[str])
                 count=len(low),
             )
         factors[:, j] = 1 / trial.states[:, j]
-    return _mapped(trial, dict.fromkeys(columns, np.log), factors)
+    return mapped(trial, dict.fromkeys(columns, np.log), factors)
 
 
 def without_rates(trials: Trials, rates: Mapping[str, str]) -> Trials:

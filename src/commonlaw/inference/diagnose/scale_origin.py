@@ -14,7 +14,7 @@ from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.headers import parse_unit, registry
-from commonlaw.trials.transformations import Conversion
+from commonlaw.trials.units import Conversion
 
 
 def with_origin_outcomes(outcomes: Iterable[Outcome], law: Law, trials: Trials) -> tuple[Outcome, ...]:
