@@ -27,6 +27,11 @@ def test_angles_in_degrees_are_read_in_radians():
     arrays = cl.Trials.from_arrays([0.0, 1.0, 2.0], [180.0, 90.0, 0.0], names=["angle"], units={"angle": "degree"})
     np.testing.assert_allclose(arrays[0].states[:, 0], [np.pi, np.pi / 2, 0])
 
+    named = cl.Trials.from_frame(
+        {"t": [0.0, 1.0, 2.0], "theta_deg": [180.0, 90.0, 0.0], "omega_deg_s": [0.0, 36.0, 18.0]}
+    )
+    np.testing.assert_allclose(named[0].states, trials[0].states)
+
 
 def test_sines_of_angles_in_degrees_are_those_of_the_angles():
     times = np.linspace(0, 4, 80)

@@ -155,7 +155,8 @@ _SUFFIXES = {
     "pressure": "Pa hPa kPa MPa mbar bar",
     "force": "mN N kN",
     "power": "mW W kW",
-    "angle": "rad deg",
+    "angle theta phi psi pitch roll yaw": "rad deg",
+    "omega": "rad_s deg_s",
 }
 """Units at the end of names, by quantities. The cm of a position may be its centre of mass, and x_m any x of an m."""
 
