@@ -318,7 +318,7 @@ def test_words_of_names():
     assert words("OD600 std_dev (a)") == ["od", "600", "std", "dev", "a"]
 
 
-@pytest.mark.parametrize("header", ["setpoint", "Outdoor T (degC)", "solar radiation"])
+@pytest.mark.parametrize("header", ["setpoint", "Outdoor T (degC)", "T_amb", "Tenv", "solar radiation"])
 def test_what_acts_from_outside_is_an_input_by_its_name(header):
     random = np.random.default_rng(0)
     columns = {"t": np.arange(40.0), "T (degC)": random.normal(20, 1, 40), header: random.normal(10, 1, 40)}
