@@ -46,8 +46,9 @@ QUANTITIES = _vocabulary(
 _MEASURAND = _vocabulary("variable quantity parameter signal channel measurand analyte observable")
 """What names quantities that stand below each other."""
 _INPUT = _vocabulary(
-    "input setpoint command control stimulus forcing dose amt ambient amb tamb surroundings environment env tenv outdoor "
-    "outdoors outside weather solar irradiance insolation radiation sunlight sunshine rain rainfall precipitation"
+    "input setpoint command control stimulus forcing dose amt ambient amb tamb surroundings environment env tenv "
+    "outdoor outdoors outside weather solar irradiance insolation radiation sunlight sunshine rain rainfall "
+    "precipitation"
 )
 _AMOUNT = _vocabulary("dose doses dosage amt")
 """What names amounts that are given: an empty cell is none."""
