@@ -243,21 +243,25 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
     """Return the column of numbers without which times would repeat or go back, None if there is no such or no need.
 
     It numbers the objects, or is a condition such as a temperature that is held in consecutive rows; at least three
-    rows share a number on average. Of several, one that determines the others is taken.
+    rows share a number on average. Of several, one that determines the others is taken. Trials of an object are told
+    apart by a column that is called so or, without such, by one that counts.
     """
     called = [name for name in names if is_called(name, TRIAL) and is_label(table, name, times)]
-    runs = table.encoded(called[0])[0] if called else np.zeros(len(table), dtype=np.int64)
-    if increase_within(runs, times):
+    if increase_within(table.encoded(called[0])[0] if called else np.zeros(len(table), dtype=np.int64), times):
         return None
-    codes = {name: table.encoded(name)[0] for name in names if table.is_numeric(name) and name not in called}
-    for name, code in tuple(codes.items()):
-        last, changes = int(code.max()), int(np.sum(np.diff(code) != 0))
-        groups = runs * (last + 1) + code
-        is_label_of_rows = code.min() >= 0 and (changes == last or _counts(table, name)) and 3 * last < len(table)
-        if not (is_label_of_rows and increase_within(groups, times)):
-            del codes[name]
-    finest = _finest(codes)
-    return finest[0] if len(finest) == 1 else None
+    numbers = [name for name in names if table.is_numeric(name)]
+    for run in called[:1] or [None, *(name for name in numbers if _counts(table, name))]:
+        runs = 0 if run is None else table.encoded(run)[0]
+        codes = {name: table.encoded(name)[0] for name in numbers if name not in (*called, run)}
+        for name, code in tuple(codes.items()):
+            last, changes = int(code.max()), int(np.sum(np.diff(code) != 0))
+            is_label_of_rows = code.min() >= 0 and (changes == last or _counts(table, name)) and 3 * last < len(table)
+            if not (is_label_of_rows and increase_within(runs * (last + 1) + code, times)):
+                del codes[name]
+        finest = _finest(codes)
+        if finest:
+            return finest[0] if len(finest) == 1 else None
+    return None
 
 
 def _finest(codes: dict[str, Codes]) -> list[str]:
