@@ -247,12 +247,13 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
     apart by a column that is called so or, without such, by one that counts.
     """
     called = [name for name in names if is_called(name, TRIAL) and is_label(table, name, times)]
-    if increase_within(table.encoded(called[0])[0] if called else np.zeros(len(table), dtype=np.int64), times):
-        return None
     numbers = [name for name in names if table.is_numeric(name)]
-    for run in called[:1] or [None, *(name for name in numbers if _counts(table, name))]:
-        runs = 0 if run is None else table.encoded(run)[0]
-        codes = {name: table.encoded(name)[0] for name in numbers if name not in (*called, run)}
+    counted = [[name] for name in numbers if _counts(table, name)]
+    for run in [called[:1]] if called else [[], *counted]:
+        runs = table.encoded(run[0])[0] if run else np.zeros(len(table), dtype=np.int64)
+        if increase_within(runs, times):
+            return None
+        codes = {name: table.encoded(name)[0] for name in numbers if name not in (*called, *run)}
         for name, code in tuple(codes.items()):
             last, changes = int(code.max()), int(np.sum(np.diff(code) != 0))
             is_label_of_rows = code.min() >= 0 and (changes == last or _counts(table, name)) and 3 * last < len(table)
@@ -456,13 +457,26 @@ def note_on_pulses(name: str) -> str:
 
 
 def _is_held(values: Floats) -> bool:
-    """Say whether a trial of values stays at levels and jumps between them, or has single pulses."""
+    """Say whether a trial of values stays at levels, within noise, and jumps between them, or has single pulses."""
     levels, ranks = np.unique(values, return_inverse=True)
     jumps = np.diff(ranks)
     kept = np.diff(np.flatnonzero(np.concatenate([[1], jumps, [1]])))
     if len(levels) < 2 or 2 * np.sum(jumps == 0) < len(jumps) or 2 * np.sum(kept > 1) < len(kept):
-        return False
+        return _jumps_twice(values)
     return len(levels) <= 3 or bool(2 * np.sum(np.abs(jumps) > 1) > np.sum(jumps != 0))
+
+
+def _jumps_twice(values: Floats) -> bool:
+    """Say whether values jump at least twice between levels that explain all but a hundredth of their variance.
+
+    Jumps are ten times a usual difference, and levels last at least three samples.
+    """
+    steps = np.abs(np.diff(values))
+    if len(values) < 9:
+        return False
+    parts = np.split(values, np.flatnonzero(steps > 10 * np.median(steps)) + 1)
+    within = sum(float(np.sum((part - part.mean()) ** 2)) for part in parts)
+    return len(parts) > 2 and min(map(len, parts)) >= 3 and within < 0.01 * len(values) * float(np.var(values))
 
 
 def last_digit(values: Floats) -> float:
