@@ -28,7 +28,7 @@ def solved(library, target):
 
 
 @pytest.mark.parametrize("terms", [20, TERMS])
-@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
+@pytest.mark.parametrize("scale", [1.0, 1e6])
 def test_coefficients_are_those_of_all_rows(scale, terms):
     library = monomials(walk(20 * BLOCK))[:, :terms] * scale ** np.linspace(-1, 1, terms)
     truth = np.random.default_rng(1).normal(size=terms) / np.linalg.norm(library, axis=0)
@@ -134,7 +134,7 @@ def test_weighted_rows_are_copies_of_these():
     targets = library[:, :2] @ [[1.0, 2.0], [3.0, -1.0]] + 1e-3 * generator.normal(size=(3000, 2))
     targets[-1] += 5.0  # A row without which much less is left
     support = np.ones(30, dtype=bool)
-    for _ in range(8):
+    for _ in range(2):
         count = np.bincount(generator.integers(3000, size=3000), minlength=3000)
         found = LeastSquaresProblem.of(library, targets, count.astype(float))
         expected = LeastSquaresProblem.of(np.repeat(library, count, axis=0), np.repeat(targets, count, axis=0))

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.optimize import curve_fit
 from scipy.special import lambertw
@@ -34,16 +33,6 @@ def gompertz(t, start, rate, capacity):
     return capacity * np.exp(np.log(start / capacity) * np.exp(-rate * t))
 
 
-def table(rows, **names):
-    return cl.Trials.from_frame(pd.DataFrame(rows), time="t", **({"states": ["s"]} | names))
-
-
-def one_trial(solution, values, noise, seed=1, points=81):
-    times = np.linspace(0, 6, points)
-    measured = solution(times, *values) + noise * np.random.default_rng(seed).standard_normal(points)
-    return times, measured, table({"t": times, "s": measured})
-
-
 @pytest.fixture(scope="module")
 def enzymes():
     times = np.linspace(0, 5, 40)
@@ -56,10 +45,8 @@ def fitted(enzymes):
 
 
 def by_parameter(law):
-    values, errors = named_parameters(law).values, named_parameters(law).errors
-    return dict(zip(named_parameters(law).names, values.T, strict=True)), dict(
-        zip(named_parameters(law).names, errors.T, strict=True)
-    )
+    parameters = named_parameters(law)
+    return [dict(zip(parameters.names, each.T, strict=True)) for each in (parameters.values, parameters.errors)]
 
 
 @pytest.mark.parametrize(
@@ -69,14 +56,14 @@ def by_parameter(law):
 )
 @pytest.mark.parametrize("noise", [0.01, 0.1])
 def test_constants_are_those_of_least_squares_on_the_solution_in_closed_form(text, solution, values, noise):
-    times, measured, trials = one_trial(solution, values, noise)
-    law = cl.fit(text, trials, huber_threshold=np.inf)
+    times = np.linspace(0, 6, 81)
+    measured = solution(times, *values) + noise * np.random.default_rng(1).standard_normal(81)
+    law = cl.fit(text, cl.Trials.from_arrays(times, measured, names=["s"]), huber_threshold=np.inf)
     expected, covariance = curve_fit(solution, times, measured, values, xtol=1e-15, ftol=1e-15, gtol=1e-15)
     parameters = named_parameters(law)
-    found, errors = parameters.values, parameters.errors
-    np.testing.assert_allclose(found[0], expected[1:], rtol=1e-6)
+    np.testing.assert_allclose(parameters.values[0], expected[1:], rtol=1e-6)
     # The noise has as many degrees of freedom but for a few samples
-    np.testing.assert_allclose(errors[0], np.sqrt(np.diag(covariance))[1:], rtol=0.01)
+    np.testing.assert_allclose(parameters.errors[0], np.sqrt(np.diag(covariance))[1:], rtol=0.01)
 
 
 LAWS: dict[str, tuple[Any, ...]] = {
@@ -99,9 +86,9 @@ LAWS: dict[str, tuple[Any, ...]] = {
     "a driver of unknown frequency": (
         "x'' = -k x + A cos(w t + p)",
         lambda t, z, k, height, frequency, phase: [z[1], -k * z[0] + height * np.cos(frequency * t + phase)],
-        {"a": (4.0, 1.0, 2.3, 0.7), "b": (3.0, 0.8, 2.3, 2.0)},
+        {"a": (4.0, 1.0, 2.3, 0.7)},
         [[1.0, 0.0], [0.0, 0.5]],  # From one start alone, driver and spring could be exchanged
-        np.linspace(0, 15, 120),
+        np.linspace(0, 15, 80),
         ("x",),
     ),
     "Hill": (
@@ -132,16 +119,6 @@ def test_constants_are_found_from_nothing_but_the_text(law):
     assert found.objects == tuple(objects)
     assert np.all(np.abs(values - list(objects.values())) < 4 * errors), (parameters.names, values, errors)
     assert np.all(errors < 0.2 * np.abs(values))
-
-
-def test_a_law_is_saved_and_read_with_its_constants(fitted):
-    again = from_json(to_json(fitted))
-    assert to_json(again) == to_json(fitted)
-    parameters = named_parameters(again)
-    assert (str(again), parameters.names) == (str(fitted), ("V", "K"))
-    np.testing.assert_array_equal(
-        (parameters.values, parameters.errors), (named_parameters(fitted).values, named_parameters(fitted).errors)
-    )
 
 
 def test_constants_are_written_where_they_stand(fitted):
@@ -190,7 +167,7 @@ def test_what_decides_a_constant_is_explained():
     relations = relations_frame(explained).set_index("term")
     assert relations.loc["K", "follows"] == "inhibitor"
     assert relations.loc["s/(K + s)", "kind"] == "universal"
-    low, high = relations_frame(explained).set_index("term").loc["K", ["factor", "standard error"]] @ [[1, 1], [-4, 4]]
+    low, high = relations.loc["K", ["factor", "standard error"]] @ [[1, 1], [-4, 4]]
     assert low < 0.5 < high
     assert re.fullmatch(r"K = \(0\.\d+ ± 0\.\d+\) inhibitor", explained.equations()[1])
 
@@ -209,9 +186,8 @@ def test_refining_begins_with_the_constants_of_the_law(fitted, enzymes):
     np.testing.assert_allclose(named_parameters(refined).values, named_parameters(fitted).values, rtol=1e-6)
 
 
-def test_laws_with_constants_are_compared_with_others(enzymes):
-    laws = [cl.fit(text, enzymes, errors="white") for text in (SATURATING, "s' = -k s", "s' = a + b s + c s^2")]
-    table = cl.compare(laws, enzymes)
+def test_laws_with_constants_are_compared_with_others(fitted, enzymes):
+    table = cl.compare([fitted, cl.fit("s' = a + b s + c s^2", enzymes, errors="white")], enzymes)
     assert table["equations"][0] == SATURATING
     assert table["coefficients"][0] == 2
     assert table["2 log B"][1] > 10
@@ -274,21 +250,18 @@ def test_values_of_a_stated_law_keep_to_its_bounds():
     assert cl.Law.from_text([SATURATING, "5 >= K"], {"V": 1.0, "K": 2.0}).structure == (SATURATING,)
 
 
-def test_no_discrepancy_is_sought_beside_constants(fitted, enzymes):
-    with refused("discrepancy-with-parameters", parameters="K"):
-        fitted.discrepancy(enzymes)
-
-
-def test_known_physics_takes_no_constants(enzymes):
-    with refused("known-physics-variables"):
-        cl.discover(enzymes, known="s/(K + s)", order=1, library="poly:3")
-
-
 def test_a_saved_law_without_the_terms_of_its_constants_is_refused(fitted):
     with refused("unknown-name", kind="variable", name="K"):
         from_json(to_json(fitted).replace('"constants": [\n  "K"\n ]', '"constants": []'))
     with refused("parameter-names"):
         cl.Law(fitted.terms.take([0]), fitted.schema, 1, ("a",), np.ones((1, 1, 1)))
+
+
+def test_what_takes_no_constants_refuses_them(fitted, enzymes):
+    with refused("discrepancy-with-parameters", parameters="K"):
+        fitted.discrepancy(enzymes)
+    with refused("known-physics-variables"):
+        cl.discover(enzymes, known="s/(K + s)", order=1, library="poly:3")
 
 
 @pytest.mark.parametrize(
@@ -350,38 +323,24 @@ def test_a_law_of_constants_is_the_function_that_is_written(text, function, valu
     ],
 )
 def test_constants_have_the_units_that_make_sums_and_functions_possible(text, units):
-    given = {"s": "mol", "t": "min"}
-    law = cl.Law.from_text(
-        text,
-        dict.fromkeys(read_equations(text, cl.Schema(("s",))).terms.variables.parameters, 1.0)
-        | dict.fromkeys(units, 1.0)
-        | ({"V": 1.0} if "V" in text else {}),
-        units=given,
-    )
-    parameters = named_parameters(law)
+    names = {each.name for each in read_equations(text, cl.Schema(("s",))).coefficients}
+    parameters = named_parameters(cl.Law.from_text(text, dict.fromkeys(names, 1.0), units={"s": "mol", "t": "min"}))
     found = dict(zip(parameters.names, parameters.units, strict=True))
     for name, unit in units.items():
         assert (found[name] is None) == (unit is None), (name, found)
         assert unit is None or parse_unit(found[name] or "dimensionless") == parse_unit(unit or "dimensionless")
 
 
-FORMS = [
-    ("x' = a sin(w t + p) + b sin(u t + q)", {"w": 0.3, "u": 1.1}),
-    ("x' = a sin(2 pi t/P) + b cos(2 pi t/Q)", {"P": 2 * np.pi / 0.3, "Q": 2 * np.pi / 1.1}),
-]
-
-
-@pytest.mark.parametrize(("equation", "truth"), FORMS, ids=[each[0] for each in FORMS])
-def test_several_unknown_frequencies_or_periods_are_found_whatever_their_form(equation, truth):
+def test_an_unknown_frequency_and_an_unknown_period_are_found():
     times = np.linspace(0, 40, 120)
     motion = 3 + np.cos(0.3 * times) + 0.5 * np.sin(1.1 * times)
     motion = motion + 0.05 * np.random.default_rng(0).standard_normal(120)
-    law = cl.fit(equation, cl.Trials.from_arrays(times, motion, names=["x"]), errors="white")
+    trials = cl.Trials.from_arrays(times, motion, names=["x"])
+    law = cl.fit("x' = a sin(w t + p) + b cos(2 pi t/Q)", trials, errors="white")
     parameters = named_parameters(law)
     values = dict(zip(parameters.names, np.abs(parameters.values[0]), strict=True))
-    names = list(truth)
-    found = sorted(values[name] for name in names)  # Two sines may exchange what they stand for
-    np.testing.assert_allclose(found, sorted(truth.values()), rtol=0.01)
+    found = sorted([values["w"], 2 * np.pi / values["Q"]])  # The two may exchange what they stand for
+    np.testing.assert_allclose(found, [0.3, 1.1], rtol=0.01)
     assert law.uncertainty.noise[0] == pytest.approx(0.05, rel=0.2)
 
 

@@ -64,25 +64,16 @@ def test_a_ball_that_bounces_has_the_estimates_of_least_squares(ball):
 
 
 def test_cells_that_divide_have_the_estimates_of_least_squares():
-    random, times = np.random.default_rng(3), np.linspace(0, 10, 81)
-    true = {"A": (0.5, 2.0, 1.3), "B": (0.7, 2.4, 1.3)}
-    noise = {name: 0.03 * random.standard_normal(len(times)) for name in true}
-    cells = {name: (times, masses(times, *own) + noise[name]) for name, own in true.items()}
-    law = cl.fit("y' = k; y > top: y = y/2", trials(cells))
-
-    def model(p):
-        return np.concatenate([masses(times, *p[:3]), masses(times, *p[3:])])
-
-    data = np.concatenate([y for _, y in cells.values()])
-    estimates = law.params["estimate"].to_numpy().reshape(2, 2)
-    starts = [each.value for each in law.observation.estimated]
-    own = np.column_stack([estimates, starts]).ravel()
-    expected, errors = fitted(model, own, data)
+    times, truth = np.linspace(0, 10, 81), (0.5, 2.0, 1.3)
+    data = masses(times, *truth) + 0.03 * np.random.default_rng(3).standard_normal(len(times))
+    law = cl.fit("y' = k; y > top: y = y/2", trials({"A": (times, data)}))
+    own = [*law.params["estimate"], law.observation.estimated[0].value]
+    expected, errors = fitted(lambda p: masses(times, *p), own, data)
     assert own == pytest.approx(expected, rel=1e-5)
-    assert law.params["standard error"].to_numpy() == pytest.approx(errors[[0, 1, 3, 4]], rel=1e-3)
+    assert law.params["standard error"].to_numpy() == pytest.approx(errors[:2], rel=1e-3)
     # The likelihood jumps where a division moves over a sample; that of the true values is no larger
-    assert np.sum((model(own) - data) ** 2) <= np.sum((model(np.concatenate([*true.values()])) - data) ** 2)
-    assert np.all(np.abs(estimates - [[0.5, 2.0], [0.7, 2.4]]) < 4 * errors[[0, 1, 3, 4]].reshape(2, 2))
+    assert np.sum((masses(times, *own) - data) ** 2) <= np.sum((masses(times, *truth) - data) ** 2)
+    assert np.all(np.abs(np.subtract(own, truth)) < 4 * errors)
 
 
 def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_priors():
@@ -104,7 +95,7 @@ def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_pri
     assert found["estimate"].to_numpy() == pytest.approx(expected[1:], rel=1e-5)
     assert found["standard error"].to_numpy() == pytest.approx(errors[1:], rel=1e-3)
     one, prior = measured.select(object="A"), {"tau": (6.0, 1e-4)}
-    near = cl.fit("y' = -k y; t > tau: y = y + 3", one, priors=prior, initial_values={"y": 5.0})
+    near = cl.fit("y' = -0.4 y; t > tau: y = y + 3", one, priors=prior, initial_values={"y": 5.0})
     assert near.params.set_index("parameter")["estimate"]["tau"] == pytest.approx(6.0, abs=1e-2)
 
 
@@ -129,7 +120,7 @@ def test_the_time_of_a_dose_is_found_from_poor_guesses():
 
 def test_a_tank_that_overflows_has_a_state_for_it():
     """What `equation-event-endless` advises; the solution of Euler's method in short steps."""
-    times, steps = np.linspace(0, 20, 41), 500
+    times, steps = np.linspace(0, 20, 41), 100
     inflow, levels = 1.0 + (np.sin(0.7 * times) > 0), [0.3]
     for i in range(steps * (len(times) - 1)):
         now, h = np.interp((i + 0.5) / steps, np.arange(len(times)), inflow), (times[1] - times[0]) / steps
@@ -137,9 +128,9 @@ def test_a_tank_that_overflows_has_a_state_for_it():
     data = np.array(levels[::steps]) + 0.01 * np.random.default_rng(0).standard_normal(len(times))
     table = pd.DataFrame({"t": times, "h": data, "u": inflow})
     measured = cl.Trials.from_frame(table, time="t", states=["h"], inputs=["u"])
-    text = "h' = (1 - s) (q u - a sqrt(h)); s' = 0 s; s(0) = 0; h > top: s = 1; q u < a sqrt(h): s = 0"
+    text = "h' = (1 - s) (0.5 u - a sqrt(h)); s' = 0 s; s(0) = 0; h(0) = 0.3; h > top: s = 1; 0.5 u < a sqrt(h): s = 0"
     law = cl.fit(text, measured, input_interpolation="linear")
-    for (_, row), truth in zip(law.params.iterrows(), (0.5, 0.5, 2.2), strict=True):
+    for (_, row), truth in zip(law.params.iterrows(), (0.5, 2.2), strict=True):
         assert abs(row["estimate"] - truth) < 4 * row["standard error"] < 0.2 * truth
 
 
@@ -193,8 +184,8 @@ def test_laws_with_events_are_refined_and_compared(ball):
     assert again.params["estimate"].to_numpy() == pytest.approx(law.params["estimate"].to_numpy(), rel=1e-6)
     assert again.observation.events == law.observation.events
     early = measured.until(0.9)
-    other = cl.fit("x'' = -g; x < 0: x = 0, v = -0.95 v", early)
-    assert cl.compare({"other": other, "law": law}, early)["law"].tolist() == ["law", "other"]
+    texts = (f"x'' = -{g}; x < 0: x = 0, v = -{c} v; x(0) = 1.2; v(0) = 0.5" for g, c in ((9.81, 0.95), ("g", 0.75)))
+    assert cl.compare([cl.fit(text, early) for text in texts], early)["law"].tolist() == ["law 2", "law 1"]
 
 
 @pytest.mark.parametrize(
@@ -227,4 +218,4 @@ def test_what_cannot_have_events_refuses_them(ball):
     # A time that later values do not depend on but by which samples are before it
     halves = trials({"A": (TIMES, np.where(TIMES < 1.01, 1.0, 0.5) * np.exp(TIMES))})
     with refused("parameters-not-identified"):
-        cl.fit("y' = k y; t > tau: y = y/2", halves)
+        cl.fit("y' = k y; t > tau: y = y/2; y(0) = 1", halves)

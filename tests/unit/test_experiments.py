@@ -38,19 +38,12 @@ def test_gravity_is_best_measured_at_ends_and_middle():
     assert found.experiments[0].std == pytest.approx((1 + 1 / variance) ** -0.5, rel=1e-3)
 
 
-def test_information_is_that_of_least_squares():
-    times = np.linspace(0, 3, 7)
-    found = cl.design(falling(), {"x": 10, "v": 0, "times": [times]}, about="coefficients")
-    columns = np.column_stack([times**2 / 2, np.ones(7), times]) / NOISE
-    information = 1 / np.linalg.inv(columns.T @ columns)[0, 0]
-    assert found.experiments[0].bits == pytest.approx(np.log2(1 + information) / 2, rel=1e-6)
-
-
 def test_what_is_said_of_measurements_agrees_with_forecasts():
-    law = cl.fit("x'' = -g - c v", cl.datasets.linear_drag(noise=0.05), partial_pooling=False)
-    settings = {"x": 40.0, "v": -1.0, "duration": 2.0, "samples": 9.0, "object": "Ball 3"}
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3), trials=1, noise=0.05)
+    law = cl.fit("x'' = -g - c v", drops, partial_pooling=False)
+    settings = {"x": 40.0, "v": -1.0, "duration": 2.0, "samples": 9.0, "object": "Ball 2"}
     found = said(law, settings)
-    forecast = cl.forecast.forecast_from(law, "Ball 3", np.linspace(0, 2, 9), np.array([40.0, -1.0]))
+    forecast = cl.forecast.forecast_from(law, "Ball 2", np.linspace(0, 2, 9), np.array([40.0, -1.0]))
     np.testing.assert_allclose(found.mean, forecast.trajectories[0].states[:, 0], rtol=1e-6)
     assert forecast.std is not None
     np.testing.assert_allclose(np.linalg.norm(found.by_unknowns, axis=1), forecast.std[0][:, 0], rtol=1e-5, atol=1e-12)
@@ -95,7 +88,7 @@ def test_repeats_reach_what_they_promise():
 
 def test_laws_that_imitate_each_other_are_not_told_apart():
     laws = [known(text, {"a": 1.0}, [[1.0]], inputs=("u",)) for text in ("x' = a", "x' = a u")]
-    vary = {"x": 0, "duration": "1..4", "rate": 10, "u": 1}
+    vary = {"x": 0, "duration": 2, "rate": 10, "u": 1}
     found = cl.design(laws, vary)
     assert not found.tells_apart
     assert "No experiment in these ranges discriminates between these laws" in str(found)
@@ -110,7 +103,7 @@ def test_the_chance_is_what_happens_far_from_lines():
     laws = [known("x' = a x", {"a": 0.5}, [[0.36]]), known("x' = a", {"a": 1.0}, [[1.0]])]
     found = cl.design(laws, {"x": 1, "times": [times]})
     unknowns = np.linspace(-5, 5, 201)[:, np.newaxis, np.newaxis]
-    starts, weights = np.linspace(-1, 3, 201)[:, np.newaxis], np.exp(-(unknowns[..., 0] ** 2) / 2)
+    starts, weights = np.linspace(-1, 3, 101)[:, np.newaxis], np.exp(-(unknowns[..., 0] ** 2) / 2)
     curves = [starts * np.exp((0.5 + 0.6 * unknowns) * times), starts + (1 + unknowns) * times]
     chances = []
     for unknown, i in zip(random.normal(size=400), np.arange(400) % 2, strict=True):
@@ -181,13 +174,13 @@ def test_new_objects_have_coefficients_by_their_properties():
     drops = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), noise=0.3, trials=1)
     masses = {name: {"mass": mass} for name, mass in zip(drops.objects, [0.3, 0.1, 0.06], strict=True)}
     laws = [cl.fit(text, drops).explain(masses) for text in ("x'' = -g - c v", "x'' = -g + b v^2")]
-    vary = {"x": 40, "v": 0, "duration": 2, "samples": 9, "object.mass": 0.2}
+    vary = {"x": 40, "v": 0, "duration": 2, "samples": 5, "object.mass": 0.2}
     design = cl.design(laws, vary)
     (found,) = design.experiments
     assert "a new object with mass = 0.2" in found.text
     trial = cl.Trial("new", "1", [0.0], [[40.0]])
     wanted, _ = with_objects_of(laws[0], cl.Trials((trial,), drops.schema, {"new": {"mass": 0.2}}))
-    states = wanted.simulate(np.linspace(0, 2, 9), [40.0, 0.0], sensitivities=True)["new"]
+    states = wanted.simulate(np.linspace(0, 2, 5), [40.0, 0.0], sensitivities=True)["new"]
     np.testing.assert_allclose(found.forecasts.means[0, :, 0], states.states[:, 0], rtol=1e-4)
     slopes, covariance = states.sensitivities[:, 0, :-2], wanted.uncertainty.covariance[0]
     variances = np.einsum("ni,ij,nj->n", slopes, covariance, slopes) + laws[0].uncertainty.noise[0] ** 2
@@ -227,9 +220,9 @@ def test_laws_that_know_no_errors_are_refused():
 
 
 def test_settings_are_those_of_trials_by_default():
-    drops = cl.datasets.linear_drag(noise=0.05)
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3), trials=1, noise=0.05)
     law = cl.fit("x'' = -g - c v", drops)
-    found = cl.design(law, {"object": "Ball 3"}, trials=drops, about="c of Ball 3")
+    found = cl.design(law, {"object": "Ball 2"}, trials=drops, about="c of Ball 2")
     assert len(found.experiments[0].experiment.times) == 49
     assert 40 < found.experiments[0].experiment.start[0] < 50
 
@@ -241,7 +234,7 @@ def test_a_design_shows_itself_in_a_notebook():
 
 
 def test_what_to_measure_next_is_suggested_within_what_was_visited():
-    drops = cl.datasets.linear_drag(noise=0.5)
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3), trials=1, noise=0.5)
     law = cl.fit("x'' = -g - c v", drops)
     found = suggestions(law, drops, most=2)
     assert [*found] == [
@@ -477,18 +470,19 @@ def test_starts_on_a_logarithmic_scale_are_off_by_shares():
     assert found.experiments[0].std == pytest.approx(expected, rel=1e-3)
 
 
-@pytest.mark.parametrize("given", [{"start_std": {"x": "0.1"}}, {"start_std": {"x": None}}, {"cost": {"trial": "one"}}])
-def test_errors_of_starts_and_prices_that_are_no_numbers_are_refused(given):
-    with refused("setting-negative"):
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"start_std": {"x": "0.1"}}, "setting-negative"),
+        ({"start_std": {"x": None}}, "setting-negative"),
+        ({"cost": {"trial": "one"}}, "setting-negative"),
+        ({"start_std": {"x": -1}}, Diagnostic("setting-negative", {"name": "the start of x is off by", "value": -1})),
+        ({"start_std": {"y": 0}}, Diagnostic("unknown-name", {"name": "y"})),
+    ],
+)
+def test_errors_of_starts_and_prices_that_cannot_be_are_refused(given, message):
+    with refused(message):
         cl.design(falling(), {"x": 0, "v": 0, "duration": 1, "rate": 10}, **given)
-
-
-def test_errors_of_starts_that_cannot_be_are_refused():
-    settings = {"x": 0, "v": 0, "duration": 1, "rate": 10}
-    with refused("unknown-name", name="y"):
-        cl.design(falling(), settings, start_std={"y": 0})
-    with refused("setting-negative", name="the start of x is off by", value=-1):
-        cl.design(falling(), settings, start_std={"x": -1})
 
 
 @pytest.fixture
@@ -509,15 +503,8 @@ def test_a_dose_that_leaves_is_best_measured_after_its_mean_stay(eliminated):
 
 
 def test_doses_are_given_when_and_as_often_as_is_set(eliminated):
-    settings = {
-        "object": "ball",
-        "c": 0.0,
-        "dose": 3.0,
-        "dose.at": 1.0,
-        "dose.every": 2.0,
-        "times": (0.0, 0.5, 2.0, 4.5),
-    }
-    found = said(eliminated, settings)
+    when = {"dose.at": 1.0, "dose.every": 2.0, "times": (0.0, 0.5, 2.0, 4.5)}
+    found = said(eliminated, {"object": "ball", "c": 0.0, "dose": 3.0, **when})
     expected = [0, 0, 3 * np.exp(-0.5), 3 * np.exp(-0.5 * 3.5) + 3 * np.exp(-0.5 * 1.5)]
     np.testing.assert_allclose(found.mean, expected, atol=1e-3)
 

@@ -126,25 +126,6 @@ def test_without_properties_coefficients_are_universal_or_each_objects_own():
     assert [line.split()[:2] for line in lines[5:13]] == [name.split() for name in OBJECTS]
 
 
-@pytest.mark.parametrize("scatter", [0.0, 0.3])
-def test_an_explained_law_comes_back_from_its_file(scatter):
-    law = falling(scatter).explain()
-    again = from_json(to_json(law))
-    assert str(again) == str(law)
-    assert again.uncertainty.explanation.relations == law.uncertainty.explanation.relations
-    np.testing.assert_array_equal(again.uncertainty.explanation.covariance, law.uncertainty.explanation.covariance)
-    np.testing.assert_array_equal(again.uncertainty.unpooled.covariance, law.uncertainty.unpooled.covariance)
-    np.testing.assert_array_equal(again.uncertainty.shared_factor, law.uncertainty.shared_factor)
-    assert again.properties == law.properties
-
-
-def test_a_file_whose_relations_are_damaged_is_refused():
-    document = json.loads(to_json(falling().explain()))
-    document["explanation"]["relations"][1]["exponents"] = ["1/0", "2"]
-    with refused("law-exponents"):
-        from_json(json.dumps(document))
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -251,10 +232,8 @@ def test_pooling_is_recorded_and_kept():
     found = pool_objects(law_of())
     assert found.history[-1].stage == "pooling"
     assert "v in x''" in found.history[-1].choice
-    again = from_json(to_json(found))
-    np.testing.assert_array_equal(again.uncertainty.shared_factor, found.uncertainty.shared_factor)
     with refused("already-pooled"):
-        pool_objects(again)
+        pool_objects(from_json(to_json(found)))
 
 
 def test_what_is_known_and_single_objects_stay():
@@ -403,7 +382,7 @@ def test_the_density_of_all_estimates_is_that_of_the_joint_normal_distribution()
 
 
 def test_scatter_is_looked_for_where_it_is_though_errors_hang_together():
-    for seed in (0, 6, 11, 15):
+    for seed in (0, 11):
         _, estimates, covariances, table = population(seed, error=0.05, scatter=0.1)
         gravity, drag = explain(estimates, covariances, table).relations
         assert (gravity.kind, drag.kind) == (RelationKind.UNIVERSAL, RelationKind.POWER_LAW)
@@ -503,14 +482,14 @@ def test_coefficients_of_both_signs_are_affine_in_what_they_follow(scatter):
 
 def test_properties_that_say_nothing_are_seldom_taken():
     wrong = 0
-    for seed in range(40):
+    for seed in range(20):
         generator = np.random.default_rng(seed)
         truth = -0.12 * np.exp((seed % 2) * 0.3 * generator.standard_normal((8, 1)))
         estimates = truth + 0.01 * generator.standard_normal((8, 1))
         table = PropertyTable(("a", "b", "c"), np.exp(generator.normal(0, 0.6, (8, 3))))
         (found,) = explain(estimates, np.full((8, 1, 1), 1e-4), table).relations
         wrong += found.kind not in (RelationKind.UNIVERSAL, RelationKind.OWN)
-    assert wrong <= 2
+    assert wrong <= 1
 
 
 def test_simple_exponents_are_more_probable_and_all_together_certain():

@@ -145,8 +145,10 @@ def test_exponents_that_are_no_fractions_are_refused(explained_law, exponent):
         from_json(json.dumps(document))
 
 
-def test_a_law_in_parquet_is_the_law(tmp_path, explained_law):
-    law = explained_law
+def test_a_law_in_json_or_parquet_is_the_law(tmp_path, explained_law):
+    law, again = explained_law, from_json(to_json(explained_law))
+    assert again == law
+    assert (str(again), again.history) == (str(law), law.history)
     law.save(tmp_path / "law.parquet")
     assert to_json(Law.load(tmp_path / "law.parquet")) == to_json(law)
     table = pd.read_parquet(tmp_path / "law.parquet").set_index("object")
