@@ -185,7 +185,7 @@ def test_new_objects_have_coefficients_by_their_properties():
     slopes, covariance = states.sensitivities[:, 0, :-2], wanted.uncertainty.covariance[0]
     variances = np.einsum("ni,ij,nj->n", slopes, covariance, slopes) + laws[0].uncertainty.noise[0] ** 2
     np.testing.assert_allclose(found.forecasts.std[0, :, 0], np.sqrt(variances), rtol=1e-3)
-    varied = cl.design(laws, {**vary, "object.mass": "0.03..0.5"})
+    varied = cl.design(laws, {**vary, "object.mass": [0.05, 0.2]})
     assert varied.chance >= design.chance
     with refused("setting-not-a-property"):
         cl.design(laws[0], {**vary, "object.colour": "0..1"})

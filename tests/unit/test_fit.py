@@ -16,7 +16,7 @@ from tests.refusals import refused
 
 @pytest.fixture(scope="module")
 def drops():
-    return datasets.linear_drag(noise=0.05)
+    return datasets.linear_drag(drag=(-0.1, -0.3), trials=1, noise=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -25,12 +25,10 @@ def fitted(drops):
 
 
 def test_numbers_in_the_text_stay(fitted):
-    truth = datasets.truth_of("linear-drag")
     constant, drag = (fitted.terms.index(name) for name in ("1", "v"))
     assert (fitted.coefficients[:, 0, constant] == -9.8).all()
     assert (standard_errors(fitted)[:, 0, constant] == 0).all()
-    true = select_objects(truth, fitted.objects).coefficients[:, 0, truth.terms.index("v")]
-    assert (np.abs(fitted.coefficients[:, 0, drag] - true) < 4 * standard_errors(fitted)[:, 0, drag]).all()
+    assert (np.abs(fitted.coefficients[:, 0, drag] - [-0.1, -0.3]) < 4 * standard_errors(fitted)[:, 0, drag]).all()
 
 
 def test_parameters_of_the_text_name_what_was_found(fitted):
@@ -42,21 +40,14 @@ def test_parameters_of_the_text_name_what_was_found(fitted):
     one = select_objects(fitted, fitted.objects[:1])
     assert f"k [1/s] = {values[0, 0]:.2f}" in str(one)
     assert "x'' = -9.8 - k v" in str(fitted)
+    history = fitted.provenance.history
+    assert (history[0].stage, history[0].choice) == ("equations", "x'' = -9.8 - k v")
 
 
 def test_a_coefficient_that_divides_has_the_error_of_its_inverse(drops, fitted):
-    parameters = named_parameters(cl.fit("x'' = -9.8 - v/tau", drops))
-    values, errors = parameters.values, parameters.errors
-    others, their_errors = named_parameters(fitted).values, named_parameters(fitted).errors
-    np.testing.assert_allclose(values, 1 / others, rtol=1e-6)
-    np.testing.assert_allclose(errors, their_errors / others**2, rtol=1e-6)
-
-
-def test_names_and_history_are_saved(fitted):
-    again = from_json(to_json(fitted))
-    assert again.structure == fitted.structure
-    assert (again.provenance.history[0].stage, again.provenance.history[0].choice) == ("equations", "x'' = -9.8 - k v")
-    assert str(again) == str(fitted)
+    parameters, others = (named_parameters(each) for each in (cl.fit("x'' = -9.8 - v/tau", drops), fitted))
+    np.testing.assert_allclose(parameters.values, 1 / others.values, rtol=1e-6)
+    np.testing.assert_allclose(parameters.errors, others.errors / others.values**2, rtol=1e-6)
 
 
 def test_a_saved_law_whose_terms_are_not_those_of_its_equations_is_refused(fitted):
@@ -72,15 +63,10 @@ def test_several_states_and_gaps():
     states[5, 0] = states[20:23, 1] = np.nan
     gaps = trials.with_trials([replace(first, states=states)])
     law = cl.fit(["x' = a x - b x y", "y' = -c y + d x y"], gaps)
-    parameters = named_parameters(law)
-    values, errors = (each[0] for each in (parameters.values, parameters.errors))
-    truth = datasets.truth_of("lotka-volterra")
-    pairs = zip(parameters.definitions, values, errors, strict=True)
-    for each, value, error in pairs:
-        true = (
-            truth.coefficients[0, each.equation, truth.terms.index(law.terms.names[each.term])] / each.parts[0].factor
-        )
-        assert abs(value - true) < 4 * error, each.name
+    parameters, truth = named_parameters(law), datasets.truth_of("lotka-volterra")
+    true = [[truth.coefficients[0, i, truth.terms.index(term)] for term in ("xy"[i], "x y")] for i in range(2)]
+    assert parameters.names == ("a", "b", "c", "d")
+    assert (np.abs(parameters.values[0] - np.abs(true).ravel()) < 4 * parameters.errors[0]).all()
 
 
 def test_a_law_in_discrete_time_is_fitted_to_the_next_samples():
@@ -93,12 +79,6 @@ def test_a_law_in_discrete_time_is_fitted_to_the_next_samples():
     assert named_parameters(cl.fit("x[k+1] = r x - 3.7 x^2", trials)).values == pytest.approx(3.7)
     with refused("discrete-without-option", refused="noise"):
         cl.fit("x[k+1] = r x", trials, noise={"x": 0.1})
-
-
-def test_a_law_without_coefficients_is_only_judged(drops):
-    law = cl.fit("x'' = -9.8", drops)
-    assert (law.coefficients == -9.8).all()
-    assert law.uncertainty.noise[0] > 0
 
 
 def test_a_coefficient_that_all_objects_have_in_common_is_that_of_a_fit_of_all_together():
@@ -125,12 +105,11 @@ def test_a_coefficient_that_all_objects_have_in_common_is_that_of_a_fit_of_all_t
     fit = least_squares(left, [0.25, *rates, *[1.0, 0.0] * 3])
     error = noise * np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])
     parameters = named_parameters(law)
-    values, errors = parameters.values, parameters.errors
-    shared = values[:, parameters.names.index("k2")]
-    assert np.ptp(shared) < 1e-12
-    assert shared[0] == pytest.approx(fit.x[0], abs=0.1 * error)
-    assert errors[0, parameters.names.index("k2")] == pytest.approx(error, rel=0.05)
-    assert np.ptp(values[:, parameters.names.index("k1")]) > 0.5
+    own, shared = (parameters.names.index(name) for name in ("k1", "k2"))
+    assert np.ptp(parameters.values[:, shared]) < 1e-12
+    assert parameters.values[0, shared] == pytest.approx(fit.x[0], abs=0.1 * error)
+    assert parameters.errors[0, shared] == pytest.approx(error, rel=0.05)
+    assert np.ptp(parameters.values[:, own]) > 0.5
     with refused("unknown-name", name="k3"):
         cl.fit("A' = -k1 A; B' = k1 A - k2 B", trials, shared="k3")
 

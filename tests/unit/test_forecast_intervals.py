@@ -125,10 +125,16 @@ def test_discrete_laws_have_standard_deviations():
     np.testing.assert_allclose(law.predict(trials, return_std=True).std[0][:, 0], expected)
 
 
-@pytest.fixture
-def forecast():
-    law = unsure(datasets.lotka_volterra.truth(), 0.01, 0.05)
-    return law.predict(datasets.lotka_volterra(), return_std=True)
+@pytest.fixture(scope="module")
+def law():
+    """The law of one pair, with uncertain coefficients."""
+    return select_objects(unsure(datasets.lotka_volterra.truth(), 0.01, 0.05), ["Pair 1"])
+
+
+@pytest.fixture(scope="module")
+def forecast(law):
+    trials = datasets.lotka_volterra(samples=60)
+    return law.predict(trials.select(object="Pair 1"), return_std=True)
 
 
 def test_intervals_are_tables_of_normal_quantiles(forecast):
@@ -158,9 +164,8 @@ def test_the_table_of_a_forecast_with_standard_deviations_has_the_ends_of_its_in
             np.testing.assert_allclose(frame[f"{state} measured {end}"], noisy[noisy["state"] == state][end])
 
 
-def test_forecasts_with_and_without_standard_deviations_are_the_same(forecast):
-    law, trials = datasets.lotka_volterra.truth(), forecast.trials
-    plain = law.predict(trials)
+def test_forecasts_with_and_without_standard_deviations_are_the_same(law, forecast):
+    plain = law.predict(forecast.trials)
     assert plain.std is None
     for trajectory, other in zip(plain.trajectories, forecast.trajectories, strict=True):
         np.testing.assert_allclose(trajectory.states, other.states, rtol=1e-5)
@@ -175,8 +180,8 @@ def test_a_diverged_forecast_has_no_standard_deviation_after_its_end():
     assert np.isnan(std[3:]).all()
 
 
-def test_what_is_missing_for_intervals_is_named():
-    law, trials = unsure(datasets.lotka_volterra.truth(), 0.01, 0.05), datasets.lotka_volterra()
+def test_what_is_missing_for_intervals_is_named(law, forecast):
+    trials = forecast.trials
     assert law.uncertainty.has_std
     for missing, message in (
         ({"covariance": None}, "uncertainty-unknown"),
@@ -188,10 +193,9 @@ def test_what_is_missing_for_intervals_is_named():
             poorer.predict(trials, return_std=True)
     with refused("forecast-without-deviations"):
         law.predict(trials).interval()
-    good = law.predict(trials, return_std=True)
     with refused("level-range", level=95):
-        good.interval(95)
+        forecast.interval(95)
     with refused("forecast-without-noise"):
-        Forecast(trials, good.trajectories, good.std).interval(measured=True)
+        Forecast(trials, forecast.trajectories, forecast.std).interval(measured=True)
     with refused("sensitivities-missing"):
         trajectory_std(Trajectory(np.arange(2.0), np.zeros((2, 1))), np.eye(1), np.eye(1))
