@@ -69,8 +69,9 @@ def test_initial_values_by_object_are_those_of_each_trial_where_they_are_free():
     ],
 )
 def test_steady_states_that_are_none_or_many_are_refused(text):
-    inputs = np.where(T > 1, 1.0, 0.0)[:, None]
-    trial = cl.Trial("A", "1", T, np.exp(-0.5 * np.maximum(T - 1, 0))[:, None], inputs)
+    times = T[::5]
+    inputs = np.where(times > 1, 1.0, 0.0)[:, None]
+    trial = cl.Trial("A", "1", times, np.exp(-0.5 * np.maximum(times - 1, 0))[:, None], inputs)
     trials = cl.Trials((trial,), cl.Schema(("a",), ("u",)))
     with refused("no-steady-state"):
         cl.fit(text, trials)

@@ -150,7 +150,7 @@ def case(request, monkeypatch, library):
 
 def disturbed(estimate, size):
     """Estimates whose states are rounded in several other ways, as how much that matters is luck."""
-    for seed in range(5):
+    for seed in range(3):
         generator = np.random.default_rng(seed)
         states = tuple(z * (1 + size * generator.standard_normal(z.shape)) for z in estimate.states)
         yield replace(estimate, states=states)
@@ -165,8 +165,8 @@ def agree(found, expected, again, message):
 
 
 FITTED = (
-    "second order", "mixed orders, constants inside", "many states", "cubic inputs", "several meshes", "functions",
-    "logarithms, held inputs", "memory", "both, held inputs", "both, logarithms",
+    "second order", "mixed orders, constants inside", "cubic inputs", "several meshes", "logarithms, held inputs",
+    "both, held inputs", "both, logarithms",
 )  # fmt: skip
 
 
@@ -184,7 +184,7 @@ def test_fits_are_those_of_numpy(case):
     np.testing.assert_array_equal(found.coefficients[~free], start.coefficients[~free])
 
 
-@pytest.mark.parametrize("case", FITTED[::4], indirect=True)
+@pytest.mark.parametrize("case", FITTED[::3], indirect=True)
 def test_a_prior_of_coefficients_draws_fits_to_it_alike(case):
     model, start, free = case
     typical = np.where(free, 1.5 * start.coefficients, 7.0)
