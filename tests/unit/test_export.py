@@ -41,12 +41,40 @@ LAWS = {
 """Equations, parameters and initial states."""
 
 
+EVENTS = {
+    "ball": ("x'' = -9.8 - c v; x < 0: x = 0, v = -r v", {"c": 0.2, "r": 0.8}, [1.5, 0.3], 1.9),
+    "dose": ("y' = -k y; t > tau: y = y/2 + d", {"k": 0.45, "tau": 4.3, "d": 3.0}, [2.0], 9.0),
+    "relay": (
+        "T' = -k (T - 5) + 9 u; u' = 0 u; u(0) = 1; T < low: u = 1; T > high: u = 0",
+        {"k": 0.3, "low": 18.0, "high": 22.0},
+        [10.0, 1.0],
+        20.0,
+    ),
+}
+"""Equations with events, parameters, initial states and how long these are followed."""
+
+
 @pytest.fixture(params=LAWS)
 def case(request):
     """Return a law, initial states, and the states of each object by `Law.simulate`."""
     text, values, initial = LAWS[request.param]
     law = cl.Law.from_text(text, values)
     return law, initial, {name: each.states for name, each in law.simulate(TIMES, initial).items()}
+
+
+@pytest.fixture(scope="module", params=EVENTS)
+def occurring(request):
+    """Return a law with events whose parameters are all but known, initial states, times, and states."""
+    text, values, initial, last = EVENTS[request.param]
+    times, few = np.linspace(0, last, 41), np.linspace(0, last, 5)
+    priors = {name: (value, 1e-7 * value) for name, value in values.items()}
+    measured = cl.Trials.from_arrays(few, 1 + few / last, names=[text[0]])
+    begun = begin(ModelText.of(text), measured, {}, guesses=values, priors=priors, noise={text[0]: 100.0})
+    law = fit_model(begun, 0, lambda _: None, draws=1).law(())
+    (path,) = law.simulate(times, initial).values()
+    assert np.isfinite(path.states).all()
+    assert np.abs(np.diff(path.states[:, -1])).max() > 0.9
+    return law, initial, times, path.states
 
 
 def integrated(rates, initial):
@@ -72,20 +100,28 @@ def compiled(law, folder):
     return ctypes.CDLL(str(folder / "law.so"))
 
 
+def advanced(library, times, initial, parameters, *on):
+    """Return the states at times by the function of a library that advances them, in a hundred steps between them."""
+    state, h = (ctypes.c_double * len(initial))(*initial), times[1] / 100
+    if on:
+        library.conditions(ctypes.c_double(times[0]), state, None, parameters, *on)
+    found = [list(state)]
+    for at in times[:-1]:
+        for n in range(100):
+            assert (
+                library.advance(ctypes.c_double(at + n * h), ctypes.c_double(h), state, None, parameters, *on) or not on
+            )
+        found.append(list(state))
+    return found
+
+
 def test_c_is_compiled_and_run(case, tmp_path):
     law, initial, expected = case
     library = compiled(law, tmp_path)
-    count, rows = ctypes.c_double * len(initial), np.array(law.coefficients).shape[0]
-    table = (ctypes.c_double * (rows * 64)).in_dll(library, "parameters")
     width = int(re.search(r"OBJECTS\]\[(\d+)\]", (tmp_path / "law.c").read_text())[1])
-    for i, name in enumerate(law.objects):
-        parameters, state = (ctypes.c_double * width)(*table[i * width : (i + 1) * width]), count(*initial)
-        found, steps = [list(state)], 200
-        for at in TIMES[:-1]:
-            h = (TIMES[1] - TIMES[0]) / steps
-            for n in range(steps):
-                library.advance(ctypes.c_double(at + n * h), ctypes.c_double(h), state, None, parameters)
-            found.append(list(state))
+    table = (ctypes.c_double * width * len(law.objects)).in_dll(library, "parameters")
+    for name, parameters in zip(law.objects, table, strict=True):
+        found = advanced(library, TIMES, initial, parameters)
         np.testing.assert_allclose(found, expected[name], rtol=1e-6, atol=1e-7)
 
 
@@ -236,45 +272,11 @@ def test_workbooks_integrate(case, tmp_path):
         np.testing.assert_allclose([row[1:] for row in rows], expected[name].states, rtol=1e-4, atol=1e-5)
 
 
-EVENTS = {
-    "ball": ("x'' = -9.8 - c v; x < 0: x = 0, v = -r v", {"c": 0.2, "r": 0.8}, [1.5, 0.3], 1.9),
-    "dose": ("y' = -k y; t > tau: y = y/2 + d", {"k": 0.45, "tau": 4.3, "d": 3.0}, [2.0], 9.0),
-    "relay": (
-        "T' = -k (T - 5) + 9 u; u' = 0 u; u(0) = 1; T < low: u = 1; T > high: u = 0",
-        {"k": 0.3, "low": 18.0, "high": 22.0},
-        [10.0, 1.0],
-        20.0,
-    ),
-}
-"""Equations with events, parameters, initial states and how long these are followed."""
-
-
-@pytest.fixture(scope="module", params=EVENTS)
-def occurring(request):
-    """Return a law with events whose parameters are all but known, initial states, times, and states."""
-    text, values, initial, last = EVENTS[request.param]
-    times, few = np.linspace(0, last, 41), np.linspace(0, last, 5)
-    priors = {name: (value, 1e-7 * value) for name, value in values.items()}
-    measured = cl.Trials.from_arrays(few, 1 + few / last, names=[text[0]])
-    begun = begin(ModelText.of(text), measured, {}, guesses=values, priors=priors, noise={text[0]: 100.0})
-    law = fit_model(begun, 0, lambda _: None, draws=1).law(())
-    (path,) = law.simulate(times, initial).values()
-    assert np.isfinite(path.states).all()
-    assert np.abs(np.diff(path.states[:, -1])).max() > 0.9
-    return law, initial, times, path.states
-
-
 def test_c_with_events_is_compiled_and_run(occurring, tmp_path):
     law, initial, times, expected = occurring
     library = compiled(law, tmp_path)
     table = (ctypes.c_double * len(law.terms.variables.parameters) * 2).in_dll(library, "parameters")
-    state, on = (ctypes.c_double * len(initial))(*initial), (ctypes.c_int * 2)()
-    library.conditions(ctypes.c_double(times[0]), state, None, table, on)
-    found, h = [list(state)], times[1] / 100
-    for at in times[:-1]:
-        for n in range(100):
-            assert library.advance(ctypes.c_double(at + n * h), ctypes.c_double(h), state, None, table, on) == 1
-        found.append(list(state))
+    found = advanced(library, times, initial, table, (ctypes.c_int * 2)())
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 

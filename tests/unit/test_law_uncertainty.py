@@ -191,16 +191,8 @@ def test_what_is_not_known_is_not_made_up(drag):
 
 
 def test_the_covariance_of_an_average_is_that_of_a_mean_of_independent_objects(drag):
-    draws = np.stack(
-        [
-            np.random.default_rng(i).multivariate_normal(
-                drag.coefficients[i, drag.support], drag.uncertainty.covariance[i], 200_000
-            )
-            for i in range(2)
-        ]
-    ).mean(axis=0)
     average = average_law(drag)
-    np.testing.assert_allclose(average.uncertainty.covariance[0], np.cov(draws.T), rtol=0.02)
+    np.testing.assert_allclose(average.uncertainty.covariance[0], drag.uncertainty.covariance.sum(axis=0) / 4)
     assert average.uncertainty.noise.tolist() == [0.05]
 
 
@@ -262,20 +254,10 @@ def test_the_history_prints_as_a_table(drag):
 
 
 def test_a_saved_law_keeps_its_uncertainty_to_the_last_bit(drag, predators):
-    for law in (
-        drag,
-        predators,
-        replace(
-            drag,
-            uncertainty=replace(drag.uncertainty, covariance=None, noise=None, inclusion_probabilities=None),
-            provenance=replace(drag.provenance, history=()),
-        ),
-    ):
+    for law in (drag, predators, without(drag, "covariance", "noise", "inclusion_probabilities")):
         again = from_json(to_json(law))
-        for name in ("covariance", "noise", "inclusion_probabilities"):
-            np.testing.assert_array_equal(getattr(again.uncertainty, name), getattr(law.uncertainty, name))
-        assert again.provenance.history == law.history
-        assert to_json(again) == to_json(law)
+        assert again == law
+        assert again.history == law.history
 
 
 @pytest.mark.parametrize(
