@@ -111,13 +111,6 @@ def test_the_standard_deviation_of_an_initial_rate_is_not_too_small_for_other_di
     assert 0.93 < np.sqrt(np.mean(np.square(found))) / expected < 1 + excess
 
 
-def test_a_law_that_is_known_exactly_has_intervals_from_the_initial_state_alone():
-    """x' = -x shrinks the error of the start as the state itself."""
-    times, law = np.linspace(0, 3, 31), law_of("x,x**2", 1, [[-1.0, 0.0]], [[0.0]], 0.1)
-    trials = Trials((Trial("a", "1", times, np.exp(-times)),), law.schema)
-    np.testing.assert_allclose(law.predict(trials, return_std=True).std[0][:, 0], 0.1 * np.exp(-times), rtol=1e-6)
-
-
 def test_discrete_laws_have_standard_deviations():
     k, law = np.arange(5.0), law_of("x", 0, [[0.9]], [[1e-4]], 0.1)
     trials = Trials((Trial("a", "1", k, 0.9**k),), law.schema)

@@ -29,7 +29,7 @@ from commonlaw.likelihood import (
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.compiled import packed
 from tests.refusals import refused
-from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, of_prey, prey, trial
+from tests.unit.trajectories import SUPPORT, of_prey, prey, trial
 
 ROOT = Path(__file__).parents[2]
 
@@ -258,20 +258,6 @@ def test_defects_and_their_derivatives_are_those_of_numpy(case, library):
         for name in ("defects", "start", "end", "coefficients"):
             own, theirs = getattr(found, name)[mesh.contiguous], getattr(expected, name)[mesh.contiguous]
             np.testing.assert_allclose(own, theirs, rtol=1e-11, atol=1e-12, err_msg=name)
-
-
-@pytest.mark.parametrize(("order", "text", "names"), DIFFICULT)
-def test_libraries_of_all_kinds_are_programs(library, order, text, names):
-    field, mesh, states = difficult(order, text, names)
-    equations = len(field.coefficients)
-    model = TrajectoryModel(field.terms, (mesh,), ObservationModel(np.ones(equations)), np.ones(len(names)))
-    estimate = Estimate((states,), field.coefficients)
-    found, expected = (
-        compiled.jacobians(library, model, packed(model), 0, estimate, field.free),
-        jacobians(field, mesh, states),
-    )
-    np.testing.assert_allclose(found.defects, expected.defects, rtol=1e-11, atol=1e-11)
-    np.testing.assert_allclose(found.start, expected.start, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize("text", FUNCTIONS_OF_TERMS.values(), ids=FUNCTIONS_OF_TERMS)

@@ -152,24 +152,6 @@ def test_starts_are_numbers_for_all_or_each_object_too(law, trials):
     np.testing.assert_array_equal(one.coefficients, other.coefficients)
 
 
-def test_the_rate_of_a_pendulum_that_is_released_at_rest_need_not_be_measured():
-    times, truth = np.linspace(0, 10, 60), np.array([4.0, 0.1])
-
-    def rates(_, state):
-        return [state[1], -truth[0] * np.sin(state[0]) - truth[1] * state[1]]
-
-    angles = solve_ivp(rates, (0, 10), [1.2, 0.0], t_eval=times, rtol=1e-9, atol=1e-9).y[0]
-    angles += 0.01 * np.random.default_rng(0).standard_normal(len(times))
-    swings = cl.Trials.from_arrays(times, angles, names=["theta"])
-    law = cl.fit("theta' = omega; omega' = -g sin(theta) - c omega", swings, initial_values={"omega": 0.0})
-    parameters = named_parameters(law)
-    values, errors = (
-        each[0, [parameters.names.index(name) for name in "gc"]] for each in (parameters.values, parameters.errors)
-    )
-    assert (abs(values - truth) < 4 * errors).all()
-    assert (errors < (0.01, 0.004)).all()
-
-
 @pytest.mark.parametrize(
     ("equations", "starts", "settings", "message"),
     [

@@ -76,17 +76,6 @@ def test_heights_of_falling_balls_fit_as_by_shooting():
     assert found.deviance == pytest.approx(cost, abs=1e-3)
 
 
-def test_coefficients_that_are_not_free_stay():
-    model, start = of_prey(prey()[1])
-    held = start.coefficients.copy()
-    held[0, 0] = 0.9
-    free = SUPPORT.copy()
-    free[0, 0] = False
-    found = fit(model, Estimate(start.states, held), free, DOWN[:4])
-    assert found.coefficients[0, 0] == 0.9
-    assert found.deviance > fit(model, start, SUPPORT, DOWN[:4]).deviance + 10
-
-
 def test_missing_values_and_a_gap_cost_information_only(shot_prey):
     full, *_ = shot_prey
     missing = [each.copy() for each in full]
