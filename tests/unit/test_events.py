@@ -85,17 +85,13 @@ def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_pri
     taus = {"A": 5.13, "B": 7.3}
     noise = {name: 0.05 * random.standard_normal(len(times)) for name in taus}
     measured = trials({name: (times, course(0.4, tau) + noise[name]) for name, tau in taus.items()})
-    settings = {"shared": "k", "initial_values": {"y": 5.0}}
-    law = cl.fit("y' = -k y; t > tau: y = y + 3; 0 < tau < 12", measured, **settings)
+    law = cl.fit("y' = -0.4 y; t > tau: y = y + 3; y(0) = 5; 0 < tau < 12", measured)
     data = np.concatenate([trial.states[:, 0] for trial in measured])
-    expected, errors = fitted(
-        lambda p: np.concatenate([course(p[0], p[1]), course(p[0], p[2])]), [0.4, *taus.values()], data
-    )
-    found = law.params[law.params["parameter"] == "tau"]
-    assert found["estimate"].to_numpy() == pytest.approx(expected[1:], rel=1e-5)
-    assert found["standard error"].to_numpy() == pytest.approx(errors[1:], rel=1e-3)
+    expected, errors = fitted(lambda p: np.concatenate([course(0.4, tau) for tau in p]), [*taus.values()], data)
+    assert law.params["estimate"].to_numpy() == pytest.approx(expected, rel=1e-5)
+    assert law.params["standard error"].to_numpy() == pytest.approx(errors, rel=1e-3)
     one, prior = measured.select(object="A"), {"tau": (6.0, 1e-4)}
-    near = cl.fit("y' = -0.4 y; t > tau: y = y + 3", one, priors=prior, initial_values={"y": 5.0})
+    near = cl.fit("y' = -0.4 y; t > tau: y = y + 3; y(0) = 5", one, priors=prior)
     assert near.params.set_index("parameter")["estimate"]["tau"] == pytest.approx(6.0, abs=1e-2)
 
 
@@ -179,13 +175,13 @@ def test_events_without_end_end_a_forecast_with_an_outcome(ball):
 
 
 def test_laws_with_events_are_refined_and_compared(ball):
-    measured, law = ball
-    again = cl.refine(law, measured)
-    assert again.params["estimate"].to_numpy() == pytest.approx(law.params["estimate"].to_numpy(), rel=1e-6)
-    assert again.observation.events == law.observation.events
-    early = measured.until(0.9)
+    early = ball[0].until(0.9)
     texts = (f"x'' = -{g}; x < 0: x = 0, v = -{c} v; x(0) = 1.2; v(0) = 0.5" for g, c in ((9.81, 0.95), ("g", 0.75)))
-    assert cl.compare([cl.fit(text, early) for text in texts], early)["law"].tolist() == ["law 2", "law 1"]
+    laws = [cl.fit(text, early) for text in texts]
+    again = cl.refine(laws[1], early)
+    assert again.params["estimate"].to_numpy() == pytest.approx(laws[1].params["estimate"].to_numpy(), rel=1e-6)
+    assert again.observation.events == laws[1].observation.events
+    assert cl.compare(laws, early)["law"].tolist() == ["law 2", "law 1"]
 
 
 @pytest.mark.parametrize(

@@ -417,9 +417,9 @@ def _values_of(law: Law, begun: "Beginning") -> Floats:
     rows = zip(begun.trials, begun.unknowns.parameters, begun.unknowns.initial, strict=True)
     for trial, parameters, initial in rows:
         values = dict(zip(named.names, named.values[object_index(law, trial.object)].tolist(), strict=True))
-        for k in (*parameters, *initial):
+        for k in (k for k in (*parameters, *initial) if k >= 0):
             name = begun.unknowns.names[k]
             value = by_trial.get((trial.object, trial.name, name), values.get(name, 0.0))
-            if k >= 0 and value != 0 and np.isfinite(value):
+            if value != 0 and np.isfinite(value):
                 result[k] = value
     return result
