@@ -175,8 +175,7 @@ def test_new_objects_have_coefficients_by_their_properties():
     masses = {name: {"mass": mass} for name, mass in zip(drops.objects, [0.3, 0.1, 0.06], strict=True)}
     laws = [cl.fit(text, drops).explain(masses) for text in ("x'' = -g - c v", "x'' = -g + b v^2")]
     vary = {"x": 40, "v": 0, "duration": 2, "samples": 5, "object.mass": 0.2}
-    design = cl.design(laws, vary)
-    (found,) = design.experiments
+    (found,) = cl.design(laws, vary).experiments
     assert "a new object with mass = 0.2" in found.text
     trial = cl.Trial("new", "1", [0.0], [[40.0]])
     wanted, _ = with_objects_of(laws[0], cl.Trials((trial,), drops.schema, {"new": {"mass": 0.2}}))
@@ -185,8 +184,6 @@ def test_new_objects_have_coefficients_by_their_properties():
     slopes, covariance = states.sensitivities[:, 0, :-2], wanted.uncertainty.covariance[0]
     variances = np.einsum("ni,ij,nj->n", slopes, covariance, slopes) + laws[0].uncertainty.noise[0] ** 2
     np.testing.assert_allclose(found.forecasts.std[0, :, 0], np.sqrt(variances), rtol=1e-3)
-    varied = cl.design(laws, {**vary, "object.mass": [0.05, 0.2]})
-    assert varied.chance >= design.chance
     with refused("setting-not-a-property"):
         cl.design(laws[0], {**vary, "object.colour": "0..1"})
 

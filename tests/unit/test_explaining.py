@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -51,8 +52,14 @@ def falling(scatter=0.0, pooled=True, units=UNITS):
     return pool_objects(law) if pooled else law
 
 
+@cache
+def explained():
+    """The law of these balls with its relations."""
+    return falling().explain()
+
+
 def test_a_law_says_what_is_universal_and_what_follows_properties():
-    law = falling().explain()
+    law = explained()
     assert law.equations(errors=False) == ("x'' = -9.934 + 0.2523 diameter^2/mass v^2",)
     assert str(law).splitlines()[0] == "x'' = -9.934 ± 0.069 + (0.2523 ± 0.0018) diameter^2/mass v^2"
     assert r"0.2523\, \frac{\mathrm{diameter}^{2}}{\mathrm{mass}}\, v^{2}" in to_latex(law, errors=False)
@@ -64,7 +71,7 @@ def test_a_law_says_what_is_universal_and_what_follows_properties():
 
 
 def test_units_say_what_a_factor_is():
-    law = falling().explain()
+    law = explained()
     assert "the factor of v^2 has the unit kg/m³, that of a density" in str(law)
     missing = replace(law, schema=replace(law.schema, units={**UNITS, "mass": "s"}))
     assert "the factor of v^2 has the unit s/m³, which no common constant has: a property may be missing" in str(
@@ -113,7 +120,7 @@ def test_coefficients_become_what_relations_say_and_more_precise():
 
 def test_pooling_and_earlier_explanations_do_not_matter():
     law = falling(pooled=False).explain()
-    for other in (falling().explain(), law.explain(), law.explain([]).explain()):
+    for other in (explained(), law.explain(), law.explain([]).explain()):
         np.testing.assert_allclose(other.coefficients, law.coefficients)
 
 
@@ -148,7 +155,7 @@ def test_without_properties_coefficients_are_universal_or_each_objects_own():
     ],
 )
 def test_relations_that_contradict_themselves_are_refused(change, message):
-    document = json.loads(to_json(falling().explain()))
+    document = json.loads(to_json(explained()))
     change(document["explanation"])
     with refused(message):
         from_json(json.dumps(document))
@@ -163,7 +170,7 @@ def test_properties_can_be_given_when_the_law_knows_none(tmp_path):
     rows = [f"{name},{values['diameter']},{values['mass']}" for name, values in known.properties.items()]
     table.write_text("\n".join(["object,diameter [cm],mass", *rows]))
     for given in (known.properties, table):
-        np.testing.assert_allclose(bare.explain(given).coefficients, known.explain().coefficients)
+        np.testing.assert_allclose(bare.explain(given).coefficients, explained().coefficients)
     assert bare.explain(table).schema.units["diameter"] == "cm"
 
 

@@ -255,7 +255,7 @@ def computed(book):
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-@pytest.mark.parametrize("case", ["two objects", "functions", "mixed orders", "names"], indirect=True)
+@pytest.mark.parametrize("case", ["two objects", "functions"], indirect=True)
 def test_workbooks_integrate(case, tmp_path):
     law, initial, _ = case
     law.save(tmp_path / "law.xlsx", initial=initial)

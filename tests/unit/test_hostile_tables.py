@@ -79,8 +79,8 @@ def streamed(path):
 
 
 def test_a_text_that_is_in_every_row_of_a_parquet_file_is_in_memory_once(tmp_path):
-    path, rows = tmp_path / "repeated.parquet", np.arange(20_000.0)
-    text = pa.DictionaryArray.from_arrays(np.zeros(len(rows), dtype=np.int32), ["y" * 100_000])
+    path, rows = tmp_path / "repeated.parquet", np.arange(2_000.0)
+    text = pa.DictionaryArray.from_arrays(np.zeros(len(rows), dtype=np.int32), ["y" * 600_000])
     lists = pa.ListArray.from_arrays(np.arange(len(rows) + 1) * 10, pa.array(["a"]).take([0] * 10 * len(rows)))
     named = {"object": ["ball"] * len(rows), "trial": ["1"] * len(rows), "t": rows, "x": rows}
     pq.write_table(pa.table(named | {"text": text, "lists": lists}), path, store_schema=False)

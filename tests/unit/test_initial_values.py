@@ -65,7 +65,7 @@ def test_initial_values_by_object_are_those_of_each_trial_where_they_are_free():
     [
         "a' = -k a u + m b; b' = k a u - m b; a(0) = steady; b(0) = steady",  # Any of one sum
         "a' = -k a u; a(0) = steady",  # Any value
-        "a' = r + k u; a(0) = steady",  # None
+        "a' = 1 + u; a(0) = steady",  # None
     ],
 )
 def test_steady_states_that_are_none_or_many_are_refused(text):
