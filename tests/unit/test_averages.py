@@ -18,7 +18,7 @@ TIMES = np.linspace(0.0, 2.0, 9)
 NOISE = 0.01
 
 
-def law_of(decay: float, constant: float, variance: float = 1e-4, objects: tuple[str, ...] = ("cup", "mug")) -> Law:
+def law_of(decay, constant, variance=0.0001, objects=("cup", "mug")):
     """Return x' = constant + decay x, without the constant if that is zero."""
     law = Law.from_text("x' = -1.0 x + 1.0")
     terms = law.terms
@@ -31,13 +31,13 @@ def law_of(decay: float, constant: float, variance: float = 1e-4, objects: tuple
 
 
 @pytest.fixture
-def law() -> Law:
+def law():
     """A law that could have a constant too, with a probability of 0.3."""
     return with_other_laws(law_of(-1.0, 0.0), (PlausibleLaw(0.3, law_of(-1.4, 0.5)),))
 
 
 @pytest.fixture
-def trials() -> cl.Trials:
+def trials():
     states = [np.exp(-TIMES)[:, np.newaxis]] * 2
     return cl.Trials.from_arrays([TIMES] * 2, states, object=["cup", "mug"], names=["x"])
 
@@ -46,7 +46,7 @@ def test_ends_of_a_mixture_are_its_quantiles():
     weights, centers, scales = np.array([0.5, 0.2, 0.3]), np.array([0.0, 3.0, -1.0]), np.array([1.0, 0.1, 2.0])
     degrees = np.array([np.inf, 4.0, 9.0])
 
-    def below(value: float) -> float:
+    def below(value):
         parts = norm.cdf(value), t.cdf((value - 3) / 0.1, 4), t.cdf((value + 1) / 2, 9)
         return float(weights @ np.array(parts))
 

@@ -22,6 +22,8 @@ from commonlaw.likelihood import ErrorModel
 from tests.known_laws import NOISE, falling, known, said
 from tests.refusals import refused
 
+THROWN = {"x": 1, "v": 0, "duration": 1, "rate": 5}
+
 
 def test_gravity_is_best_measured_at_ends_and_middle():
     """Height is a parabola of time, whose curvature is told best at both ends and in between, once to twice to once."""
@@ -196,13 +198,10 @@ def test_new_objects_have_coefficients_by_their_properties():
         ({"x": "60..5"}, "setting-range"),
         ({"x": "high"}, Diagnostic("setting-syntax", {"name": "x", "value": "high"})),
         (
-            {"x": 1, "v": 0, "duration": -1, "rate": 5},
+            {**THROWN, "duration": -1},
             Diagnostic("setting-too-small", {"name": "duration", "value": -1.0, "least": 0.0}),
         ),
-        (
-            {"x": 1, "v": 0, "duration": 1, "rate": 5, "object": "cube"},
-            Diagnostic("unknown-name", {"kind": "object of this law", "name": "cube"}),
-        ),
+        ({**THROWN, "object": "cube"}, Diagnostic("unknown-name", {"kind": "object of this law", "name": "cube"})),
     ],
 )
 def test_settings_that_cannot_be_are_refused(vary, message):
@@ -213,11 +212,11 @@ def test_settings_that_cannot_be_are_refused(vary, message):
 def test_laws_that_know_no_errors_are_refused():
     law = cl.Law.from_text("x'' = -g", {"g": 9.8})
     with refused("uncertainty-unknown"):
-        cl.design(law, {"x": 1, "v": 0, "duration": 1, "rate": 5})
+        cl.design(law, THROWN)
 
 
 def test_a_design_shows_itself_in_a_notebook():
-    shown = cl.design(falling(), {"x": 10, "v": 0, "duration": 1, "rate": 10})._repr_html_()
+    shown = cl.design(falling(), THROWN)._repr_html_()
     assert "Next experiment" in shown
     assert "bits" in shown
 
@@ -471,7 +470,7 @@ def test_starts_on_a_logarithmic_scale_are_off_by_shares():
 )
 def test_errors_of_starts_and_prices_that_cannot_be_are_refused(given, message):
     with refused(message):
-        cl.design(falling(), {"x": 0, "v": 0, "duration": 1, "rate": 10}, **given)
+        cl.design(falling(), THROWN, **given)
 
 
 @pytest.fixture

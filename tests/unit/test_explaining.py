@@ -137,19 +137,10 @@ def test_without_properties_coefficients_are_universal_or_each_objects_own():
     ("change", "message"),
     [
         (lambda saved: saved["relations"].append(None), Diagnostic("relations-count", {"given": 3, "expected": 2})),
-        (
-            lambda saved: saved["covariance"].pop(),
-            Diagnostic("law-array-shape", {"array": "covariance of factors", "shape": (1, 2), "expected": (2, 2)}),
-        ),
+        (lambda saved: saved["covariance"].pop(), Diagnostic("law-array-shape", {"array": "covariance of factors"})),
         (lambda saved: saved["covariance"][0].pop(), "not-a-law"),
-        (
-            lambda saved: saved["relations"][1].update(exponents=["2"]),
-            Diagnostic("relation-damaged", {"kind": "power law"}),
-        ),
-        (
-            lambda saved: saved["relations"][0].update(errors=[-1]),
-            Diagnostic("relation-damaged", {"kind": "universal"}),
-        ),
+        (lambda saved: saved["relations"][1].update(exponents=["2"]), "relation-damaged"),
+        (lambda saved: saved["relations"][0].update(errors=[-1]), "relation-damaged"),
         (lambda saved: saved["relations"][0].update(kind="affine", scatter=-1), "relation-damaged"),
         (lambda saved: saved["relations"][0].update(kind="magic"), "not-a-law"),
     ],
@@ -177,15 +168,15 @@ def test_properties_can_be_given_when_the_law_knows_none(tmp_path):
 @pytest.mark.parametrize(
     ("change", "names", "message"),
     [
-        ({}, ["weight"], Diagnostic("unknown-name", {"kind": "property", "name": "weight"})),
-        ({}, ["colour"], Diagnostic("property-not-a-number", {"property": "colour"})),
-        ({"uncertainty": cl.law.Uncertainty()}, ["mass"], "uncertainty-unknown"),
-        ({"uncertainty": replace(falling().uncertainty, unpooled=None)}, ["mass"], "own-coefficients-unknown"),
+        (lambda known: known, ["weight"], Diagnostic("unknown-name", {"kind": "property", "name": "weight"})),
+        (lambda known: known, ["colour"], Diagnostic("property-not-a-number", {"property": "colour"})),
+        (lambda _: cl.law.Uncertainty(), ["mass"], "uncertainty-unknown"),
+        (lambda known: replace(known, unpooled=None), ["mass"], "own-coefficients-unknown"),
     ],
 )
 def test_what_cannot_be_explained_is_refused(change, names, message):
     with refused(message):
-        replace(falling(), **change).explain(names)
+        replace(falling(), uncertainty=change(falling().uncertainty)).explain(names)
 
 
 def test_one_object_and_terms_of_their_own_are_refused():
@@ -220,16 +211,12 @@ def law_of(objects=6, spread=0.05):
 
 
 def test_the_mean_over_partially_pooled_objects_has_the_covariance_of_a_mean():
-    law = law_of()
-    found = pool_objects(law)
-    draws = np.random.default_rng(1)
-    own = found.uncertainty.covariance - np.matmul(
-        found.uncertainty.shared_factor, found.uncertainty.shared_factor.transpose(0, 2, 1)
-    )
-    shared = np.matmul(found.uncertainty.shared_factor, draws.standard_normal((20000, 1, 2, 1)))[..., 0]
-    alone = np.matmul(np.linalg.cholesky(own), draws.standard_normal((20000, 6, 2, 1)))[..., 0]
-    expected = np.cov((shared + alone).mean(axis=1), rowvar=False)
-    np.testing.assert_allclose(average_law(found).uncertainty.covariance[0], expected, rtol=0.05, atol=2e-4)
+    found = pool_objects(law_of())
+    factor = found.uncertainty.shared_factor
+    own = found.uncertainty.covariance - factor @ factor.transpose(0, 2, 1)
+    mean = factor.mean(axis=0)
+    expected = own.sum(axis=0) / 6**2 + mean @ mean.T
+    np.testing.assert_allclose(average_law(found).uncertainty.covariance[0], expected)
     assert average_law(found).uncertainty.shared_factor is None
     some = select_objects(found, ["ball 2", "ball 5"])
     np.testing.assert_array_equal(some.uncertainty.shared_factor, found.uncertainty.shared_factor[[1, 4]])

@@ -9,7 +9,6 @@ from scipy.optimize import least_squares
 
 from commonlaw import datasets
 from commonlaw.differentiation import default_differentiation, parse_differentiation
-from commonlaw.forecast import Forecast
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials
@@ -25,26 +24,19 @@ def law_of(library, states, coefficients, noise, order=1, rates=(), variance=0.0
     """A law of one object, "tank", whose coefficients in use have this variance and are independent."""
     coefficients = np.array([coefficients], dtype=np.float64)
     terms = parse_library(library).bind(Variables((*states, *rates)))
-    size = int((coefficients != 0).any(axis=0).sum())
-    return Law(
-        terms,
-        Schema(states),
-        order,
-        ("tank",),
-        coefficients,
-        uncertainty=Uncertainty([variance * np.eye(size)], noise=noise),
-    )
+    uncertainty = Uncertainty([variance * np.eye(int((coefficients != 0).any(axis=0).sum()))], noise=noise)
+    return Law(terms, Schema(states), order, ("tank",), coefficients, uncertainty)
 
 
-def trials_of(law: Law, *states, times) -> Trials:
+def trials_of(law, *states, times):
     return Trials(tuple(Trial("tank", str(i), times, state) for i, state in enumerate(states)), law.schema)
 
 
-def start_of(forecast: Forecast):
+def start_of(forecast):
     return forecast.trajectories[0].states[0]
 
 
-def noisy(trial: Trial, noise, seed: int) -> Trial:
+def noisy(trial, noise, seed):
     """The trial with white noise on its states."""
     return replace(trial, states=trial.states + noise * np.random.default_rng(seed).standard_normal(trial.states.shape))
 
@@ -71,10 +63,8 @@ def test_the_start_of_a_linear_law_and_its_standard_deviation_are_those_of_weigh
 def test_more_samples_than_a_trial_has_are_all_of_them():
     trials = datasets.linear_drag(noise=0.05)[[0]]
     law = measured(datasets.linear_drag.truth(), [0.05])
-    for start in (1000, "all"):
-        np.testing.assert_array_equal(
-            start_of(law.predict(trials, start=start)), start_of(law.predict(trials, start=len(trials[0])))
-        )
+    expected, *found = (start_of(law.predict(trials, start=start)) for start in (len(trials[0]), 1000, "all"))
+    np.testing.assert_array_equal(found, [expected] * 2)
 
 
 @pytest.mark.parametrize("noise", [[0.02], [0.0], None])
@@ -174,19 +164,14 @@ def test_what_no_start_can_be_fitted_to_is_refused_by_name():
         law.predict(trials, start=1)
     with refused("initial-values-too-few", name="y", measured=0, samples=8, least=1):
         law.predict(trials, start=8)
-    with refused("forecast-start", start=0):
-        law.predict(trials, start=0)
-    with refused("forecast-start", start=0.5):
-        law.predict(trials, start=0.5)
-    with refused("forecast-start", start="first"):
-        law.predict(trials, start="first")
-    with refused("initial-values-without-noise", lacking="has no noise estimate"):
-        replace(law, uncertainty=replace(law.uncertainty, noise=None)).predict(trials, start=15)
-    with refused("initial-values-without-noise", lacking="has zero noise for a state"):
-        replace(law, uncertainty=replace(law.uncertainty, noise=[0.1, 0.0])).predict(trials, start=15)
-    discrete = replace(law, order=0)
+    for start in (0, 0.5, "first"):
+        with refused("forecast-start", start=start):
+            law.predict(trials, start=start)
+    for noise, lacking in ((None, "has no noise estimate"), ([0.1, 0.0], "has zero noise for a state")):
+        with refused("initial-values-without-noise", lacking=lacking):
+            replace(law, uncertainty=replace(law.uncertainty, noise=noise)).predict(trials, start=15)
     with refused("discrete-start"):
-        discrete.predict(trials, start="all")
+        replace(law, order=0).predict(trials, start="all")
     roots = law_of("terms:sqrt(x)", ("x",), [[1.0]], [0.1])
     with refused("initial-value-not-fitted", samples=15, where="tank, trial 0"):
         roots.predict(trials_of(roots, -1 - times, times=times), start=15)

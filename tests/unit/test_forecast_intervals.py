@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 from scipy.stats import norm
 
@@ -23,20 +22,16 @@ TOLERANCE = 0.12
 """Relative error of a standard deviation of so many draws, three and a half times its standard error."""
 
 
-def unsure(law: Law, relative: float, noise: float, seed: int = 0) -> Law:
+def unsure(law, relative, noise, seed=0):
     """The law with coefficients of this relative standard error, correlated, and this noise."""
     size = int(law.support.sum())
     mixed = np.random.default_rng(seed).standard_normal((len(law.objects), size, 2 * size)) / np.sqrt(2 * size)
     mixed *= relative * law.coefficients[:, law.support][:, :, np.newaxis]
-    return replace(
-        law,
-        uncertainty=replace(
-            law.uncertainty, covariance=mixed @ mixed.transpose(0, 2, 1), noise=np.full(len(law.schema.states), noise)
-        ),
-    )
+    known = Uncertainty(mixed @ mixed.transpose(0, 2, 1), noise=np.full(len(law.schema.states), noise))
+    return replace(law, uncertainty=known)
 
 
-def law_of(texts: str, order: int, coefficients: ArrayLike, variances: ArrayLike, noise: float, method=None) -> Law:
+def law_of(texts, order, coefficients, variances, noise, method=None):
     """The law of x with these terms, of objects a, b, ... by their coefficients, and variances of those in the law."""
     terms = parse_library(f"terms:{texts}").bind(Variables(("x", "v")[: max(order, 1)]))
     values, objects = np.array(coefficients)[:, np.newaxis], tuple("ab"[: len(np.array(coefficients))])

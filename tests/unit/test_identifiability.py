@@ -1,7 +1,6 @@
 """Which variables trials cannot tell apart, before any law, and which further trials would."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,9 +24,7 @@ _BALLS = {"golf": (0.05, 0.004), "tennis": (0.1, 0.012)}
 """Linear and quadratic drag."""
 
 
-def drops(
-    heights: dict[str, Sequence[float]], noise: float = 0.05, seed: int = 0, scales: Floats | None = None
-) -> cl.Trials:
+def drops(heights, noise=0.05, seed=0, scales=None):
     """Return drops of balls from rest, each of 40 samples in 2.7 s, their heights multiplied by scales."""
     random, times, states, names = np.random.default_rng(seed), np.arange(40) / 15, [], []
     for ball, (linear, square) in _BALLS.items():
@@ -45,12 +42,12 @@ def drops(
     return cl.Trials.from_arrays([times] * len(states), states, object=names, names=["x"], units={"x": "m"})
 
 
-def both(*heights: float, **options: float) -> cl.Trials:
+def both(*heights, **options):
     return drops(dict.fromkeys(_BALLS, heights), **options)
 
 
 @pytest.mark.parametrize("library", ["poly:2", None])
-def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_they_can(library: str | None) -> None:
+def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_they_can(library):
     (found,) = confounded_sets(both(47, 47), 2, library)
     assert found.sets == (("x",), ("v",))
     assert not found.by_trial
@@ -61,16 +58,16 @@ def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_the
     assert not confounded_sets(both(47, 38), 2, library)
 
 
-def test_a_height_that_stands_in_for_what_makes_trials_differ_is_told() -> None:
+def test_a_height_that_stands_in_for_what_makes_trials_differ_is_told():
     (found,) = confounded_sets(both(47, 47, scales=np.array([1, 1.2, 1, 0.85])), 2)
     assert found.sets == (("x",), ("v",))
     assert found.by_trial
 
 
-def test_states_that_sum_to_a_constant_stand_in_for_each_other() -> None:
+def test_states_that_sum_to_a_constant_stand_in_for_each_other():
     random, times = np.random.default_rng(0), np.linspace(0, 20, 80)
 
-    def rates(_: float, y: Floats) -> list[float]:
+    def rates(_, y):
         infected = 1.5 * y[0] * y[1]
         return [-infected, infected - 0.5 * y[1], 0.5 * y[1]]
 
@@ -81,12 +78,12 @@ def test_states_that_sum_to_a_constant_stand_in_for_each_other() -> None:
     assert {("S", "I"), ("S", "R")} <= set(found["I"])
 
 
-def test_trials_too_short_for_all_terms_say_nothing() -> None:
+def test_trials_too_short_for_all_terms_say_nothing():
     short = cl.Trials.from_arrays([0.0, 1, 2, 3, 4, 5], [5.0, 4, 3.5, 3, 2.6, 2.3])
     assert confounded_sets(short, 2, "poly:3") == ()
 
 
-def test_the_data_check_says_what_trials_from_one_height_cannot_tell() -> None:
+def test_the_data_check_says_what_trials_from_one_height_cannot_tell():
     trials = both(47, 47)
     (said,) = (str(each) for each in trials.check(library="poly:2").found if each.column == "x")
     assert said.startswith("x'': x and v are confounded, because all trials have similar initial conditions, at x = 4")
@@ -102,7 +99,7 @@ _TIMES = np.linspace(0, 2, 21)
 _FALL = cl.Trials.from_arrays(_TIMES, 40 - 4.9 * _TIMES**2, names=["x"], units={"x": "m", "t": "s"})
 
 
-def law(coefficients: list[float], error: float = 1e-3) -> Law:
+def law(coefficients, error=0.001):
     """Return a law over 1, x, v, with independent errors."""
     variables = Variables(("x", "v"))
     terms = Terms(variables, tuple(parse_term(each, variables) for each in ("1", "x", "v")))
@@ -113,7 +110,7 @@ def law(coefficients: list[float], error: float = 1e-3) -> Law:
     return Law(terms, _SCHEMA, 2, ("ball",), values, known, Provenance(domain=domain))
 
 
-def test_a_height_that_stands_in_for_gravity_is_told_by_a_drop_from_elsewhere() -> None:
+def test_a_height_that_stands_in_for_gravity_is_told_by_a_drop_from_elsewhere():
     rival = law([0, -0.3, 0])
     (said,) = outcomes_of_rivals(with_other_laws(law([-9.8, 0, 0]), (PlausibleLaw(0.3, rival),)), _FALL)
     assert said.kind is OutcomeKind.NOT_IDENTIFIABLE
@@ -137,12 +134,12 @@ def test_a_height_that_stands_in_for_gravity_is_told_by_a_drop_from_elsewhere() 
     ],
     ids=["improbable", "alike", "uncertain"],
 )
-def test_nothing_is_said_of_rivals_that_no_trial_need_tell(rival: Law, probability: float) -> None:
+def test_nothing_is_said_of_rivals_that_no_trial_need_tell(rival, probability):
     asked = with_other_laws(law([-9.8, 0, 0], error=0.05), (PlausibleLaw(probability, rival),))
     assert outcomes_of_rivals(asked, _FALL) == ()
 
 
-def test_a_law_of_variables_that_trials_cannot_tell_apart_says_so() -> None:
+def test_a_law_of_variables_that_trials_cannot_tell_apart_says_so():
     drops = cl.datasets.linear_drag(drag=(-0.1, -0.3), noise=0.1)
     (said,) = outcomes_of_confounding(drops, 2, parse_library("poly:2"))
     assert (said.kind, said.where) == (OutcomeKind.NOT_IDENTIFIABLE, "x''")

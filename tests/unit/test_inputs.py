@@ -235,9 +235,8 @@ def cleared():
 def test_a_rate_is_found_from_few_samples_with_several_doses(cleared):
     """Rates that were smoothed say nothing of the jumps, and the fit begins with coefficients by these rates."""
     parameters = named_parameters(cl.fit("c' = -k c + dose", cleared, doses="dose"))
-    values, errors = parameters.values, parameters.errors
-    assert (np.abs(values - 0.5) < 3 * errors).all()
-    assert (errors < 0.1).all()
+    assert (np.abs(parameters.values - 0.5) < 3 * parameters.errors).all()
+    assert (parameters.errors < 0.1).all()
 
 
 def test_verdicts_and_residuals_know_doses_where_nothing_was_measured(cleared):

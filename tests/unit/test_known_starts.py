@@ -60,8 +60,9 @@ def starts_of(equations):
 
 def by_parameters(law, equations):
     """Values and standard errors, with columns in the order of `PARAMETERS`."""
-    columns = [named_parameters(law).names.index(name) for name in PARAMETERS[equations]]
-    return [each[:, columns] for each in (named_parameters(law).values, named_parameters(law).errors)]
+    parameters = named_parameters(law)
+    columns = [parameters.names.index(name) for name in PARAMETERS[equations]]
+    return [each[:, columns] for each in (parameters.values, parameters.errors)]
 
 
 def least_squares_of(equations, dose, measured, begin):
@@ -74,25 +75,18 @@ def least_squares_of(equations, dose, measured, begin):
     return found.x[:-1], np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))[:-1]
 
 
+@pytest.mark.parametrize("noise", [0.001, 0.03])  # Meshes are as fine as it asks for
 @pytest.mark.parametrize(("equations", "accuracy"), [(ONE, 1e-4), (TWO, 4e-4)])
-def test_estimates_are_those_of_independent_least_squares(equations, accuracy):
-    noise = 0.001  # Meshes are as fine as it asks for, which is coarser the less it tells
-    truth, doses, measured, trials = people(equations, noise, count=2)
-    law = cl.fit(equations, trials, initial_values=starts_of(equations), noise={"conc": noise}, **WHITE)
-    values, _ = by_parameters(law, equations)
-    for own, *data in zip(values, doses, measured, truth, strict=True):
-        np.testing.assert_allclose(own, least_squares_of(equations, *data)[0], rtol=accuracy)
-
-
-@pytest.mark.parametrize("equations", [ONE, TWO])
-def test_standard_errors_are_the_bound_of_the_information(equations):
-    noise = 0.03
+def test_estimates_and_errors_are_those_of_independent_least_squares(equations, accuracy, noise):
     truth, doses, measured, trials = people(equations, noise, count=2)
     law = cl.fit(equations, trials, initial_values=starts_of(equations), noise={"conc": noise}, **WHITE)
     for value, error, *data in zip(*by_parameters(law, equations), doses, measured, truth, strict=True):
         expected, bound = least_squares_of(equations, *data)
         np.testing.assert_allclose(error, noise * bound, rtol=0.03)
-        assert (abs(value - expected) < 0.05 * error).all()
+        if noise == 0.03:
+            assert (abs(value - expected) < 0.05 * error).all()
+        else:
+            np.testing.assert_allclose(value, expected, rtol=accuracy)
 
 
 @pytest.fixture(scope="module")

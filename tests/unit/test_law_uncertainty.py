@@ -1,5 +1,6 @@
 """A law says how accurate it is: in numbers, text, frames and JSON."""
 
+import json
 import math
 import re
 from dataclasses import replace
@@ -51,7 +52,7 @@ def drag():
     return Law(terms, HEIGHT, 2, ("heavy", "light"), coefficients, uncertainty, Provenance(history=STEPS))
 
 
-def without(law: Law, *names: str) -> Law:
+def without(law, *names):
     """The law without these parts of its uncertainty."""
     return replace(law, uncertainty=replace(law.uncertainty, **dict.fromkeys(names)))
 
@@ -210,21 +211,11 @@ def test_selected_objects_keep_their_covariance_for_the_terms_that_are_left(drag
     [
         ("covariance", np.eye(2), Diagnostic("law-array-shape", {"array": "covariance"})),
         ("covariance", np.full((2, 2, 2), np.nan), Diagnostic("law-array-not-finite", {"array": "covariance"})),
-        (
-            "covariance",
-            np.array([[[1, 0.5], [0.4, 1]]] * 2),
-            Diagnostic("law-covariance-asymmetric", {"name": "heavy"}),
-        ),
+        ("covariance", [[[1, 0.5], [0.4, 1]]] * 2, Diagnostic("law-covariance-asymmetric", {"name": "heavy"})),
         ("covariance", np.array([np.eye(2), -np.eye(2)]), Diagnostic("law-variance-negative", {"name": "light"})),
         ("noise", [0.1, 0.2], Diagnostic("law-array-shape", {"array": "noise", "axes": "states"})),
         ("noise", [-0.1], Diagnostic("law-array-range", {"array": "noise", "value": -0.1, "low": 0})),
-        (
-            "inclusion_probabilities",
-            [[0, 0, 2, 0, 0, 0]],
-            Diagnostic(
-                "law-array-range", {"array": "array of inclusion probabilities", "value": 2.0, "low": 0, "high": 1}
-            ),
-        ),
+        ("inclusion_probabilities", [[0, 0, 2, 0, 0, 0]], Diagnostic("law-array-range", {"value": 2.0, "high": 1})),
     ],
 )
 def test_what_is_no_covariance_noise_or_probability_is_refused(drag, field, value, message):
@@ -261,29 +252,20 @@ def test_a_saved_law_keeps_its_uncertainty_to_the_last_bit(drag, predators):
 
 
 @pytest.mark.parametrize(
-    ("pattern", "change", "message"),
+    ("damage", "message"),
     [
-        (r'("covariance": \{\s*"heavy": \[)[^,]*', r"\1null", "not-a-law"),
-        (r'("covariance": \{\s*"heavy": \[)[^,]*', r"\1NaN", "not-a-law"),
-        (
-            r'("covariance": \{\s*"heavy": \[)[^,]*,',
-            r"\1",
-            Diagnostic("law-covariance-size", {"name": "heavy", "expected": 3}),
-        ),
-        (
-            r'"covariance": \{\s*"heavy"',
-            '"covariance": {"hevy"',
-            Diagnostic("law-covariance-size", {"name": "heavy", "expected": 3}),
-        ),
-        (r'("inclusion_probabilities": \[\s*\[)[^,]*,', r"\1", Diagnostic("law-table-size", {"rows": 1, "columns": 6})),
+        (lambda saved: saved["covariance"]["heavy"].append(None), "not-a-law"),
+        (lambda saved: saved["covariance"]["heavy"].append(math.nan), "not-a-law"),
+        (lambda saved: saved["covariance"]["heavy"].pop(), Diagnostic("law-covariance-size", {"expected": 3})),
+        (lambda saved: saved["covariance"].pop("heavy"), Diagnostic("law-covariance-size", {"name": "heavy"})),
+        (lambda saved: saved["inclusion_probabilities"][0].pop(), Diagnostic("law-table-size", {"columns": 6})),
     ],
 )
-def test_damaged_uncertainty_is_refused(drag, pattern, change, message):
-    text = to_json(drag)
-    damaged = re.sub(pattern, change, text)
-    assert damaged != text
+def test_damaged_uncertainty_is_refused(drag, damage, message):
+    document = json.loads(to_json(drag))
+    damage(document["uncertainty"])
     with refused(message):
-        from_json(damaged)
+        from_json(json.dumps(document))
 
 
 def test_draws_scatter_as_the_covariance_says(drag):

@@ -31,6 +31,8 @@ POINTS = np.random.default_rng(3).uniform(0.2, 2.0, (7, 3)) * np.array([1, -1, 1
         ("atan(x)", (("arctan(v0)", 1),)),
         ("sin(x+v)", (("sin(v0 + v1)", 1),)),
         ("v*abs(v)", (("v1", 1), ("abs(v1)", 1))),
+        ("abs(v)*v", (("v1", 1), ("abs(v1)", 1))),
+        ("(x/v)/(v/x)", (("v0", 2), ("v1", -2))),
         ("x**-1", (("v0", -1),)),
     ],
 )
@@ -55,13 +57,6 @@ def test_a_text_is_read_as_powers_of_factors_in_one_form(text, term):
 )
 def test_a_term_is_as_complex_as_the_factors_that_write_it(text, factors):
     assert parse_term(text, XV).complexity() == factors
-
-
-@pytest.mark.parametrize(
-    ("one", "other"), [("abs(v)*v", "v*abs(v)"), ("cos(x)*sin(x)", "sin(x)*cos(x)"), ("(x/v)/(v/x)", "x^2*v^-2")]
-)
-def test_equal_terms_compare_equal_however_they_are_written(one, other):
-    assert parse_term(one, XV) == parse_term(other, XV)
 
 
 @pytest.mark.parametrize(
@@ -218,12 +213,8 @@ def test_values_that_are_not_defined_give_no_warning():
 def test_a_value_that_is_not_finite_is_named_with_its_term_sample_and_variables():
     values = np.array([[1.0, 2.0, 0.0], [4.0, -5.0, 0.1], [0.0, 3.0, 0.2]])
     terms = ExpressionLibrary("1", "v/x", "x").bind(XV)
-    message = Diagnostic(
-        "term-not-finite",
-        {"term": "v/x", "value": "infinite", "sample": "3", "point": "x = 0, v = 3"},
-        "Golf Ball, trial 1",
-    )
-    with refused(message):
+    infinite = {"term": "v/x", "value": "infinite", "sample": "3", "point": "x = 0, v = 3"}
+    with refused("term-not-finite", "Golf Ball, trial 1", **infinite):
         terms.check_finite(terms.evaluate(values), values, "Golf Ball, trial 1")
     roots = ExpressionLibrary("sqrt(v)").bind(XV)
     with refused("term-not-finite", term="sqrt(v)", value="not a number", sample="2", point="v = -5"):
