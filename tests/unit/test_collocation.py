@@ -115,29 +115,26 @@ def test_derivatives_of_defects_agree_with_difference_quotients(order, library, 
         high, low = (defects(*change(step)) for step in (1e-6, -1e-6))
         return (high - low) / 2e-6
 
-    for i in range(len(mesh)):
-        for j in range(field.width):
+    def unit(like, *place):
+        one = np.zeros(like.shape)
+        one[place] = 1
+        return one
 
-            def moved(step, i=i, j=j):
-                z = states.copy()
-                z[i, j] += step
-                return field, mesh, z
-
-            expected = quotient(moved)
-            found = np.zeros_like(expected)
-            if i < len(mesh) - 1:
-                found[i] += linear.start[i, :, j]
-            if i > 0:
-                found[i - 1] += linear.end[i - 1, :, j]
-            np.testing.assert_allclose(found, expected, atol=2e-8)
-    for p, (equation, term) in enumerate(np.argwhere(field.free)):
-
-        def changed(step, equation=equation, term=term):
-            c = field.coefficients.copy()
-            c[equation, term] += step
-            return replace(field, coefficients=c), mesh, states
-
-        np.testing.assert_allclose(linear.coefficients[:, :, p], quotient(changed), atol=2e-8)
+    for i, j in np.ndindex(states.shape):
+        at = unit(states, i, j)
+        expected = quotient(lambda step, at=at: (field, mesh, states + step * at))
+        found = np.zeros_like(expected)
+        if i < len(mesh) - 1:
+            found[i] += linear.start[i, :, j]
+        if i > 0:
+            found[i - 1] += linear.end[i - 1, :, j]
+        np.testing.assert_allclose(found, expected, atol=2e-8)
+    for p, place in enumerate(np.argwhere(field.free)):
+        at = unit(field.coefficients, *place)
+        expected = quotient(
+            lambda step, at=at: (replace(field, coefficients=field.coefficients + step * at), mesh, states)
+        )
+        np.testing.assert_allclose(linear.coefficients[:, :, p], expected, atol=2e-8)
 
 
 def test_a_law_without_terms_stands_still():

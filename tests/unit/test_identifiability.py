@@ -19,47 +19,37 @@ from commonlaw.library import Terms, Variables, parse_library, parse_term
 from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials import Schema
 from tests.refusals import refused
+from tests.simulations import simulated
 
 _BALLS = {"golf": (0.05, 0.004), "tennis": (0.1, 0.012)}
 """Linear and quadratic drag."""
 
 
-def drops(heights, noise=0.05, seed=0, scales=None):
-    """Return drops of balls from rest, each of 40 samples in 2.7 s, their heights multiplied by scales."""
-    random, times, states, names = np.random.default_rng(seed), np.arange(40) / 15, [], []
-    for ball, (linear, square) in _BALLS.items():
-        for height in heights.get(ball, ()):
-            path = solve_ivp(
-                lambda _, y, b=linear, c=square: [y[1], -9.8 - b * y[1] + c * y[1] ** 2],
-                (0, times[-1]),
-                [height, 0],
-                t_eval=times,
-                rtol=1e-9,
-            ).y[0]
-            scale = 1.0 if scales is None else scales[len(states)]
-            states.append(scale * path + noise * random.standard_normal(len(times)))
-            names.append(ball)
-    return cl.Trials.from_arrays([times] * len(states), states, object=names, names=["x"], units={"x": "m"})
+def drops(*heights, scales=(1, 1, 1, 1)):
+    """Return drops of both balls from rest, each of 40 samples in 2.7 s, their heights multiplied by scales."""
 
+    def rates(_, y, linear, square):
+        return [y[1], -9.8 - linear * y[1] + square * y[1] ** 2]
 
-def both(*heights, **options):
-    return drops(dict.fromkeys(_BALLS, heights), **options)
+    trials = simulated(rates, _BALLS, [[h, 0] for h in heights], np.arange(40) / 15, 0.05, ("x",), absolute=True)
+    scaled = [replace(trial, states=scale * trial.states) for trial, scale in zip(trials, scales, strict=True)]
+    return cl.Trials(tuple(scaled), Schema(("x",), units={"x": "m"}))
 
 
 @pytest.mark.parametrize("library", ["poly:2", None])
 def test_drops_from_one_height_cannot_tell_height_from_velocity_and_from_two_they_can(library):
-    (found,) = confounded_sets(both(47, 47), 2, library)
+    (found,) = confounded_sets(drops(47, 47), 2, library)
     assert found.sets == (("x",), ("v",))
     assert not found.by_trial
     # Both leave the noise: neither is better than what was measured allows
     assert found.rms == pytest.approx([0.05, 0.05], rel=0.25)
     assert found.rms_of_all == pytest.approx(0.05, rel=0.25)
     assert found.starts["x"] == pytest.approx((47, 47), abs=0.15)
-    assert not confounded_sets(both(47, 38), 2, library)
+    assert not confounded_sets(drops(47, 38), 2, library)
 
 
 def test_a_height_that_stands_in_for_what_makes_trials_differ_is_told():
-    (found,) = confounded_sets(both(47, 47, scales=np.array([1, 1.2, 1, 0.85])), 2)
+    (found,) = confounded_sets(drops(47, 47, scales=np.array([1, 1.2, 1, 0.85])), 2)
     assert found.sets == (("x",), ("v",))
     assert found.by_trial
 
@@ -84,7 +74,7 @@ def test_trials_too_short_for_all_terms_say_nothing():
 
 
 def test_the_data_check_says_what_trials_from_one_height_cannot_tell():
-    trials = both(47, 47)
+    trials = drops(47, 47)
     (said,) = (str(each) for each in trials.check(library="poly:2").found if each.column == "x")
     assert said.startswith("x'': x and v are confounded, because all trials have similar initial conditions, at x = 4")
     assert "laws in x alone or v alone fit equally well (RMS residual 0.0" in said

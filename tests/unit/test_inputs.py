@@ -337,18 +337,20 @@ def test_what_is_no_dose_is_refused(injected):
         cl.fit("conc' = -k conc + dose/V + b heat", others, doses="dose")
 
 
-def dosed_before_measured(rng, k=0.3):
-    """A dose of 100 at the start, of which the first measurement is an hour later, and one of 50 at hour 5."""
-    times = np.array([1.0, 2.0, 3.5, 5.0, 6.0, 8.0])
+def dosed_before_measured():
+    """A dose of 100 at the start, of which the first measurement is an hour later, and one of 50 at hour 5.
+
+    Return a table of these, and times and values of the measurements.
+    """
+    times, k = np.array([1.0, 2.0, 3.5, 5.0, 6.0, 8.0]), 0.3
     conc = 10 * np.exp(-k * times) + np.where(times > 5, 5 * np.exp(-k * (times - 5)), 0)
-    return times, conc + 0.05 * rng.standard_normal(len(times))
+    conc += 0.05 * np.random.default_rng(0).standard_normal(len(times))
+    given = {"t": [0.0, *times], "conc": [np.nan, *conc], "dose": [100.0, *(50.0 * (times == 5))]}
+    return pd.DataFrame(given), times, conc
 
 
 def test_a_trial_begins_at_a_dose_before_its_first_measurement():
-    times, conc = dosed_before_measured(np.random.default_rng(0))
-    rows = [{"t": 0.0, "conc": np.nan, "dose": 100.0}]
-    rows += [{"t": t, "conc": c, "dose": 50.0 * (t == 5.0)} for t, c in zip(times, conc, strict=True)]
-    frame = pd.DataFrame(rows)
+    frame, times, conc = dosed_before_measured()
     of_table = cl.Trials.from_frame(frame, time="t", states=["conc"], inputs=["dose"])
     of_arrays = cl.Trials.from_arrays(
         frame.t.to_numpy(), frame.conc.to_numpy(), inputs=frame.dose.to_numpy(), names=["conc", "dose"]
@@ -372,7 +374,7 @@ def test_a_trial_begins_at_a_dose_before_its_first_measurement():
 
 
 def test_an_object_without_a_dose_is_refused_and_no_parameter_is_infinite():
-    times, conc = dosed_before_measured(np.random.default_rng(0))
+    _, times, conc = dosed_before_measured()
     trials = cl.Trials.from_arrays(
         [times, times], [conc, conc], inputs=[50.0 * (times == 5), 0 * times], object=["a", "b"], names=["conc", "dose"]
     )
@@ -381,17 +383,16 @@ def test_an_object_without_a_dose_is_refused_and_no_parameter_is_infinite():
 
 
 def test_a_dose_before_several_states_were_measured_asks_for_their_values():
-    times, conc = dosed_before_measured(np.random.default_rng(0))
-    frame = pd.DataFrame({"t": [0.0, *times], "conc": [np.nan, *conc], "y": [np.nan, *conc], "dose": [9.0] + [0.0] * 6})
-    trials = cl.Trials.from_frame(frame, time="t", states=["conc", "y"], inputs=["dose"])
+    frame, *_ = dosed_before_measured()
+    trials = cl.Trials.from_frame(frame.assign(y=frame["conc"]), time="t", states=["conc", "y"], inputs=["dose"])
     with refused("doses-before-start", time=0.0):
         cl.fit("conc' = -k conc + dose/V; y' = conc - y", trials, doses="dose", **WHITE)
 
 
 def test_a_dose_may_have_a_row_of_its_own_at_the_time_of_a_measurement():
     """As tables of clinics have it: the dose and the measurement before it, in either order."""
-    times, conc = dosed_before_measured(np.random.default_rng(0))
-    rows = [{"t": t, "conc": c, "dose": 0.0} for t, c in zip(times, conc, strict=True)]
+    frame, *_ = dosed_before_measured()
+    rows = frame[1:].assign(dose=0.0).to_dict("records")
     dose = {"t": 5.0, "conc": np.nan, "dose": 50.0}
     found = []
     for own in (
@@ -410,8 +411,7 @@ def test_a_dose_may_have_a_row_of_its_own_at_the_time_of_a_measurement():
 
 
 def test_tables_that_are_written_keep_doses_before_the_first_measurement(tmp_path):
-    times, conc = dosed_before_measured(np.random.default_rng(0))
-    frame = pd.DataFrame({"t": [0.0, *times], "conc": [np.nan, *conc], "dose": [100.0, *(50.0 * (times == 5))]})
+    frame, *_ = dosed_before_measured()
     trials = cl.Trials.from_frame(frame, time="t", states=["conc"], inputs=["dose"])
     trials.to_csv(tmp_path / "doses.csv")
     again = cl.Trials.read(

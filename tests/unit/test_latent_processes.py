@@ -93,17 +93,12 @@ def dense_value(model, estimate, model_error):
         for i, h in enumerate(np.diff(times)):
             identity = np.eye(order)
             # Hermite-Simpson of z' = M z + B u, solved for the state at the end of the step
-            before = identity + h / 6 * (matrix + 4 * matrix @ (identity / 2 + h / 8 * matrix))
-            after = identity - h / 6 * (matrix + 4 * matrix @ (identity / 2 - h / 8 * matrix))
-            by_force = np.zeros((order, size))
-            by_force[:, size - len(hidden) :] = (
-                h
-                / 6
-                * (
-                    (3 * shares + h / 2 * matrix @ shares) @ forces[i : i + 1]
-                    + (3 * shares - h / 2 * matrix @ shares) @ forces[i + 1 : i + 2]
-                )
+            before, after = (
+                identity + s / 6 * (matrix + 4 * matrix @ (identity / 2 + s / 8 * matrix)) for s in (h, -h)
             )
+            begins, ends = (h / 6 * (3 * shares + s / 2 * matrix @ shares) for s in (h, -h))
+            by_force = np.zeros((order, size))
+            by_force[:, size - len(hidden) :] = begins @ forces[i : i + 1] + ends @ forces[i + 1 : i + 2]
             by_force[:, order * (i + 1) : order * (i + 2)] += identity
             rows[i + 1] = np.linalg.solve(after, before @ rows[i] + by_force)
         walk = np.repeat(np.diff(times) / step, order) * np.tile((model_error * model.unit) ** 2, count - 1)
@@ -111,37 +106,23 @@ def dense_value(model, estimate, model_error):
         inner = range(order, order + len(walk))
         prior[inner, inner] = walk
         prior[size - len(hidden) :, size - len(hidden) :] = hidden
-        # What is measured: samples, rates, hidden values
-        observed, targets, variances, vague = [], [], [], []
         error = np.zeros((count, size))
         if latent.correlated is not None:
             error[:, size - len(hidden) : size - len(hidden) + count] = np.eye(count)
-        points = []
+        # Samples, rates and hidden values: rows, values, variances, whether they are hardly known, and points
+        measured = []
         for i in range(count):
             y = mesh.measured[first + i, 0]
-            seen = np.isfinite(y)
-            observed.append(rows[i, 0] + (error[i] if seen else 0))
-            targets.append(y if seen else states[first + i, 0])
-            variances.append(noise[first + i] ** 2 if seen else (100 * typical) ** 2)
-            vague.append(not seen)
-            points.append(i)
+            if np.isfinite(y):
+                measured.append((rows[i, 0] + error[i], y, noise[first + i] ** 2, False, i))
+            else:
+                measured.append((rows[i, 0], states[first + i, 0], (100 * typical) ** 2, True, i))
             if order == 2:
-                observed.append(rows[i, 1])
-                targets.append(states[first + i, 1])
-                variances.append(rate_std**2)
-                vague.append(True)
-                points.append(i)
+                measured.append((rows[i, 1], states[first + i, 1], rate_std**2, True, i))
         for j in range(len(hidden)):
             if j % count:  # That of the first point has its stationary distribution, which nothing else tells
-                row = np.zeros(size)
-                row[size - len(hidden) + j] = 1
-                observed.append(row)
-                targets.append(0.0)
-                variances.append(1e6 * hidden[j, j])
-                vague.append(True)
-                points.append(j % count)
-        seen_by, told, spread = np.array(observed), np.array(targets), np.array(variances)
-        unmeasured, at_point = np.array(vague), np.array(points)
+                measured.append((np.eye(size)[size - len(hidden) + j], 0.0, 1e6 * hidden[j, j], True, j % count))
+        seen_by, told, spread, unmeasured, at_point = map(np.array, zip(*measured, strict=True))
         # The first state, given its own measurements: y0 less its error and noise, and the rate
         start = at_point == 0
         transform = np.eye(size)

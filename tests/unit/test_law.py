@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import sympy
 from scipy.optimize import least_squares
-from sklearn import metrics
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
@@ -196,6 +195,8 @@ def test_inputs_that_do_not_fit_are_refused():
 
 
 def test_a_law_is_scored_as_by_scikit_learn(predators):
+    from sklearn import metrics
+
     times = np.linspace(0, 3, 31)
     (path,) = predators.simulate(times, [1.0, 2.0]).values()
     states = path.states + np.array([0.05, 0.02]) * np.random.default_rng(0).standard_normal((31, 2))

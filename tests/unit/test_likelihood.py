@@ -33,15 +33,19 @@ def shot(field, times, measured, noise, sizes, start):
     return best.x[count * len(times) :], 2 * best.cost
 
 
-@pytest.fixture(scope="module")
-def shot_prey():
-    runs, measured = prey()
-    start = np.concatenate([*(run.states[0] for run in runs), TRUE])
-    found, cost = shot(
+def prey_of(measured):
+    """Coefficients of prey and predators by single shooting, and what is left."""
+    start = np.concatenate([*(run.states[0] for run in prey()[0]), TRUE])
+    return shot(
         lambda z, c: [c[0] * z[0] + c[1] * z[0] * z[1], c[2] * z[1] + c[3] * z[0] * z[1]],
         [TIMES] * 2, measured, NOISE, (1, 1), start,
     )  # fmt: skip
-    return measured, found, cost
+
+
+@pytest.fixture(scope="module")
+def shot_prey():
+    measured = prey()[1]
+    return measured, *prey_of(measured)
 
 
 @pytest.mark.parametrize("points", [1, 2])
@@ -81,12 +85,7 @@ def test_missing_values_and_a_gap_cost_information_only(shot_prey):
     missing = [each.copy() for each in full]
     missing[0][20:30] = np.nan
     missing[1][np.random.default_rng(3).random((60, 2)) < 0.2] = np.nan
-    runs = prey()[0]
-    start = np.concatenate([*(run.states[0] for run in runs), TRUE])
-    expected, cost = shot(
-        lambda z, c: [c[0] * z[0] + c[1] * z[0] * z[1], c[2] * z[1] + c[3] * z[0] * z[1]],
-        [TIMES] * 2, missing, NOISE, (1, 1), start,
-    )  # fmt: skip
+    expected, cost = prey_of(missing)
     model, begin = of_prey(missing)
     found = fit(model, begin, SUPPORT, DOWN)
     lost = information(model, found, SUPPORT, DOWN[-1])

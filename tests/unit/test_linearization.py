@@ -89,13 +89,11 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
     residuals = mesh.measured - states[:, :equations]
     each = noise * mesh.scale
     scaled = np.abs(residuals) / each
-    deviations = np.zeros_like(states)
-    vague = 100**2 * np.mean(each**2, axis=0)
-    variances = np.tile(np.concatenate([vague, vague[second]]), (len(mesh), 1))
-    variances[:, equations:] *= (0.03 / step) ** 2
-    seen = np.isfinite(residuals)
-    deviations[:, :equations][seen] = residuals[seen]
-    variances[:, :equations][seen] = (np.maximum(scaled / huber_threshold, 1) * each**2)[seen]
+    vague, seen = 100**2 * np.mean(each**2, axis=0), np.isfinite(residuals)
+    of_measured = np.where(seen, np.maximum(scaled / huber_threshold, 1) * each**2, vague)
+    of_rates = np.tile((0.03 / step) ** 2 * vague[second], (len(mesh), 1))
+    variances = np.hstack([of_measured, of_rates])
+    deviations = np.hstack([np.nan_to_num(residuals), 0 * of_rates])
     linear = jacobians(replace(field, free=np.ones_like(coefficients, dtype=bool)), mesh, states)
     linked = np.flatnonzero(mesh.contiguous)
     matrix = np.zeros((len(linked), width, len(mesh), width))
@@ -104,8 +102,7 @@ def test_squared_residuals_and_the_log_determinant_are_the_density_of_the_linear
     matrix = matrix.reshape(len(linked) * width, -1)
     allowed = np.repeat((mesh.steps[linked] / step)[:, np.newaxis], width, 1) * (model_error * unit) ** 2
     covariance = matrix @ np.diag(variances.ravel()) @ matrix.T + np.diag(allowed.ravel())
-    hidden = np.ones(states.shape, dtype=bool)
-    hidden[:, :equations] = ~seen
+    hidden = np.hstack([~seen, np.ones(of_rates.shape, dtype=bool)])
     unmeasured = np.sum(np.log(variances[linked + 1]), where=hidden[linked + 1])
     turned = sum(np.log(abs(np.linalg.det(linear.end[i]))) for i in linked)
     for seed in range(3):
