@@ -130,7 +130,7 @@ def test_nothing_is_said_of_rivals_that_no_trial_need_tell(rival, probability):
 
 
 def test_a_law_of_variables_that_trials_cannot_tell_apart_says_so():
-    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3), noise=0.1)
-    (said,) = outcomes_of_confounding(drops, 2, parse_library("poly:2"))
+    fallen = cl.datasets.linear_drag(drag=(-0.1, -0.3), noise=0.1)
+    (said,) = outcomes_of_confounding(fallen, 2, parse_library("poly:2"))
     assert (said.kind, said.where) == (OutcomeKind.NOT_IDENTIFIABLE, "x''")
     assert str(said) in str(replace(law([-9.8, 0, 0]), provenance=Provenance(outcomes=(said,))))
