@@ -324,9 +324,9 @@ def test_constants_have_the_units_that_make_sums_and_functions_possible(text, un
 
 
 def test_an_unknown_frequency_and_an_unknown_period_are_found():
-    times = np.linspace(0, 40, 120)
+    times = np.linspace(0, 40, 80)
     motion = 3 + np.cos(0.3 * times) + 0.5 * np.sin(1.1 * times)
-    motion = motion + 0.05 * np.random.default_rng(0).standard_normal(120)
+    motion = motion + 0.05 * np.random.default_rng(0).standard_normal(80)
     trials = cl.Trials.from_arrays(times, motion, names=["x"])
     law = cl.fit("x' = a sin(w t + p) + b cos(2 pi t/Q)", trials, errors="white")
     parameters = named_parameters(law)
@@ -337,9 +337,9 @@ def test_an_unknown_frequency_and_an_unknown_period_are_found():
 
 
 def test_values_between_two_bounds_are_tried_where_no_others_are():
-    times = np.linspace(0, 40, 120)
+    times = np.linspace(0, 40, 80)
     motion = np.cos(0.3 * times) + 0.4 * np.cos(1.1 * times)
-    motion = motion + 0.02 * np.random.default_rng(0).standard_normal(120)
+    motion = motion + 0.02 * np.random.default_rng(0).standard_normal(80)
     trials = cl.Trials.from_arrays(times, motion, names=["x"])
     law = cl.fit("x' = a sin(w t) + b sin(u t); 0.295 < w < 0.305; u > 0.5", trials, errors="white")
     parameters = named_parameters(law)

@@ -91,7 +91,7 @@ def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_pri
     assert law.params["estimate"].to_numpy() == pytest.approx(expected, rel=1e-5)
     assert law.params["standard error"].to_numpy() == pytest.approx(errors, rel=1e-3)
     one, prior = measured.select(object="A"), {"tau": (6.0, 1e-4)}
-    near = cl.fit("y' = -0.4 y; t > tau: y = y + 3; y(0) = 5", one, priors=prior)
+    near = cl.fit("y' = -0.4 y; t > tau: y = y + 3; y(0) = 5; 5 < tau < 7", one, priors=prior)
     assert near.params.set_index("parameter")["estimate"]["tau"] == pytest.approx(6.0, abs=1e-2)
 
 
@@ -124,10 +124,10 @@ def test_a_tank_that_overflows_has_a_state_for_it():
     data = np.array(levels[::steps]) + 0.01 * np.random.default_rng(0).standard_normal(len(times))
     table = pd.DataFrame({"t": times, "h": data, "u": inflow})
     measured = cl.Trials.from_frame(table, time="t", states=["h"], inputs=["u"])
-    text = "h' = (1 - s) (0.5 u - a sqrt(h)); s' = 0 s; s(0) = 0; h(0) = 0.3; h > top: s = 1; 0.5 u < a sqrt(h): s = 0"
+    text = "h' = (1 - s) (0.5 u - 0.5 sqrt(h)); s' = 0 s; s(0) = 0; h(0) = 0.3; h > top: s = 1; u < sqrt(h): s = 0"
     law = cl.fit(text, measured, input_interpolation="linear")
-    for (_, row), truth in zip(law.params.iterrows(), (0.5, 2.2), strict=True):
-        assert abs(row["estimate"] - truth) < 4 * row["standard error"] < 0.2 * truth
+    (top,), (error,) = law.params["estimate"], law.params["standard error"]
+    assert abs(top - 2.2) < 4 * error < 0.2 * 2.2
 
 
 def test_events_go_with_doses():
@@ -176,12 +176,12 @@ def test_events_without_end_end_a_forecast_with_an_outcome(ball):
 
 def test_laws_with_events_are_refined_and_compared(ball):
     early = ball[0].until(0.9)
-    texts = (f"x'' = -{g}; x < 0: x = 0, v = -{c} v; x(0) = 1.2; v(0) = 0.5" for g, c in ((9.81, 0.95), ("g", 0.75)))
-    laws = [cl.fit(text, early) for text in texts]
-    again = cl.refine(laws[1], early)
-    assert again.params["estimate"].to_numpy() == pytest.approx(laws[1].params["estimate"].to_numpy(), rel=1e-6)
-    assert again.observation.events == laws[1].observation.events
-    assert cl.compare(laws, early)["law"].tolist() == ["law 2", "law 1"]
+    text = "x'' = -g; x < 0: x = 0, v = -0.75 v; x(0) = 1.2; v(0) = 0.5"
+    law, *given = (cl.fit(each, early) for each in (text, text.replace("0.75", "0.95").replace("g", "9.81")))
+    again = cl.refine(law, early)
+    assert again.params["estimate"].to_numpy() == pytest.approx(law.params["estimate"].to_numpy(), rel=1e-6)
+    assert again.observation.events == law.observation.events
+    assert cl.compare([*given, again], early)["law"].tolist() == ["law 2", "law 1"]
 
 
 @pytest.mark.parametrize(
@@ -214,4 +214,4 @@ def test_what_cannot_have_events_refuses_them(ball):
     # A time that later values do not depend on but by which samples are before it
     halves = trials({"A": (TIMES, np.where(TIMES < 1.01, 1.0, 0.5) * np.exp(TIMES))})
     with refused("parameters-not-identified"):
-        cl.fit("y' = k y; t > tau: y = y/2; y(0) = 1", halves)
+        cl.fit("y' = y; t > tau: y = y/2; y(0) = 1", halves)
