@@ -96,7 +96,11 @@ def model_of(
 def with_latent(pair, **levels):
     model, estimate = pair
     equations = np.ones(model.equations)
-    return model.with_latent(LatentProcesses(**{k: v * equations if v < 1 else v for k, v in levels.items()}), estimate)
+    latent = LatentProcesses(**{k: v * equations if v < 1 else v for k, v in levels.items()})
+    model, estimate = model.with_latent(latent, estimate)
+    generator = np.random.default_rng(0)  # Errors and forces of zero would show no residual that leaves them out
+    states = tuple(z + 0.1 * generator.standard_normal(z.shape) for z in estimate.states)
+    return model, replace(estimate, states=states)
 
 
 CASES = {
