@@ -179,13 +179,15 @@ def test_laws_of_both_orders_that_are_about_as_probable_are_said():
 
 
 @pytest.mark.parametrize("points", [1, 2])
-def test_the_evidence_of_both_orders_is_the_density_of_the_same_measurements(points):
-    """Of laws without free coefficients it is known: starts anywhere, rates at starts as wide as smoothed rates."""
+@pytest.mark.parametrize(("speeds", "acceleration"), [((1.0, -0.5, 2.0), -0.3), ((1.0, 1.2, 0.9), -0.5)])
+def test_the_evidence_of_both_orders_is_the_density_of_the_same_measurements(points, speeds, acceleration):
+    """Of laws without free coefficients it is known: starts anywhere, rates at starts as wide as the larger ones."""
     generator, times, noise = np.random.default_rng(0), np.linspace(0, 2, 20), 0.05
-    measured = [v * times - 0.15 * times**2 + noise * generator.standard_normal(20) for v in (1.0, -0.5, 2.0)]
+    course = acceleration / 2 * times**2
+    measured = [v * times + course + noise * generator.standard_normal(20) for v in speeds]
     trials = cl.Trials.from_arrays([times] * 3, measured, names=["x"])
     found = {}
-    for order, value in {1: 0.7, 2: -0.3}.items():
+    for order, value in {1: 0.7, 2: acceleration}.items():
         structure = ModelStructure(order, parse_library("terms:1"), {"1": value})
         terms, known = structure.terms(trials.schema), structure.known_coefficients(trials.schema, trials.objects)
         problem = prepare(trials, terms, known, noise=np.array([noise]), huber_threshold=np.inf)
@@ -203,7 +205,7 @@ def test_the_evidence_of_both_orders_is_the_density_of_the_same_measurements(poi
         )
 
     first = log_density(0.7 * times, 0.0)
-    second = log_density(-0.15 * times**2, np.mean(rates**2) * np.outer(times, times))
+    second = log_density(course, max(np.mean(rates**2), np.mean(np.square(speeds))) * np.outer(times, times))
     assert found[1] - found[2] == pytest.approx(2 * (second - first), abs=0.2)
 
 
