@@ -60,6 +60,7 @@ _BROKEN = re.compile("(?<=[⁰¹²³⁴⁵⁶⁷⁸⁹])⋅(?=[⁰¹²³⁴⁵�
 _TOWER = re.compile(r"(\*\*|\^).*(\*\*|\^)[^/* ]*(\*\*|\^)|\d{5}")
 
 
+_ARBITRARY = re.compile(r"\b(a\.\s?u\.|arb\.?\s?u(\.|nits?\b)|arbitrary units?\b)", re.IGNORECASE)
 _LOADING = Lock()
 
 _COUNTS = (
@@ -67,9 +68,9 @@ _COUNTS = (
     "copy = _ = copies", "event", "spike", "photon", "colony_forming_unit = CFU = cfu",
     "plaque_forming_unit = PFU = pfu",
     "international_unit = IU", "relative_fluorescence_unit = RFU", "relative_light_unit = RLU",
-    "optical_density = OD = OD600",
+    "optical_density = OD = OD600", "beat", "arbitrary_unit = arb",
 )  # fmt: skip
-"""What biologists count in, each with its symbol and other names: numbers without a dimension, as pint's own count."""
+"""What is counted in, each with its symbol and other names: numbers without a dimension, as pint's own count."""
 
 
 def registry() -> "pint.UnitRegistry[float]":
@@ -86,6 +87,7 @@ def _registry() -> "pint.UnitRegistry[float]":
     for count in _COUNTS:
         name, *others = count.split(" = ")
         made.define(" = ".join([name, "count", *others]))
+    made.define("beats_per_minute = beat / minute = bpm")
     for name, number in (("thousand", "1e3"), ("million", "1e6"), ("billion", "1e9")):
         made.define(f"{name} = {number} count = _ = {name}s")
     return made
@@ -116,7 +118,7 @@ def known_unit(text: str) -> "pint.Unit | None":
     """Return the unit that a text stands for, or None if pint knows none."""
     import pint
 
-    text = _BROKEN.sub(".", text)
+    text = _BROKEN.sub(".", _ARBITRARY.sub("arbitrary_unit", text))
     if not text.strip() or not _UNIT.fullmatch(text) or _TOWER.search(text):
         return None
     # pint knows no differences of logarithms, and lets errors of its tokenizer and of arithmetic on exponents through
@@ -155,6 +157,8 @@ def split_header(header: str) -> tuple[str, str]:
 
     >>> split_header("Height (m)"), split_header("drag (fitted)"), split_header("v [m/s] []"), split_header("[A] mM")
     (('Height', 'm'), ('drag (fitted)', ''), ('v [m/s]', ''), ('A', 'mM'))
+    >>> split_header("signal [a.u.]"), str(known_unit("a.u./s"))
+    (('signal', 'a.u.'), 'arbitrary_unit / second')
     """
     text = plain(header)
     if (match := _CONCENTRATION.fullmatch(text)) and (not match[2].strip() or known_unit(match[2]) is not None):
