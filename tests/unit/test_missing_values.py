@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation import FiniteDifference, RobustSpline
 from commonlaw.formulation import DiscreteForm, StrongForm, law_variables
 from commonlaw.library import Variables, parse_library
@@ -125,10 +124,7 @@ def test_a_dose_in_a_row_of_its_own_is_added_to_a_state_that_nobody_measured():
 
 def test_a_state_with_gaps_needs_five_measured_values_in_each_trial(tmp_path):
     frame = pd.DataFrame({"t": range(8), "x": 1.5, "y": [0, 1, 2, 3, *[None] * 4]})
-    message = Diagnostic(
-        "state-with-gaps", {"state": "y", "measured": "4", "samples": 8, "least": 5}, "object, trial 1"
-    )
-    with refused(message):
+    with refused("state-with-gaps", "object, trial 1", state="y", measured="4", samples=8, least=5):
         cl.discover(Trials.from_frame(frame, states=["x", "y"]))
     law = cl.Law.from_text("x' = a x; y' = b", {"a": 1.0, "b": 1.0})
     with refused("state-with-gaps", state="y", measured="4", samples=8, where="object, trial 1"):

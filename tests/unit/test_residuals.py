@@ -11,7 +11,6 @@ from statsmodels.tsa.stattools import acf, q_stat
 import commonlaw as cl
 from commonlaw import Law, Trials
 from commonlaw.datasets.sphere_drag import drag_force, reynolds_number
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.residual_tests import StateSums, correlations, patterns, patterns_of
 from commonlaw.discrepancy.smooth_basis import Samples, SmoothBasis, factors, meaning
@@ -20,7 +19,7 @@ from commonlaw.law import from_json, select_objects, to_json
 from commonlaw.law.parameters import standard_errors
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.plots import plot_residuals, render
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 
 def decays(disturb, samples: int = 60) -> Trials:
@@ -391,19 +390,19 @@ def test_terms_that_no_function_of_the_coordinate_can_say_are_left_alone() -> No
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "expected"),
     [
-        ({"of": "mass*v"}, Diagnostic("unknown-name", {"kind": "variable", "name": "mass"})),
+        ({"of": "mass*v"}, message("unknown-name", kind="variable", name="mass")),
         ({"of": "0*v"}, "several"),
         ({"of": "log(v)"}, "several"),
-        ({"of": "v", "equation": "y"}, Diagnostic("unknown-name", {"kind": "equation", "name": "y"})),
-        ({"of": "v", "times": "2*v"}, Diagnostic("term-with-factor", {"factor": "2"})),
+        ({"of": "v", "equation": "y"}, message("unknown-name", kind="equation", name="y")),
+        ({"of": "v", "times": "2*v"}, message("term-with-factor", factor="2")),
     ],
 )
 def test_what_cannot_be_a_discrepancy_is_refused(
-    drops: Trials, without_drag: Discrepancy[Law], options: dict[str, str], message: str
+    drops: Trials, without_drag: Discrepancy[Law], options: dict[str, str], expected: str
 ) -> None:
-    with refused(message):
+    with refused(expected):
         without_drag.law.discrepancy(drops, **options)
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers import (
     L1,
@@ -25,7 +24,7 @@ from commonlaw.solvers import (
     constrained_least_squares,
     parse_solver,
 )
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 MAGNITUDES = np.array([[3.0, 0.0], [4.0, 0.2], [0.0, 0.1], [1.0, 0.3]])
 
@@ -87,34 +86,28 @@ def test_solvers_are_named_by_text(text, solver):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "expected"),
     [
-        ("stlqs:1", Diagnostic("unknown-name", {"kind": "solver", "name": "stlqs"})),
-        (
-            "stlsq:-1",
-            Diagnostic("finite-number-bounded", {"name": "threshold", "value": -1, "bound": "of at least", "least": 0}),
-        ),
-        ("stlsq:nan", Diagnostic("finite-number-bounded", {"name": "threshold"})),
-        ("stlsq:big", Diagnostic("finite-number-bounded", {"name": "threshold", "value": "big"})),
-        ("group-stlsq:1:l3", Diagnostic("unknown-name", {"kind": "importance", "name": "l3"})),
-        ("group-stlsq:1:l1:3", Diagnostic("importance-without-level", {"importance": "l1"})),
-        ("group-stlsq:1:quantile:2", Diagnostic("quantile-level", {"level": 2})),
-        ("group-stlsq:1:count:0", Diagnostic("vote-magnitude", {"magnitude": 0})),
+        ("stlqs:1", message("unknown-name", kind="solver", name="stlqs")),
+        ("stlsq:-1", message("finite-number-bounded", name="threshold", value=-1, bound="of at least", least=0)),
+        ("stlsq:nan", message("finite-number-bounded", name="threshold")),
+        ("stlsq:big", message("finite-number-bounded", name="threshold", value="big")),
+        ("group-stlsq:1:l3", message("unknown-name", kind="importance", name="l3")),
+        ("group-stlsq:1:l1:3", message("importance-without-level", importance="l1")),
+        ("group-stlsq:1:quantile:2", message("quantile-level", level=2)),
+        ("group-stlsq:1:count:0", message("vote-magnitude", magnitude=0)),
         ("stlsq:1:2:3:4:5", "spec-syntax"),
-        ("best-subset:0", Diagnostic("whole-number", {"name": "terms", "value": 0, "bounds": "of at least 1"})),
-        ("best-subset:2.5", Diagnostic("whole-number", {"name": "terms", "value": 2.5})),
-        ("best-subset:nodes=0", Diagnostic("whole-number", {"name": "nodes", "value": 0})),
-        ("forward:True", Diagnostic("whole-number", {"name": "terms"})),
-        ("forward:3:yes", Diagnostic("shared-not-a-choice", {"shared": "yes"})),
-        (
-            "lasso:-0.1",
-            Diagnostic("finite-number-bounded", {"name": "penalty", "value": -0.1, "bound": "of at least", "least": 0}),
-        ),
-        ("sr3:1:nu=0", Diagnostic("finite-number-bounded", {"name": "nu", "value": 0, "bound": "above", "least": 0})),
+        ("best-subset:0", message("whole-number", name="terms", value=0, bounds="of at least 1")),
+        ("best-subset:2.5", message("whole-number", name="terms", value=2.5)),
+        ("best-subset:nodes=0", message("whole-number", name="nodes", value=0)),
+        ("forward:True", message("whole-number", name="terms")),
+        ("forward:3:yes", message("shared-not-a-choice", shared="yes")),
+        ("lasso:-0.1", message("finite-number-bounded", name="penalty", value=-0.1, bound="of at least", least=0)),
+        ("sr3:1:nu=0", message("finite-number-bounded", name="nu", value=0, bound="above", least=0)),
     ],
 )
-def test_solvers_that_do_not_exist_or_fit_are_refused(text, message):
-    with refused(message):
+def test_solvers_that_do_not_exist_or_fit_are_refused(text, expected):
+    with refused(expected):
         parse_solver(text)
 
 
@@ -203,21 +196,17 @@ def test_equal_terms_are_equal_among_the_objects_that_have_them():
 
 
 @pytest.mark.parametrize(
-    ("matrix", "right", "message"),
+    ("matrix", "right", "expected"),
     [
-        (
-            np.eye(2, 11),
-            np.zeros(2),
-            Diagnostic("constraints-shape", {"objects": 3, "terms": 4, "constraints": 2, "columns": 12}),
-        ),
+        (np.eye(2, 11), np.zeros(2), message("constraints-shape", objects=3, terms=4, constraints=2, columns=12)),
         (np.ones((2, 12)), np.zeros(2), "constraints-dependent"),
         (np.ones((2, 12)), np.arange(2), "constraints-dependent"),
         (np.eye(2, 12), np.ones(2), "constraints-not-met"),
     ],
 )
-def test_constraints_that_do_not_fit_are_refused(matrix, right, message):
+def test_constraints_that_do_not_fit_are_refused(matrix, right, expected):
     support = np.array([[True, False, True, True]] * 3)
-    with refused(message):
+    with refused(expected):
         constrained_least_squares(compressed(rows()), support, 0, matrix, right)
 
 

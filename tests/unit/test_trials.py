@@ -9,9 +9,8 @@ import pandas as pd
 import pytest
 from sklearn.model_selection import GroupKFold, KFold
 
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.trials import Schema, Trial, Trials
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 
 def ramp(name="ball", run="1", samples=4, states=1):
@@ -47,16 +46,16 @@ def test_selection_keeps_the_properties_of_the_objects_kept(trials):
 
 
 @pytest.mark.parametrize(
-    ("conditions", "message"),
+    ("conditions", "expected"),
     [
-        ({"object": "gulf"}, Diagnostic("unknown-name", {"kind": "object", "name": "gulf"})),
-        ({"trial": 3}, Diagnostic("unknown-name", {"kind": "trial", "name": "3"})),
-        ({"mas": 1}, Diagnostic("unknown-name", {"kind": "property", "name": "mas"})),
-        ({"object": "golf", "skin": "felt"}, Diagnostic("no-trial-fits", {"conditions": "object=golf, skin=felt"})),
+        ({"object": "gulf"}, message("unknown-name", kind="object", name="gulf")),
+        ({"trial": 3}, message("unknown-name", kind="trial", name="3")),
+        ({"mas": 1}, message("unknown-name", kind="property", name="mas")),
+        ({"object": "golf", "skin": "felt"}, message("no-trial-fits", conditions="object=golf, skin=felt")),
     ],
 )
-def test_selection_refuses_what_is_not_there(trials, conditions, message):
-    with refused(message):
+def test_selection_refuses_what_is_not_there(trials, conditions, expected):
+    with refused(expected):
         trials.select(**conditions)
 
 
@@ -107,66 +106,55 @@ def test_labels_are_the_same_however_they_are_written():
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "expected"),
     [
         (lambda: ramp(name=" "), "label-empty"),
-        (lambda: ramp(samples=0), Diagnostic("trial-without-samples", {"trial": "ball, trial 1"})),
+        (lambda: ramp(samples=0), message("trial-without-samples", trial="ball, trial 1")),
         (
             lambda: Trial("ball", "1", [0, 1, 2], [0, 1]),
-            Diagnostic("rows-differ", {"times": 3, "states": 2, "inputs": 3}, "ball, trial 1"),
+            message("rows-differ", "ball, trial 1", times=3, states=2, inputs=3),
         ),
-        (
-            lambda: Trial("ball", "1", [0, 2, 1], [0, 1, 2]),
-            Diagnostic("time-before", {"time": 1.0, "sample": 3, "before": 2.0}),
-        ),
+        (lambda: Trial("ball", "1", [0, 2, 1], [0, 1, 2]), message("time-before", time=1.0, sample=3, before=2.0)),
         (
             lambda: Trial("ball", "1", [0, 1, 1], [0, 1, 2], [0.0, 1.0, 2.0]),
-            Diagnostic("inputs-differ", {"time": 1.0, "first": 2, "second": 3}),
+            message("inputs-differ", time=1.0, first=2, second=3),
         ),
         (
             lambda: Trial("ball", "1", [0, 1], [0, np.inf]),
-            Diagnostic("sample-not-finite", {"quantity": "state", "place": "sample 2, state 1"}, "ball, trial 1"),
+            message("sample-not-finite", "ball, trial 1", quantity="state", place="sample 2, state 1"),
         ),
         (
             lambda: Trial("ball", "1", [0, 1], [0, 1], [0, np.nan]),
-            Diagnostic("sample-not-finite", {"quantity": "input", "place": "sample 2, input 1"}, "ball, trial 1"),
+            message("sample-not-finite", "ball, trial 1", quantity="input", place="sample 2, input 1"),
         ),
-        (lambda: Trial("ball", "1", [0, 1], [np.nan, 0]), Diagnostic("first-sample-empty", {}, "ball, trial 1")),
-        (lambda: Trial("ball", "1", [0, 1], ["a", "b"]), Diagnostic("not-an-array", {}, "ball, trial 1")),
-        (
-            lambda: Trial("ball", "1", [[0, 1]], [0, 1]),
-            Diagnostic("array-dimensions", {"dimensions": 1}, "ball, trial 1"),
-        ),
+        (lambda: Trial("ball", "1", [0, 1], [np.nan, 0]), message("first-sample-empty", "ball, trial 1")),
+        (lambda: Trial("ball", "1", [0, 1], ["a", "b"]), message("not-an-array", "ball, trial 1")),
+        (lambda: Trial("ball", "1", [[0, 1]], [0, 1]), message("array-dimensions", "ball, trial 1", dimensions=1)),
         (lambda: Schema(()), "no-state-named"),
-        (lambda: Schema(("t",)), Diagnostic("column-name-twice", {"name": "t"})),
+        (lambda: Schema(("t",)), message("column-name-twice", name="t")),
         (lambda: Trials((), Schema(("x",))), "no-trial"),
-        (
-            lambda: Trials((ramp(), ramp(run=1.0)), Schema(("x",))),
-            Diagnostic("trial-twice", {"trial": "ball, trial 1"}),
-        ),
+        (lambda: Trials((ramp(), ramp(run=1.0)), Schema(("x",))), message("trial-twice", trial="ball, trial 1")),
         (
             lambda: Trials((ramp(states=2),), Schema(("x",))),
-            Diagnostic("columns-of-trial", {"trial": "ball, trial 1", "given": 2, "kind": "states"}),
+            message("columns-of-trial", trial="ball, trial 1", given=2, kind="states"),
         ),
         (lambda: Trials((ramp(),), Schema(("x",)), {"bell": {"mass": 1}}), "properties-of-no-trial"),
         (
             lambda: Trials((ramp(),), Schema(("x",)), {"ball": {"x": 1}}),
-            Diagnostic("property-named-like-column", {"name": "x"}),
+            message("property-named-like-column", name="x"),
         ),
         (
             lambda: Trials((ramp(),), Schema(("x",)), {"ball": {"mass": np.nan}}),
-            Diagnostic("property-unknown-value", {"property": "mass", "object": "ball"}),
+            message("property-unknown-value", property="mass", object="ball"),
         ),
         (
             lambda: Trials((ramp("a"), ramp("b")), Schema(("x",)), {"a": {"mass": 1}, "b": {"mass": "??"}}),
-            Diagnostic(
-                "property-of-two-kinds", {"property": "mass", "known": 1.0, "first": "a", "value": "??", "second": "b"}
-            ),
+            message("property-of-two-kinds", property="mass", known=1.0, first="a", value="??", second="b"),
         ),
     ],
 )
-def test_what_cannot_be_used_is_refused_by_name(make, message):
-    with refused(message):
+def test_what_cannot_be_used_is_refused_by_name(make, expected):
+    with refused(expected):
         make()
 
 
@@ -195,22 +183,22 @@ def test_lists_of_arrays_may_differ_in_length_and_are_counted_by_object():
 
 
 @pytest.mark.parametrize(
-    ("keywords", "message"),
+    ("keywords", "expected"),
     [
         ({"times": []}, "no-times"),
-        ({"states": [[1, 2]]}, Diagnostic("one-per-trial", {"given": 1, "parts": "arrays of states", "trials": 2})),
-        ({"object": ["a"]}, Diagnostic("one-per-trial", {"given": 1, "parts": "objects", "trials": 2})),
-        ({"names": ["x", "y"]}, Diagnostic("names-count", {"states": 1})),
-        ({"units": {"y": "m"}}, Diagnostic("unknown-name", {"kind": "column", "name": "y"})),
+        ({"states": [[1, 2]]}, message("one-per-trial", given=1, parts="arrays of states", trials=2)),
+        ({"object": ["a"]}, message("one-per-trial", given=1, parts="objects", trials=2)),
+        ({"names": ["x", "y"]}, message("names-count", states=1)),
+        ({"units": {"y": "m"}}, message("unknown-name", kind="column", name="y")),
         ({"properties": {"a": {"mass": 1}}}, "properties-of-no-trial"),
-        ({"properties": {"object": 1}}, Diagnostic("properties-not-by-name", {"object": "object", "value": 1})),
+        ({"properties": {"object": 1}}, message("properties-not-by-name", object="object", value=1)),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(keywords, message):
+def test_arrays_that_do_not_fit_are_refused(keywords, expected):
     given = {"times": [[0, 1], [0, 1]], "states": [[1, 2], [3, 4]], **keywords}
     if not given["times"]:
         given["states"] = []
-    with refused(message):
+    with refused(expected):
         Trials.from_arrays(**given)
 
 

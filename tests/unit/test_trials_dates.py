@@ -5,9 +5,8 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.trials import Trials, TrialStream
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 DAYS = pd.to_datetime(["2020-02-27", "2020-02-28", "2020-02-29", "2020-03-02"])
 MINUTES = pd.date_range("2020-03-28 23:59", periods=4, freq="90s")
@@ -71,30 +70,21 @@ def test_months_are_as_long_as_they_are():
 
 
 @pytest.mark.parametrize(
-    ("times", "message"),
+    ("times", "expected"),
     [
         (
             ["2020-01-01", "2020-13-01", "2020-03-01", "x"],
-            Diagnostic("date-unreadable", {"column": "date", "row": "row 2", "cell": "2020-13-01"}),
+            message("date-unreadable", column="date", row="row 2", cell="2020-13-01"),
         ),
-        (
-            ["2020-01-01", "x", "2020-03-01", "x"],
-            Diagnostic("date-unreadable", {"column": "date", "row": "row 2", "cell": "x"}),
-        ),
-        (["2020-01-01", "", "2020-03-01", None], Diagnostic("cell-value", {"value": "is missing"})),
-        (
-            ["01/03/2020"] * 4,
-            Diagnostic("dates-ambiguous", {"first": "01/03/2020", "ways": "2020-03-01 or 2020-01-03"}),
-        ),
-        (
-            ["3/1/20 12:30"] * 4,
-            Diagnostic("dates-ambiguous", {"first": "3/1/20 12:30", "ways": "2020-01-03 or 2020-03-01"}),
-        ),
-        (["x", "2020-01-01", "1", "2"], Diagnostic("date-unreadable", {"column": "date", "row": "row 3", "cell": "1"})),
+        (["2020-01-01", "x", "2020-03-01", "x"], message("date-unreadable", column="date", row="row 2", cell="x")),
+        (["2020-01-01", "", "2020-03-01", None], message("cell-value", value="is missing")),
+        (["01/03/2020"] * 4, message("dates-ambiguous", first="01/03/2020", ways="2020-03-01 or 2020-01-03")),
+        (["3/1/20 12:30"] * 4, message("dates-ambiguous", first="3/1/20 12:30", ways="2020-01-03 or 2020-03-01")),
+        (["x", "2020-01-01", "1", "2"], message("date-unreadable", column="date", row="row 3", cell="1")),
     ],
 )
-def test_what_is_no_date_is_refused_with_its_place(times, message):
-    with refused(message):
+def test_what_is_no_date_is_refused_with_its_place(times, expected):
+    with refused(expected):
         Trials.from_frame(frame(times))
 
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.formulation import MAX_GROUPS, law_variables, merged_rows, rows_by_object
 from commonlaw.inference import bounds
 from commonlaw.trials import stream
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 
 @pytest.mark.parametrize("rows", [7, 49, 173, 100_000])
@@ -173,16 +172,13 @@ def test_more_than_memory_is_to_hold_is_refused(balls, monkeypatch):
 def test_a_division_of_a_stream_that_says_nothing_is_refused(balls):
     stream, whole = balls
     for use, said in [
-        (lambda: stream.split(trial=7), Diagnostic("stream-without-role", {"role": "trial", "name": "7"})),
+        (lambda: stream.split(trial=7), message("stream-without-role", role="trial", name="7")),
         (lambda: stream.split(trial=[1, 2, 3]), "split-one-sided"),
-        (lambda: stream.until(-1.0), Diagnostic("trials-begin-later", {"time_name": "t", "time": -1.0})),
-        (
-            lambda: stream.select(object="Ball 1").select(object="Ball 2"),
-            Diagnostic("stream-without-role", {"role": "object"}),
-        ),
+        (lambda: stream.until(-1.0), message("trials-begin-later", time_name="t", time=-1.0)),
+        (lambda: stream.select(object="Ball 1").select(object="Ball 2"), message("stream-without-role", role="object")),
         (
             lambda: cl.TrialStream(whole.schema, lambda: whole).split(trial="x"),
-            Diagnostic("stream-without-role", {"role": "trial", "name": "x"}),
+            message("stream-without-role", role="trial", name="x"),
         ),
     ]:
         with refused(said):

@@ -9,11 +9,10 @@ from click.testing import CliRunner
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import to_script
 from commonlaw.law.parameters import named_parameters
 from commonlaw.trials import Trials
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 HOURS = np.arange(6.0)
 WELLS = {name: 0.1 * np.exp(rate * HOURS) for name, rate in (("A1", 0.3), ("A2", 0.4), ("B1", 0.5), ("B12", 0.6))}
@@ -148,16 +147,16 @@ def test_gaps_and_errors_are_told_by_row_and_column(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("frame", "roles", "message"),
+    ("frame", "roles", "expected"),
     [
-        (PLATE.assign(object="P"), {"wide": "OD"}, Diagnostic("wide-with-object", {"column": "object"})),
-        (PLATE, {"wide": "time"}, Diagnostic("wide-name-taken", {"name": "time"})),
-        (PLATE, {"wide": 5}, Diagnostic("wide-not-a-name", {"value": 5})),
+        (PLATE.assign(object="P"), {"wide": "OD"}, message("wide-with-object", column="object")),
+        (PLATE, {"wide": "time"}, message("wide-name-taken", name="time")),
+        (PLATE, {"wide": 5}, message("wide-not-a-name", value=5)),
         (PLATE[["time [h]"]].assign(word="a"), {"wide": "OD"}, "no-state"),
     ],
 )
-def test_what_cannot_be_read_so_is_refused(frame, roles, message):
-    with refused(message):
+def test_what_cannot_be_read_so_is_refused(frame, roles, expected):
+    with refused(expected):
         Trials.from_frame(frame, **roles)
 
 
