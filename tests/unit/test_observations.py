@@ -24,6 +24,8 @@ from tests.unit.decays import (
     trials_of,
 )
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 
 def test_a_measured_signal_is_a_function_of_the_state():
     trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
@@ -62,33 +64,39 @@ def test_known_noise_and_repeated_measurements_have_their_likelihood():
     assert law.observation.log_likelihood == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("text", "settings"),
-    [
-        ("x' = -k x; y = c x + b; x(0) = 1; b > 0.2", {"shared": ["c"], "priors": {"k": (0.5, 0.1)}}),
-        ("x' = -k x; y = c x + b", {"initial_values": {"x": (1.0, 0.05)}, "shared": {"b": "trial", "c": "all"}}),
-        ("x' = -k x; y = c x; x(0) = x0", {"priors": {"c": (2.0, 0.1)}, "noise": {"y": "lab"}, "log_states": ["y"]}),
-        ("x' = k u(t - d) - x; y = x + b; x(0) = 0", {"input_interpolation": "linear"}),
-        ("x'' = -k x + a step(t - s); y = x + b; x(0) = 1", {}),
-    ],
-)
-def test_a_law_is_refined_as_it_was_fitted(text, settings, tmp_path):
-    source, made = np.random.default_rng(31), []
-    for i, (owner, k) in enumerate({"A": 0.4, "B": 0.8}.items()):
-        u = np.interp(T, [0, 1, 2, 9], [0, 0, 2, 2])
-        for name in "12":
-            y = 2 * np.exp(-k * T) + 0.1 + 0.02 * source.standard_normal(len(T))
-            if "'' " in text:
-                y = (
-                    np.cos(0.7 * T)
-                    + 0.2 * (1 - np.cos(0.7 * np.maximum(T - 3, 0)))
-                    + 0.02 * source.standard_normal(len(T))
-                )
-            if "u(t" in text:
-                y = 0.3 * np.maximum(T - 2.5, 0) / (1 + i) + 0.02 * source.standard_normal(len(T))
-            made.append(cl.Trial(owner, name, T, y[:, None], u[:, None] if "u(t" in text else np.empty((len(T), 0))))
-    trials = cl.Trials(tuple(made), cl.Schema(("y",), ("u",) if "u(t" in text else ()))
-    trials = trials.with_properties({"A": {"lab": "one"}, "B": {"lab": "two"}})
+def decay(rate):
+    return 2 * np.exp(-rate * T) + 0.1
+
+
+REFINED = {
+    "x' = -k x; y = c x + b; x(0) = 1; b > 0.2": (
+        {"shared": ["c"], "priors": {"k": (0.5, 0.1)}, "noise": {"y": "lab"}, "log_states": ["y"]},
+        decay,
+    ),
+    "x' = -k x; y = c x + b": ({"initial_values": {"x": (1.0, 0.05)}, "shared": {"b": "trial", "c": "all"}}, decay),
+    "x' = k u(t - d) - x; y = x + b; x(0) = 0": (
+        {"input_interpolation": "linear"},
+        lambda rate: 0.12 / rate * np.maximum(T - 2.5, 0),
+    ),
+    "x'' = -k x + a step(t - s); y = x + b; x(0) = 1": (
+        {"guesses": {"s": 2.8}},
+        lambda _: np.cos(0.7 * T) + 0.2 * (1 - np.cos(0.7 * np.maximum(T - 3, 0))),
+    ),
+}
+
+
+@pytest.mark.parametrize("text", REFINED)
+def test_a_law_is_refined_as_it_was_fitted(text, tmp_path):
+    settings, curve = REFINED[text]
+    source, inputs = np.random.default_rng(31), ("u",) * ("u(t" in text)
+    u = np.interp(T, [0, 1, 2, 9], [0, 0, 2, 2])[:, np.newaxis][:, : len(inputs)]
+    made = [
+        cl.Trial(owner, name, T, curve(rate) + 0.02 * source.standard_normal(len(T)), u)
+        for owner, rate in {"A": 0.4, "B": 0.8}.items()
+        for name in "12"
+    ]
+    properties = {"A": {"lab": "one"}, "B": {"lab": "two"}}
+    trials = cl.Trials(tuple(made), cl.Schema(("y",), inputs), properties)
     law = cl.fit(text, trials, **settings)
     law.save(tmp_path / "law.json")
     again = cl.refine(cl.Law.load(tmp_path / "law.json"), trials)

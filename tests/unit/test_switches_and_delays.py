@@ -7,6 +7,8 @@ from scipy.integrate import solve_ivp
 import commonlaw as cl
 from tests.unit.decays import assert_least_squares, estimates, trials_of
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 
 @pytest.mark.parametrize("between", ["held", "linear"])
 def test_a_dead_time_of_an_input_is_estimated(between):
