@@ -53,8 +53,7 @@ def populations(measured, size):
     return cl.Trials.from_frame(pd.concat(frames), object="r", time="t", states=["x"])
 
 
-@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
-@pytest.mark.parametrize("start", ["", "; x(0) = x0"])
+@pytest.mark.parametrize(("size", "start"), [(1e-9, ""), (1e9, "; x(0) = x0"), (1.0, "")])
 def test_a_capacity_that_is_a_property_stays_whatever_its_size(measured, size, start):
     times, grown = measured
     law = cl.fit(f"x' = r x (1 - x/K){start}", populations(measured, size), errors="white", noise={"x": NOISE * size})
@@ -90,7 +89,7 @@ def test_a_known_number_is_not_replaced_when_a_law_is_simplified(measured):
 
 
 def test_bounds_are_of_the_parameter_of_that_name_in_whichever_equation_it_stands():
-    times = np.linspace(0, 8, 80)
+    times = np.linspace(0, 8, 30)
 
     def rates(_, states):
         used = states[0] / (0.5 + states[0])

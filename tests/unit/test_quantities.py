@@ -244,7 +244,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say(name):
     function, center, matrix = FUNCTIONS[name]
     truth, covariance = np.array(center), np.array(matrix)
     value = function(truth[np.newaxis])[0]
-    draws = np.random.default_rng(0).multivariate_normal(truth, covariance, 600)
+    draws = np.random.default_rng(0).multivariate_normal(truth, covariance, 200)
     covered = [each.low <= value <= each.high for each in (propagated(function, draw, covariance, Z) for draw in draws)]
     assert np.mean(covered) == pytest.approx(0.95, abs=0.025)
 

@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import minimize
 from scipy.special import beta
-from scipy.stats import multivariate_normal
 
 from commonlaw.formulation import LeastSquaresProblem, law_variables
 from commonlaw.inference.score import evidence
@@ -96,23 +95,18 @@ def test_what_is_left_below_the_least_noise_says_no_more_than_noise_of_that_size
 
 def marginal(data, indices):
     """Sum of squared residuals, estimates, and minus twice their log-evidence for means and variances over objects."""
-    rest, estimates, covariances = 0.0, [], []
-    for library, target in data:
-        columns = library[:, indices]
-        best = np.linalg.lstsq(columns, target, rcond=None)[0]
-        rest += np.sum((target - columns @ best) ** 2)
-        estimates.append(best)
-        covariances.append(np.linalg.inv(columns.T @ columns))
+    factors = [np.linalg.qr(np.column_stack([library[:, indices], target]), mode="r") for library, target in data]
+    inverses = np.linalg.inv(np.array(factors)[:, :-1, :-1])
+    estimates = np.array([inverse @ factor[:-1, -1] for inverse, factor in zip(inverses, factors, strict=True)])
+    covariances = inverses @ inverses.transpose(0, 2, 1)
 
     def lost(means, variances):
         """As it is with a prior, less what it is at the estimates themselves."""
-        return sum(
-            2 * multivariate_normal(best, covariance).logpdf(best)
-            - 2 * multivariate_normal(means, covariance + np.diag(variances)).logpdf(best)
-            for best, covariance in zip(estimates, covariances, strict=True)
-        )
+        whole, apart = covariances + np.diag(variances), estimates - means
+        squares = np.einsum("ni,nij,nj", apart, np.linalg.inv(whole), apart)
+        return squares + np.sum(np.linalg.slogdet(whole)[1] - np.linalg.slogdet(covariances)[1])
 
-    return rest, np.array(estimates), lost
+    return sum(factor[-1, -1] ** 2 for factor in factors), estimates, lost
 
 
 def test_the_evidence_of_a_shared_term_is_the_marginal_likelihood():
@@ -146,16 +140,7 @@ def cost_of_scatter(data):
     )
 
 
-@pytest.mark.parametrize(
-    ("mixed", "scatter"),
-    [
-        (0.5, [0.8, 0.5]),
-        *(
-            pytest.param(*each, marks=pytest.mark.slow)
-            for each in ((0.0, [0.0, 0.8]), (0.5, [0.0, 0.8]), (0.0, [0.8, 0.5]))
-        ),
-    ],
-)
+@pytest.mark.parametrize(("mixed", "scatter"), [(0.5, [0.8, 0.5]), (0.0, [0.0, 0.8])])
 def test_the_evidence_of_several_terms_is_that_of_coefficients_orthogonal_mixtures_or_scatter_along_the_mean(
     mixed, scatter
 ):
