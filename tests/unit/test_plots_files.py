@@ -20,7 +20,7 @@ def drops() -> Trials:
 
 @pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
 def test_the_suffix_of_a_path_chooses_the_format(suffix: str, start: bytes) -> None:
-    figure = plot_trials(drops())
+    figure = plot_trials(drops()[:1])
     first = render(figure, f"a folder/drops.2.{suffix}")
     assert first.startswith(start)
     assert first == render(figure, f".{suffix.upper()}") == render(figure, suffix)

@@ -156,13 +156,6 @@ def test_constrained_least_squares_meets_its_optimality_conditions(seed):
     assert not found[~support].any()
 
 
-def test_without_constraints_it_is_least_squares():
-    problem = compressed(rows())
-    support = np.ones((3, TERMS), dtype=bool)
-    found = constrained_least_squares(problem, support, 0, np.zeros((0, 3 * TERMS)), np.zeros(0))
-    np.testing.assert_allclose(found, [problem.least_squares(support[0], 0) for problem in problem], rtol=1e-12)
-
-
 def test_the_path_is_refitted_and_ends_where_constraints_need_terms():
     problem, matrix = compressed(rows()), np.zeros((1, 12))
     matrix[0, 0] = 1.0
@@ -235,35 +228,15 @@ def problem(seed, terms=None, objects=None):
     return rows, [LeastSquaresProblem.of(library, target[:, np.newaxis]) for library, target in rows]
 
 
-def residual(library, target, indices):
-    if not len(indices):
-        return target @ target
-    coefficients = np.linalg.lstsq(library[:, indices], target, rcond=None)[0]
-    return np.sum((library[:, indices] @ coefficients - target) ** 2)
-
-
 def scaled_residuals(rows, supports):
-    """The sum over objects of squared residuals over the residual variance with all terms, by `lstsq` on the rows."""
-    total = np.zeros(len(supports))
-    for library, target in rows:
-        unit = library / np.linalg.norm(library, axis=0)
-        everything = residual(unit, target, [*range(unit.shape[1])])
-        variance = everything / (len(target) - unit.shape[1])
-        total += [residual(unit, target, [*indices]) / variance for indices in supports]
-    return total
-
-
-def scaled_residuals_by_gram(rows, supports):
-    """The same by normal equations of orthogonalised columns: fast enough for all supports of 14 terms."""
+    """The sum over objects of squared residuals over the residual variance with all terms, of supports of one size."""
     total = np.zeros(len(supports))
     for library, target in rows:
         triangle = np.linalg.qr(np.column_stack([library / np.linalg.norm(library, axis=0), target]), mode="r")
         columns, right = triangle[:, :-1], triangle[:, -1]
-        chosen = columns[:, np.array(supports)].transpose(1, 0, 2)
-        basis, _ = np.linalg.qr(chosen)
+        basis, _ = np.linalg.qr(columns[:, np.array(supports, dtype=int)].transpose(1, 0, 2))
         explained = np.sum(np.einsum("nqk,q->nk", basis, right) ** 2, axis=1)
-        variance = right[-1] ** 2 / (len(target) - columns.shape[1])
-        total += (right @ right - explained) / variance
+        total += (right @ right - explained) / right[-1] ** 2 * (len(target) - columns.shape[1])
     return total
 
 
@@ -271,19 +244,13 @@ def places_of(candidate):
     return tuple(np.flatnonzero(candidate.support[0]).tolist())
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_best_subset_of_14_terms_equals_exhaustive_search(seed):
     rows, problems = problem(seed, terms=14)
     for candidate in BestSubset(largest=14, nodes=100_000).path(problems, 0, np.ones(14, dtype=bool))[:-1]:
         supports = [*combinations(range(14), int(candidate.hyperparameter))]
         assert candidate.proven
-        assert places_of(candidate) == supports[np.argmin(scaled_residuals_by_gram(rows, supports))]
-
-
-def test_fast_exhaustive_search_equals_least_squares_on_the_rows():
-    rows, _ = problem(3, terms=7)
-    supports = [*combinations(range(7), 3)]
-    np.testing.assert_allclose(scaled_residuals_by_gram(rows, supports), scaled_residuals(rows, supports), rtol=1e-9)
+        assert places_of(candidate) == supports[np.argmin(scaled_residuals(rows, supports))]
 
 
 @pytest.mark.parametrize("solver", [BestSubset(largest=20), StepwiseSelection(), StepwiseSelection(None, "backward")])
@@ -297,7 +264,7 @@ def test_objects_with_their_own_terms_are_solved_one_by_one(solver):
             np.testing.assert_array_equal(row, own[index].support[0])
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_forward_selection_takes_the_term_that_lowers_the_residuals_most(seed):
     rows, problems = problem(seed)
     terms, inside = problems[0].terms, []
@@ -308,7 +275,7 @@ def test_forward_selection_takes_the_term_that_lowers_the_residuals_most(seed):
         inside = trials[np.argmin(scaled_residuals(rows, trials))] if trials else inside
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_backward_elimination_drops_the_term_that_raises_the_residuals_least(seed):
     rows, problems = problem(seed)
     inside = [*range(problems[0].terms)]

@@ -24,9 +24,9 @@ def test_times_that_start_again_are_refused_with_the_rows_and_what_to_do():
     )
 
 
-@pytest.mark.parametrize("samples", [3, 4, 10, 40])
-@pytest.mark.parametrize("runs", [2, 3, 7])
-@pytest.mark.parametrize("end", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("samples", [3, 4, 40])
+@pytest.mark.parametrize("runs", [2, 7])
+@pytest.mark.parametrize("end", [0.1, 0.9])
 def test_runs_below_each_other_are_never_interleaved(samples, runs, end):
     times = np.concatenate([np.arange(samples) + end * (samples - 1) * shift / runs for shift in range(runs)])
     with refused("name-trials"):
@@ -68,15 +68,12 @@ def test_rows_of_a_shuffled_table_are_sorted(seed):
     assert all(trial.times.tolist() == T.tolist() for trial in trials)
 
 
-@pytest.mark.parametrize("order", [[0, 1, 8, 3, 4, 5, 6, 7, 2, 9], [1, 0, 2, 3, 4, 5, 6, 7, 9, 8], [0, 2, 3, 4, 5, 1]])
-def test_single_rows_out_of_place_are_sorted(order):
+@pytest.mark.parametrize(
+    "order", [[0, 1, 8, 3, 4, 5, 6, 7, 2, 9], [1, 0, 2, 3, 4, 7, 6], [0, 2, 3, 4, 5, 1], [3, 2, 1, 0]]
+)
+def test_single_rows_out_of_place_and_rows_in_reverse_order_are_sorted(order):
     (trial,) = Trials.from_frame(RUNS.iloc[order])
     assert trial.times.tolist() == sorted(order)
-
-
-def test_rows_in_reverse_order_are_sorted():
-    (trial,) = Trials.from_frame(RUNS[9::-1])
-    assert trial.times.tolist() == T.tolist()
 
 
 def test_what_restarts_mean_is_one_of_two():

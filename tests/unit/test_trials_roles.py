@@ -128,6 +128,9 @@ def test_two_columns_that_may_name_objects_are_asked_about():
     [
         ("minutes", "minutes"),
         ("hour", "hour"),
+        ("year", "year"),
+        ("Age", "Age"),
+        ("sec", "sec"),
         ("Zeit [min]", "Zeit"),
         ("elapsed_s", "elapsed_s"),
         ("Time since start (h)", "Time since start"),

@@ -1,7 +1,6 @@
 """Tables in: the same trials from every kind of table."""
 
 from dataclasses import fields
-from datetime import datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -92,15 +91,6 @@ def test_object_trial_and_time_are_found_by_their_names(tmp_path):
     trials = Trials.read(text(tmp_path / "one ball.csv", "T,t,x\n300,0,1\n301,1,2\n"))
     assert (trials.schema.time, trials.schema.states) == ("t", ("T", "x"))
     assert trials[0].label == "one ball, trial 1"
-
-
-@pytest.mark.parametrize("name", ["year", "Age", "day", "hour", "hours", "seconds", "sec"])
-def test_the_only_column_named_like_a_unit_of_time_is_the_time(name):
-    frame = pd.DataFrame({"height": [1.0, 3.0], name: [3.0, 4.0]})
-    assert Trials.from_frame(frame).schema.time == name
-    assert Trials.from_frame(frame.assign(t=[0.0, 1.0])).schema.time == "t"
-    with refused("time-ambiguous"):
-        Trials.from_frame(frame.assign(minutes=[0.0, 1.0]))
 
 
 def test_a_column_is_named_with_its_unit_or_without():
@@ -258,14 +248,6 @@ def test_an_index_of_counts_is_a_column_where_it_is_asked_for(tmp_path):
     assert Trials.read(tmp_path / "a.parquet", time="__index_level_0__")[0].times.tolist() == [0, 1, 3]
 
 
-def test_a_point_that_may_be_of_thousands_is_refused_among_decimal_commas(tmp_path):
-    rows = "t;x\n0;1,5\n1;1.000\n2;2,5\n"
-    with refused("decimal-mark-ambiguous", cell="1.000", ways="1 or 1000"):
-        Trials.read(text(tmp_path / "a.csv", rows))
-    points = text(tmp_path / "b.csv", "t;x;y\n0;1,5;1.000\n1;2,0;0.500\n2;2,5;0\n")
-    assert Trials.read(points)[0].states[:, 1].tolist() == [1, 0.5, 0]
-
-
 def test_a_comma_in_words_makes_no_decimal_commas(tmp_path):
     path = text(tmp_path / "a.csv", "t;x;note\n0;1.000;see 1,2\n1;2.000;a\n2;4.000;b\n")
     assert Trials.read(path)[0].states[:, 0].tolist() == [1, 2, 4]
@@ -403,14 +385,6 @@ def test_a_time_step_goes_with_trials_of_different_lengths():
     for step in (0.0, -1.0, np.nan):
         with refused("time-step"):
             Trials.from_arrays(step, X)
-
-
-def test_dates_in_a_mapping_are_times_since_the_earliest():
-    stamps = [datetime(2024, 3, 1, 12) + timedelta(seconds=time) for time in TIMES]
-    for given in (stamps, pd.Series(stamps), np.array(stamps, dtype="datetime64[ns]")):
-        trials = Trials.from_frame({"t": given, "x": X})
-        assert trials[0].times == pytest.approx(TIMES)
-        assert trials.notes == ("t: dates taken as time in seconds since 2024-03-01 12:00:00",)
 
 
 def test_a_table_is_fitted_as_the_trials_in_it_are():
