@@ -26,10 +26,11 @@ from tests.unit.decays import (
 
 pytestmark = pytest.mark.usefixtures("few_starts")
 
+TRIALS = trials_of({"A": (T, SIGNAL)}, ["signal"])
+
 
 def test_a_measured_signal_is_a_function_of_the_state():
-    trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
-    law = cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"}, initial_values={"x": 1})
+    law = cl.fit("x' = -k x", TRIALS, observe={"signal": "c x (1 + x) + b"}, initial_values={"x": 1})
 
     def residuals(p):
         x = np.exp(-p[0] * T)
@@ -201,7 +202,7 @@ def test_absent_terms_are_limited_through_an_observation_equation():
 def test_files_of_version_4_have_initial_values_by_state_and_no_restrictions():
     law = cl.fit(
         "x' = -k x; signal = c x + b; b > 0",
-        trials_of({"A": (T, SIGNAL)}, ["signal"]),
+        TRIALS,
         initial_values={"x": "a"},
         priors={"a": (1, 0.1)},
     )
@@ -223,12 +224,17 @@ def test_files_of_version_4_have_initial_values_by_state_and_no_restrictions():
     assert law.observation.restrictions.bounds == ("b > 0",)
 
 
+@pytest.fixture(scope="module")
+def law():
+    """Return a law of a signal, with a prior of its scale."""
+    return cl.fit("x' = -k x; signal = c x; x(0) = x0 + 1", TRIALS, priors={"c": (4, 1)})
+
+
 @pytest.mark.parametrize(
     "change",
     [{"noise": {"signal": -1.0}}, {"noise": {"other": 1.0}}, {"sizes": {"x": 0.0}}, {"equations": {"other": "x"}}],
 )
-def test_files_with_observations_that_cannot_be_are_refused(change):
-    law = cl.fit("x' = -k x; signal = c x; x(0) = 1", trials_of({"A": (T, SIGNAL)}, ["signal"]))
+def test_files_with_observations_that_cannot_be_are_refused(change, law):
     document = json.loads(to_json(law))
     document["observation"] |= change
     with pytest.raises(cl.CommonlawError):
@@ -289,13 +295,9 @@ def test_what_cannot_be_fitted_is_refused_in_words(code, equations, settings):
         cl.fit(equations, trials_of({"A": (T, np.exp(-T) + 0.01)}), **settings)
 
 
-def test_reports_and_figures_show_what_was_measured():
-    law = cl.fit(
-        "x' = -k x; signal = c x; x(0) = x0 + 1", trials_of({"A": (T, SIGNAL)}, ["signal"]), priors={"c": (4, 1)}
-    )
+def test_reports_and_figures_show_what_was_measured(law):
     assert r"\mathrm{signal} &= c x" in to_latex(law)
     assert r"x(0) &= x_{0} + 1" in to_latex(law)
     assert law.params.set_index("parameter")["equation"].to_dict() == {"k": "x'", "c": "signal", "x0": "x(0)"}
-    trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
-    assert "forecasts from the first" in law.report(trials).html.lower()
-    assert "signal" in cl.plots.plot_law(law, trials).get_suptitle()
+    assert "forecasts from the first" in law.report(TRIALS).html.lower()
+    assert "signal" in cl.plots.plot_law(law, TRIALS).get_suptitle()

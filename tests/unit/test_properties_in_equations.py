@@ -66,9 +66,8 @@ def test_a_capacity_that_is_a_property_stays_whatever_its_size(measured, size, s
     assert (none == 0).all()
 
 
-@pytest.mark.parametrize("size", [1.0, 1.3e9])
-def test_an_epidemic_in_a_population_of_any_size_begins_with_an_unknown_number_of_susceptible(size):
-    times, truth = np.linspace(0, 60, 61), (0.5, 0.15, 0.9, 0.001)
+def test_an_epidemic_in_a_large_population_begins_with_an_unknown_number_of_susceptible():
+    size, times, truth = 1.3e9, np.linspace(0, 60, 61), (0.5, 0.15, 0.9, 0.001)
     infected = sir(times, *truth) + NOISE * np.random.default_rng(1).standard_normal(len(times))
     frame = pd.DataFrame({"town": "A", "t": times, "I": size * infected, "N": size})
     trials = cl.Trials.from_frame(frame, object="town", time="t", states=["I"])

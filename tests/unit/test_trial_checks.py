@@ -79,7 +79,7 @@ def test_a_tolerance_that_is_no_time_is_refused(drops, tolerance):
         drops.clip_irregular(tolerance)
 
 
-def test_the_check_has_the_figures_of_every_trial(drops):
+def test_the_check_has_the_figures_of_every_trial_as_a_table_and_json(drops):
     report = drops.check()
     row = next(each for each in report.trials if (each.object, each.trial) == ("Golf Ball", "1"))
     trial = drops.select(object="Golf Ball", trial=1)[0]
@@ -90,9 +90,6 @@ def test_the_check_has_the_figures_of_every_trial(drops):
     assert (row.first, row.last) == ({"Height": trial.states[0, 0]}, {"Height": trial.states[-1, 0]})
     assert "Golf Ball, trial 1: irregular frame: `clip_irregular()` would keep 42 of 43 samples" in report.findings
     assert [len(drops[i]) - row.clipped for i, row in enumerate(report.trials)] == [*map(len, drops.clip_irregular())]
-
-
-def test_the_report_is_a_table_and_json(drops):
     report = drops.clip_irregular().check()
     frame = report.to_frame()
     assert len(frame) == 20

@@ -28,19 +28,13 @@ def labels(trials):
     return [(trial.object, trial.name) for trial in trials]
 
 
-def test_selection_by_names_takes_numbers_for_labels(trials):
+def test_selection_is_by_names_and_properties_and_keeps_these(trials):
     assert labels(trials.select(object="golf", trial=2)) == [("golf", "2")]
     assert labels(trials.select(object=["golf", "wiffle"], trial=1.0)) == [("golf", "1"), ("wiffle", "1")]
     assert len(trials.select(trial=range(1, 3))) == 6
-
-
-def test_selection_by_property_takes_values_and_functions(trials):
     assert trials.select(skin="felt").objects == ("tennis",)
     assert trials.select(mass=lambda mass: mass < 0.05).objects == ("golf",)
     assert trials.select(mass=[0.046, 0.057], trial=1).objects == ("golf", "tennis")
-
-
-def test_selection_keeps_the_properties_of_the_objects_kept(trials):
     assert trials.select(object="golf").properties == {"golf": {"mass": 0.046, "skin": "hard"}}
     assert trials.select(object="wiffle").properties == {}
 
@@ -59,12 +53,17 @@ def test_selection_refuses_what_is_not_there(trials, conditions, expected):
         trials.select(**conditions)
 
 
-def test_split_parts_the_trials_in_two(trials):
+def test_splits_part_the_trials_in_two_and_folds_are_those_of_scikit_learn(trials):
     chosen, rest = trials.split(trial=1)
     assert labels(chosen) == [("golf", "1"), ("tennis", "1"), ("wiffle", "1")]
     assert sorted(labels(chosen) + labels(rest)) == sorted(labels(trials))
     with refused("split-one-sided"):
         trials.split(trial=[1, 2])
+    groups = [trial.object for trial in trials]
+    folds = [(trials[train], trials[test]) for train, test in GroupKFold(3).split(trials, groups=groups)]
+    assert sorted(test.objects[0] for _, test in folds) == ["golf", "tennis", "wiffle"]
+    assert all(not set(train.objects) & set(test.objects) for train, test in folds)
+    assert [len(trials[test]) for _, test in KFold(3).split(trials)] == [2, 2, 2]
 
 
 def test_indexing_is_that_of_an_array_of_trials(trials):
@@ -75,15 +74,7 @@ def test_indexing_is_that_of_an_array_of_trials(trials):
         trials[[]]
 
 
-def test_splitters_of_scikit_learn_work_on_trials(trials):
-    groups = [trial.object for trial in trials]
-    folds = [(trials[train], trials[test]) for train, test in GroupKFold(3).split(trials, groups=groups)]
-    assert sorted(test.objects[0] for _, test in folds) == ["golf", "tennis", "wiffle"]
-    assert all(not set(train.objects) & set(test.objects) for train, test in folds)
-    assert [len(trials[test]) for _, test in KFold(3).split(trials)] == [2, 2, 2]
-
-
-def test_trials_cannot_be_changed(trials):
+def test_trials_are_constant_and_copies_are_equal(trials):
     with pytest.raises(dataclasses.FrozenInstanceError):
         trials.notes = ()
     with pytest.raises(ValueError, match="read-only"):
@@ -92,9 +83,6 @@ def test_trials_cannot_be_changed(trials):
     made = Trial("ball", "1", np.arange(3.0), given)
     given[0] = 9.0
     assert made.states[0, 0] == 0.0
-
-
-def test_trials_are_copied_and_pickled_with_all_they_hold(trials):
     for other in (pickle.loads(pickle.dumps(trials)), copy.deepcopy(trials)):
         assert labels(other) == labels(trials)
         assert (other.schema, other.properties) == (trials.schema, trials.properties)
@@ -158,10 +146,16 @@ def test_what_cannot_be_used_is_refused_by_name(make, expected):
         make()
 
 
-def test_one_trial_comes_from_plain_arrays():
+def test_one_trial_comes_from_plain_arrays_in_which_masked_measurements_are_missing():
     trials = Trials.from_arrays(range(3), np.ones((3, 2)), inputs=[4, 5, 6])
     assert (trials.schema.states, trials.schema.inputs, trials.objects) == (("x1", "x2"), ("u",), ("object",))
     np.testing.assert_array_equal(trials[0].inputs, [[4], [5], [6]])
+    states = np.ma.masked_values([1.0, -999.0, 0.6, 0.5], -999.0)
+    (trial,) = Trials.from_arrays(np.arange(4.0), states)
+    assert trial.times.tolist() == [0.0, 2.0, 3.0]
+    pairs = np.ma.masked_values(np.arange(24.0).reshape(12, 2), 7.0)
+    (trial,) = Trials.from_arrays(np.arange(12.0), pairs)
+    assert np.argwhere(np.isnan(trial.states)).tolist() == [[3, 1]]
 
 
 def test_lists_of_arrays_may_differ_in_length_and_are_counted_by_object():
@@ -224,15 +218,6 @@ def test_times_that_nothing_can_be_computed_with_are_refused(scale):
     with refused("times-too-large", trial="object, trial 1"):
         Trials.from_arrays(np.arange(5) * scale, np.arange(5.0))
     assert len(Trials.from_arrays(np.arange(5) * scale**0.5, np.arange(5.0))) == 1
-
-
-def test_masked_measurements_are_missing():
-    states = np.ma.masked_values([1.0, -999.0, 0.6, 0.5], -999.0)
-    (trial,) = Trials.from_arrays(np.arange(4.0), states)
-    assert trial.times.tolist() == [0.0, 2.0, 3.0]
-    pairs = np.ma.masked_values(np.arange(24.0).reshape(12, 2), 7.0)
-    (trial,) = Trials.from_arrays(np.arange(12.0), pairs)
-    assert np.argwhere(np.isnan(trial.states)).tolist() == [[3, 1]]
 
 
 def test_dates_are_times_since_the_earliest_of_all_trials():

@@ -52,20 +52,14 @@ def test_dates_in_files_are_times(tmp_path, suffix):
     assert trials.notes == ("when: dates taken as time in seconds since 2020-03-28 23:59:00",)
 
 
-def test_hours_and_zones_count():
+def test_dates_count_from_one_origin_with_their_months_hours_and_zones():
     berlin = MINUTES.tz_localize("Europe/Berlin")
     assert Trials.from_frame(frame(berlin))[0].times.tolist() == [0, 90, 180, 270]
     written = ["2020-03-29T00:30:00+01:00", "2020-03-29T01:30:00Z", "2020-03-29T02:30:00.5Z", "2020-03-29 03:30:01+00"]
     assert Trials.from_frame(frame(written))[0].times.tolist() == [0, 7200, 10800.5, 14401]
-
-
-def test_all_objects_have_one_origin():
     table = pd.concat([frame(DAYS).assign(object="a"), frame(DAYS + pd.Timedelta(10, "D")).assign(object="b")])
     first, second = Trials.from_frame(table)
     assert (second.times - first.times).tolist() == [10] * 4
-
-
-def test_months_are_as_long_as_they_are():
     assert Trials.from_frame(frame(["2020-01", "2020-02", "2020-03", "2020-04"]))[0].times.tolist() == [0, 31, 60, 91]
 
 

@@ -109,20 +109,15 @@ def test_a_table_is_read_and_what_was_guessed_is_said(tmp_path, kind):
     assert bool(fact) == any(note.startswith("cup.csv: ") or "Unnamed" in note for note in trials.notes)
 
 
-def test_a_typographic_minus_is_one(tmp_path):
+def test_signs_and_names_are_read_as_they_stand(tmp_path):
     assert read(tmp_path, "t,x\n0,\u22121.5\n1,2\n2,\u22123e\u22122\n")[0].states[:, 0].tolist() == [-1.5, 2, -0.03]
-
-
-def test_objects_whose_names_begin_as_comments_do_are_read(tmp_path):
     trials = read(tmp_path, "object,t,x\n" + "".join(f"#{i},{t},{t}\n" for i in range(3) for t in range(3)))
     assert trials.objects == ("#0", "#1", "#2")
-
-
-def test_objects_of_which_the_last_is_named_by_a_word_are_all_kept(tmp_path):
     trials = read(tmp_path, "object,t,x\n" + "".join(f"{name},{t},{t}\n" for name in "123A" for t in range(3)))
     assert trials.objects == ("1", "2", "3", "A")
     with refused("cell-not-a-number", cell="abc"):
         read(tmp_path, "t,x\n0,1\n1,2\n2,3\nabc,4\n")
+    assert read(tmp_path, "object,t,x\n-,0,1\n-,1,2\nb,0,1\nb,1,2\n").objects == ("-", "b")
 
 
 def test_headers_of_plates_are_numbers_too_and_rows_of_properties_below_them_are_kept(tmp_path):
@@ -213,10 +208,6 @@ def test_marks_of_missing_values_are_counted(tmp_path, mark):
     trials = read(tmp_path, f"time,x,y\n0,1,1\n1,{mark},2\n2,{mark},2\n3,2,3\n" + later)
     assert np.isnan(trials[0].states[:, 0]).tolist() == [False, True, True, *[False] * 5]
     assert f"read as missing in x: {mark!r} in 2 cells" in trials.notes[0]
-
-
-def test_a_mark_is_a_word_where_columns_hold_words(tmp_path):
-    assert read(tmp_path, "object,t,x\n-,0,1\n-,1,2\nb,0,1\nb,1,2\n").objects == ("-", "b")
 
 
 @pytest.mark.parametrize("mark", ["BLQ", "<LOD", ">100", "bql"])
@@ -311,7 +302,7 @@ def test_a_date_that_is_the_trial_is_no_part_of_the_time(tmp_path):
     assert [trial.times.tolist() for trial in trials] == [[0, 1, 2], [0, 1, 2]]
 
 
-def test_dates_that_are_columns_are_times_and_rows_objects(tmp_path):
+def test_dates_and_years_that_are_columns_are_times(tmp_path):
     table = "land,lat,01/30/20,01/31/20,02/01/20,02/02/20,02/03/20,02/04/20\nA,1.5,3,4,,6,7,8\nB,2.5,5,6,7,8,9,9\n"
     trials = read(tmp_path, table)
     assert trials.objects == ("A", "B")
@@ -320,9 +311,6 @@ def test_dates_that_are_columns_are_times_and_rows_objects(tmp_path):
     assert (trials.schema.time, trials.schema.states, trials.schema.units) == ("time", ("value",), {"time": "day"})
     assert trials.properties == {"A": {"lat": 1.5}, "B": {"lat": 2.5}}
     assert read(tmp_path, table, wide="cases").schema.states == ("cases",)
-
-
-def test_years_that_are_columns_are_times(tmp_path):
     table = 'Country,Code,1990,1991,1992\n"Korea, Rep.",KOR,1,2,3\nChad,TCD,2,3,4\n'
     trials = read(tmp_path, table)
     assert trials.objects == ("Korea, Rep.", "Chad")

@@ -62,16 +62,13 @@ def test_a_stream_has_what_it_has():
         attrgetter("object_names")(stream)
 
 
-def test_rows_of_a_trial_that_do_not_follow_each_other_are_refused(tmp_path, monkeypatch):
+def test_a_stream_needs_roles_and_rows_of_trials_in_parquet_files(tmp_path, monkeypatch):
     frame = cl.datasets.linear_drag(drag=-0.1, trials=2).to_frame()
     frame.sort_values(["t", "trial"]).to_parquet(tmp_path / "drops.parquet")
     monkeypatch.setattr(stream, "_ROWS", 10)
     roles = {"object": "object", "trial": "trial", "time": "t", "states": ["x"]}
     with refused("stream-unsorted", trial="Ball 1, trial 1"):
         list(cl.TrialStream.from_parquet(tmp_path / "drops.parquet", **roles))
-
-
-def test_a_stream_needs_its_roles_named_and_a_parquet_file(tmp_path):
     cl.datasets.linear_drag(drag=-0.1).to_frame().to_parquet(tmp_path / "drops.parquet")
     with refused("stream-roles-missing"):
         cl.TrialStream.from_parquet(tmp_path / "drops.parquet")
