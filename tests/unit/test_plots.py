@@ -399,7 +399,7 @@ MASSES = (0.3, 0.15, 0.1, 0.06, 0.043)
 def law():
     """Drag by mass, and gravity that is universal."""
     drops = cl.datasets.linear_drag(drag=tuple(-0.03 / each for each in MASSES), noise=0.01)
-    law = cl.fit("x'' = -g - c v", drops)
+    law = cl.fit("x'' = -g - c v", drops, errors="white")
     return law.explain({name: {"mass": mass} for name, mass in zip(law.objects, MASSES, strict=True)})
 
 

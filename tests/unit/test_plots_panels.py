@@ -16,7 +16,7 @@ def drops():
 
 @pytest.fixture(scope="module")
 def law(drops):
-    return cl.fit("x'' = -g - c v", drops)
+    return cl.fit("x'' = -g - c v", drops, errors="white")
 
 
 def test_objects_drawn_one_by_one_have_the_axes_that_they_have_side_by_side(law, drops):

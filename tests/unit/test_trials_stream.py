@@ -32,7 +32,7 @@ DROPS = cl.datasets.linear_drag(noise=0.01)
 
 @pytest.fixture(scope="module")
 def law():
-    return cl.fit("x'' = -g - c v", DROPS)
+    return cl.fit("x'' = -g - c v", DROPS, errors="white")
 
 
 @pytest.mark.parametrize(

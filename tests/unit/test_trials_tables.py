@@ -185,16 +185,6 @@ def test_a_file_of_its_own_says_which_column_is_what(tmp_path):
     ]  # fmt: skip
 
 
-def test_a_frame_goes_out_as_it_came_in():
-    trials = Trials.from_frame(FRAME, **ROLES, properties=["mass"])
-    out = trials.to_frame()
-    assert list(out.columns) == ["ball", "drop", "time", "height", "wind", "mass"]
-    assert out["ball"].tolist() == FRAME["ball"].tolist()
-    np.testing.assert_array_equal(out["height"], FRAME["height [m]"])
-    again = Trials.from_frame(out, **ROLES, properties=["mass"], units=trials.schema.units)
-    assert (again.schema, again.properties) == (trials.schema, trials.properties)
-
-
 def test_a_unit_that_no_reader_would_know_is_not_written(tmp_path):
     trials = Trials.from_arrays([0, 1], [1, 2])
     trials = Trials(trials.trials, Schema(("x",), units={"x": "furlog"}))

@@ -28,7 +28,7 @@ def rms(values):
 
 def test_a_true_law_forecasts_held_out_trials_and_its_bands_hold(drops):
     learned = drops.select(trial=1)
-    verdict = cl.fit("x'' = -g - c v", learned).assess(drops, learned)
+    verdict = cl.fit("x'' = -g - c v", learned, errors="white").assess(drops, learned)
     assert verdict.usable
     assert (verdict.segments, verdict.in_sample) == (5, False)
     assert verdict.horizon == verdict.longest > 1.5
@@ -40,7 +40,7 @@ def test_a_true_law_forecasts_held_out_trials_and_its_bands_hold(drops):
 
 
 def test_what_was_learned_from_is_judged_where_nothing_was_held_out_and_that_is_said(drops):
-    law = cl.fit("x'' = -g - c v", drops)
+    law = cl.fit("x'' = -g - c v", drops, errors="white")
     for verdict in (law.assess(drops), law.assess(drops, drops)):
         assert verdict.usable
         assert verdict.in_sample
@@ -104,7 +104,7 @@ def test_forecasts_that_are_worse_than_the_mean_are_not_to_be_used_however_good_
 
 
 def test_bands_that_fail_are_told(drops):
-    law = cl.fit("x'' = -g - c v", drops)
+    law = cl.fit("x'' = -g - c v", drops, errors="white")
     certain = replace(law.uncertainty, noise=law.uncertainty.noise / 50, covariance=law.uncertainty.covariance / 2500)
     verdict = replace(law, uncertainty=certain).assess(drops)
     assert verdict.coverage < 0.5
@@ -127,7 +127,7 @@ def test_several_states_are_named_with_their_units():
 
 def test_an_unknown_object_is_forecast_with_the_mean_of_the_others(drops):
     learned = drops.select(object=drops.objects[1:])
-    verdict = cl.fit("x'' = -g - c v", learned).assess(drops, learned)
+    verdict = cl.fit("x'' = -g - c v", learned, errors="white").assess(drops, learned)
     assert verdict.unknown_objects == drops.objects[:1]
     assert verdict.segments == len(drops.of_object(drops.objects[0]))
     assert verdict.coverage > 0.85  # The scatter of the others' coefficients is in the bands
