@@ -319,6 +319,8 @@ def test_forecasts_with_the_discrepancy_are_better_and_less_sure_where_nothing_w
         law.predict(drops, start=15, discrepancy=how).errors()["rms error"].max() for how in (True, False)
     )
     assert with_it < 0.1 < alone
+    with refused("discrepancy-outdated"):
+        replace(law, coefficients=2 * law.coefficients).predict(drops, discrepancy=True)
     assert without_drag.std(-40.0) > 5 * without_drag.std(-10.0)
 
 
