@@ -108,7 +108,7 @@ def test_a_missing_force_is_a_function_of_the_velocity():
 
 def test_functions_may_be_of_properties_that_stand_in_no_equation():
     """The growth of two cultures has a term in ``x size``."""
-    random, made, sizes = np.random.default_rng(2), [], {"A": 0.4, "B": 1.0, "C": 1.6}
+    random, made, sizes = np.random.default_rng(2), [], {"A": 0.4, "B": 1.6}
     for owner, size in sizes.items():
         x = solve_ivp(growth, (0, 6), [0.1], t_eval=TIMES, args=(size,), rtol=1e-9).y[0]
         made.append(cl.Trial(owner, "1", TIMES, 2 * x + NOISE * random.standard_normal(len(TIMES))))

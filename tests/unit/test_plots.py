@@ -93,8 +93,7 @@ EVERY: dict[str, Callable[[], Figure]] = {
     "one trial": lambda: plot_trials(drops(1, trials=1)),
     "references": lambda: plot_trials(drops(), references={"free fall": (np.arange(3.0), 47 - np.arange(3.0))}),
     "library": lambda: plot_library(drops(1)[0], FORM, law_of(drops(1)).terms),
-    "many coefficients": lambda: plot_coefficients(law_of(drops(5), degree=8)),
-    "two states": lambda: plot_law(pairs(1)[0], pairs(1)[1]),
+    "many coefficients": lambda: plot_coefficients(law_of(drops(5), degree=6)),
     "one unsure law": lambda: plot_law(unsure(law_of(drops(1))), drops(1)),
     "unsure law": lambda: plot_law(unsure(law_of(drops(6))), drops(6), datasets.linear_drag.truth(drag=DRAG[:6])),
     "unsure about chaos": lambda: plot_forecast(
