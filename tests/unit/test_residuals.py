@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
-from statsmodels.tsa.stattools import acf, q_stat
 
 import commonlaw as cl
 from commonlaw import Law, Trials
@@ -247,6 +246,8 @@ def test_statistics_are_those_of_scipy(kept, monkeypatch):
 
 
 def test_the_autocorrelation_of_one_trial_is_tested_as_by_ljung_and_box():
+    from statsmodels.tsa.stattools import acf, q_stat
+
     own = np.convolve(np.random.default_rng(5).normal(size=201), [1.0, 0.15], "valid")
     found = patterns(["x"], [own[:, np.newaxis]], {"t": np.arange(200.0), "x": own}, "t", [0])
     (tested,) = (each for each in found if each.pattern == "autocorrelation")

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import pickle
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -93,57 +94,48 @@ def test_labels_are_the_same_however_they_are_written():
     assert ramp(3, 1.0).label == ramp(" 3", "1.0").label == "3, trial 1"
 
 
+BALL, WHERE = partial(Trial, "ball", "1"), "ball, trial 1"
+
+
+def trials_of(*trials, **properties):
+    return Trials(trials, Schema(("x",)), properties)
+
+
 @pytest.mark.parametrize(
-    ("make", "expected"),
+    ("make", "arguments", "expected"),
     [
-        (lambda: ramp(name=" "), "label-empty"),
-        (lambda: ramp(samples=0), message("trial-without-samples", trial="ball, trial 1")),
+        (ramp, (" ",), "label-empty"),
+        (ramp, ("ball", "1", 0), message("trial-without-samples", trial=WHERE)),
+        (BALL, ([0, 1, 2], [0, 1]), message("rows-differ", WHERE, times=3, states=2, inputs=3)),
+        (BALL, ([0, 2, 1], [0, 1, 2]), message("time-before", time=1.0, sample=3, before=2.0)),
+        (BALL, ([0, 1, 1], [0, 1, 2], [0.0, 1.0, 2.0]), message("inputs-differ", time=1.0, first=2, second=3)),
+        (BALL, ([0, 1], [0, np.inf]), message("sample-not-finite", WHERE, quantity="state", place="sample 2, state 1")),
+        (BALL, ([0], [0], [np.nan]), message("sample-not-finite", WHERE, quantity="input", place="sample 1, input 1")),
+        (BALL, ([0, 1], [np.nan, 0]), message("first-sample-empty", WHERE)),
+        (BALL, ([0, 1], ["a", "b"]), message("not-an-array", WHERE)),
+        (BALL, ([[0, 1]], [0, 1]), message("array-dimensions", WHERE, dimensions=1)),
+        (Schema, ((),), "no-state-named"),
+        (Schema, (("t",),), message("column-name-twice", name="t")),
+        (trials_of, (), "no-trial"),
+        (trials_of, (ramp(), ramp(run=1.0)), message("trial-twice", trial=WHERE)),
+        (trials_of, (ramp(states=2),), message("columns-of-trial", trial=WHERE, given=2, kind="states")),
+        (partial(trials_of, bell={"mass": 1}), (ramp(),), "properties-of-no-trial"),
+        (partial(trials_of, ball={"x": 1}), (ramp(),), message("property-named-like-column", name="x")),
         (
-            lambda: Trial("ball", "1", [0, 1, 2], [0, 1]),
-            message("rows-differ", "ball, trial 1", times=3, states=2, inputs=3),
-        ),
-        (lambda: Trial("ball", "1", [0, 2, 1], [0, 1, 2]), message("time-before", time=1.0, sample=3, before=2.0)),
-        (
-            lambda: Trial("ball", "1", [0, 1, 1], [0, 1, 2], [0.0, 1.0, 2.0]),
-            message("inputs-differ", time=1.0, first=2, second=3),
-        ),
-        (
-            lambda: Trial("ball", "1", [0, 1], [0, np.inf]),
-            message("sample-not-finite", "ball, trial 1", quantity="state", place="sample 2, state 1"),
-        ),
-        (
-            lambda: Trial("ball", "1", [0, 1], [0, 1], [0, np.nan]),
-            message("sample-not-finite", "ball, trial 1", quantity="input", place="sample 2, input 1"),
-        ),
-        (lambda: Trial("ball", "1", [0, 1], [np.nan, 0]), message("first-sample-empty", "ball, trial 1")),
-        (lambda: Trial("ball", "1", [0, 1], ["a", "b"]), message("not-an-array", "ball, trial 1")),
-        (lambda: Trial("ball", "1", [[0, 1]], [0, 1]), message("array-dimensions", "ball, trial 1", dimensions=1)),
-        (lambda: Schema(()), "no-state-named"),
-        (lambda: Schema(("t",)), message("column-name-twice", name="t")),
-        (lambda: Trials((), Schema(("x",))), "no-trial"),
-        (lambda: Trials((ramp(), ramp(run=1.0)), Schema(("x",))), message("trial-twice", trial="ball, trial 1")),
-        (
-            lambda: Trials((ramp(states=2),), Schema(("x",))),
-            message("columns-of-trial", trial="ball, trial 1", given=2, kind="states"),
-        ),
-        (lambda: Trials((ramp(),), Schema(("x",)), {"bell": {"mass": 1}}), "properties-of-no-trial"),
-        (
-            lambda: Trials((ramp(),), Schema(("x",)), {"ball": {"x": 1}}),
-            message("property-named-like-column", name="x"),
+            partial(trials_of, ball={"m": np.nan}),
+            (ramp(),),
+            message("property-unknown-value", property="m", object="ball"),
         ),
         (
-            lambda: Trials((ramp(),), Schema(("x",)), {"ball": {"mass": np.nan}}),
-            message("property-unknown-value", property="mass", object="ball"),
-        ),
-        (
-            lambda: Trials((ramp("a"), ramp("b")), Schema(("x",)), {"a": {"mass": 1}, "b": {"mass": "??"}}),
+            partial(trials_of, a={"mass": 1}, b={"mass": "??"}),
+            (ramp("a"), ramp("b")),
             message("property-of-two-kinds", property="mass", known=1.0, first="a", value="??", second="b"),
         ),
     ],
 )
-def test_what_cannot_be_used_is_refused_by_name(make, expected):
+def test_what_cannot_be_used_is_refused_by_name(make, arguments, expected):
     with refused(expected):
-        make()
+        make(*arguments)
 
 
 def test_one_trial_comes_from_plain_arrays_in_which_masked_measurements_are_missing():
