@@ -7,7 +7,7 @@ import commonlaw as cl
 from commonlaw.differentiation import RobustSpline, SmoothingSpline
 from tests.refusals import refused
 
-DRAWS = 4
+DRAWS = 6
 
 
 def lorenz(samples=250):
