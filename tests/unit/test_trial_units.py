@@ -45,8 +45,9 @@ def test_units_can_be_compared_where_several_threads_use_them_first(monkeypatch)
 
     @cache
     def slow():
-        made.append(sleep(0.02))
-        return object()
+        sleep(0.02)
+        made.append(object())
+        return made[-1]
 
     monkeypatch.setattr(headers, "_registry", slow)
     with ThreadPoolExecutor(8) as pool:
