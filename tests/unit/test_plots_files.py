@@ -23,7 +23,7 @@ def test_the_suffix_of_a_path_chooses_the_format(suffix: str, start: bytes) -> N
     figure = plot_trials(drops()[:1])
     first = render(figure, f"a folder/drops.2.{suffix}")
     assert first.startswith(start)
-    assert first == render(figure, f".{suffix.upper()}") == render(figure, suffix)
+    assert first == render(figure, f".{suffix.upper()}")
 
 
 @pytest.mark.parametrize(

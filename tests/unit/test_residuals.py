@@ -176,7 +176,9 @@ def stream(jars, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def law(jars):
-    return cl.fit("a' = -k a; b' = k a", jars, noise={"a": 0.01, "b": 0.02}, errors="white")
+    rates = {name: 1 + 0.2 * i for i, name in enumerate(jars.objects)}
+    law = Law.from_text("a' = -k a; b' = k a", {"k": rates})
+    return replace(law, uncertainty=replace(law.uncertainty, noise=[0.01, 0.02]))
 
 
 def test_patterns_are_those_of_all_trials_in_memory(law, stream, jars):

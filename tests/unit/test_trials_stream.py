@@ -14,7 +14,7 @@ from tests.refusals import message, refused
 
 @pytest.mark.parametrize("rows", [7, 49, 173, 100_000])
 def test_streamed_trials_are_those_of_the_file_wherever_batches_end(tmp_path, monkeypatch, rows):
-    trials = cl.datasets.linear_drag(trials=3)
+    trials = cl.datasets.linear_drag(drag=(-0.1, -0.3), trials=3)
     trials.to_parquet(tmp_path / "drops.parquet")
     monkeypatch.setattr(stream, "_ROWS", rows)
     streamed = cl.TrialStream.from_parquet(tmp_path / "drops.parquet")
