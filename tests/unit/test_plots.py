@@ -244,26 +244,26 @@ def test_a_diverged_forecast_is_marked_where_it_ends_and_does_not_stretch_the_ax
 
 
 def test_a_law_has_its_equation_above_and_the_true_coefficients_beside_its_own() -> None:
-    trials = drops()
-    law, truth = law_of(trials), datasets.linear_drag.truth(drag=DRAG[:3])
+    trials = drops(2)
+    law, truth = law_of(trials), datasets.linear_drag.truth(drag=DRAG[:2])
     figure = plot_law(law, trials, truth)
     assert figure.get_suptitle() == "$\\ddot{x}$ $=$ $a$ $+$ $b$ $v$\nwith $v$ $=$ $\\dot{x}$"
     constant, drag = figure.axes[:2]
     assert [panel.get_title() for panel in (constant, drag)] == ["constant term", "$v$ term"]
     assert [panel.get_xlabel() for panel in (constant, drag)] == ["$a$ (m/s²)", "$b$ (1/s)"]
-    np.testing.assert_array_equal(xy(drag, 0), (0.9 * np.array(DRAG[:3]), np.arange(3)))
-    np.testing.assert_array_equal(xy(drag, 1)[0], DRAG[:3])
-    np.testing.assert_array_equal(xy(constant, 1)[0], [-9.8] * 3)
+    np.testing.assert_array_equal(xy(drag, 0), (0.9 * np.array(DRAG[:2]), np.arange(2)))
+    np.testing.assert_array_equal(xy(drag, 1)[0], DRAG[:2])
+    np.testing.assert_array_equal(xy(constant, 1)[0], [-9.8] * 2)
     assert drag.get_lines()[1].get_markerfacecolor() == "none"
     assert legend_of(figure)[:3] == ["estimate", "true", "measured"]
     without = replace(law, coefficients=np.where(np.array(law.terms.names) == "v", 0, law.coefficients))
     drag = plot_law(without, trials, truth).axes[1]
     assert np.all(np.isnan(xy(drag, 0)[0]))
-    np.testing.assert_array_equal(xy(drag, 1)[0], DRAG[:3])
+    np.testing.assert_array_equal(xy(drag, 1)[0], DRAG[:2])
 
 
 def test_coefficients_whose_errors_are_known_have_95_percent_intervals() -> None:
-    trials = drops()
+    trials = drops(2)
     law = unsure(law_of(trials))
     figure = plot_law(law, trials)
     for k, panel in enumerate(figure.axes[:2]):

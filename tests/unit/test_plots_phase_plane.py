@@ -89,8 +89,9 @@ def test_phase_planes_of_laws_with_observation_equations_are_of_their_states():
     point = next(line for line in panel.lines if line.get_marker() == "o")
     np.testing.assert_allclose(point.get_xydata(), [[0.0, 0.0]], atol=1e-9)
 
+    times = times[::2]
     first = solve_ivp(lambda _, s: (s[0] - s[0] * s[1], s[0] * s[1] - s[1]), (0, 8), (1.5, 1.0), t_eval=times).y
-    counts = np.column_stack([first[0], first.sum(axis=0)]) + 0.001 * random.standard_normal((50, 2))
+    counts = np.column_stack([first[0], first.sum(axis=0)]) + 0.001 * random.standard_normal((25, 2))
     trials = Trials.from_arrays(times, counts, names=["x", "all"])
     law = cl.fit("x' = a x - b x z; z' = c x z - d z; `all` = x + z", trials)
     figure = plot_phase_plane(law, trials)

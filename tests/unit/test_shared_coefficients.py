@@ -68,11 +68,10 @@ STARTS = {
 
 @cache
 def of_persons(case):
-    """Return numbers of three persons, noise, what was measured, trials of it, and their law."""
+    """Return numbers of two persons, noise, what was measured, trials of it, and their law."""
     equations, solution, truth, _, name = CASES[case]
-    values, noise, measured = drawn(solution, truth, 3, seed=1)
-    objects = ["person 0", "person 1", "person 2"]
-    trials = cl.Trials.from_arrays([TIMES[case]] * 3, measured, object=objects, names=[name])
+    values, noise, measured = drawn(solution, truth, 2, seed=1)
+    trials = cl.Trials.from_arrays([TIMES[case]] * 2, measured, object=["person 0", "person 1"], names=[name])
     return values, noise, measured, trials, cl.fit(equations, trials, **STARTS[case], noise={name: noise}, **WHITE)
 
 
@@ -100,7 +99,7 @@ def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
     assert ("start", "tissue = 0.0 at 0") in [(each.stage, each.choice) for each in law.history]
     forecast = again.predict(trials)
     assert forecast.score() > 0.99
-    assert [trajectory.times[0] for trajectory in forecast.trajectories] == [0.0] * 3
+    assert [trajectory.times[0] for trajectory in forecast.trajectories] == [0.0] * 2
     assert again.assess(trials).usable
 
 
