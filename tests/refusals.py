@@ -10,10 +10,15 @@ from commonlaw import CommonlawError
 from commonlaw.diagnostics import Diagnostic
 
 
+def message(code: str, where: str = "", /, **parameters: object) -> Diagnostic:
+    """Return a message of these parameters, and perhaps others."""
+    return Diagnostic(code, parameters, where)
+
+
 @contextmanager
 def refused(expected: str | Diagnostic, /, where: str = "", **parameters: object) -> Iterator[Any]:
     """Expect an error with this code, its own or that of a message it holds, and with these parameters among others."""
-    wanted = Diagnostic(expected, parameters, where) if isinstance(expected, str) else expected
+    wanted = message(expected, where, **parameters) if isinstance(expected, str) else expected
     with pytest.raises(CommonlawError) as caught:
         yield caught
     error: CommonlawError = caught.value

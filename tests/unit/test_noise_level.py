@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.differentiation.noise import _covariance, differences, noise_level
 from commonlaw.formulation import law_variables
 from commonlaw.inference.data.noise import rounding_noise
 from commonlaw.inference.fit.problem import prepare
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 RNG_SEED = 0
-LEVELS = (0.001, 0.01, 0.1)
+LEVELS = (0.001, 0.1)
 """Of the noise, in standard deviations of the signal."""
 
 
@@ -112,25 +111,25 @@ def test_units_of_states_and_times_and_offsets_only_scale_it():
 
 
 @pytest.mark.parametrize(
-    ("times", "states", "message"),
+    ("times", "states", "expected"),
     [
         (
             np.arange(7.0),
             np.zeros((7, 1)),
-            Diagnostic("too-few-samples", {"count": 7, "needed": 8, "method": "estimates of the noise"}),
+            message("too-few-samples", count=7, needed=8, method="estimates of the noise"),
         ),
         (np.arange(9.0), np.zeros(9), "shapes-of-times-and-states"),
         (np.arange(9.0), np.zeros((8, 1)), "shapes-of-times-and-states"),
         (
             np.arange(9.0),
             np.where(np.arange(9) == 4, np.nan, 0)[:, np.newaxis],
-            Diagnostic("value-not-finite", {"sample": "5"}),
+            message("value-not-finite", sample="5"),
         ),
-        (np.array([0, 1, 2, 2, 3, 4, 5, 6.0]), np.zeros((8, 1)), Diagnostic("times-not-increasing", {"sample": "4"})),
+        (np.array([0, 1, 2, 2, 3, 4, 5, 6.0]), np.zeros((8, 1)), message("times-not-increasing", sample="4")),
     ],
 )
-def test_what_cannot_be_judged_is_refused_with_the_reason(times, states, message):
-    with refused(message):
+def test_what_cannot_be_judged_is_refused_with_the_reason(times, states, expected):
+    with refused(expected):
         noise_level(times, states)
 
 

@@ -25,7 +25,7 @@ def drops():
 
 @pytest.fixture(scope="module")
 def law(drops):
-    return cl.fit("x'' = -9.8 - c v", drops)
+    return cl.fit("x'' = -9.8 - c v", drops, errors="white")
 
 
 def test_laws_trials_and_forecasts_show_a_table_and_a_figure(law, drops):

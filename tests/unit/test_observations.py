@@ -24,10 +24,13 @@ from tests.unit.decays import (
     trials_of,
 )
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
+TRIALS = trials_of({"A": (T, SIGNAL)}, ["signal"])
+
 
 def test_a_measured_signal_is_a_function_of_the_state():
-    trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
-    law = cl.fit("x' = -k x", trials, observe={"signal": "c x (1 + x) + b"}, initial_values={"x": 1})
+    law = cl.fit("x' = -k x", TRIALS, observe={"signal": "c x (1 + x) + b"}, initial_values={"x": 1})
 
     def residuals(p):
         x = np.exp(-p[0] * T)
@@ -62,33 +65,39 @@ def test_known_noise_and_repeated_measurements_have_their_likelihood():
     assert law.observation.log_likelihood == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("text", "settings"),
-    [
-        ("x' = -k x; y = c x + b; x(0) = 1; b > 0.2", {"shared": ["c"], "priors": {"k": (0.5, 0.1)}}),
-        ("x' = -k x; y = c x + b", {"initial_values": {"x": (1.0, 0.05)}, "shared": {"b": "trial", "c": "all"}}),
-        ("x' = -k x; y = c x; x(0) = x0", {"priors": {"c": (2.0, 0.1)}, "noise": {"y": "lab"}, "log_states": ["y"]}),
-        ("x' = k u(t - d) - x; y = x + b; x(0) = 0", {"input_interpolation": "linear"}),
-        ("x'' = -k x + a step(t - s); y = x + b; x(0) = 1", {}),
-    ],
-)
-def test_a_law_is_refined_as_it_was_fitted(text, settings, tmp_path):
-    source, made = np.random.default_rng(31), []
-    for i, (owner, k) in enumerate({"A": 0.4, "B": 0.8}.items()):
-        u = np.interp(T, [0, 1, 2, 9], [0, 0, 2, 2])
-        for name in "12":
-            y = 2 * np.exp(-k * T) + 0.1 + 0.02 * source.standard_normal(len(T))
-            if "'' " in text:
-                y = (
-                    np.cos(0.7 * T)
-                    + 0.2 * (1 - np.cos(0.7 * np.maximum(T - 3, 0)))
-                    + 0.02 * source.standard_normal(len(T))
-                )
-            if "u(t" in text:
-                y = 0.3 * np.maximum(T - 2.5, 0) / (1 + i) + 0.02 * source.standard_normal(len(T))
-            made.append(cl.Trial(owner, name, T, y[:, None], u[:, None] if "u(t" in text else np.empty((len(T), 0))))
-    trials = cl.Trials(tuple(made), cl.Schema(("y",), ("u",) if "u(t" in text else ()))
-    trials = trials.with_properties({"A": {"lab": "one"}, "B": {"lab": "two"}})
+def decay(rate):
+    return 2 * np.exp(-rate * T) + 0.1
+
+
+REFINED = {
+    "x' = -k x; y = c x + b; x(0) = 1; b > 0.2": (
+        {"shared": ["c"], "priors": {"k": (0.5, 0.1)}, "noise": {"y": "lab"}, "log_states": ["y"]},
+        decay,
+    ),
+    "x' = -k x; y = c x + b": ({"initial_values": {"x": (1.0, 0.05)}, "shared": {"b": "trial", "c": "all"}}, decay),
+    "x' = k u(t - d) - x; y = x + b; x(0) = 0": (
+        {"input_interpolation": "linear"},
+        lambda rate: 0.12 / rate * np.maximum(T - 2.5, 0),
+    ),
+    "x'' = -k x + a step(t - s); y = x + b; x(0) = 1": (
+        {"guesses": {"s": 2.8}},
+        lambda _: np.cos(0.7 * T) + 0.2 * (1 - np.cos(0.7 * np.maximum(T - 3, 0))),
+    ),
+}
+
+
+@pytest.mark.parametrize("text", REFINED)
+def test_a_law_is_refined_as_it_was_fitted(text, tmp_path):
+    settings, curve = REFINED[text]
+    source, inputs = np.random.default_rng(31), ("u",) * ("u(t" in text)
+    u = np.interp(T, [0, 1, 2, 9], [0, 0, 2, 2])[:, np.newaxis][:, : len(inputs)]
+    made = [
+        cl.Trial(owner, name, T, curve(rate) + 0.02 * source.standard_normal(len(T)), u)
+        for owner, rate in {"A": 0.4, "B": 0.8}.items()
+        for name in "12"[: 2 - len(inputs)]
+    ]
+    properties = {"A": {"lab": "one"}, "B": {"lab": "two"}}
+    trials = cl.Trials(tuple(made), cl.Schema(("y",), inputs), properties)
     law = cl.fit(text, trials, **settings)
     law.save(tmp_path / "law.json")
     again = cl.refine(cl.Law.load(tmp_path / "law.json"), trials)
@@ -193,7 +202,7 @@ def test_absent_terms_are_limited_through_an_observation_equation():
 def test_files_of_version_4_have_initial_values_by_state_and_no_restrictions():
     law = cl.fit(
         "x' = -k x; signal = c x + b; b > 0",
-        trials_of({"A": (T, SIGNAL)}, ["signal"]),
+        TRIALS,
         initial_values={"x": "a"},
         priors={"a": (1, 0.1)},
     )
@@ -215,12 +224,17 @@ def test_files_of_version_4_have_initial_values_by_state_and_no_restrictions():
     assert law.observation.restrictions.bounds == ("b > 0",)
 
 
+@pytest.fixture(scope="module")
+def law():
+    """Return a law of a signal, with a prior of its scale."""
+    return cl.fit("x' = -k x; signal = c x; x(0) = x0 + 1", TRIALS, priors={"c": (4, 1)})
+
+
 @pytest.mark.parametrize(
     "change",
     [{"noise": {"signal": -1.0}}, {"noise": {"other": 1.0}}, {"sizes": {"x": 0.0}}, {"equations": {"other": "x"}}],
 )
-def test_files_with_observations_that_cannot_be_are_refused(change):
-    law = cl.fit("x' = -k x; signal = c x; x(0) = 1", trials_of({"A": (T, SIGNAL)}, ["signal"]))
+def test_files_with_observations_that_cannot_be_are_refused(change, law):
     document = json.loads(to_json(law))
     document["observation"] |= change
     with pytest.raises(cl.CommonlawError):
@@ -281,13 +295,9 @@ def test_what_cannot_be_fitted_is_refused_in_words(code, equations, settings):
         cl.fit(equations, trials_of({"A": (T, np.exp(-T) + 0.01)}), **settings)
 
 
-def test_reports_and_figures_show_what_was_measured():
-    law = cl.fit(
-        "x' = -k x; signal = c x; x(0) = x0 + 1", trials_of({"A": (T, SIGNAL)}, ["signal"]), priors={"c": (4, 1)}
-    )
+def test_reports_and_figures_show_what_was_measured(law):
     assert r"\mathrm{signal} &= c x" in to_latex(law)
     assert r"x(0) &= x_{0} + 1" in to_latex(law)
     assert law.params.set_index("parameter")["equation"].to_dict() == {"k": "x'", "c": "signal", "x0": "x(0)"}
-    trials = trials_of({"A": (T, SIGNAL)}, ["signal"])
-    assert "forecasts from the first" in law.report(trials).html.lower()
-    assert "signal" in cl.plots.plot_law(law, trials).get_suptitle()
+    assert "forecasts from the first" in law.report(TRIALS).html.lower()
+    assert "signal" in cl.plots.plot_law(law, TRIALS).get_suptitle()

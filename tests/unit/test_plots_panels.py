@@ -16,7 +16,7 @@ def drops():
 
 @pytest.fixture(scope="module")
 def law(drops):
-    return cl.fit("x'' = -g - c v", drops)
+    return cl.fit("x'' = -g - c v", drops, errors="white")
 
 
 def test_objects_drawn_one_by_one_have_the_axes_that_they_have_side_by_side(law, drops):
@@ -49,8 +49,11 @@ def test_many_objects_stand_in_the_order_of_their_coefficients(law):
 
 
 def test_a_figure_of_many_objects_shows_some_from_the_best_to_the_worst():
-    drops = cl.datasets.linear_drag(drag=[-0.1 - 0.02 * i for i in range(14)], trials=1, noise=0.05)
-    law = cl.fit("x'' = -g - c v", drops)
+    drags = [-0.1 - 0.02 * i for i in range(14)]
+    drops, law = (
+        cl.datasets.linear_drag(drag=drags, trials=1, noise=0.05),
+        cl.datasets.linear_drag.truth(drag=drags),
+    )
     forecast = law.predict(drops)
     ranked = forecast.errors().set_index("object")["rms error"].sort_values().index
     figure = plot_law(law, forecast)

@@ -53,8 +53,7 @@ def populations(measured, size):
     return cl.Trials.from_frame(pd.concat(frames), object="r", time="t", states=["x"])
 
 
-@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
-@pytest.mark.parametrize("start", ["", "; x(0) = x0"])
+@pytest.mark.parametrize(("size", "start"), [(1e-9, ""), (1e9, "; x(0) = x0"), (1.0, "")])
 def test_a_capacity_that_is_a_property_stays_whatever_its_size(measured, size, start):
     times, grown = measured
     law = cl.fit(f"x' = r x (1 - x/K){start}", populations(measured, size), errors="white", noise={"x": NOISE * size})
@@ -67,9 +66,8 @@ def test_a_capacity_that_is_a_property_stays_whatever_its_size(measured, size, s
     assert (none == 0).all()
 
 
-@pytest.mark.parametrize("size", [1.0, 1.3e9])
-def test_an_epidemic_in_a_population_of_any_size_begins_with_an_unknown_number_of_susceptible(size):
-    times, truth = np.linspace(0, 60, 61), (0.5, 0.15, 0.9, 0.001)
+def test_an_epidemic_in_a_large_population_begins_with_an_unknown_number_of_susceptible():
+    size, times, truth = 1.3e9, np.linspace(0, 60, 61), (0.5, 0.15, 0.9, 0.001)
     infected = sir(times, *truth) + NOISE * np.random.default_rng(1).standard_normal(len(times))
     frame = pd.DataFrame({"town": "A", "t": times, "I": size * infected, "N": size})
     trials = cl.Trials.from_frame(frame, object="town", time="t", states=["I"])
@@ -90,7 +88,7 @@ def test_a_known_number_is_not_replaced_when_a_law_is_simplified(measured):
 
 
 def test_bounds_are_of_the_parameter_of_that_name_in_whichever_equation_it_stands():
-    times = np.linspace(0, 8, 80)
+    times = np.linspace(0, 8, 30)
 
     def rates(_, states):
         used = states[0] / (0.5 + states[0])

@@ -113,14 +113,6 @@ def test_common_and_own_coefficients_are_those_of_the_joint_posterior():
             np.testing.assert_allclose(ours, block, atol=2e-4)
 
 
-def test_scattered_coefficients_stay_and_alike_ones_meet():
-    _, estimates, covariances = measured(10, np.array([0.0, 30.0, 0.0]), seed=2)
-    found = shrink(estimates, covariances, np.full(3, np.nan))
-    assert found.shrinkage[1] < 0.02
-    assert np.all(found.shrinkage[[0, 2]] > 0.5)
-    assert np.ptp(found.estimates[:, 0]) < 0.6 * np.ptp(estimates[:, 0])
-
-
 @pytest.mark.parametrize("objects", [3, 8])
 def test_coefficients_that_scatter_together_are_not_drawn_away_from_the_truth(objects):
     """A rate r of growth with one capacity K: the coefficients r and -r/K scatter along one line."""
@@ -137,17 +129,6 @@ def test_coefficients_that_scatter_together_are_not_drawn_away_from_the_truth(ob
         after.append((found.estimates - truth) ** 2)
     assert np.mean(inside) > 0.87
     assert np.mean(after) < 1.15 * np.mean(before)
-
-
-def test_mixtures_of_coefficients_are_drawn_as_these():
-    """Of what scatters together the intervals do not depend on where variables are counted from."""
-    generator = np.random.default_rng(0)
-    truth = 1 + 0.5 * generator.standard_normal((8, 1)) * np.array([1.0, -1.0])
-    error = 0.05 * np.eye(2)
-    estimates, turn = truth + 0.05 * generator.standard_normal((8, 2)), np.array([[1.0, 0.3], [0.0, 1.0]])
-    one = shrink(estimates, np.tile(error**2, (8, 1, 1)), np.full(2, np.nan))
-    other = shrink(estimates @ turn.T, np.tile(turn @ error**2 @ turn.T, (8, 1, 1)), np.full(2, np.nan))
-    np.testing.assert_allclose(one.estimates @ turn.T, other.estimates, atol=0.01)
 
 
 def test_what_is_drawn_far_from_the_origin_is_what_is_drawn_at_it():

@@ -11,21 +11,10 @@ import pandas as pd
 import pytest
 
 from commonlaw import datasets
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.plots import Figure, plot_trials
-from commonlaw.report import (
-    Block,
-    Fold,
-    Gallery,
-    Picture,
-    Report,
-    Section,
-    Table,
-    Text,
-    to_page,
-)
+from commonlaw.report import Block, Fold, Gallery, Picture, Report, Section, Table, Text, to_page
 from commonlaw.report.markup import formula, inline, markdown
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 FRAME = pd.DataFrame({"ball": ["Golf <Ball>", None], "drag": [-0.123456789, np.nan], "printed": ["-0.120", ""]})
 
@@ -138,15 +127,15 @@ def test_text_cannot_disturb_the_order_of_headings_or_load_pictures() -> None:
 
 
 @pytest.mark.parametrize(
-    ("latex", "message"),
+    ("latex", "expected"),
     [
-        ("x^", Diagnostic("formula-syntax", {"latex": "x^"})),
+        ("x^", message("formula-syntax", latex="x^")),
         (r"\left( x", "formula-syntax"),
-        (r"\drag x", Diagnostic("formula-unread", {"command": "\\drag"})),
+        (r"\drag x", message("formula-unread", command="\\drag")),
     ],
 )
-def test_a_formula_that_cannot_be_read_is_named(latex: str, message: str) -> None:
-    with refused(message):
+def test_a_formula_that_cannot_be_read_is_named(latex: str, expected: str) -> None:
+    with refused(expected):
         formula(latex)
 
 

@@ -6,12 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
-from statsmodels.tsa.stattools import acf, q_stat
 
 import commonlaw as cl
 from commonlaw import Law, Trials
 from commonlaw.datasets.sphere_drag import drag_force, reynolds_number
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.residual_tests import StateSums, correlations, patterns, patterns_of
 from commonlaw.discrepancy.smooth_basis import Samples, SmoothBasis, factors, meaning
@@ -19,8 +17,8 @@ from commonlaw.discrepancy.trajectories import SharedRows, posterior
 from commonlaw.law import from_json, select_objects, to_json
 from commonlaw.law.parameters import standard_errors
 from commonlaw.law.uncertainty import ObjectEstimates
-from commonlaw.plots import plot_residuals, render
-from tests.refusals import refused
+from commonlaw.plots import plot_residuals
+from tests.refusals import message, refused
 
 
 def decays(disturb, samples: int = 60) -> Trials:
@@ -82,7 +80,7 @@ def test_residuals_of_states_that_err_together_are_correlated():
     assert pattern.significant
     own = np.concatenate(found.standardized)
     assert pattern.statistic == pytest.approx(stats.pearsonr(*own.T).statistic)
-    assert render(plot_residuals(found), "svg").startswith(b"<?xml")
+    assert len(plot_residuals(found).axes) > 2
 
 
 def test_correlations_are_within_trials_and_leave_gaps_out():
@@ -169,15 +167,18 @@ def jars():
 
 @pytest.fixture(scope="module")
 def stream(jars, tmp_path_factory):
+    """Return jars of which each has its trials in two files."""
     folder = tmp_path_factory.mktemp("jars")
-    for i in range(3):
-        jars.select(object=list(jars.objects[2 * i : 2 * i + 2])).to_parquet(folder / f"{i}.parquet")
+    for trial in ("0", "1"):
+        jars.select(trial=trial).to_parquet(folder / f"{trial}.parquet")
     return cl.TrialStream.from_parquet(folder)
 
 
 @pytest.fixture(scope="module")
 def law(jars):
-    return cl.fit("a' = -k a; b' = k a", jars, noise={"a": 0.01, "b": 0.02}, errors="white")
+    rates = {name: 1 + 0.2 * i for i, name in enumerate(jars.objects)}
+    law = Law.from_text("a' = -k a; b' = k a", {"k": rates})
+    return replace(law, uncertainty=replace(law.uncertainty, noise=[0.01, 0.02]))
 
 
 def test_patterns_are_those_of_all_trials_in_memory(law, stream, jars):
@@ -197,14 +198,6 @@ def test_each_object_has_what_its_own_residuals_say(law, stream, jars):
             assert row["RMS over noise"] == pytest.approx(own.loc[(state, "RMS over noise"), "statistic"], rel=1e-6)
             assert row["p-value"] == pytest.approx(own.loc[(state, "RMS over noise"), "p-value"], rel=1e-4)
     np.testing.assert_allclose(found["adjusted"], stats.false_discovery_control(found["p-value"], method="by"))
-
-
-def test_an_object_with_trials_in_two_files_is_one(tmp_path, jars, law):
-    for trial in ("0", "1"):
-        jars.select(trial=trial).to_parquet(tmp_path / f"{trial}.parquet")
-    found = cl.check_stream(law, cl.TrialStream.from_parquet(tmp_path))
-    pd.testing.assert_frame_equal(found.tests(), law.residuals(jars).tests(), rtol=1e-8, atol=1e-14)
-    assert len(found.objects) == 12
 
 
 def test_noise_that_a_law_does_not_know_is_that_of_all_files(tmp_path):
@@ -255,6 +248,8 @@ def test_statistics_are_those_of_scipy(kept, monkeypatch):
 
 
 def test_the_autocorrelation_of_one_trial_is_tested_as_by_ljung_and_box():
+    from statsmodels.tsa.stattools import acf, q_stat
+
     own = np.convolve(np.random.default_rng(5).normal(size=201), [1.0, 0.15], "valid")
     found = patterns(["x"], [own[:, np.newaxis]], {"t": np.arange(200.0), "x": own}, "t", [0])
     (tested,) = (each for each in found if each.pattern == "autocorrelation")
@@ -327,6 +322,8 @@ def test_forecasts_with_the_discrepancy_are_better_and_less_sure_where_nothing_w
         law.predict(drops, start=15, discrepancy=how).errors()["rms error"].max() for how in (True, False)
     )
     assert with_it < 0.1 < alone
+    with refused("discrepancy-outdated"):
+        replace(law, coefficients=2 * law.coefficients).predict(drops, discrepancy=True)
     assert without_drag.std(-40.0) > 5 * without_drag.std(-10.0)
 
 
@@ -339,7 +336,7 @@ def test_where_the_law_is_true_no_discrepancy_is_claimed(drops: Trials) -> None:
 
 
 def test_a_function_of_properties_is_shared_by_objects_that_differ_in_them() -> None:
-    drops = cl.datasets.reynolds_drag(trials=1).select(object=["Ball 1", "Ball 2", "Ball 5"])
+    drops = cl.datasets.reynolds_drag(trials=1).select(object=["Ball 1", "Ball 5"])
     law = cl.fit("x'' = -9.8 + c v", drops)
     found = law.discrepancy(drops, of="abs(v)*2*radius/1.503e-5", times="v*abs(v)*radius^2/mass")
     own = dict(zip(found.law.objects, found.law.coefficients[:, 0, 1], strict=True))
@@ -391,30 +388,20 @@ def test_terms_that_no_function_of_the_coordinate_can_say_are_left_alone() -> No
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "expected"),
     [
-        ({"of": "mass*v"}, Diagnostic("unknown-name", {"kind": "variable", "name": "mass"})),
+        ({"of": "mass*v"}, message("unknown-name", kind="variable", name="mass")),
         ({"of": "0*v"}, "several"),
         ({"of": "log(v)"}, "several"),
-        ({"of": "v", "equation": "y"}, Diagnostic("unknown-name", {"kind": "equation", "name": "y"})),
-        ({"of": "v", "times": "2*v"}, Diagnostic("term-with-factor", {"factor": "2"})),
+        ({"of": "v", "equation": "y"}, message("unknown-name", kind="equation", name="y")),
+        ({"of": "v", "times": "2*v"}, message("term-with-factor", factor="2")),
     ],
 )
 def test_what_cannot_be_a_discrepancy_is_refused(
-    drops: Trials, without_drag: Discrepancy[Law], options: dict[str, str], message: str
+    drops: Trials, without_drag: Discrepancy[Law], options: dict[str, str], expected: str
 ) -> None:
-    with refused(message):
+    with refused(expected):
         without_drag.law.discrepancy(drops, **options)
-
-
-def test_a_law_that_carries_no_discrepancy_or_was_changed_is_not_forecast_with_one(
-    drops: Trials, without_drag: Discrepancy[Law]
-) -> None:
-    law = without_drag.law
-    with refused("discrepancy-missing"):
-        replace(law, provenance=replace(law.provenance, with_discrepancy=None)).predict(drops, discrepancy=True)
-    with refused("discrepancy-outdated"):
-        replace(law, coefficients=2 * law.coefficients).predict(drops, discrepancy=True)
 
 
 def test_residuals_are_drawn_against_rates_with_their_units():

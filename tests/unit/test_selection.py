@@ -62,15 +62,9 @@ def stacked(blocks):
 # Criteria
 
 
-def evidence(**changes):
-    given = {
-        "rows": np.array([20.0, 30.0]),
-        "variances": np.array([0.5, 2.0]),
-        "terms": np.array([2.0, 3.0]),
-        "library": 6,
-        "shared": False,
-    }
-    return FitStatistics(**{**given, **changes})
+def evidence(terms=(2.0, 3.0), shared=False):
+    rows, variances = np.array([20.0, 30.0]), np.array([0.5, 2.0])
+    return FitStatistics(rows=rows, variances=variances, terms=np.array(terms), library=6, shared=shared)
 
 
 def test_criteria_are_the_published_sums_over_objects():
@@ -81,15 +75,9 @@ def test_criteria_are_the_published_sums_over_objects():
     assert aicc(evidence()) == pytest.approx(tsai - 50)
     assert bic(evidence()) == pytest.approx(deviance + 2 * np.log(20) + 3 * np.log(30))
     assert ebic(evidence()) == pytest.approx(bic(evidence()) + 2 * np.log(comb(6, 2) * comb(6, 3)))
-
-
-def test_a_shared_support_is_counted_as_one_choice():
-    given = evidence(terms=np.array([2.0, 2.0]), shared=True)
-    assert ebic(given) == pytest.approx(bic(given) + 2 * np.log(comb(6, 2)))
-
-
-def test_too_few_rows_for_the_small_sample_criterion_rule_a_candidate_out():
-    assert aicc(evidence(terms=np.array([18.0, 3.0]))) == np.inf
+    shared = evidence((2.0, 2.0), shared=True)
+    assert ebic(shared) == pytest.approx(bic(shared) + 2 * np.log(comb(6, 2)))
+    assert aicc(evidence((18.0, 3.0))) == np.inf  # Too few rows
 
 
 def test_criteria_in_the_table_are_those_of_the_rows():
@@ -233,14 +221,8 @@ def test_a_better_fit_does_not_count_if_the_differentiator_explains_it():
     parts = compressed(data)
     for rule in RULES:
         blind = choose(path(parts), parts, 0, EVERYTHING, rule=rule)
-        aware = choose(
-            path(parts),
-            parts,
-            0,
-            EVERYTHING,
-            rule=rule,
-            differentiation_bias=lambda coefficients: np.full(len(coefficients), 2e-4),
-        )
+        bias = {"differentiation_bias": lambda coefficients: np.full(len(coefficients), 2e-4)}
+        aware = choose(path(parts), parts, 0, EVERYTHING, rule=rule, **bias)
         assert blind.chosen.support.sum() == 9
         np.testing.assert_array_equal(aware.chosen.support, SHARED)
 
@@ -305,13 +287,6 @@ def test_the_share_is_that_of_the_autocorrelation_of_differentiated_noise(text, 
     lags = [np.mean(middle[: len(middle) - k] * middle[k:]) for k in range(60)]
     expected = 1 / (1 + 2 * np.sum((np.array(lags[1:]) / lags[0]) ** 2))
     assert effective_share(StrongForm(differentiation, order), trial()) == pytest.approx(expected, rel=0.03)
-
-
-def test_wider_windows_leave_fewer_independent_rows():
-    forms = [StrongForm(parse_differentiation(f"savgol:{window}:3"), trim=10) for window in (9, 17, 33)]
-    shares = [effective_share(form, trial()) for form in forms]
-    assert shares == sorted(shares, reverse=True)
-    assert 0 < shares[-1] < shares[0] < 1
 
 
 def test_a_median_that_does_not_feel_an_impulse_counts_one_row_a_window():

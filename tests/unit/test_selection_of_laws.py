@@ -46,16 +46,13 @@ class Problem:
         return [name for name, used in zip(self.terms.names, inside, strict=True) if used]
 
 
-@pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_linear_drag_is_found_in_noise(noise):
-    for seed in range(4):
-        drops = Problem(cl.datasets.linear_drag(noise=noise, seed=seed), 2, "savgol:25:3", 8)
-        assert drops.names(drops.choose(0)) == ["1", "v"]
+@pytest.mark.parametrize("seed", range(2))
+def test_linear_drag_is_found_in_noise(seed):
+    drops = Problem(cl.datasets.linear_drag(noise=0.05, seed=seed), 2, "savgol:25:3", 8)
+    assert drops.names(drops.choose(0)) == ["1", "v"]
 
 
-@pytest.mark.parametrize(
-    ("noise", "differentiation"), [(0.0, "finite:2"), (0.0, "finite:6"), (0.01, "finite:2"), (0.1, "savgol:9:3")]
-)
+@pytest.mark.parametrize(("noise", "differentiation"), [(0.0, "finite:2"), (0.1, "savgol:9:3")])
 def test_prey_and_predators_are_found_with_and_without_noise(noise, differentiation):
     pairs = Problem(cl.datasets.lotka_volterra(noise=noise), 1, differentiation)
     assert pairs.names(pairs.choose(0)) == ["x", "x y"]
@@ -76,14 +73,8 @@ def forecasts(problem, target):
     """The score of an equation's supports by forecasts of trials that were held out, the truth in the others."""
     truth = [np.isin(problem.terms.names, names) for names in (["x", "x y"], ["y", "x y"])]
     trials = problem.trials
-    law = Law(
-        problem.terms,
-        trials.schema,
-        1,
-        trials.objects,
-        problem.fits(truth),
-        provenance=Provenance(problem.form.differentiation),
-    )
+    provenance = Provenance(problem.form.differentiation)
+    law = Law(problem.terms, trials.schema, 1, trials.objects, problem.fits(truth), provenance=provenance)
     free = np.ones((2, len(problem.terms)), dtype=bool)
     return ForecastError(make_folds(problem.parts), target, law, free, trials)
 

@@ -8,12 +8,11 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 
 import commonlaw as cl
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.report.markup import law_markdown
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 
 def law_of(equations, values, errors, correlation=0.0, **names):
@@ -146,14 +145,14 @@ def test_the_form_is_fitted_again_to_what_follows_by_covariance():
 
 
 @pytest.mark.parametrize(
-    ("law", "tolerance", "message"),
+    ("law", "tolerance", "expected"),
     [
         (cl.Law.from_text("x' = a x", {"a": 1.0}), 2.0, "uncertainty-unknown"),
-        (law_of("x' = a x", {"a": 1.0}, [0.1]), 0.0, Diagnostic("simplify-tolerance", {"tolerance": 0.0})),
+        (law_of("x' = a x", {"a": 1.0}, [0.1]), 0.0, message("simplify-tolerance", tolerance=0.0)),
     ],
 )
-def test_what_cannot_be_simplified_is_refused(law, tolerance, message):
-    with refused(message):
+def test_what_cannot_be_simplified_is_refused(law, tolerance, expected):
+    with refused(expected):
         law.simplify(tolerance)
 
 

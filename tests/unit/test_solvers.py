@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers import (
     L1,
@@ -25,7 +24,7 @@ from commonlaw.solvers import (
     constrained_least_squares,
     parse_solver,
 )
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 MAGNITUDES = np.array([[3.0, 0.0], [4.0, 0.2], [0.0, 0.1], [1.0, 0.3]])
 
@@ -87,34 +86,28 @@ def test_solvers_are_named_by_text(text, solver):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "expected"),
     [
-        ("stlqs:1", Diagnostic("unknown-name", {"kind": "solver", "name": "stlqs"})),
-        (
-            "stlsq:-1",
-            Diagnostic("finite-number-bounded", {"name": "threshold", "value": -1, "bound": "of at least", "least": 0}),
-        ),
-        ("stlsq:nan", Diagnostic("finite-number-bounded", {"name": "threshold"})),
-        ("stlsq:big", Diagnostic("finite-number-bounded", {"name": "threshold", "value": "big"})),
-        ("group-stlsq:1:l3", Diagnostic("unknown-name", {"kind": "importance", "name": "l3"})),
-        ("group-stlsq:1:l1:3", Diagnostic("importance-without-level", {"importance": "l1"})),
-        ("group-stlsq:1:quantile:2", Diagnostic("quantile-level", {"level": 2})),
-        ("group-stlsq:1:count:0", Diagnostic("vote-magnitude", {"magnitude": 0})),
+        ("stlqs:1", message("unknown-name", kind="solver", name="stlqs")),
+        ("stlsq:-1", message("finite-number-bounded", name="threshold", value=-1, bound="of at least", least=0)),
+        ("stlsq:nan", message("finite-number-bounded", name="threshold")),
+        ("stlsq:big", message("finite-number-bounded", name="threshold", value="big")),
+        ("group-stlsq:1:l3", message("unknown-name", kind="importance", name="l3")),
+        ("group-stlsq:1:l1:3", message("importance-without-level", importance="l1")),
+        ("group-stlsq:1:quantile:2", message("quantile-level", level=2)),
+        ("group-stlsq:1:count:0", message("vote-magnitude", magnitude=0)),
         ("stlsq:1:2:3:4:5", "spec-syntax"),
-        ("best-subset:0", Diagnostic("whole-number", {"name": "terms", "value": 0, "bounds": "of at least 1"})),
-        ("best-subset:2.5", Diagnostic("whole-number", {"name": "terms", "value": 2.5})),
-        ("best-subset:nodes=0", Diagnostic("whole-number", {"name": "nodes", "value": 0})),
-        ("forward:True", Diagnostic("whole-number", {"name": "terms"})),
-        ("forward:3:yes", Diagnostic("shared-not-a-choice", {"shared": "yes"})),
-        (
-            "lasso:-0.1",
-            Diagnostic("finite-number-bounded", {"name": "penalty", "value": -0.1, "bound": "of at least", "least": 0}),
-        ),
-        ("sr3:1:nu=0", Diagnostic("finite-number-bounded", {"name": "nu", "value": 0, "bound": "above", "least": 0})),
+        ("best-subset:0", message("whole-number", name="terms", value=0, bounds="of at least 1")),
+        ("best-subset:2.5", message("whole-number", name="terms", value=2.5)),
+        ("best-subset:nodes=0", message("whole-number", name="nodes", value=0)),
+        ("forward:True", message("whole-number", name="terms")),
+        ("forward:3:yes", message("shared-not-a-choice", shared="yes")),
+        ("lasso:-0.1", message("finite-number-bounded", name="penalty", value=-0.1, bound="of at least", least=0)),
+        ("sr3:1:nu=0", message("finite-number-bounded", name="nu", value=0, bound="above", least=0)),
     ],
 )
-def test_solvers_that_do_not_exist_or_fit_are_refused(text, message):
-    with refused(message):
+def test_solvers_that_do_not_exist_or_fit_are_refused(text, expected):
+    with refused(expected):
         parse_solver(text)
 
 
@@ -163,13 +156,6 @@ def test_constrained_least_squares_meets_its_optimality_conditions(seed):
     assert not found[~support].any()
 
 
-def test_without_constraints_it_is_least_squares():
-    problem = compressed(rows())
-    support = np.ones((3, TERMS), dtype=bool)
-    found = constrained_least_squares(problem, support, 0, np.zeros((0, 3 * TERMS)), np.zeros(0))
-    np.testing.assert_allclose(found, [problem.least_squares(support[0], 0) for problem in problem], rtol=1e-12)
-
-
 def test_the_path_is_refitted_and_ends_where_constraints_need_terms():
     problem, matrix = compressed(rows()), np.zeros((1, 12))
     matrix[0, 0] = 1.0
@@ -203,21 +189,17 @@ def test_equal_terms_are_equal_among_the_objects_that_have_them():
 
 
 @pytest.mark.parametrize(
-    ("matrix", "right", "message"),
+    ("matrix", "right", "expected"),
     [
-        (
-            np.eye(2, 11),
-            np.zeros(2),
-            Diagnostic("constraints-shape", {"objects": 3, "terms": 4, "constraints": 2, "columns": 12}),
-        ),
+        (np.eye(2, 11), np.zeros(2), message("constraints-shape", objects=3, terms=4, constraints=2, columns=12)),
         (np.ones((2, 12)), np.zeros(2), "constraints-dependent"),
         (np.ones((2, 12)), np.arange(2), "constraints-dependent"),
         (np.eye(2, 12), np.ones(2), "constraints-not-met"),
     ],
 )
-def test_constraints_that_do_not_fit_are_refused(matrix, right, message):
+def test_constraints_that_do_not_fit_are_refused(matrix, right, expected):
     support = np.array([[True, False, True, True]] * 3)
-    with refused(message):
+    with refused(expected):
         constrained_least_squares(compressed(rows()), support, 0, matrix, right)
 
 
@@ -246,35 +228,15 @@ def problem(seed, terms=None, objects=None):
     return rows, [LeastSquaresProblem.of(library, target[:, np.newaxis]) for library, target in rows]
 
 
-def residual(library, target, indices):
-    if not len(indices):
-        return target @ target
-    coefficients = np.linalg.lstsq(library[:, indices], target, rcond=None)[0]
-    return np.sum((library[:, indices] @ coefficients - target) ** 2)
-
-
 def scaled_residuals(rows, supports):
-    """The sum over objects of squared residuals over the residual variance with all terms, by `lstsq` on the rows."""
-    total = np.zeros(len(supports))
-    for library, target in rows:
-        unit = library / np.linalg.norm(library, axis=0)
-        everything = residual(unit, target, [*range(unit.shape[1])])
-        variance = everything / (len(target) - unit.shape[1])
-        total += [residual(unit, target, [*indices]) / variance for indices in supports]
-    return total
-
-
-def scaled_residuals_by_gram(rows, supports):
-    """The same by normal equations of orthogonalised columns: fast enough for all supports of 14 terms."""
+    """The sum over objects of squared residuals over the residual variance with all terms, of supports of one size."""
     total = np.zeros(len(supports))
     for library, target in rows:
         triangle = np.linalg.qr(np.column_stack([library / np.linalg.norm(library, axis=0), target]), mode="r")
         columns, right = triangle[:, :-1], triangle[:, -1]
-        chosen = columns[:, np.array(supports)].transpose(1, 0, 2)
-        basis, _ = np.linalg.qr(chosen)
+        basis, _ = np.linalg.qr(columns[:, np.array(supports, dtype=int)].transpose(1, 0, 2))
         explained = np.sum(np.einsum("nqk,q->nk", basis, right) ** 2, axis=1)
-        variance = right[-1] ** 2 / (len(target) - columns.shape[1])
-        total += (right @ right - explained) / variance
+        total += (right @ right - explained) / right[-1] ** 2 * (len(target) - columns.shape[1])
     return total
 
 
@@ -282,19 +244,13 @@ def places_of(candidate):
     return tuple(np.flatnonzero(candidate.support[0]).tolist())
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_best_subset_of_14_terms_equals_exhaustive_search(seed):
     rows, problems = problem(seed, terms=14)
     for candidate in BestSubset(largest=14, nodes=100_000).path(problems, 0, np.ones(14, dtype=bool))[:-1]:
         supports = [*combinations(range(14), int(candidate.hyperparameter))]
         assert candidate.proven
-        assert places_of(candidate) == supports[np.argmin(scaled_residuals_by_gram(rows, supports))]
-
-
-def test_fast_exhaustive_search_equals_least_squares_on_the_rows():
-    rows, _ = problem(3, terms=7)
-    supports = [*combinations(range(7), 3)]
-    np.testing.assert_allclose(scaled_residuals_by_gram(rows, supports), scaled_residuals(rows, supports), rtol=1e-9)
+        assert places_of(candidate) == supports[np.argmin(scaled_residuals(rows, supports))]
 
 
 @pytest.mark.parametrize("solver", [BestSubset(largest=20), StepwiseSelection(), StepwiseSelection(None, "backward")])
@@ -308,7 +264,7 @@ def test_objects_with_their_own_terms_are_solved_one_by_one(solver):
             np.testing.assert_array_equal(row, own[index].support[0])
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_forward_selection_takes_the_term_that_lowers_the_residuals_most(seed):
     rows, problems = problem(seed)
     terms, inside = problems[0].terms, []
@@ -319,7 +275,7 @@ def test_forward_selection_takes_the_term_that_lowers_the_residuals_most(seed):
         inside = trials[np.argmin(scaled_residuals(rows, trials))] if trials else inside
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_backward_elimination_drops_the_term_that_raises_the_residuals_least(seed):
     rows, problems = problem(seed)
     inside = [*range(problems[0].terms)]

@@ -82,55 +82,36 @@ def test_defaults_are_written_out() -> None:
     assert format_spec("savgol", Savgol(35, again=True)) == "savgol:35:3:1.0:interp:True:2.0"
 
 
-def test_an_unknown_name_is_answered_with_the_nearest() -> None:
+@pytest.mark.parametrize(
+    "text",
+    ["savgol", "savgol:35:gian=2", "savgol:5:3:1.0:interp:False:2.0:7", "savgol:35:window=5", "savgol:wide",
+     "savgol:35:gain=2:gain=3"],
+)  # fmt: skip
+def test_arguments_that_do_not_fit_are_answered_with_the_usage(text: str) -> None:
     with refused("unknown-name", kind="differentiation", name="savgil"):
         parse_spec("differentiation", "savgil:35", MAKERS)
-
-
-@pytest.mark.parametrize(
-    "text", ["savgol", "savgol:35:gian=2", "savgol:5:3:1.0:interp:False:2.0:7", "savgol:35:window=5", "savgol:wide"]
-)
-def test_arguments_that_do_not_fit_are_answered_with_the_usage(text: str) -> None:
-    with refused("spec-syntax"):
+    with refused("spec-syntax", text=text):
         parse_spec("differentiation", text, MAKERS)
 
 
-def test_an_option_given_twice_is_refused() -> None:
-    with refused("spec-syntax", text="savgol:35:gain=2:gain=3"):
-        parse_spec("differentiation", "savgol:35:gain=2:gain=3", MAKERS)
-
-
-def test_a_value_that_is_refused_names_the_choice_and_the_reason() -> None:
+def test_a_value_that_is_refused_names_the_choice_and_is_a_value_error() -> None:
     with refused("other", where="differentiation 'savgol:1'"):
         parse_spec("differentiation", "savgol:1", MAKERS)
-
-
-def test_an_unknown_name_is_quoted_with_its_kind_and_all_known_names() -> None:
-    assert (
-        str(unknown("solver", "qqq", ["stlsq", "group-stlsq"]))
-        == "unknown solver 'qqq': Known: stlsq, group-stlsq [unknown-name]"
-    )
-
-
-@pytest.mark.parametrize("misspelt", ["hieght", "HEIGHT", "heigth"])
-def test_a_near_miss_is_suggested_in_its_known_spelling(misspelt: str) -> None:
-    assert "did you mean 'Height'?" in str(unknown("column", misspelt, ["t", "Height"]))
-
-
-def test_of_names_that_differ_in_case_only_the_first_is_suggested() -> None:
-    assert "did you mean 'Ball'?" in str(unknown("column", "bal", ["Ball", "ball"]))
-
-
-def test_nothing_known_is_said_so() -> None:
-    assert str(unknown("object", 3, [])) == "unknown object '3': Known: none [unknown-name]"
-
-
-def test_names_need_not_be_text() -> None:
-    assert str(unknown("object", 7, iter([11, 2]))) == "unknown object '7': Known: 11, 2 [unknown-name]"
-
-
-def test_a_user_error_is_a_value_error_for_those_who_catch_that() -> None:
     assert issubclass(CommonlawError, ValueError)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "known", "sentence"),
+    [
+        ("solver", "qqq", ["stlsq", "group-stlsq"], "unknown solver 'qqq': Known: stlsq, group-stlsq [unknown-name]"),
+        *(("column", near, ["t", "Height"], "did you mean 'Height'?") for near in ("hieght", "HEIGHT", "heigth")),
+        ("column", "bal", ["Ball", "ball"], "did you mean 'Ball'?"),
+        ("object", 3, [], "unknown object '3': Known: none [unknown-name]"),
+        ("object", 7, iter([11, 2]), "unknown object '7': Known: 11, 2 [unknown-name]"),
+    ],
+)
+def test_an_unknown_name_is_answered_with_the_nearest_or_all_known_ones(kind, name, known, sentence) -> None:
+    assert sentence in str(unknown(kind, name, known))
 
 
 def test_names_of_the_last_release_are_deprecated():
@@ -163,14 +144,14 @@ def test_a_function_takes_its_settings_by_name_in_order_and_with_their_defaults(
         assert taken[each].kind is inspect.Parameter.KEYWORD_ONLY, each
 
 
-def test_the_method_of_discover_has_all_settings():
+def test_what_functions_and_methods_take_are_the_settings():
     assert list(inspect.signature(cl.TrajectoryLikelihood).parameters) == list(settings_of(FitOptions))
-
-
-def test_discover_has_the_parameters_of_the_estimator():
     ours, estimators = inspect.signature(cl.discover).parameters, inspect.signature(cl.LawDiscovery).parameters
     assert list(ours) == ["trials", *estimators, "x_dot"]
     assert all(ours[name].default == estimators[name].default for name in estimators)
+    choices = {name: [*about.choices] for name, (_, about) in settings_of(FitOptions).items() if about.choices}
+    assert choices["errors"] == ["auto", *get_args(ErrorKind)]
+    assert choices["covariance"] == [*get_args(CovarianceKind)]
 
 
 @pytest.mark.parametrize("function", [cl.discover, cl.TrajectoryLikelihood, FitOptions, *FUNCTIONS.values()])
@@ -180,12 +161,6 @@ def test_a_docstring_describes_every_parameter_in_order(function):
     names = [name for line in re.findall(r"(?m)^(\w[\w, ]*)$", described) for name in line.split(", ")]
     taken = list(inspect.signature(function).parameters)
     assert [name for name in names if name in taken] == taken
-
-
-def test_choices_are_those_of_their_types():
-    choices = {name: [*about.choices] for name, (_, about) in settings_of(FitOptions).items() if about.choices}
-    assert choices["errors"] == ["auto", *get_args(ErrorKind)]
-    assert choices["covariance"] == [*get_args(CovarianceKind)]
 
 
 @pytest.mark.parametrize(
@@ -224,13 +199,10 @@ def test_a_function_refuses_a_setting_that_does_not_fit(name):
         FUNCTIONS[name]("x'' = -g", drops, huber_threshold=0.0)
 
 
-def test_settings_that_differ_from_the_defaults_are_those_that_were_changed():
+def test_tables_of_settings_have_defaults_and_changed_ones_differ_from_them():
     values = {"errors": "white", "seed": 0, "partial_pooling": False}
     assert changed_settings("discover", values) == {"errors": "white", "partial_pooling": False}
     assert changed_settings("fit", values) == {"errors": "white"}
-
-
-def test_a_table_of_settings_has_their_defaults():
     defaults = {name: default for name, default, _ in setting_rows(FitOptions)}
     assert defaults["partial_pooling"] == "true"
     assert defaults["noise"] == ""

@@ -86,7 +86,7 @@ def room(seed=0):
 
 def test_a_fit_with_a_latent_state_finds_the_same_whatever_the_spelling():
     trials, found = room(), []
-    for text in SPELLINGS[0][1], *SPELLINGS[0][2][:2]:
+    for text in SPELLINGS[0][1], SPELLINGS[0][2][1]:
         law = cl.fit(text, trials, initial_values={"Te": None}, errors="white")
         values, errors = named_parameters(law).values, named_parameters(law).errors
         found.append(dict(zip(named_parameters(law).names, values[0], strict=True)))

@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import minimize
 from scipy.special import beta
-from scipy.stats import multivariate_normal
 
 from commonlaw.formulation import LeastSquaresProblem, law_variables
 from commonlaw.inference.score import evidence
@@ -96,23 +95,18 @@ def test_what_is_left_below_the_least_noise_says_no_more_than_noise_of_that_size
 
 def marginal(data, indices):
     """Sum of squared residuals, estimates, and minus twice their log-evidence for means and variances over objects."""
-    rest, estimates, covariances = 0.0, [], []
-    for library, target in data:
-        columns = library[:, indices]
-        best = np.linalg.lstsq(columns, target, rcond=None)[0]
-        rest += np.sum((target - columns @ best) ** 2)
-        estimates.append(best)
-        covariances.append(np.linalg.inv(columns.T @ columns))
+    factors = [np.linalg.qr(np.column_stack([library[:, indices], target]), mode="r") for library, target in data]
+    inverses = np.linalg.inv(np.array(factors)[:, :-1, :-1])
+    estimates = np.array([inverse @ factor[:-1, -1] for inverse, factor in zip(inverses, factors, strict=True)])
+    covariances = inverses @ inverses.transpose(0, 2, 1)
 
     def lost(means, variances):
         """As it is with a prior, less what it is at the estimates themselves."""
-        return sum(
-            2 * multivariate_normal(best, covariance).logpdf(best)
-            - 2 * multivariate_normal(means, covariance + np.diag(variances)).logpdf(best)
-            for best, covariance in zip(estimates, covariances, strict=True)
-        )
+        whole, apart = covariances + np.diag(variances), estimates - means
+        squares = np.einsum("ni,nij,nj", apart, np.linalg.inv(whole), apart)
+        return squares + np.sum(np.linalg.slogdet(whole)[1] - np.linalg.slogdet(covariances)[1])
 
-    return rest, np.array(estimates), lost
+    return sum(factor[-1, -1] ** 2 for factor in factors), estimates, lost
 
 
 def test_the_evidence_of_a_shared_term_is_the_marginal_likelihood():
@@ -135,27 +129,12 @@ def test_the_evidence_of_a_shared_term_is_the_marginal_likelihood():
 def cost_of_scatter(data):
     """What two coefficients cost at the best means and variances over objects."""
     _, estimates, lost = marginal(data, [0, 1])
-    return min(
-        minimize(
-            lambda p: lost(p[:2], np.exp(p[2:])),
-            [*estimates.mean(axis=0), *np.log(begin)],
-            method="Nelder-Mead",
-            options={"xatol": 1e-3, "fatol": 1e-4},
-        ).fun
-        for begin in ([1e-3, 1e-3], [0.5, 0.5], [1e-3, 0.5])
-    )
+    starts = ([*estimates.mean(axis=0), *np.log(begin)] for begin in ([1e-3, 1e-3], [0.5, 0.5], [1e-3, 0.5]))
+    how = {"method": "Nelder-Mead", "options": {"xatol": 1e-3, "fatol": 1e-4}}
+    return min(minimize(lambda p: lost(p[:2], np.exp(p[2:])), start, **how).fun for start in starts)
 
 
-@pytest.mark.parametrize(
-    ("mixed", "scatter"),
-    [
-        (0.5, [0.8, 0.5]),
-        *(
-            pytest.param(*each, marks=pytest.mark.slow)
-            for each in ((0.0, [0.0, 0.8]), (0.5, [0.0, 0.8]), (0.0, [0.8, 0.5]))
-        ),
-    ],
-)
+@pytest.mark.parametrize(("mixed", "scatter"), [(0.5, [0.8, 0.5]), (0.0, [0.0, 0.8])])
 def test_the_evidence_of_several_terms_is_that_of_coefficients_orthogonal_mixtures_or_scatter_along_the_mean(
     mixed, scatter
 ):
@@ -170,12 +149,8 @@ def test_the_evidence_of_several_terms_is_that_of_coefficients_orthogonal_mixtur
     costs = np.array([cost_of_scatter([(library @ basis, y) for library, y in data]) for basis in bases])
     expected = -2 * np.log(np.mean(np.exp(-(costs - costs.min()) / 2))) + costs.min()
     rest, *_ = marginal(data, [0, 1])
-    found = (
-        minus_twice_log_evidence(factors(data), np.array([0, 1]), NoiseScale(500))
-        - rest
-        - 2 * np.log(500)
-        - 2 * np.log(8)
-    )
+    whole = minus_twice_log_evidence(factors(data), np.array([0, 1]), NoiseScale(500))
+    found = whole - rest - 2 * np.log(500 * 8)
     # A variance that is off by a quarter of a decade costs at most 0.21 for each object
     assert expected - 1e-3 < found < expected + 0.21 * 8 * 2
 
@@ -299,6 +274,20 @@ def test_the_supports_of_coupled_equations_are_found_from_any_start(objects, sol
         np.testing.assert_array_equal(evidence.choose(start, solver), TRUTH)
 
 
+def test_terms_that_are_not_allowed_or_too_many_are_not_chosen():
+    allowed = np.ones_like(TRUTH)
+    for most in (1, 2):
+        evidence = SupportEvidence(coupled(), allowed, NoiseScale(480), PRICES, most)
+        assert evidence.choose(allowed, BestSubset(nodes=20)).sum(axis=1).tolist() == [most, most]
+    allowed[0, 3] = allowed[1] = False
+    evidence = SupportEvidence(coupled(), allowed, NoiseScale(480), PRICES)
+    chosen = evidence.choose(allowed, BestSubset(nodes=20))
+    assert not (chosen & ~allowed).any()
+    assert chosen[0, 0]
+    for row, listed in zip(allowed, evidence.neighbours(chosen), strict=True):
+        assert not any((support & ~row).any() for _, support in listed)
+
+
 def test_no_other_supports_of_both_equations_have_more_evidence():
     allowed = np.ones_like(TRUTH)
     every = [np.array(list(np.binary_repr(number, 10)), dtype=int).astype(bool).reshape(2, 5) for number in range(1024)]
@@ -308,36 +297,12 @@ def test_no_other_supports_of_both_equations_have_more_evidence():
         np.testing.assert_array_equal(evidence.choose(allowed, BestSubset(nodes=20)), best)
 
 
-def test_an_equation_has_no_more_terms_than_it_may():
-    for most in (1, 2):
-        chosen = SupportEvidence(coupled(), np.ones_like(TRUTH), NoiseScale(480), PRICES, most).choose(
-            np.ones_like(TRUTH), BestSubset(nodes=20)
-        )
-        assert chosen.sum(axis=1).tolist() == [most, most]
-
-
-def test_terms_that_are_not_allowed_are_not_chosen():
-    allowed = np.ones_like(TRUTH)
-    allowed[0, 3] = allowed[1] = False
-    evidence = SupportEvidence(coupled(), allowed, NoiseScale(480), PRICES)
-    chosen = evidence.choose(allowed, BestSubset(nodes=20))
-    assert not (chosen & ~allowed).any()
-    assert chosen[0, 0]
-    assert all(not (support & ~row).any() for row, listed in zip(allowed, evidence.neighbours(chosen), strict=True)
-               for _, support in listed)  # fmt: skip
-
-
 def test_the_value_is_the_evidence_with_the_price_of_choosing():
     parts = coupled()
     evidence = SupportEvidence(parts, np.ones_like(TRUTH), NoiseScale(480), PRICES)
-    expected = (
-        minus_twice_log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), NoiseScale(480))
-        - 2 * np.log(beta(1 + 2, 5 + 5 - 2) / beta(1, 5))
-        - 2 * np.log(beta(1 + 3, 5 + 5 - 3) / beta(1, 5))
-        + (0 + 2)
-        + (1 + 2 + 3)
-    )
-    assert evidence.value(TRUTH) == pytest.approx(expected)
+    alone = minus_twice_log_evidence(np.array([part.factor for part in parts]), np.flatnonzero(TRUTH), NoiseScale(480))
+    chances = beta(1 + 2, 5 + 5 - 2) * beta(1 + 3, 5 + 5 - 3) / beta(1, 5) ** 2
+    assert evidence.value(TRUTH) == pytest.approx(alone - 2 * np.log(chances) + (0 + 2) + (1 + 2 + 3))
 
 
 def test_a_law_that_says_where_an_unmeasured_zero_is_pays_for_it():

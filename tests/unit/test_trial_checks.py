@@ -19,7 +19,7 @@ def fall(times=T, noise=0.0):
     return 50 - 4.9 * times**2 + noise * np.random.default_rng(0).standard_normal(len(times))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def drops(ball_drops_folder):
     trials = Trials.read(ball_drops_folder / "Ball_drops_data.xls", trial="Drop #", states="Height")
     return trials.split(object="Bowling Ball")[1]
@@ -35,15 +35,11 @@ def test_the_measured_drops_are_clipped_as_in_the_paper(drops):
     assert sum(before != after for before, after in lengths.values()) == 7
     assert "Golf Ball, trial 1 from 43 to 42 samples" in clipped.notes[-1]
     assert "irregular frame, a step more than 7.5 % off" in clipped.notes[-1]
-    for before, after in zip(drops.clip_irregular(0.005), clipped, strict=True):
-        np.testing.assert_array_equal(before.times, after.times)
-    assert "Volleyball" not in clipped.notes[-1]
-
-
-def test_clipping_keeps_the_first_samples_as_they_are(drops):
-    for before, after in zip(drops, drops.clip_irregular(), strict=True):
+    for before, after, stricter in zip(drops, clipped, drops.clip_irregular(0.005), strict=True):
+        np.testing.assert_array_equal(stricter.times, after.times)
         np.testing.assert_array_equal(after.states, before.states[: len(after)])
         np.testing.assert_array_equal(after.times, before.times[: len(after)])
+    assert "Volleyball" not in clipped.notes[-1]
 
 
 def test_regular_trials_are_not_touched(drops):
@@ -83,7 +79,7 @@ def test_a_tolerance_that_is_no_time_is_refused(drops, tolerance):
         drops.clip_irregular(tolerance)
 
 
-def test_the_check_has_the_figures_of_every_trial(drops):
+def test_the_check_has_the_figures_of_every_trial_as_a_table_and_json(drops):
     report = drops.check()
     row = next(each for each in report.trials if (each.object, each.trial) == ("Golf Ball", "1"))
     trial = drops.select(object="Golf Ball", trial=1)[0]
@@ -94,9 +90,6 @@ def test_the_check_has_the_figures_of_every_trial(drops):
     assert (row.first, row.last) == ({"Height": trial.states[0, 0]}, {"Height": trial.states[-1, 0]})
     assert "Golf Ball, trial 1: irregular frame: `clip_irregular()` would keep 42 of 43 samples" in report.findings
     assert [len(drops[i]) - row.clipped for i, row in enumerate(report.trials)] == [*map(len, drops.clip_irregular())]
-
-
-def test_the_report_is_a_table_and_json(drops):
     report = drops.clip_irregular().check()
     frame = report.to_frame()
     assert len(frame) == 20

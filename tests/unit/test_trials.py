@@ -3,15 +3,15 @@
 import copy
 import dataclasses
 import pickle
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
 from sklearn.model_selection import GroupKFold, KFold
 
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.trials import Schema, Trial, Trials
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 
 def ramp(name="ball", run="1", samples=4, states=1):
@@ -29,43 +29,42 @@ def labels(trials):
     return [(trial.object, trial.name) for trial in trials]
 
 
-def test_selection_by_names_takes_numbers_for_labels(trials):
+def test_selection_is_by_names_and_properties_and_keeps_these(trials):
     assert labels(trials.select(object="golf", trial=2)) == [("golf", "2")]
     assert labels(trials.select(object=["golf", "wiffle"], trial=1.0)) == [("golf", "1"), ("wiffle", "1")]
     assert len(trials.select(trial=range(1, 3))) == 6
-
-
-def test_selection_by_property_takes_values_and_functions(trials):
     assert trials.select(skin="felt").objects == ("tennis",)
     assert trials.select(mass=lambda mass: mass < 0.05).objects == ("golf",)
     assert trials.select(mass=[0.046, 0.057], trial=1).objects == ("golf", "tennis")
-
-
-def test_selection_keeps_the_properties_of_the_objects_kept(trials):
     assert trials.select(object="golf").properties == {"golf": {"mass": 0.046, "skin": "hard"}}
     assert trials.select(object="wiffle").properties == {}
 
 
 @pytest.mark.parametrize(
-    ("conditions", "message"),
+    ("conditions", "expected"),
     [
-        ({"object": "gulf"}, Diagnostic("unknown-name", {"kind": "object", "name": "gulf"})),
-        ({"trial": 3}, Diagnostic("unknown-name", {"kind": "trial", "name": "3"})),
-        ({"mas": 1}, Diagnostic("unknown-name", {"kind": "property", "name": "mas"})),
-        ({"object": "golf", "skin": "felt"}, Diagnostic("no-trial-fits", {"conditions": "object=golf, skin=felt"})),
+        ({"object": "gulf"}, message("unknown-name", kind="object", name="gulf")),
+        ({"trial": 3}, message("unknown-name", kind="trial", name="3")),
+        ({"mas": 1}, message("unknown-name", kind="property", name="mas")),
+        ({"object": "golf", "skin": "felt"}, message("no-trial-fits", conditions="object=golf, skin=felt")),
     ],
 )
-def test_selection_refuses_what_is_not_there(trials, conditions, message):
-    with refused(message):
+def test_selection_refuses_what_is_not_there(trials, conditions, expected):
+    with refused(expected):
         trials.select(**conditions)
 
 
-def test_split_parts_the_trials_in_two(trials):
+def test_splits_part_the_trials_in_two_and_folds_are_those_of_scikit_learn(trials):
     chosen, rest = trials.split(trial=1)
     assert labels(chosen) == [("golf", "1"), ("tennis", "1"), ("wiffle", "1")]
     assert sorted(labels(chosen) + labels(rest)) == sorted(labels(trials))
     with refused("split-one-sided"):
         trials.split(trial=[1, 2])
+    groups = [trial.object for trial in trials]
+    folds = [(trials[train], trials[test]) for train, test in GroupKFold(3).split(trials, groups=groups)]
+    assert sorted(test.objects[0] for _, test in folds) == ["golf", "tennis", "wiffle"]
+    assert all(not set(train.objects) & set(test.objects) for train, test in folds)
+    assert [len(trials[test]) for _, test in KFold(3).split(trials)] == [2, 2, 2]
 
 
 def test_indexing_is_that_of_an_array_of_trials(trials):
@@ -76,15 +75,7 @@ def test_indexing_is_that_of_an_array_of_trials(trials):
         trials[[]]
 
 
-def test_splitters_of_scikit_learn_work_on_trials(trials):
-    groups = [trial.object for trial in trials]
-    folds = [(trials[train], trials[test]) for train, test in GroupKFold(3).split(trials, groups=groups)]
-    assert sorted(test.objects[0] for _, test in folds) == ["golf", "tennis", "wiffle"]
-    assert all(not set(train.objects) & set(test.objects) for train, test in folds)
-    assert [len(trials[test]) for _, test in KFold(3).split(trials)] == [2, 2, 2]
-
-
-def test_trials_cannot_be_changed(trials):
+def test_trials_are_constant_and_copies_are_equal(trials):
     with pytest.raises(dataclasses.FrozenInstanceError):
         trials.notes = ()
     with pytest.raises(ValueError, match="read-only"):
@@ -93,9 +84,6 @@ def test_trials_cannot_be_changed(trials):
     made = Trial("ball", "1", np.arange(3.0), given)
     given[0] = 9.0
     assert made.states[0, 0] == 0.0
-
-
-def test_trials_are_copied_and_pickled_with_all_they_hold(trials):
     for other in (pickle.loads(pickle.dumps(trials)), copy.deepcopy(trials)):
         assert labels(other) == labels(trials)
         assert (other.schema, other.properties) == (trials.schema, trials.properties)
@@ -106,74 +94,60 @@ def test_labels_are_the_same_however_they_are_written():
     assert ramp(3, 1.0).label == ramp(" 3", "1.0").label == "3, trial 1"
 
 
+BALL, WHERE = partial(Trial, "ball", "1"), "ball, trial 1"
+
+
+def trials_of(*trials, **properties):
+    return Trials(trials, Schema(("x",)), properties)
+
+
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "arguments", "expected"),
     [
-        (lambda: ramp(name=" "), "label-empty"),
-        (lambda: ramp(samples=0), Diagnostic("trial-without-samples", {"trial": "ball, trial 1"})),
+        (ramp, (" ",), "label-empty"),
+        (ramp, ("ball", "1", 0), message("trial-without-samples", trial=WHERE)),
+        (BALL, ([0, 1, 2], [0, 1]), message("rows-differ", WHERE, times=3, states=2, inputs=3)),
+        (BALL, ([0, 2, 1], [0, 1, 2]), message("time-before", time=1.0, sample=3, before=2.0)),
+        (BALL, ([0, 1, 1], [0, 1, 2], [0.0, 1.0, 2.0]), message("inputs-differ", time=1.0, first=2, second=3)),
+        (BALL, ([0, 1], [0, np.inf]), message("sample-not-finite", WHERE, quantity="state", place="sample 2, state 1")),
+        (BALL, ([0], [0], [np.nan]), message("sample-not-finite", WHERE, quantity="input", place="sample 1, input 1")),
+        (BALL, ([0, 1], [np.nan, 0]), message("first-sample-empty", WHERE)),
+        (BALL, ([0, 1], ["a", "b"]), message("not-an-array", WHERE)),
+        (BALL, ([[0, 1]], [0, 1]), message("array-dimensions", WHERE, dimensions=1)),
+        (Schema, ((),), "no-state-named"),
+        (Schema, (("t",),), message("column-name-twice", name="t")),
+        (trials_of, (), "no-trial"),
+        (trials_of, (ramp(), ramp(run=1.0)), message("trial-twice", trial=WHERE)),
+        (trials_of, (ramp(states=2),), message("columns-of-trial", trial=WHERE, given=2, kind="states")),
+        (partial(trials_of, bell={"mass": 1}), (ramp(),), "properties-of-no-trial"),
+        (partial(trials_of, ball={"x": 1}), (ramp(),), message("property-named-like-column", name="x")),
         (
-            lambda: Trial("ball", "1", [0, 1, 2], [0, 1]),
-            Diagnostic("rows-differ", {"times": 3, "states": 2, "inputs": 3}, "ball, trial 1"),
+            partial(trials_of, ball={"m": np.nan}),
+            (ramp(),),
+            message("property-unknown-value", property="m", object="ball"),
         ),
         (
-            lambda: Trial("ball", "1", [0, 2, 1], [0, 1, 2]),
-            Diagnostic("time-before", {"time": 1.0, "sample": 3, "before": 2.0}),
-        ),
-        (
-            lambda: Trial("ball", "1", [0, 1, 1], [0, 1, 2], [0.0, 1.0, 2.0]),
-            Diagnostic("inputs-differ", {"time": 1.0, "first": 2, "second": 3}),
-        ),
-        (
-            lambda: Trial("ball", "1", [0, 1], [0, np.inf]),
-            Diagnostic("sample-not-finite", {"quantity": "state", "place": "sample 2, state 1"}, "ball, trial 1"),
-        ),
-        (
-            lambda: Trial("ball", "1", [0, 1], [0, 1], [0, np.nan]),
-            Diagnostic("sample-not-finite", {"quantity": "input", "place": "sample 2, input 1"}, "ball, trial 1"),
-        ),
-        (lambda: Trial("ball", "1", [0, 1], [np.nan, 0]), Diagnostic("first-sample-empty", {}, "ball, trial 1")),
-        (lambda: Trial("ball", "1", [0, 1], ["a", "b"]), Diagnostic("not-an-array", {}, "ball, trial 1")),
-        (
-            lambda: Trial("ball", "1", [[0, 1]], [0, 1]),
-            Diagnostic("array-dimensions", {"dimensions": 1}, "ball, trial 1"),
-        ),
-        (lambda: Schema(()), "no-state-named"),
-        (lambda: Schema(("t",)), Diagnostic("column-name-twice", {"name": "t"})),
-        (lambda: Trials((), Schema(("x",))), "no-trial"),
-        (
-            lambda: Trials((ramp(), ramp(run=1.0)), Schema(("x",))),
-            Diagnostic("trial-twice", {"trial": "ball, trial 1"}),
-        ),
-        (
-            lambda: Trials((ramp(states=2),), Schema(("x",))),
-            Diagnostic("columns-of-trial", {"trial": "ball, trial 1", "given": 2, "kind": "states"}),
-        ),
-        (lambda: Trials((ramp(),), Schema(("x",)), {"bell": {"mass": 1}}), "properties-of-no-trial"),
-        (
-            lambda: Trials((ramp(),), Schema(("x",)), {"ball": {"x": 1}}),
-            Diagnostic("property-named-like-column", {"name": "x"}),
-        ),
-        (
-            lambda: Trials((ramp(),), Schema(("x",)), {"ball": {"mass": np.nan}}),
-            Diagnostic("property-unknown-value", {"property": "mass", "object": "ball"}),
-        ),
-        (
-            lambda: Trials((ramp("a"), ramp("b")), Schema(("x",)), {"a": {"mass": 1}, "b": {"mass": "??"}}),
-            Diagnostic(
-                "property-of-two-kinds", {"property": "mass", "known": 1.0, "first": "a", "value": "??", "second": "b"}
-            ),
+            partial(trials_of, a={"mass": 1}, b={"mass": "??"}),
+            (ramp("a"), ramp("b")),
+            message("property-of-two-kinds", property="mass", known=1.0, first="a", value="??", second="b"),
         ),
     ],
 )
-def test_what_cannot_be_used_is_refused_by_name(make, message):
-    with refused(message):
-        make()
+def test_what_cannot_be_used_is_refused_by_name(make, arguments, expected):
+    with refused(expected):
+        make(*arguments)
 
 
-def test_one_trial_comes_from_plain_arrays():
+def test_one_trial_comes_from_plain_arrays_in_which_masked_measurements_are_missing():
     trials = Trials.from_arrays(range(3), np.ones((3, 2)), inputs=[4, 5, 6])
     assert (trials.schema.states, trials.schema.inputs, trials.objects) == (("x1", "x2"), ("u",), ("object",))
     np.testing.assert_array_equal(trials[0].inputs, [[4], [5], [6]])
+    states = np.ma.masked_values([1.0, -999.0, 0.6, 0.5], -999.0)
+    (trial,) = Trials.from_arrays(np.arange(4.0), states)
+    assert trial.times.tolist() == [0.0, 2.0, 3.0]
+    pairs = np.ma.masked_values(np.arange(24.0).reshape(12, 2), 7.0)
+    (trial,) = Trials.from_arrays(np.arange(12.0), pairs)
+    assert np.argwhere(np.isnan(trial.states)).tolist() == [[3, 1]]
 
 
 def test_lists_of_arrays_may_differ_in_length_and_are_counted_by_object():
@@ -195,22 +169,22 @@ def test_lists_of_arrays_may_differ_in_length_and_are_counted_by_object():
 
 
 @pytest.mark.parametrize(
-    ("keywords", "message"),
+    ("keywords", "expected"),
     [
         ({"times": []}, "no-times"),
-        ({"states": [[1, 2]]}, Diagnostic("one-per-trial", {"given": 1, "parts": "arrays of states", "trials": 2})),
-        ({"object": ["a"]}, Diagnostic("one-per-trial", {"given": 1, "parts": "objects", "trials": 2})),
-        ({"names": ["x", "y"]}, Diagnostic("names-count", {"states": 1})),
-        ({"units": {"y": "m"}}, Diagnostic("unknown-name", {"kind": "column", "name": "y"})),
+        ({"states": [[1, 2]]}, message("one-per-trial", given=1, parts="arrays of states", trials=2)),
+        ({"object": ["a"]}, message("one-per-trial", given=1, parts="objects", trials=2)),
+        ({"names": ["x", "y"]}, message("names-count", states=1)),
+        ({"units": {"y": "m"}}, message("unknown-name", kind="column", name="y")),
         ({"properties": {"a": {"mass": 1}}}, "properties-of-no-trial"),
-        ({"properties": {"object": 1}}, Diagnostic("properties-not-by-name", {"object": "object", "value": 1})),
+        ({"properties": {"object": 1}}, message("properties-not-by-name", object="object", value=1)),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(keywords, message):
+def test_arrays_that_do_not_fit_are_refused(keywords, expected):
     given = {"times": [[0, 1], [0, 1]], "states": [[1, 2], [3, 4]], **keywords}
     if not given["times"]:
         given["states"] = []
-    with refused(message):
+    with refused(expected):
         Trials.from_arrays(**given)
 
 
@@ -236,15 +210,6 @@ def test_times_that_nothing_can_be_computed_with_are_refused(scale):
     with refused("times-too-large", trial="object, trial 1"):
         Trials.from_arrays(np.arange(5) * scale, np.arange(5.0))
     assert len(Trials.from_arrays(np.arange(5) * scale**0.5, np.arange(5.0))) == 1
-
-
-def test_masked_measurements_are_missing():
-    states = np.ma.masked_values([1.0, -999.0, 0.6, 0.5], -999.0)
-    (trial,) = Trials.from_arrays(np.arange(4.0), states)
-    assert trial.times.tolist() == [0.0, 2.0, 3.0]
-    pairs = np.ma.masked_values(np.arange(24.0).reshape(12, 2), 7.0)
-    (trial,) = Trials.from_arrays(np.arange(12.0), pairs)
-    assert np.argwhere(np.isnan(trial.states)).tolist() == [[3, 1]]
 
 
 def test_dates_are_times_since_the_earliest_of_all_trials():

@@ -5,9 +5,8 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from commonlaw.diagnostics import Diagnostic
 from commonlaw.trials import Trials, TrialStream
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 DAYS = pd.to_datetime(["2020-02-27", "2020-02-28", "2020-02-29", "2020-03-02"])
 MINUTES = pd.date_range("2020-03-28 23:59", periods=4, freq="90s")
@@ -53,48 +52,33 @@ def test_dates_in_files_are_times(tmp_path, suffix):
     assert trials.notes == ("when: dates taken as time in seconds since 2020-03-28 23:59:00",)
 
 
-def test_hours_and_zones_count():
+def test_dates_count_from_one_origin_with_their_months_hours_and_zones():
     berlin = MINUTES.tz_localize("Europe/Berlin")
     assert Trials.from_frame(frame(berlin))[0].times.tolist() == [0, 90, 180, 270]
     written = ["2020-03-29T00:30:00+01:00", "2020-03-29T01:30:00Z", "2020-03-29T02:30:00.5Z", "2020-03-29 03:30:01+00"]
     assert Trials.from_frame(frame(written))[0].times.tolist() == [0, 7200, 10800.5, 14401]
-
-
-def test_all_objects_have_one_origin():
     table = pd.concat([frame(DAYS).assign(object="a"), frame(DAYS + pd.Timedelta(10, "D")).assign(object="b")])
     first, second = Trials.from_frame(table)
     assert (second.times - first.times).tolist() == [10] * 4
-
-
-def test_months_are_as_long_as_they_are():
     assert Trials.from_frame(frame(["2020-01", "2020-02", "2020-03", "2020-04"]))[0].times.tolist() == [0, 31, 60, 91]
 
 
 @pytest.mark.parametrize(
-    ("times", "message"),
+    ("times", "expected"),
     [
         (
             ["2020-01-01", "2020-13-01", "2020-03-01", "x"],
-            Diagnostic("date-unreadable", {"column": "date", "row": "row 2", "cell": "2020-13-01"}),
+            message("date-unreadable", column="date", row="row 2", cell="2020-13-01"),
         ),
-        (
-            ["2020-01-01", "x", "2020-03-01", "x"],
-            Diagnostic("date-unreadable", {"column": "date", "row": "row 2", "cell": "x"}),
-        ),
-        (["2020-01-01", "", "2020-03-01", None], Diagnostic("cell-value", {"value": "is missing"})),
-        (
-            ["01/03/2020"] * 4,
-            Diagnostic("dates-ambiguous", {"first": "01/03/2020", "ways": "2020-03-01 or 2020-01-03"}),
-        ),
-        (
-            ["3/1/20 12:30"] * 4,
-            Diagnostic("dates-ambiguous", {"first": "3/1/20 12:30", "ways": "2020-01-03 or 2020-03-01"}),
-        ),
-        (["x", "2020-01-01", "1", "2"], Diagnostic("date-unreadable", {"column": "date", "row": "row 3", "cell": "1"})),
+        (["2020-01-01", "x", "2020-03-01", "x"], message("date-unreadable", column="date", row="row 2", cell="x")),
+        (["2020-01-01", "", "2020-03-01", None], message("cell-value", value="is missing")),
+        (["01/03/2020"] * 4, message("dates-ambiguous", first="01/03/2020", ways="2020-03-01 or 2020-01-03")),
+        (["3/1/20 12:30"] * 4, message("dates-ambiguous", first="3/1/20 12:30", ways="2020-01-03 or 2020-03-01")),
+        (["x", "2020-01-01", "1", "2"], message("date-unreadable", column="date", row="row 3", cell="1")),
     ],
 )
-def test_what_is_no_date_is_refused_with_its_place(times, message):
-    with refused(message):
+def test_what_is_no_date_is_refused_with_its_place(times, expected):
+    with refused(expected):
         Trials.from_frame(frame(times))
 
 

@@ -3,12 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
-from commonlaw.cli.main import commonlaw
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Trials
-from commonlaw.trials.recognition import words
 from tests.refusals import refused
 
 T = np.linspace(0, 4, 21)
@@ -95,28 +92,22 @@ def test_names_may_begin_with_digits_and_clocks_are_no_names(names):
     assert roles_of(frame)[0] == roles_of(clocks)[0] == "kind"
 
 
-def test_remarks_beside_increasing_times_name_nothing():
+def test_remarks_name_nothing_and_are_left_out():
     frame = stacked([{"unit": "A"}], x=decay).assign(phase=["heat"] * 10 + ["cool"] * 11)
     assert roles_of(frame)[:2] == ("unit", "trial")
     assert roles_of(frame.drop(columns="unit"))[:2] == ("object", "trial")
     switching = frame.assign(unit=["A", "B", "A"] * 7)
     assert roles_of(switching)[0] == "object"
-
-
-def test_remarks_within_trials_are_left_out_of_several_trials_too():
     frame = stacked(pairs("kind", "w"), x=decay)
     remarked = frame.assign(remark=np.where(frame["t"] > 2, "late", "early"))
     assert roles_of(remarked) == ("kind", "w", "t", ("x",), (), set())
 
 
-def test_quantities_below_each_other_are_no_objects_unless_that_is_said():
+def test_columns_that_may_name_objects_or_quantities_are_asked_about():
     frame = stacked([{"variable": "x"}, {"variable": "y"}], value=decay)
     with refused("long-table", column="variable"):
         Trials.from_frame(frame)
     assert Trials.from_frame(frame, object="variable").objects == ("x", "y")
-
-
-def test_two_columns_that_may_name_objects_are_asked_about():
     frame = stacked(pairs("medium", "operator", seconds=("Ann", "Bob")), x=decay)
     with refused("object-ambiguous", first="medium", second="operator"):
         Trials.from_frame(frame)
@@ -128,6 +119,9 @@ def test_two_columns_that_may_name_objects_are_asked_about():
     [
         ("minutes", "minutes"),
         ("hour", "hour"),
+        ("year", "year"),
+        ("Age", "Age"),
+        ("sec", "sec"),
         ("Zeit [min]", "Zeit"),
         ("elapsed_s", "elapsed_s"),
         ("Time since start (h)", "Time since start"),
@@ -264,18 +258,11 @@ def test_standard_deviations_go_with_the_state_that_their_name_has():
     assert Trials.from_frame(frame.assign(sd_x=0.0)).schema.noise_columns == {"y": "y err"}
 
 
-def test_the_line_names_the_options_and_stays_away_where_nothing_is_guessed(tmp_path):
+def test_nothing_is_noted_where_nothing_is_guessed():
     frame = stacked(pairs("Ball", "Drop"), height=decay)
-    frame.to_csv(tmp_path / "drops.csv", index=False)
-    done = CliRunner().invoke(commonlaw, ["data", "check", str(tmp_path / "drops.csv")])
-    assert done.stderr.splitlines()[0] == (
-        "Note: columns recognized as time: t; object: Ball; trial: Drop; state: height. Correct them by --time ..., "
-        "--object ..., --trial ..., --state ..., --input ..."
-    )
+    assert Trials.from_frame(frame, object="Ball", trial="Drop", time="t", states="height").notes == ()
     frame.columns = ["object", "trial", "time", "x"]
     assert Trials.from_frame(frame).notes == ()
-    named = {"object": "Ball", "trial": "Drop", "time": "t", "states": "height"}
-    assert Trials.read(tmp_path / "drops.csv", **named).notes == ()
 
 
 @pytest.mark.parametrize("named", [{}, {"object": "Ball"}])
@@ -312,10 +299,6 @@ def test_counts_of_rows_and_measurements_are_no_times():
         with pytest.raises(CommonlawError) as raised:
             Trials.from_frame(frame)
         assert raised.value.code in ("time-missing", "time-ambiguous")
-
-
-def test_words_of_names():
-    assert words("OD600 std_dev (a)") == ["od", "600", "std", "dev", "a"]
 
 
 @pytest.mark.parametrize("header", ["setpoint", "Outdoor T (degC)", "T_amb", "Tenv", "solar radiation"])

@@ -1,7 +1,6 @@
 """Tables in: the same trials from every kind of table."""
 
 from dataclasses import fields
-from datetime import datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -65,7 +64,7 @@ def test_every_kind_of_table_gives_the_same_trials(kind, tmp_path):
     assert [trial.inputs[:, 0].tolist() for trial in trials] == [[0.1, 0.2], [0.3], [0.4, 0.5]]
 
 
-def test_columns_without_a_named_role_are_told_apart_and_noted():
+def test_columns_without_a_named_role_are_states_properties_or_left_out():
     remarks = {"remark": ["", "a", "b", "c", "d"], "video": [[1], [2], [3], [4], [5]]}
     frame = FRAME.assign(material=["balata"] * 3 + ["felt"] * 2, **remarks)
     trials = Trials.from_frame(frame, object="ball", trial="drop")
@@ -76,9 +75,6 @@ def test_columns_without_a_named_role_are_told_apart_and_noted():
         "property: mass, material. Correct them by `time=...`, `object=...`, "
     )
     assert trials.notes[1] == "columns left out: remark, video"
-
-
-def test_a_constant_column_of_a_single_object_is_a_property_unless_all_are_constant():
     trials = Trials.from_frame(FRAME[:3], object="ball", trial="drop")
     assert trials.schema.states == ("height", "wind")
     assert trials.properties == {"golf": {"mass": 0.046}}
@@ -94,27 +90,21 @@ def test_object_trial_and_time_are_found_by_their_names(tmp_path):
     assert trials[0].label == "one ball, trial 1"
 
 
-@pytest.mark.parametrize("name", ["year", "Age", "day", "hour", "hours", "seconds", "sec"])
-def test_the_only_column_named_like_a_unit_of_time_is_the_time(name):
-    frame = pd.DataFrame({"height": [1.0, 3.0], name: [3.0, 4.0]})
-    assert Trials.from_frame(frame).schema.time == name
-    assert Trials.from_frame(frame.assign(t=[0.0, 1.0])).schema.time == "t"
-    with refused("time-ambiguous"):
-        Trials.from_frame(frame.assign(minutes=[0.0, 1.0]))
-
-
-def test_a_column_is_named_with_its_unit_or_without():
+def test_names_of_columns_stand_with_and_without_units_and_other_brackets():
     for name in ("height", "height [m]", "height (m)"):
         assert Trials.from_frame(FRAME, **ROLES, states=[name]).schema.states == ("height",)
-
-
-def test_brackets_without_a_unit_belong_to_the_name():
+    units = {"height [m]": "cm", "wind": "m/s", "mass": ""}
+    assert Trials.from_frame(FRAME, **ROLES, units=units).schema.units == {"time": "s", "height": "cm", "wind": "m/s"}
     frame = pd.DataFrame(
         {"t": [0.0], "x(t)": [1.0], "y (raw)": [2.0], "v (m/(s*s))": [3.0], "z (m)": 1.0, "z (ft)": 3.3}
     )
     schema = Trials.from_frame(frame).schema
     assert schema.states == ("x(t)", "y (raw)", "v", "z (m)", "z (ft)")
     assert schema.units == {"v": "m/(s*s)", "z (m)": "m", "z (ft)": "ft"}
+    frame = pd.DataFrame({"t": [0.0, 1.0], "Ho\u0308he": [1.0, 2.0]})
+    properties = {"Cafe\u0301": {"Ho\u0308he 2": 1.0}}
+    trials = Trials.from_frame(frame, states="H\u00f6he", object_name="Caf\u00e9", properties=properties)
+    assert trials.schema.states == ("H\u00f6he",)
 
 
 def test_quantities_over_units_are_read_where_the_time_is_one():
@@ -126,11 +116,6 @@ def test_quantities_over_units_are_read_where_the_time_is_one():
     assert schema.units == {"t": "s", "U": "V", "I": "mA"}
     assert Trials.from_frame(frame, time="t/s", states=["U/V"]).schema.states == ("U",)
     assert Trials.from_frame(frame.rename(columns={"t/s": "t"})).schema.states == ("U/V", "I / mA", "gain/loss")
-
-
-def test_units_given_take_precedence_over_headers():
-    units = {"height [m]": "cm", "wind": "m/s", "mass": ""}
-    assert Trials.from_frame(FRAME, **ROLES, units=units).schema.units == {"time": "s", "height": "cm", "wind": "m/s"}
 
 
 def test_unsorted_times_are_sorted_with_a_note():
@@ -148,7 +133,7 @@ def test_rows_in_which_nothing_stands_are_passed_over(tmp_path):
     assert Trials.read(path)[0].states.tolist() == [[1], [2]]
 
 
-def test_properties_come_from_a_file_a_frame_or_a_mapping(tmp_path):
+def test_properties_come_from_a_file_a_frame_or_a_mapping_and_lacking_ones_are_noted(tmp_path):
     frame = pd.DataFrame({"ball": ["tennis", "golf"], "mass [g]": [57.0, None], "maker": ["A", "B"]})
     path = tmp_path / "balls.csv"
     frame.to_csv(path, index=False)
@@ -158,21 +143,18 @@ def test_properties_come_from_a_file_a_frame_or_a_mapping(tmp_path):
         trials = Trials.from_frame(main, **ROLES, properties=properties)
         assert trials.properties == given
         assert trials.schema.units.get("mass") == ("g" if properties is not given else None)
-
-
-def test_objects_that_the_table_of_properties_lacks_are_noted():
     trials = Trials.from_frame(FRAME, **ROLES, states="height", properties={"golf": {"mass": 1}})
     assert "no properties are given for tennis" in trials.notes
 
 
-def test_text_that_looks_like_numbers_stays_text_where_the_column_says_so():
+def test_text_and_numbers_are_what_the_column_says(tmp_path):
     frame = FRAME.assign(code=["007"] * 3 + ["011"] * 2)
     assert Trials.from_frame(frame, **ROLES, states="height").properties["golf"]["code"] == "007"
-
-
-def test_numbers_in_a_column_of_text_are_read_where_they_are_asked_for():
     frame = pd.DataFrame({"t": ["0", " 0.1 "], "x": ["+1.5", "1e-3"]}, dtype="str")
     assert Trials.from_frame(frame, states="x")[0].states.tolist() == [[1.5], [1e-3]]
+    path = text(tmp_path / "a.csv", "t;x;note\n0;1.000;see 1,2\n1;2.000;a\n2;4.000;b\n")
+    assert Trials.read(path)[0].states[:, 0].tolist() == [1, 2, 4]
+    assert Trials.read(path).notes == ("columns left out: note",)
 
 
 def test_sheets_of_the_same_header_are_an_object_each(tmp_path):
@@ -201,16 +183,6 @@ def test_a_file_of_its_own_says_which_column_is_what(tmp_path):
     assert pq.read_table(tmp_path / "drops.parquet").column_names == [
         "ball", "drop", "time [s]", "height [m]", "wind", "mass [kg]",
     ]  # fmt: skip
-
-
-def test_a_frame_goes_out_as_it_came_in():
-    trials = Trials.from_frame(FRAME, **ROLES, properties=["mass"])
-    out = trials.to_frame()
-    assert list(out.columns) == ["ball", "drop", "time", "height", "wind", "mass"]
-    assert out["ball"].tolist() == FRAME["ball"].tolist()
-    np.testing.assert_array_equal(out["height"], FRAME["height [m]"])
-    again = Trials.from_frame(out, **ROLES, properties=["mass"], units=trials.schema.units)
-    assert (again.schema, again.properties) == (trials.schema, trials.properties)
 
 
 def test_a_unit_that_no_reader_would_know_is_not_written(tmp_path):
@@ -247,29 +219,12 @@ def test_an_index_with_names_is_columns(kind, tmp_path):
     assert trials.schema.states == ("height", "wind")
 
 
-def test_an_index_named_like_a_column_is_refused():
+def test_an_index_is_named_apart_and_counts_are_a_column_where_asked_for(tmp_path):
     frame = FRAME.set_index("ball", drop=False)
     with refused("index-twice", name="ball"):
         Trials.from_frame(frame)
-
-
-def test_an_index_of_counts_is_a_column_where_it_is_asked_for(tmp_path):
     pd.DataFrame({"x": [1.0, 2.0, 4.0]}, index=[0, 1, 3]).to_parquet(tmp_path / "a.parquet")
     assert Trials.read(tmp_path / "a.parquet", time="__index_level_0__")[0].times.tolist() == [0, 1, 3]
-
-
-def test_a_point_that_may_be_of_thousands_is_refused_among_decimal_commas(tmp_path):
-    rows = "t;x\n0;1,5\n1;1.000\n2;2,5\n"
-    with refused("decimal-mark-ambiguous", cell="1.000", ways="1 or 1000"):
-        Trials.read(text(tmp_path / "a.csv", rows))
-    points = text(tmp_path / "b.csv", "t;x;y\n0;1,5;1.000\n1;2,0;0.500\n2;2,5;0\n")
-    assert Trials.read(points)[0].states[:, 1].tolist() == [1, 0.5, 0]
-
-
-def test_a_comma_in_words_makes_no_decimal_commas(tmp_path):
-    path = text(tmp_path / "a.csv", "t;x;note\n0;1.000;see 1,2\n1;2.000;a\n2;4.000;b\n")
-    assert Trials.read(path)[0].states[:, 0].tolist() == [1, 2, 4]
-    assert Trials.read(path).notes == ("columns left out: note",)
 
 
 @pytest.mark.parametrize("name", ["object", "trial"])
@@ -279,13 +234,6 @@ def test_a_label_that_is_written_in_several_ways_is_one_and_noted(name):
     assert [getattr(trial, {"trial": "name"}.get(name, name)) for trial in trials] == ["1", "Caf\u00e9"]
     assert trials.notes[0] == f"{name} '1' is written in 3 ways, taken as one: '1', '1.0', '1.00'"
     assert trials.notes[1] == f"{name} 'Caf\u00e9' is written in 2 ways, taken as one: 'Caf\\xe9', 'Cafe\\u0301'"
-
-
-def test_columns_and_properties_are_found_however_their_letters_are_composed():
-    frame = pd.DataFrame({"t": [0.0, 1.0], "Ho\u0308he": [1.0, 2.0]})
-    properties = {"Cafe\u0301": {"Ho\u0308he 2": 1.0}}
-    trials = Trials.from_frame(frame, states="H\u00f6he", object_name="Caf\u00e9", properties=properties)
-    assert trials.schema.states == ("H\u00f6he",)
 
 
 @pytest.mark.parametrize("wrong", [0.46, None])
@@ -370,14 +318,11 @@ def test_quantities_have_their_unit():
         Trials.from_arrays(TIMES, X * UNITS.m, noise=X * UNITS.mm)
 
 
-def test_a_dataset_is_a_table_of_its_coordinates():
+def test_a_dataset_is_a_table_of_its_coordinates_and_columns_have_one_length():
     trials = Trials.from_frame(Dataset())
     assert [trial.name for trial in trials] == ["a", "b"]
     assert trials.schema.units == {"t": "s", "x": "cm"}
     assert trials[1].states[:, 0] == pytest.approx(X)
-
-
-def test_columns_of_different_lengths_are_refused():
     with refused("columns-unequal"):
         Trials.from_frame({"t": TIMES, "x": X[:-1]})
     with refused("columns-unequal"):
@@ -403,14 +348,6 @@ def test_a_time_step_goes_with_trials_of_different_lengths():
     for step in (0.0, -1.0, np.nan):
         with refused("time-step"):
             Trials.from_arrays(step, X)
-
-
-def test_dates_in_a_mapping_are_times_since_the_earliest():
-    stamps = [datetime(2024, 3, 1, 12) + timedelta(seconds=time) for time in TIMES]
-    for given in (stamps, pd.Series(stamps), np.array(stamps, dtype="datetime64[ns]")):
-        trials = Trials.from_frame({"t": given, "x": X})
-        assert trials[0].times == pytest.approx(TIMES)
-        assert trials.notes == ("t: dates taken as time in seconds since 2024-03-01 12:00:00",)
 
 
 def test_a_table_is_fitted_as_the_trials_in_it_are():

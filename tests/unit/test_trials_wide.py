@@ -5,15 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 import commonlaw as cl
-from commonlaw.cli.main import commonlaw
-from commonlaw.diagnostics import Diagnostic
-from commonlaw.law import to_script
-from commonlaw.law.parameters import named_parameters
 from commonlaw.trials import Trials
-from tests.refusals import refused
+from tests.refusals import message, refused
 
 HOURS = np.arange(6.0)
 WELLS = {name: 0.1 * np.exp(rate * HOURS) for name, rate in (("A1", 0.3), ("A2", 0.4), ("B1", 0.5), ("B12", 0.6))}
@@ -28,7 +23,7 @@ def plate(folder, rows="", text=None):
     return path
 
 
-def test_a_column_for_each_object_gives_the_trials_of_a_row_for_each_sample():
+def test_a_plate_has_the_trials_of_a_long_table_and_is_recognised():
     trials, same = Trials.from_frame(PLATE, wide="OD [OD]"), Trials.from_frame(LONG)
     assert replace(trials.schema, wide=()) == same.schema
     assert trials.schema.wide == tuple(WELLS)
@@ -36,9 +31,6 @@ def test_a_column_for_each_object_gives_the_trials_of_a_row_for_each_sample():
     assert [(trial.label, trial.times.tolist(), trial.states.tolist()) for trial in trials] == [
         (each.label, each.times.tolist(), each.states.tolist()) for each in same
     ]
-
-
-def test_a_plate_is_recognised_and_a_note_says_so():
     trials = Trials.from_frame(PLATE)
     assert (trials.objects, trials.schema.states) == (tuple(WELLS), ("value",))
     assert "state: A1, A2, ..., B12 (4 columns), each of an object" in trials.notes[0]
@@ -123,15 +115,12 @@ def test_rows_ahead_of_the_times_are_properties(tmp_path):
     assert trials[3].states[:, 0] == pytest.approx(WELLS["B12"])
 
 
-def test_other_columns_are_the_same_for_all_objects():
+def test_other_columns_and_units_are_those_of_all_objects():
     frame = PLATE.assign(temperature=37 + 0.1 * HOURS, plate="P")
     trials = Trials.from_frame(frame, wide="OD", inputs="temperature")
     assert trials.schema.inputs == ("temperature",)
     assert all(trial.inputs[:, 0].tolist() == frame["temperature"].tolist() for trial in trials)
     assert trials.properties["A1"] == {"plate": "P"}
-
-
-def test_units_of_the_columns_are_those_of_the_state():
     frame = PLATE.rename(columns={name: f"{name} [mg/L]" for name in WELLS})
     assert Trials.from_frame(frame, wide="mass").schema.units["mass"] == "mg/L"
     with refused("wide-units"):
@@ -148,45 +137,17 @@ def test_gaps_and_errors_are_told_by_row_and_column(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("frame", "roles", "message"),
+    ("frame", "roles", "expected"),
     [
-        (PLATE.assign(object="P"), {"wide": "OD"}, Diagnostic("wide-with-object", {"column": "object"})),
-        (PLATE, {"wide": "time"}, Diagnostic("wide-name-taken", {"name": "time"})),
-        (PLATE, {"wide": 5}, Diagnostic("wide-not-a-name", {"value": 5})),
+        (PLATE.assign(object="P"), {"wide": "OD"}, message("wide-with-object", column="object")),
+        (PLATE, {"wide": "time"}, message("wide-name-taken", name="time")),
+        (PLATE, {"wide": 5}, message("wide-not-a-name", value=5)),
         (PLATE[["time [h]"]].assign(word="a"), {"wide": "OD"}, "no-state"),
     ],
 )
-def test_what_cannot_be_read_so_is_refused(frame, roles, message):
-    with refused(message):
+def test_what_cannot_be_read_so_is_refused(frame, roles, expected):
+    with refused(expected):
         Trials.from_frame(frame, **roles)
-
-
-def test_the_command_line_says_what_it_took_for_what_and_has_the_option(tmp_path):
-    path = str(plate(tmp_path))
-    guessed = CliRunner().invoke(commonlaw, ["data", "check", path])
-    assert guessed.stdout.startswith(f"{path}: 4 trials of 4 objects, measured: value")
-    assert (
-        "Note: columns recognized as time: time; state: A1, A2, ..., B12 (4 columns), each of an object"
-        in guessed.stderr
-    )
-    assert "Correct them by --time ..., --state ..., --input ..., --wide ..." in guessed.stderr
-    done = CliRunner().invoke(commonlaw, ["data", "check", path, "--wide", "OD [OD]"])
-    assert done.stdout.startswith(f"{path}: 4 trials of 4 objects, measured: OD")
-
-
-def test_equations_name_what_was_measured_and_the_law_reads_such_tables_and_writes_a_program_for_them(tmp_path):
-    path, law_path = str(plate(tmp_path)), str(tmp_path / "law.json")
-    done = CliRunner().invoke(commonlaw, ["fit", "OD' = r OD", path, "--noise", "OD=0.001", "--save", law_path])
-    assert done.exit_code == 0, done.output
-    law = cl.Law.load(law_path)
-    assert law.objects == tuple(WELLS)
-    np.testing.assert_allclose(named_parameters(law).values[:, 0], [0.3, 0.4, 0.5, 0.6], rtol=1e-3)
-    done = CliRunner().invoke(commonlaw, ["predict", law_path, path])
-    assert "R^2 > 0.99999" in done.output
-    made = {}
-    exec(to_script(law, path), made)
-    assert made["trials"].schema == law.schema
-    np.testing.assert_allclose(made["law"].coefficients, law.coefficients, rtol=1e-3)
 
 
 def test_an_equation_in_another_name_than_that_of_a_guessed_wide_table_says_how_to_give_it():

@@ -23,7 +23,7 @@ def drops():
 
 @pytest.fixture(scope="module")
 def law(drops):
-    return cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:5])).explain()
+    return cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:5]), errors="white").explain()
 
 
 def test_coefficients_of_an_unseen_object_are_what_its_properties_give(drops, law):
@@ -79,7 +79,7 @@ def test_an_object_whose_properties_are_not_known_is_the_typical_one(drops, law)
 
 def test_the_bands_of_an_unseen_object_carry_the_scatter_between_objects(drops):
     generator = np.random.default_rng(2)
-    law = cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:5])).explain([])
+    law = cl.fit("x'' = -g - c v", drops.select(object=drops.objects[:5]), errors="white").explain([])
     own = law.uncertainty.explanation.relations[1]
     assert str(own.kind) == "own"
     found, _ = with_objects_of(law, drops.select(object="Ball 6"))

@@ -6,6 +6,7 @@ generated programs, the key of the cache and the tables of the documentation fol
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields
+from inspect import cleandoc
 from numbers import Real
 from textwrap import wrap
 from types import NoneType, UnionType
@@ -143,7 +144,7 @@ def documented(cls: type[T]) -> type[T]:
         default = f" Default: {attribute.default!r}." if attribute.default not in (None, ()) else ""
         lines += [name, *(f"    {line}" for line in wrap(f"{about.text}{choices}{default}", 112))]
     if cls.__doc__:
-        cls.__doc__ = cls.__doc__.replace("{parameters}", "\n    ".join(lines))
+        cls.__doc__ = cleandoc(cls.__doc__).replace("{parameters}", "\n".join(lines))
     type.__setattr__(cls, "__init__", with_renamed_arguments(cls.__init__))
     return cls
 
