@@ -11,6 +11,7 @@ def page(browser):
     browser.get("about:blank")
     browser.get_log("browser")
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     yield browser
     browser.get("about:blank")  # A page that asks for an app that has ended takes time of other tests
 
