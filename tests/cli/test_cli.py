@@ -4,6 +4,7 @@ import json
 import re
 import shlex
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -14,30 +15,32 @@ from commonlaw.law import Step, from_json, to_frame
 from commonlaw.law.text import with_error
 
 DROPS = ["--object", "ball", "--trial", "drop", "--time", "t", "--state", "height"]
+ORDER = ["--order", "2", "--library", "poly:3"]
+METHOD = cl.DerivativeRegression(differentiation="savgol:25:3", trim=8, solver="group-stlsq:1.5")
 SETTINGS = [
-    "--order",
-    "2",
-    "--library",
-    "poly:3",
-    "--set",
-    "differentiation=savgol:25:3",
-    "--set",
-    "trim=8",
-    "--set",
-    "solver=group-stlsq:1.5",
-]
+    *ORDER, "--set", "differentiation=savgol:25:3", "--set", "trim=8", "--set", "solver=group-stlsq:1.5",
+]  # fmt: skip
+
+
+@cache
+def drops():
+    """Return simulated drops with columns of a user's own names, and their law, which has no errors."""
+    frame = cl.datasets.linear_drag(noise=0.01, seed=1).to_frame()
+    frame = frame[["object", "trial", "t", "x"]].set_axis(["ball", "drop", "t", "height"], axis=1)
+    trials = cl.Trials.from_frame(frame, object="ball", trial="drop", time="t", states=["height"])
+    return frame, cl.discover(trials, order=2, library="poly:3", method=METHOD)
 
 
 @pytest.fixture
-def table(tmp_path):
-    """A table of simulated drops with columns of a user's own names."""
-    frame = cl.datasets.linear_drag(noise=0.01, seed=1).to_frame()
-    frame = frame[["object", "trial", "t", "x"]].set_axis(["ball", "drop", "t", "height"], axis=1)
+def law(tmp_path):
+    """The law of a table, both saved."""
+    frame, law = drops()
     frame.to_csv(tmp_path / "drops.csv", index=False)
-    return frame
+    law.save(tmp_path / "law.json")
+    return law
 
 
-@pytest.mark.usefixtures("table")
+@pytest.mark.usefixtures("law")
 def test_discover_predict_show_and_check_as_in_the_help(run, tmp_path):
     code, out, err = run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json", "--save", "law.png")
     assert (code, err) == (0, "")
@@ -70,10 +73,7 @@ def test_discover_predict_show_and_check_as_in_the_help(run, tmp_path):
     assert "drops.csv: 10 trials of 5 objects, measured: height" in out
 
 
-@pytest.mark.usefixtures("table")
-def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
-    run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
-    law = cl.Law.load(tmp_path / "law.json")
+def test_a_law_that_knows_how_accurate_it_is_says_so(run, law, tmp_path):
     steps = (Step("noise", "height: 0.01", "given"),)
     replace(
         law,
@@ -96,24 +96,19 @@ def test_a_law_that_knows_how_accurate_it_is_says_so(run, tmp_path):
     assert "95 % band (measured)" in (tmp_path / "bands.svg").read_text()
 
 
-@pytest.mark.usefixtures("table")
-def test_a_law_by_rates_is_refined(run, tmp_path):
-    run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
+def test_a_law_by_rates_is_refined(run, law, tmp_path):
     arguments = ("refine", "drops.csv", "law.json", "--noise")
     code, out, _ = run(*arguments, "height=0.01", "--save", "refined.json")
     assert code == 0
     assert "±" in out
     assert "maximum likelihood of" in run("show", "refined.json", "--history")[1]
-    law, refined = (cl.Law.load(tmp_path / name) for name in ("law.json", "refined.json"))
+    refined = cl.Law.load(tmp_path / "refined.json")
     np.testing.assert_array_equal(refined.support, law.support)
     assert refined.uncertainty.noise == pytest.approx([0.01])
     assert run(*arguments, "height=much")[0] == 2
 
 
-@pytest.mark.usefixtures("table")
-def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
-    run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
-    law = cl.Law.load(tmp_path / "law.json")
+def test_a_forecast_can_start_where_the_first_samples_say(run, law):
     replace(law, uncertainty=replace(law.uncertainty, noise=[0.01])).save("law.json")
     found = {}
     for start in (1, 15, "all"):
@@ -125,9 +120,8 @@ def test_a_forecast_can_start_where_the_first_samples_say(run, tmp_path):
     assert (code, "start is 0: give the number of first samples" in err) == (1, True)
 
 
-@pytest.mark.usefixtures("table")
+@pytest.mark.usefixtures("law")
 def test_forecasts_go_beyond_what_was_measured(run, tmp_path):
-    run("discover", "drops.csv", *DROPS, *SETTINGS, "--save", "law.json")
     drops = pd.read_csv(tmp_path / "drops.csv")
     ahead = "predict", "drops.csv", "law.json", "--until", "9", "--step", "0.5", "--save", "a.csv", "--save", "a.svg"
     assert run(*ahead)[0] == 0
@@ -161,7 +155,7 @@ def test_errors_intervals_and_history_are_printed_where_they_are_known(run):
     assert json.loads(run(*arguments, "--json")[1])["intervals"] is None
 
 
-@pytest.mark.usefixtures("table")
+@pytest.mark.usefixtures("law")
 def test_json_holds_the_law_its_equations_and_the_errors_of_the_held_out_trials(run):
     code, out, _ = run("discover", "drops.csv", *DROPS, *SETTINGS, "--where", "drop=1", "--json")
     found = json.loads(out)
@@ -185,7 +179,7 @@ def test_a_data_set_shows_its_truth_beside_what_was_learned(run):
 
 def test_known_terms_and_each_objects_own_terms(run):
     own = ["--known", "1=-9.8", "--set", "differentiation=finite:6", "--set", "solver=stlsq:0.05"]
-    code, out, _ = run("discover", "dataset:linear-drag:noise=0", *SETTINGS[:4], *own, "--json")
+    code, out, _ = run("discover", "dataset:linear-drag:noise=0", *ORDER, *own, "--json")
     assert code == 0
     assert json.loads(out)["equations"]["Ball 4"] == ["x'' = -9.8 - 0.5 v"]
 

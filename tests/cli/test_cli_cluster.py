@@ -90,7 +90,7 @@ def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
         "--set",
         "solver=stlsq:0.1",
     ]
-    assert run("discover", *words, "--save", "here.parquet")[0] == 0
+    assert run("discover", *words, "--save", "here.parquet", "--set", "n_jobs=1")[0] == 0
     code, out, _ = run("discover", *words, "--save", "there.parquet", "--cluster", "local:2")
     assert (code, out.splitlines()[-2:]) == (0, ["1 law in 2 files", "Wrote there.parquet"])
     pd.testing.assert_frame_equal(pd.read_parquet("there.parquet"), pd.read_parquet("here.parquet"))

@@ -16,8 +16,8 @@ from tests.refusals import refused
 @pytest.fixture
 def cups(tmp_path):
     """Two cups of tea that cool in rooms of 20 degrees, by a table with a column of no use."""
-    noise, frame = np.random.default_rng(3), pd.DataFrame({"min": np.tile(np.arange(0.0, 30.0, 1.5), 2)})
-    frame["cup"], rates = np.repeat(["thin", "thick"], 20), np.repeat([0.1, 0.05], 20)
+    noise, frame = np.random.default_rng(3), pd.DataFrame({"min": np.tile(np.arange(0.0, 30.0, 2.5), 2)})
+    frame["cup"], rates = np.repeat(["thin", "thick"], 12), np.repeat([0.1, 0.05], 12)
     frame["T"] = 20 + 60 * np.exp(-rates * frame["min"]) + noise.normal(0, 0.2, len(frame))
     frame["light"] = noise.normal(size=len(frame))
     frame.to_csv(tmp_path / "cups.csv", index=False)

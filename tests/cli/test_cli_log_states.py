@@ -4,13 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-TIMES = np.linspace(0, 12, 40)
+TIMES = np.linspace(0, 12, 25)
 
 
 @pytest.fixture
 def plants(tmp_path):
     """A table of a plant that grows, written as plants.csv."""
-    errors = np.exp(0.2 * np.random.default_rng(0).standard_normal(40))
+    errors = np.exp(0.2 * np.random.default_rng(0).standard_normal(len(TIMES)))
     frame = pd.DataFrame({"t": TIMES, "weight": errors / (0.01 + 0.49 * np.exp(-0.6 * TIMES))})
     frame.to_csv(tmp_path / "plants.csv", index=False)
     return frame

@@ -153,12 +153,12 @@ def test_samples_after_a_time_can_be_held_out(run, tmp_path):
 
 
 def test_the_figure_of_a_forecast_may_be_its_phase_plane(run, tmp_path):
-    cl.datasets.lotka_volterra(trials=1).to_csv(tmp_path / "pairs.csv")
+    cl.datasets.lotka_volterra(trials=1).until(5.0).to_csv(tmp_path / "pairs.csv")
     cl.datasets.truth_of("lotka-volterra").save("law.json")
     assert run("predict", "pairs.csv", "law.json", "--phase-plane", "--save", "plane.svg")[0] == 0
     drawn = (tmp_path / "plane.svg").read_text()
     assert all(f"<!-- {each} -->" in drawn for each in ("Pair 1", "Pair 5", "saddle", "centre of its linearization"))
-    cl.datasets.lorenz().to_csv(tmp_path / "lorenz.csv")
+    cl.datasets.lorenz().until(1.0).to_csv(tmp_path / "lorenz.csv")
     cl.datasets.truth_of("lorenz").save("lorenz.json")
     _, _, err = run("predict", "lorenz.csv", "lorenz.json", "--phase-plane", "--save", "none.svg")
     assert "none.svg was not made: the law has the states x, y, z" in err

@@ -106,7 +106,8 @@ def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials):
 
 
 def test_the_report_of_a_pattern_is_a_page(run, tmp_path):
-    code, _, err = run("report", "Ball *.parquet", "law.parquet", "--hold-out", "trial=3")
+    cl.Law.from_text("x'' = -g - c v", {"g": 9.8, "c": {"Ball 1": 0.2, "Ball 2": 0.6}}).save(tmp_path / "law.json")
+    code, _, err = run("report", "Ball *.parquet", "law.json", "--hold-out", "trial=3")
     assert code == 0, err
     page = (tmp_path / "report.html").read_text()
     assert "Forecasts of 2 held-out trials of 2 objects" in page
