@@ -8,11 +8,10 @@ from commonlaw.runtime import files
 
 
 @pytest.mark.parametrize("paths", [["folder"], ["absent/law.json"], ["a" * 300], [""], ["s.svg", "folder/../s.svg"]])
-def test_files_that_cannot_be_written_are_refused_before_work(run, tmp_path, monkeypatch, paths):
+def test_files_that_cannot_be_written_are_refused_before_work(fails, tmp_path, monkeypatch, paths):
     (tmp_path / "folder").mkdir()
     monkeypatch.setattr(cl.Trials, "read", lambda *_, **__: pytest.fail("read"))
-    code, out, err = run("discover", "in.csv", *(word for path in paths for word in ("--save", path)))
-    assert (code, out) == (1, "")
+    err = fails("discover", "in.csv", *(word for path in paths for word in ("--save", path)))
     assert err.startswith(f"commonlaw: cannot write {paths[-1]}: ")
 
 
