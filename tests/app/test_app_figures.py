@@ -6,7 +6,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.app.question import Columns, HoldOut, Question, Table
 from commonlaw.app.result import figure_file, results
-from tests.in_browser import PHONE, choose, download, faults, fit_drag, open_page, resize, serious, text, wait
+from tests.in_browser import PHONE, download
 from tests.refusals import refused
 
 
@@ -50,28 +50,28 @@ def test_every_picture_of_a_law_is_drawn_and_its_program_draws_the_same(found, t
 
 
 def test_a_picture_is_chosen_drawn_and_taken_away_and_experiments_are_suggested(page, app, table):
-    open_page(page, app, table, "4 trials of 2 objects")
-    fit_drag(page)
+    page.open(app, table, "4 trials of 2 objects")
+    page.fit_drag()
     assert len(page.find_elements("css selector", "#see .readout")) == 1  # One legend for curves and residuals
-    choose(page, "figure", "profile")
-    choose(page, "figure_object", "Ball 2")
-    page.find_element("id", "draw").click()
-    wait(page, "!$('drawn').hidden && $('picture').naturalWidth > 300")
+    page.choose("figure", "profile")
+    page.choose("figure_object", "Ball 2")
+    page.click("draw")
+    page.wait("!$('drawn').hidden && $('picture').naturalWidth > 300")
     assert page.execute_script("return document.getElementById('picture').naturalWidth") <= 900
     assert "Ball 2" in page.find_element("id", "picture").get_attribute("alt")
-    assert serious(page) == {}
+    assert page.serious() == {}
     program = download(app, page.find_element("id", "figure_py")).decode()
     assert "cl.plots.plot_profile(law, trials, 'g', 'Ball 2')" in program
-    choose(page, "figure", "phase-plane")
-    assert text(page, "drawing") == ""
+    page.choose("figure", "phase-plane")
+    assert page.text("drawing") == ""
     assert not page.find_element("id", "drawn").is_displayed()
-    page.find_element("id", "next_suggest").click()
-    wait(page, "$('next_found').querySelector('h3')")
-    assert "Expected standard errors" in text(page, "next_found")
-    page.find_element("id", "draw").click()
-    wait(page, "!$('drawn').hidden")
-    resize(page, PHONE)
-    assert faults(page) == []
+    page.click("next_suggest")
+    page.wait("$('next_found').querySelector('h3')")
+    assert "Expected standard errors" in page.text("next_found")
+    page.click("draw")
+    page.wait("!$('drawn').hidden")
+    page.resize(PHONE)
+    assert page.faults() == []
 
 
 def test_bars_of_absolute_values_stand_apart_from_parameters():

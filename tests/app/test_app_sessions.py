@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 import commonlaw as cl
-from tests.in_browser import download, faults, fit_drag, offered, open_page, serious, text, wait
+from tests.in_browser import download
 from tests.served import served
 
 
@@ -15,17 +15,17 @@ def test_a_session_is_saved_continued_by_another_app_and_taken_back_until_that_e
 ):
     table = tmp_path / "drops.csv"
     cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05, trials=1).until(2.0).to_csv(table)
-    open_page(page, app, table, "2 trials of 2 objects")
+    page.open(app, table, "2 trials of 2 objects")
     assert not page.find_element("id", "resume").is_displayed()
     name = page.find_element("id", "session_name")
     name.clear()
     name.send_keys("falling balls")
-    page.find_element("id", "session_save").click()
-    wait(page, "$('session_said').textContent.startsWith('Saved')")
-    fit_drag(page)
-    wait(page, "!$('session_undo').hidden")  # The law was saved with it
-    before = text(page, "coefficients")
-    link = offered(page)["coefficients.xlsx"]
+    page.click("session_save")
+    page.wait("$('session_said').textContent.startsWith('Saved')")
+    page.fit_drag()
+    page.wait("!$('session_undo').hidden")  # The law was saved with it
+    before = page.text("coefficients")
+    link = page.files()["coefficients.xlsx"]
     book = pd.read_excel(io.BytesIO(download(app, link)), sheet_name=None, engine="openpyxl")
     assert list(book) == ["objects", "coefficients"]
     law = cl.fit("x'' = -g - c v", cl.Trials.read(table), errors="white", guesses={"g": 1.0, "c": 1.0})
@@ -37,27 +37,27 @@ def test_a_session_is_saved_continued_by_another_app_and_taken_back_until_that_e
     assert file.stat().st_mode & 0o077 == 0 or sessions_folder.stat().st_mode & 0o077 == 0
 
     with served(environment={"COMMONLAW_SESSIONS": str(sessions_folder)}) as later:
-        open_page(page, later)
+        page.open(later)
         page.get_log("browser")  # The page before may have asked the app that has ended
-        wait(page, "!$('resume').hidden")
-        assert "falling balls (drops.csv, " in text(page, "saved_sessions")
-        assert serious(page) == {}
-        page.find_element("id", "session_open").click()
-        wait(page, "!$('result').hidden && $('going').hidden")
-        assert text(page, "coefficients") == before
-        assert page.find_element("id", "equations").get_attribute("value") == "x'' = -g - c v"
-        assert page.find_element("id", "session_name").get_attribute("value") == "falling balls"
-        assert text(page, "command").startswith("commonlaw fit drops.csv")
-        page.find_element("id", "session_undo").click()
-        wait(page, "$('result').hidden && $('session_undo').hidden")
-        assert "2 trials of 2 objects" in text(page, "counts")
-        page.find_element("id", "session_delete").click()
-        wait(page, "$('resume').hidden")
-        page.find_element("id", "session_restore").click()
-        wait(page, "!$('resume').hidden")
-        assert faults(page) == []
+        page.wait("!$('resume').hidden")
+        assert "falling balls (drops.csv, " in page.text("saved_sessions")
+        assert page.serious() == {}
+        page.click("session_open")
+        page.wait("!$('result').hidden && $('going').hidden")
+        assert page.text("coefficients") == before
+        assert page.value("equations") == "x'' = -g - c v"
+        assert page.value("session_name") == "falling balls"
+        assert page.text("command").startswith("commonlaw fit drops.csv")
+        page.click("session_undo")
+        page.wait("$('result').hidden && $('session_undo').hidden")
+        assert "2 trials of 2 objects" in page.text("counts")
+        page.click("session_delete")
+        page.wait("$('resume').hidden")
+        page.click("session_restore")
+        page.wait("!$('resume').hidden")
+        assert page.faults() == []
         assert later.say("POST", f"{later.room}sessions/../../etc")[0] in (404, 405, 422)
         assert later.ask("sessions/0123456789abcdef", "POST")[0] == 422
         assert later.ask("sessions", "POST", {"name": " ", "table": "x", "columns": {}})[0] == 422
-    page.find_element("id", "start").click()
-    assert "Start commonlaw app again" in wait(page, "$('failed').textContent")
+    page.click("start")
+    assert "Start commonlaw app again" in page.wait("$('failed').textContent")

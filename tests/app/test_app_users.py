@@ -5,8 +5,6 @@ import os
 import numpy as np
 import pandas as pd
 
-from tests.in_browser import choose, faults, open_page, text, wait
-
 
 def plate():
     """Four wells of a wide table: two strains with rates of 0.5 and 0.35 per hour and capacities of 1.2 and 0.8."""
@@ -40,30 +38,30 @@ def written(frame, path):
 
 def quantities(page, name):
     """Wait for the quantities of a law; return those that are so called, each with an interval."""
-    wait(page, "!$('result').hidden && $('quantities').tBodies[0].rows.length", 120)
-    head = wait(page, "[...$('quantities').tHead.rows[0].cells].map(each => each.textContent)")
+    page.wait("!$('result').hidden && $('quantities').tBodies[0].rows.length", 120)
+    head = page.wait("[...$('quantities').tHead.rows[0].cells].map(each => each.textContent)")
     column = next(i for i, each in enumerate(head) if each.startswith(name))
-    cells = wait(page, f"[...$('quantities').tBodies[0].rows].map(each => each.cells[{column}].textContent)")
+    cells = page.wait(f"[...$('quantities').tBodies[0].rows].map(each => each.cells[{column}].textContent)")
     assert all(" to " in cell for cell in cells)
     return [float(cell.split(" ± ")[0]) for cell in cells]
 
 
 def test_a_table_leads_to_named_quantities_in_three_clicks(page, app, tmp_path):
     frame, capacities = plate()
-    open_page(page, app, written(frame, tmp_path / "plate.csv"), "plate.csv: 4 trials")
-    page.find_element("id", "start").click()
+    page.open(app, written(frame, tmp_path / "plate.csv"), "plate.csv: 4 trials")
+    page.click("start")
     np.testing.assert_allclose(quantities(page, "carrying capacity"), capacities, rtol=0.03)
 
     frame, half_lives = drug()
-    page.find_element("id", "file").send_keys(os.fspath(written(frame, tmp_path / "drug.csv")))
-    wait(page, "$('counts').textContent.includes('drug.csv: 6 trials')")
+    page.type("file", os.fspath(written(frame, tmp_path / "drug.csv")))
+    page.wait("$('counts').textContent.includes('drug.csv: 6 trials')")
     page.find_element("css selector", "#write summary").click()
     model = "model:one-compartment-with-doses"
-    wait(page, f"[...$('write_from').querySelectorAll('option')].some(each => each.value === '{model}')")
-    choose(page, "write_from", model)
-    wait(page, "$('parameters').children.length || $('equations_problem').textContent")
-    assert text(page, "equations_problem") == ""
-    page.find_element("id", "fit").click()
-    wait(page, "[...$('quantities').tHead.rows].some(each => each.textContent.includes('half-life'))", 120)
+    page.wait(f"[...$('write_from').querySelectorAll('option')].some(each => each.value === '{model}')")
+    page.choose("write_from", model)
+    page.wait("$('parameters').children.length || $('equations_problem').textContent")
+    assert page.text("equations_problem") == ""
+    page.click("fit")
+    page.wait("[...$('quantities').tHead.rows].some(each => each.textContent.includes('half-life'))", 120)
     np.testing.assert_allclose(quantities(page, "half-life"), half_lives, rtol=0.1)
-    assert faults(page) == []
+    assert page.faults() == []
