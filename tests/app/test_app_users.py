@@ -51,6 +51,7 @@ def test_a_table_leads_to_named_quantities_in_three_clicks(page, app, tmp_path):
     page.open(app, written(frame, tmp_path / "plate.csv"), "plate.csv: 4 trials")
     page.click("start")
     np.testing.assert_allclose(quantities(page, "carrying capacity"), capacities, rtol=0.03)
+    page.wait("$('going').hidden")  # So that its process does the fit, too
 
     frame, half_lives = drug()
     page.type("file", os.fspath(written(frame, tmp_path / "drug.csv")))
