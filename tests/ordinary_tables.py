@@ -76,7 +76,7 @@ def growth_in_rows() -> str:
 
 def driven() -> str:
     """Return damped rigs at rest that are pushed by a force, which is switched on and off."""
-    random, t, rows = np.random.default_rng(0), np.linspace(0, 10, 101), list[str]()
+    random, t, rows = np.random.default_rng(0), np.linspace(0, 10, 51), list[str]()
 
     def step(since: np.ndarray, stiffness: float) -> np.ndarray:
         w = np.sqrt(stiffness - DAMPING**2)
@@ -85,7 +85,7 @@ def driven() -> str:
 
     for rig, stiffness in RIGS.items():
         for run, (on, off) in ((1, (1.0, 4.0)), (2, (2.0, 7.0))):
-            x = step(t - on, stiffness) - step(t - off, stiffness) + random.normal(0, 0.002, 101)
+            x = step(t - on, stiffness) - step(t - off, stiffness) + random.normal(0, 0.002, 51)
             F = np.where((t >= on) & (t < off), 1.0, 0.0)
             rows += [f"{rig},{run},{i:.1f},{j:.4f},{force:g}" for i, j, force in zip(t, x, F, strict=True)]
     return "\n".join(["rig,run,t,x,F", *rows])

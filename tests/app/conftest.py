@@ -2,16 +2,18 @@
 
 import pytest
 
+from tests.in_browser import Page
 from tests.served import served
 
 
 @pytest.fixture
 def page(browser):
-    """A browser with an empty log, and what waits for something in its page."""
+    """A page in a browser with an empty log."""
     browser.get("about:blank")
     browser.get_log("browser")
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-    yield browser
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    yield Page(browser)
     browser.get("about:blank")  # A page that asks for an app that has ended takes time of other tests
 
 

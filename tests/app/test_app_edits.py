@@ -8,13 +8,10 @@ import commonlaw as cl
 from commonlaw.app.preview import preview
 from commonlaw.app.question import Columns, Edit, Question, Table
 from commonlaw.law import to_script
-from tests.in_browser import choose, is_fault, open_page, serious, text, wait
+from tests.in_browser import PHONE, SCREEN
 
 TIMES = np.arange(21) / 4
 NOISE = 0.001 * (-1) ** np.arange(21)
-
-
-GET = "document.getElementById"
 
 
 def _plate():
@@ -62,51 +59,48 @@ def test_limits_of_quantification_are_read_by_their_marks():
 def test_the_mouse_excludes_a_range_of_times_and_a_curve_and_changes_are_undone(page, app, tmp_path):
     path = tmp_path / "plate.csv"
     path.write_bytes(_plate().content)
-    open_page(page, app, path)
-    wait(page, "$('counts').textContent.includes('84 samples')")
+    page.open(app, path, "84 samples")
     assert page.find_element("id", "is_wide").get_attribute("checked")
-    page.find_element("id", "exclude_mouse").click()
+    page.click("exclude_mouse")
     plot = page.find_element("css selector", "#forecast_plot .u-over")
     width = plot.size["width"]
     drag = ActionChains(page).move_to_element_with_offset(plot, -width // 4, 0).click_and_hold()
     drag.move_by_offset(width // 4, 5).release().perform()
-    wait(page, "$('edits').children.length === 1")
-    assert text(page, "edits").startswith("Excluded: all objects, time 1.2")
-    assert text(page, "counts") == "plate.csv: 4 trials of 4 objects, 64 samples. States: value."
+    page.wait("$('edits').children.length === 1")
+    assert page.text("edits").startswith("Excluded: all objects, time 1.2")
+    assert page.text("counts") == "plate.csv: 4 trials of 4 objects, 64 samples. States: value."
     plot = page.find_element("css selector", "#forecast_plot .u-over")
     ActionChains(page).move_to_element_with_offset(
         plot, width // 2 - 8, 12 - plot.size["height"] // 2
     ).click().perform()
-    wait(page, "$('edits').children.length === 2")
-    assert "Excluded: A1" in text(page, "edits")
-    assert "3 trials of 3 objects" in text(page, "counts")
-    page.find_element("id", "undo_see").click()
-    wait(page, "$('edits').children.length === 1")
+    page.wait("$('edits').children.length === 2")
+    assert "Excluded: A1" in page.text("edits")
+    assert "3 trials of 3 objects" in page.text("counts")
+    page.click("undo_see")
+    page.wait("$('edits').children.length === 1")
     page.execute_script("document.getElementById('edit').open = true")
     page.execute_script(
         "for (const each of document.getElementById('blanks').options) each.selected = each.value > 'B'"
     )
-    page.find_element("id", "subtract").click()
-    wait(page, "$('counts').textContent.includes('2 trials of 2 objects')")
-    assert "Subtracted as blanks: H1, H2" in text(page, "edits")
-    page.find_element("id", "log").click()
-    assert serious(page) == []
-    choose(page, "edit_object", "A2")
+    page.click("subtract")
+    page.wait("$('counts').textContent.includes('2 trials of 2 objects')")
+    assert "Subtracted as blanks: H1, H2" in page.text("edits")
+    page.click("log")
+    assert page.serious() == {}
+    page.choose("edit_object", "A2")
     for name, value in (("edit_first", "4"), ("edit_last", "5")):
         page.find_element("id", name).send_keys(value)
-    page.find_element("id", "exclude").click()
-    wait(page, "$('edits').children.length === 3")
-    assert "Excluded: A2, time 4 to 5" in text(page, "edits")
+    page.click("exclude")
+    page.wait("$('edits').children.length === 3")
+    assert "Excluded: A2, time 4 to 5" in page.text("edits")
     page.execute_script("document.body.focus()")
     page.find_element("css selector", "body").send_keys("\ue009z\ue000")
-    wait(page, "$('edits').children.length === 2")
+    page.wait("$('edits').children.length === 2")
     page.execute_script("document.getElementById('is_wide').click()")
-    wait(page, "!$('is_wide').checked && $('problem').textContent")
-    for width in (390, 1440):
-        window = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width == 390}
-        page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
-        assert page.execute_script("return document.documentElement.scrollWidth") <= width
-    assert [each for each in page.get_log("browser") if is_fault(each)] == []
+    page.wait("!$('is_wide').checked && $('problem').textContent")
+    for width in (PHONE, SCREEN):
+        page.resize(width)
+    assert page.faults() == []
 
 
 @pytest.mark.parametrize("edit", [Edit(object="Z9"), Edit(blanks=("A1", "A2", "H1", "H2"))])

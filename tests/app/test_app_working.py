@@ -3,82 +3,83 @@
 import os
 import sys
 import time
+import warnings
 
 import psutil
-import pytest
 
 from commonlaw.app.working import Work, prepare
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import Stage
 
 
+def ended(*tasks):
+    """Return work that was begun at once when it has ended and its process is kept or gone."""
+    begun: list[Work] = [Work(task) for task in tasks]
+    for work in begun:
+        work._listener.join(60)
+    return begun
+
+
 def fails(show):
     show("counting")
-    yield 1
+    yield os.getpid()
     raise CommonlawError("time-missing", columns=["a"])
 
 
 def dies(show):
     show(Stage("counting", 0.5))
     show("counting again")
-    yield 1
+    yield os.getpid()
     os._exit(3)
 
 
-@pytest.mark.parametrize(
-    ("task", "failure", "done", "stages"),
-    [
-        (
-            fails,
-            "which column holds the time? Name it with 'time' under Columns; columns: a",
-            None,
-            ["starting", "counting"],
-        ),
-        (dies, "ended by itself, with code 3", 0.5, ["starting", "counting", "counting again"]),
-    ],
-)
-def test_what_was_made_stays_when_work_fails(task, failure, done, stages):
-    work = Work(task)
-    until = time.monotonic() + 60
-    while work.is_running and time.monotonic() < until:
-        time.sleep(0.05)
-    told = work.state()
-    assert failure in told["failure"]
-    assert (work.made, told["made"], told["running"]) == (1, 1, False)
-    assert ([what for what, _ in told["stages"]], told["done"]) == (stages, done)
-    work.cancel()  # changes nothing any more
-    assert work.state()["failure"] == told["failure"]
-
-
 def waits(_):
-    yield 1
+    yield os.getpid()
     time.sleep(1000)
+
+
+def warns(_):
+    warnings.warn("of this task", stacklevel=1)
+    yield os.getpid(), "commonlaw.discovery" in sys.modules
+
+
+def test_what_was_made_stays_when_work_fails_or_its_process_dies():
+    (failed,) = ended(fails)
+    (died,) = ended(dies)
+    for work, failure, done, stages in (
+        (failed, "Name it with 'time' under Columns; columns: a", None, ["counting"]),
+        (died, "ended by itself, with code 3", 0.5, ["counting", "counting again"]),
+    ):
+        state = work.state()
+        assert failure in state["failure"]
+        assert (state["made"], state["running"], state["done"]) == (1, False, done)
+        assert [what for what, _ in state["stages"]] == ["starting", *stages]
+        work.cancel()  # changes nothing any more
+        assert work.state()["failure"] == state["failure"]
+    assert failed.made == died.made  # A process that has ended its work does the next
+    assert not psutil.pid_exists(died.made)
 
 
 def test_work_that_is_closed_is_gone_without_a_trace():
     work = Work(waits)
     until = time.monotonic() + 60
     while not work.times_made and time.monotonic() < until:
-        time.sleep(0.05)
+        time.sleep(0.01)
     assert work.is_running
-    process = work._process.pid
     work.close()
     assert work.state()["failure"] == "cancelled"
-    assert not psutil.pid_exists(process)  # nor is it a zombie
+    assert not psutil.pid_exists(work.made)  # nor is it a zombie
 
 
-def imported(_):
-    yield os.getpid(), "commonlaw.discovery" in sys.modules
-
-
-def test_a_process_that_was_prepared_does_the_next_work_only():
+def test_a_process_that_was_prepared_does_the_next_work_and_one_of_those_that_have_ended_theirs_the_work_after_it():
     prepare()
     prepare()
-    ended = [Work(imported) for _ in range(2)]
-    until = time.monotonic() + 60
-    while any(each._listener.is_alive() for each in ended) and time.monotonic() < until:
-        time.sleep(0.05)
-    (first, warm), (second, cold) = (each.made for each in ended)
-    assert (warm, cold) == (True, False)
-    assert first != second
-    assert not any(psutil.pid_exists(each) for each in (first, second))
+    first, second = ended(warns, warns)
+    (after,) = ended(warns)
+    (prepared, is_warm), (new, is_also_warm) = first.made, second.made
+    assert (is_warm, is_also_warm) == (True, False)
+    assert prepared != new
+    assert after.made[0] in (prepared, new)
+    assert all([what for what, _ in work.state()["stages"]] == ["starting", "of this task"] for work in (first, after))
+    ended(dies)
+    assert not any(psutil.pid_exists(process) for process in (prepared, new))

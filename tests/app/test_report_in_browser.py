@@ -1,7 +1,5 @@
 """A report opens in a browser, from disk and without a network; and the check of that sees what is wrong."""
 
-import base64
-import re
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -115,24 +113,3 @@ def test_the_check_sees_what_is_wrong(check_page: CheckPage, tmp_path: Path, bod
     )
     with pytest.raises(AssertionError, match=fault):
         check_page(page)
-
-
-def test_a_report_of_three_objects_prints_on_six_pages_with_title_and_file(browser: Chrome, tmp_path: Path) -> None:
-    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), noise=0.05)
-    learned = drops.select(trial=1)
-    law = cl.discover(learned, order=2, library="poly:1")
-    made = law_report(find(law, drops, learned), title="Balls & <drag>", about="drops.csv, 2026-01-01, SHA-256 0a1b")
-    page = tmp_path / "report.html"
-    page.write_bytes(to_page(made))
-    browser.get(page.as_uri())
-    assert browser.find_element("tag name", "h1").text == "Balls & <drag>"
-    text = browser.find_element("tag name", "body").text
-    assert "drops.csv, 2026-01-01, SHA-256 0a1b" in text
-    assert "In short: the equations say how x changes at every moment" in text
-    assert browser.find_elements("css selector", "#methods math")
-    for width in (390, 1200):
-        window = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width == 390}
-        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
-        assert Axe().run(browser)["violations"] == []
-    printed = base64.b64decode(browser.print_page())
-    assert 1 < len(re.findall(rb"/Type\s*/Page\b", printed)) <= 6

@@ -25,14 +25,23 @@ def tables(tmp_path):
 
 
 @pytest.mark.usefixtures("tables")
-def test_files_without_each_have_one_law_and_so_has_their_folder(run, tmp_path):
+def test_files_without_each_have_one_law_and_so_has_their_folder(run, done, tmp_path):
     (tmp_path / "bad.csv").unlink()
     (tmp_path / "runs").mkdir()
     for i in range(2):
         frame = cl.Trials.read(tmp_path / f"{i}.csv").to_frame()
         frame[["trial", "t", "x"]].to_csv(tmp_path / "runs" / f"ball{i}.csv", index=False)
     code, out, _ = run(
-        "discover", "runs/ball0.csv", "runs/ball1.csv", *QUICK, "--save", "law.json", "--save", "page.html"
+        "discover",
+        "runs/ball0.csv",
+        "runs/ball1.csv",
+        *QUICK,
+        "--set",
+        "solver=group-stlsq:1",
+        "--save",
+        "law.json",
+        "--save",
+        "page.html",
     )
     law = cl.Law.load(tmp_path / "law.json")
     assert (code, law.objects) == (0, ("ball0", "ball1"))
@@ -40,7 +49,7 @@ def test_files_without_each_have_one_law_and_so_has_their_folder(run, tmp_path):
     page = unescape((tmp_path / "page.html").read_text())
     assert "cl.Trials.read(['runs/ball0.csv', 'runs/ball1.csv']" in re.sub("<[^>]*>", "", page)
     assert run("data", "check", "runs", "--state", "x")[1].startswith("runs: 4 trials of 2 objects")
-    assert run("check", "runs", "law.json")[0] == 0
+    done("check", "runs", "law.json")
 
 
 @pytest.mark.usefixtures("tables")
@@ -74,7 +83,7 @@ def test_each_file_has_its_law_and_a_bad_one_says_what_is_wrong(run, tmp_path):
 @pytest.mark.usefixtures("tables")
 def test_where_no_file_has_a_law_the_command_fails_and_the_table_says_why(run, tmp_path):
     pytest.importorskip("pyarrow")
-    code, _, err = run("discover", "bad.csv", "none.csv", "--each", "--save", "r.parquet")
+    code, _, err = run("discover", "bad.csv", "none.csv", "--each", "--set", "n_jobs=1", "--save", "r.parquet")
     assert (code, err) == (1, "commonlaw: no file has a law\n")
     errors = pd.read_parquet(tmp_path / "r.parquet")["error"].tolist()
     assert "--state ..." in errors[0]  # in the words of the command line
@@ -93,9 +102,10 @@ def test_what_does_not_go_together_is_refused(run, words, said):
     assert (code, said in " ".join(err.split())) == (2, True)
 
 
-def test_a_table_of_another_format_is_refused_before_anything_is_done(run):
-    code, _, err = run("discover", "a.csv", "--each", "--save", "r.ods")
-    assert (code, "commonlaw: r.ods: the ending says what is written" in err) == (1, True)
+def test_a_table_of_another_format_is_refused_before_anything_is_done(fails):
+    assert "commonlaw: r.ods: the ending says what is written" in fails(
+        "discover", "a.csv", "--each", "--save", "r.ods"
+    )
 
 
 def _piece(number):

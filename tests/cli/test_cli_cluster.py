@@ -37,34 +37,33 @@ def test_files_of_a_pattern_give_one_law(run, tmp_path):
     np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-9)
 
 
-def test_a_law_in_mind_is_fitted_by_workers(run, tmp_path):
+def test_a_law_in_mind_is_fitted_by_workers(done, fails, tmp_path):
     drops = cl.datasets.linear_drag(drag=(-0.2, -0.6), noise=0.01, trials=3)
     for name in drops.objects:
         drops.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
     words = ["Ball *.parquet", "--noise", "x=0.01", "--set", "errors=white", "--cluster", "local:2"]
-    code, out, err = run("fit", words[0], "x'' = -g - c v", *words[1:], "--hold-out", "trial=3", "--save", "law.json")
-    assert code == 0, err
-    assert "Forecasts of 2 held-out trials of 2 objects" in out
+    assert "Forecasts of 2 held-out trials of 2 objects" in done(
+        "fit", words[0], "x'' = -g - c v", *words[1:], "--hold-out", "trial=3", "--save", "law.json"
+    )
     law = cl.Law.load(tmp_path / "law.json")
     expected = cl.fit("x'' = -g - c v", drops.select(trial=["1", "2"]), noise={"x": 0.01}, errors="white")
     np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-7)
-    code, out, err = run("refine", words[0], "law.json", *words[1:], "--save", "refined.json")
-    assert code == 0, err
+    done("refine", words[0], "law.json", *words[1:], "--save", "refined.json")
     refined, expected = cl.Law.load(tmp_path / "refined.json"), cl.refine(law, drops, noise={"x": 0.01}, errors="white")
     np.testing.assert_allclose(refined.coefficients, expected.coefficients, rtol=1e-7)
-    code, _, err = run("fit", words[0], "x'' = -g - c v", *words[1:], "--initial-value", "x=1")
-    assert (code, "--initial-value with a stream of files: leave it out" in err) == (2, True)
+    assert "--initial-value with a stream of files: leave it out" in fails(
+        "fit", words[0], "x'' = -g - c v", *words[1:], "--initial-value", "x=1", code=2
+    )
 
 
-def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(run, tmp_path):
+def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(done, tmp_path):
     drops = cl.datasets.linear_drag(drag=(*np.linspace(-0.2, -0.3, 59), -0.6), trials=1, noise=0.001)
     properties = {name: {"mass": float(i + 1)} for i, name in enumerate(drops.objects)}
     drops = cl.Trials(drops.trials, drops.schema, properties)
     for i in (0, 30):
         drops.select(object=list(drops.objects[i : i + 30])).to_parquet(tmp_path / f"{i}.parquet")
     words = ["*.parquet", "--order", "2", "--library", "terms:1,v", "--method", "derivative-regression"]
-    code, out, err = run("discover", *words, "--cluster", "local:2", "--save", "r.csv", "--property", "mass")
-    assert code == 0, err
+    out = done("discover", *words, "--cluster", "local:2", "--save", "r.csv", "--property", "mass")
     rows = [line.split() for line in out.splitlines()]
     medians = next(row for row in rows if row[:1] == ["median"])
     outlying = rows[next(i for i, row in enumerate(rows) if "farthest" in row and "by" in row) + 2]
@@ -74,23 +73,12 @@ def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(
     assert float(medians[2]) == pytest.approx(table[table["term"] == "v"]["value"].median(), rel=1e-3)
 
 
-def test_a_law_of_each_file_is_found_by_workers(run, tmp_path):
+def test_a_law_of_each_file_is_found_by_workers(run, done, tmp_path):
     cl.datasets.linear_drag(drag=(-0.2,), noise=0.01, trials=2).to_csv(tmp_path / "0.csv")
     (tmp_path / "bad.csv").write_text("t,x\n0,1\n1,two\n")
-    words = [
-        "0.csv",
-        "bad.csv",
-        "--each",
-        "--order",
-        "2",
-        "--library",
-        "poly:1",
-        "--state",
-        "x",
-        "--set",
-        "solver=stlsq:0.1",
-    ]
-    assert run("discover", *words, "--save", "here.parquet")[0] == 0
+    question = ["--order", "2", "--library", "poly:1", "--state", "x", "--set", "solver=stlsq:0.1"]
+    words = ["0.csv", "bad.csv", "--each", *question]
+    done("discover", *words, "--save", "here.parquet", "--set", "n_jobs=1")
     code, out, _ = run("discover", *words, "--save", "there.parquet", "--cluster", "local:2")
     assert (code, out.splitlines()[-2:]) == (0, ["1 law in 2 files", "Wrote there.parquet"])
     pd.testing.assert_frame_equal(pd.read_parquet("there.parquet"), pd.read_parquet("here.parquet"))

@@ -15,11 +15,10 @@ def drops(tmp_path):
 
 
 @pytest.mark.usefixtures("drops")
-def test_a_saved_law_is_given_the_drag_that_it_lacks_and_forecasts_with_it(run, tmp_path):
-    assert run("fit", "drops.csv", "x'' = -g", "--save", "law.json")[0] == 0
+def test_a_saved_law_is_given_the_drag_that_it_lacks_and_forecasts_with_it(run, done, fails, tmp_path):
+    done("fit", "drops.csv", "x'' = -g", "--save", "law.json")
     given = ("drops.csv", "law.json", "--of", "v", "--noise", "x=0.05")
-    code, out, err = run("discrepancy", *given, "--save", "with.json", "--save", "discrepancy.svg")
-    assert code == 0, err
+    out = done("discrepancy", *given, "--save", "with.json", "--save", "discrepancy.svg")
     assert out.startswith("Discrepancy: x'' = law + f(v), 2 log B = ")
     assert "Terms in place of the function" in out
     assert (tmp_path / "discrepancy.svg").stat().st_size > 0
@@ -28,13 +27,8 @@ def test_a_saved_law_is_given_the_drag_that_it_lacks_and_forecasts_with_it(run, 
         for how in ([], ["--discrepancy"])
     ]
     assert scores[0] < 0.9999 < scores[1]
-    code, out, _ = run("discrepancy", *given, "--zero-at", "none", "--json")
-    assert (json.loads(out)["claimed"], json.loads(out)["zero at"], json.loads(out)["holds nothing of"]) == (
-        True,
-        None,
-        ["1"],
-    )
-    code, _, err = run("discrepancy", "drops.csv", "law.json", "--zero-at", "rest")
-    assert (code, "--zero-at rest: give a number, 'none' or 'auto'" in err) == (1, True)
-    code, _, err = run("predict", "drops.csv", "law.json", "--discrepancy")
-    assert (code, "help discrepancy-missing]" in err) == (1, True)
+    found = json.loads(done("discrepancy", *given, "--zero-at", "none", "--json"))
+    assert (found["claimed"], found["zero at"], found["holds nothing of"]) == (True, None, ["1"])
+    refusal = fails("discrepancy", "drops.csv", "law.json", "--zero-at", "rest")
+    assert "--zero-at rest: give a number, 'none' or 'auto'" in refusal
+    assert "help discrepancy-missing]" in fails("predict", "drops.csv", "law.json", "--discrepancy")

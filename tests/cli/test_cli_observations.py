@@ -12,18 +12,6 @@ SATURATING = "x' = -k x; signal = c x (1 + x) + b; x(0) = 1"
 LINEAR = "x' = -k x; signal = c x + b; x(0) = 1"
 
 
-@pytest.fixture
-def done(run):
-    """Run a command that succeeds; return what it prints."""
-
-    def call(*words):
-        code, out, err = run(*words)
-        assert code == 0, err
-        return out
-
-    return call
-
-
 def test_laws_with_observation_equations_are_fitted_compared_refined_and_forecast(done, tmp_path):
     frame = trials_of({"A": (T, SIGNAL), "B": (T, OTHER)}, ["signal"]).to_frame()
     frame.assign(other=1.0).to_csv(tmp_path / "cells.csv", index=False)
@@ -41,7 +29,7 @@ def test_laws_with_observation_equations_are_fitted_compared_refined_and_forecas
 
 
 def test_parameters_are_shared_by_column(done, tmp_path):
-    trials = by_trial(25, (0.4, 0.8, 0.4), T=(20.0, 30.0, 20.0))
+    trials = by_trial(25, (0.4, 0.8, 0.4), T=(20.0, 30.0, 20.0)).until(3.0)
     trials.to_frame().to_csv(tmp_path / "cells.csv", index=False)
     shared = ("--trial", "trial", "--shared", "a", "--shared", "k=T")
     done("fit", "cells.csv", "x' = -k x; y = x + b; x(0) = a", *shared, "--save", "law.json")

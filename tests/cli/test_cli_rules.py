@@ -119,7 +119,7 @@ READ_AND_WRITTEN = [
     ("words", "read", "written", "link"),
     [*((*each, None) for each in READ_AND_WRITTEN), *((*READ_AND_WRITTEN[0], each) for each in (os.symlink, os.link))],
 )
-def test_what_is_read_is_never_written_over(run, tmp_path, monkeypatch, words, read, written, link):
+def test_what_is_read_is_never_written_over(fails, tmp_path, monkeypatch, words, read, written, link):
     for name in ("x.json", "y.csv"):
         (tmp_path / name).write_text("others")
     (tmp_path / "of mine").mkdir()
@@ -131,8 +131,7 @@ def test_what_is_read_is_never_written_over(run, tmp_path, monkeypatch, words, r
     monkeypatch.setattr(ALL[words], "callback", lambda **_: pytest.fail("work was started"))
     source = f"of mine/{file}"
     rest = needed(ALL[words], (written,), read, source)
-    code, _, err = run(*words, *rest, written.opts[0], "link.svg" if link else path)
-    assert code == 1
+    err = fails(*words, *rest, written.opts[0], "link.svg" if link else path)
     assert "it is read here too" in err or (link is os.link and "one file under several names" in err)
     assert (tmp_path / "of mine" / file).read_text() == "read"
 
@@ -165,11 +164,10 @@ def test_conditions_on_the_same_name_all_count(run, tmp_path, monkeypatch, optio
     "given",
     [("--noise", "x=1", "x=2"), ("--known", "1=1", "1=2"), ("--set", "seed=1", "seed=2"), ("--noise", "x=1", "x = 1")],
 )
-def test_two_values_for_one_name_are_refused(run, tmp_path, given):
+def test_two_values_for_one_name_are_refused(fails, tmp_path, given):
     DROPS.to_csv(tmp_path / "drops.csv")
     name, one, other = given
-    code, _, err = run("discover", "drops.csv", name, one, name, other)
-    assert code == 2
+    err = fails("discover", "drops.csv", name, one, name, other, code=2)
     assert re.search(r"twice.*: give it once", " ".join(err.split()))
 
 
@@ -216,9 +214,10 @@ def test_words_are_completed(run, monkeypatch):
     assert run()[1].split()[0] == "file"
 
 
-def test_words_that_are_no_text_are_refused_by_name(run):
-    code, _, err = run("discover", "a.csv", "--object-name", "b\udcff")
-    assert (code, "--object-name: 'b\\udcff' is not text in UTF-8" in err) == (2, True)
+def test_words_that_are_no_text_are_refused_by_name(run, fails):
+    assert "--object-name: 'b\\udcff' is not text in UTF-8" in fails(
+        "discover", "a.csv", "--object-name", "b\udcff", code=2
+    )
     assert run("compare", "a.csv", "x' = b\udcff", "x' = 1")[0] == 2
 
 

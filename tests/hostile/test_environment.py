@@ -43,25 +43,23 @@ def test_a_back_end_that_matplotlib_does_not_know_is_refused_before_any_work(fol
     assert not (folder / "new.json").exists()
 
 
-GONE = {
-    ("data", "check", "drops.csv"): "there is no file 'drops.csv' in '.': check the name",
-    (
-        "data",
-        "export",
-        "dataset:linear-drag",
-        "--save",
-        "new.csv",
-    ): "cannot write new.csv: No such file or directory; choose a folder",
-}
-
-
-@pytest.mark.parametrize("arguments", GONE)
-def test_a_working_folder_that_is_gone_is_said(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("data check drops.csv", "there is no file 'drops.csv' in '.': check the name"),
+        (
+            "data export dataset:linear-drag --save new.csv",
+            "cannot write new.csv: No such file or directory; choose a folder",
+        ),
+    ],
+)
+def test_a_working_folder_that_is_gone_is_said(tmp_path: Path, arguments: str, message: str) -> None:
     (tmp_path / "gone").mkdir()
     script = "import os, sys; os.rmdir(os.getcwd()); from commonlaw.cli import main; main()"
-    ended = subprocess.run([sys.executable, "-c", script, *arguments], cwd=tmp_path / "gone", capture_output=True)
+    command = [sys.executable, "-c", script, *arguments.split()]
+    ended = subprocess.run(command, cwd=tmp_path / "gone", capture_output=True)
     assert (ended.returncode, ended.stdout) == (1, b"")
-    assert ended.stderr.decode().startswith(f"commonlaw: {GONE[arguments]}")
+    assert ended.stderr.decode().startswith(f"commonlaw: {message}")
 
 
 @pytest.mark.slow

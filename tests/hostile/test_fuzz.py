@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tests.hostile.cases import KINDS
 
-CASES = 3
+CASES = 2
 """Of each kind."""
 
 

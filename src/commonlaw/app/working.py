@@ -36,7 +36,7 @@ Begun = tuple[BaseProcess, Connection]
 
 
 class _Ready:
-    """A process that waits for the next task, if one was prepared: it has imported what a search takes."""
+    """A process that waits for the next task: one that was prepared, or has done its task; it need not import again."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -47,6 +47,14 @@ class _Ready:
         with self._lock:
             if self._waiting is None or not self._waiting[0].is_alive():
                 self._waiting = begun(_work, *_HEAVY)
+
+    def keep(self, process: Begun) -> bool:
+        """Let a process that has done its task wait for the next one; return False if another one waits."""
+        with self._lock:
+            if self._waiting is not None and self._waiting[0].is_alive():
+                return False
+            self._waiting = process
+            return True
 
     def taken(self) -> Begun:
         """Return the process that waits, and let none wait; a new one if there is none."""
@@ -61,7 +69,7 @@ prepare = _READY.prepare
 
 @dataclass(eq=False)
 class Work(Generic[T]):
-    """A task that goes on or has ended; a thread takes in what its process says, and sees the process off."""
+    """A task that goes on or has ended; a thread takes in what its process says, and then keeps it or sees it off."""
 
     task: Task[T]
     stages: list[tuple[str, float]] = field(default_factory=list)
@@ -77,6 +85,7 @@ class Work(Generic[T]):
     def __post_init__(self) -> None:
         self.stages.append(("starting", time()))
         self._lock = Lock()
+        self._is_process_intact = True
         self._process, self._connection = _READY.taken()
         self._listener = Thread(target=self._listen, daemon=True)
         self._listener.start()
@@ -86,7 +95,7 @@ class Work(Generic[T]):
         with self._lock:
             if self.is_running:
                 self._process.kill()  # before its connection is closed, of which it would complain
-                self.failure, self.is_running = "cancelled", False
+                self.failure, self.is_running, self._is_process_intact = "cancelled", False, False
 
     def close(self) -> None:
         """End it now, and wait until its process is gone."""
@@ -106,17 +115,20 @@ class Work(Generic[T]):
             return {"running": self.is_running, "failure": self.failure} | steps
 
     def _listen(self) -> None:
-        with self._connection:
-            with suppress(OSError):  # what has ended already takes no task
-                self._connection.send(self.task)
-            while self.is_running:
-                try:
-                    kind, value = self._connection.recv()
-                except (EOFError, OSError, pickle.UnpicklingError):
-                    self._process.join(_SECONDS_TO_END)
-                    code = self._process.exitcode
-                    kind, value = "end", f"the work ended by itself, with code {code}: there may be too little memory"
-                self._take(kind, value)
+        with suppress(OSError):  # what has ended already takes no task
+            self._connection.send(self.task)
+        while self.is_running:
+            try:
+                kind, value = self._connection.recv()
+            except (EOFError, OSError, pickle.UnpicklingError):
+                self._is_process_intact = False
+                self._process.join(_SECONDS_TO_END)
+                code = self._process.exitcode
+                kind, value = "end", f"the work ended by itself, with code {code}: there may be too little memory"
+            self._take(kind, value)
+        if self._is_process_intact and _READY.keep((self._process, self._connection)):
+            return
+        self._connection.close()
         self._process.join(_SECONDS_TO_END)
         self._process.kill()
         self._process.join()
@@ -136,24 +148,32 @@ class Work(Generic[T]):
 
 
 def _work(connection: Connection, *modules: str) -> None:
-    """Import modules, take a task, work, and say how far it has come; the main function of the process."""
-
+    """Import modules, and do tasks as they come; the main function of the process."""
     end_with_parent()
     for module in modules:
         if find_spec(module) is not None:
             import_module(module)
+    try:
+        while True:
+            _do(connection.recv(), connection)
+    except (EOFError, ConnectionError):  # nobody waits for it any more
+        pass
+
+
+def _do(task: Task[Any], connection: Connection) -> None:
+    """Do a task, and say how far it has come, what it has made, and its end."""
 
     def show(stage: str) -> None:
         connection.send(("stage", (str(stage), time(), getattr(stage, "done", None))))
 
-    warnings.showwarning = lambda text, *_, **__: show(text_in_page(str(text)))
-    try:
-        for made in connection.recv()(show):
-            connection.send(("made", made))
-        connection.send(("end", ""))
-    except (EOFError, ConnectionError):  # nobody waits for it any more
-        pass
-    except CommonlawError as error:
-        connection.send(("end", message(error)))
-    except MemoryError:
-        connection.send(("end", "there is not enough memory for this: take fewer trials or a smaller library"))
+    with warnings.catch_warnings():  # Each task has all its warnings: what was shown of another one is forgotten
+        warnings.showwarning = lambda text, *_, **__: show(text_in_page(str(text)))
+        try:
+            for made in task(show):
+                connection.send(("made", made))
+            failure = ""
+        except CommonlawError as error:
+            failure = message(error)
+        except MemoryError:
+            failure = "there is not enough memory for this: take fewer trials or a smaller library"
+    connection.send(("end", failure))
