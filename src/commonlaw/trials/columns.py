@@ -29,8 +29,8 @@ Column = NDArray[Any]
 
 _POINT = re.compile(r"^[+-]?(0|\d{4,})?\.|\.(?!\d{3}$)")
 """A point that groups no thousands."""
-_INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|index|level_\d+")
-"""What pandas calls an index that has no name; the first of these it calls nothing else."""
+_INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|index|level_\d+|row[._ ]?(names?|id)|\.{3}\d+", re.IGNORECASE)
+"""What pandas and R call an index that has no name; the first of these is called nothing else."""
 
 
 def _plain(value: object) -> object:
@@ -158,12 +158,12 @@ class Table:
         )
 
     def is_index(self, name: str) -> bool:
-        """Say whether a column is an index that pandas stored and nobody named, and not measured."""
+        """Say whether a column numbers the rows, as one that pandas or R stored and nobody named, and not measured."""
         if not _INDEX.fullmatch(name):
             return False
         parsed = self._parsed(name) if name in self.loose else None
         values = parsed.values if isinstance(parsed, Numerals) else self.columns[name]
-        return name.startswith("__index_level_") or (values.dtype.kind in "iuf" and _counts(values))
+        return name.startswith("__index_level_") or (values.dtype.kind in "iuf" and _numbers_rows(values))
 
     def _cells(self, name: str) -> list[str]:
         """Return the cells of a column of text without blanks around them; empty ones are empty texts."""
@@ -252,7 +252,7 @@ def filled_table(
     titles = [headers[i] for i in used]
     if len(used) > 1 and not titles[0].strip():
         first = numerals(columns[used[0]], Notation())
-        if isinstance(first, Unreadable) or _counts(first.values):  # Words, or numbers of rows
+        if isinstance(first, Unreadable) or _numbers_rows(first.values):  # Words, or numbers of rows
             # As pandas calls a first column without a header
             titles[0] = "Unnamed: 0"
     names, units = split_headers(source, titles)
@@ -264,8 +264,9 @@ def filled_table(
     return Table(source, arrays, units, *where, loosely)
 
 
-def _counts(values: Column) -> bool:
-    return bool(np.all(values == np.round(values)) and np.all(np.diff(values) > 0))
+def _numbers_rows(values: Column) -> bool:
+    """Say whether numbers are whole and none is there twice, as those of rows are in whatever order."""
+    return bool(np.all(values == np.round(values)) and len(np.unique(values)) == len(values))
 
 
 def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:

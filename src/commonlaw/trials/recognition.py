@@ -58,7 +58,7 @@ _DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc 
 _VELOCITIES = _vocabulary("v w")
 """Names next to which u is another velocity, and not an input."""
 _MEAN = _vocabulary("mean avg average")
-_ROW_NUMBER = _vocabulary("no nr number index row record line obs observation point")
+_ROW_NUMBER = _vocabulary("no nr number id index row record line obs observation point")
 
 _OF_TIME = {"[time]": 1.0}
 _CLOCK = re.compile(r"\W*\d[\d\W_]*(T\d[\d\W]*Z?)?([ap]m)?\W*", re.IGNORECASE)
@@ -204,7 +204,7 @@ def _is_even(table: Table, name: str, names: Sequence[str]) -> bool:
         return False
     others = [column for column in names if column != name and table.is_numeric(column)]
     is_count = bool(step == 1 and values[0] in (0, 1))
-    return not (is_count and any((np.diff(readable(table, column)) > 0).all() for column in others))
+    return not (is_count and (table.is_index(name) or any((np.diff(readable(table, c)) > 0).all() for c in others)))
 
 
 def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
@@ -346,7 +346,10 @@ def increase_within(codes: Codes, times: Floats) -> bool:
 
 
 def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes) -> list[str]:
-    """Return columns of numbers that are further times or row numbers, by name, and increase with the times."""
+    """Return columns of numbers that are further times or row numbers, and increase with the times.
+
+    They are called so, or count on by one from row to row and from run to run.
+    """
     order = np.lexsort((times, runs))
     same = np.diff(runs[order]) == 0
 
@@ -356,7 +359,8 @@ def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes)
     clocks = [
         name
         for name in names
-        if (is_called(name, _TIME | _ROW_NUMBER) or _dimensions(table, name) == _OF_TIME) and increases(name)
+        if (is_called(name, _TIME | _ROW_NUMBER) or _dimensions(table, name) == _OF_TIME or counts_on(name))
+        and increases(name)
     ]
     return clocks if len(clocks) < len(names) else []
 
@@ -390,6 +394,9 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     cells = {name: readable(table, name) for name in names}
     known = {name: values[np.isfinite(values)] for name, values in cells.items()}
     spans = {name: float(np.ptp(values)) or 1.0 if len(values) else 1.0 for name, values in known.items()}
+    def counts_on(name: str) -> bool:
+        return not same.all() and bool((np.diff(readable(table, name)) == 1).all())
+
     digits = {name: last_digit(values) / spans[name] for name, values in cells.items()}
     noise = {name: _noise(values, trials) / spans[name] for name, values in cells.items()}
     # Estimates of white noise are alike by all orders of differences that leave nothing of a course

@@ -167,7 +167,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         if "inputs" not in roles:
             for name, reason in input_columns(table, numbers, times, trials).items():
                 inputs += take([name], reason)
-    notes = [f"columns left out, as indices of pandas without a name: {', '.join(indices)}"] if indices else []
+    notes = [f"columns left out, as they number the rows: {', '.join(indices)}"] if indices else []
     notes += [f"{name}: empty cells are amounts of zero" for name in inputs if np.isnan(readable(table, name)).any()]
     notes += map(note_on_pulses, pulsed_inputs(table, inputs, trials))
     if not states:
