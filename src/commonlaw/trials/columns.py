@@ -2,7 +2,6 @@
 
 import numbers
 import re
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
@@ -15,8 +14,8 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted
-from commonlaw.trials.cells import Notation, Numerals, Unreadable, is_meant_as_number, is_missing, numerals
-from commonlaw.trials.headers import find_name, known_unit, plain, split_headers
+from commonlaw.trials.cells import Notation, Numerals, Unreadable, are_meant_as_numbers, is_missing, numerals
+from commonlaw.trials.headers import find_name, known_unit, label, plain, split_headers
 from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.trial import nearest
 
@@ -90,9 +89,7 @@ class Table:
         parsed = self._parsed(name)
         if not isinstance(parsed, Unreadable):
             return not np.isnan(parsed.values).all()
-        cells = [cell for cell in self._cells(name) if cell and not is_missing(cell)]
-        counts = Counter(cells)
-        return sum(count for cell, count in counts.items() if is_meant_as_number(cell)) > 0.5 * len(cells)
+        return are_meant_as_numbers([cell for cell in self._cells(name) if cell and not is_missing(cell)])
 
     def numbers(self, name: str, *, missing: bool = False) -> Floats:
         """Return a column as numbers, shape (n,), NaN where a cell is empty if it may be `missing`."""

@@ -35,9 +35,10 @@ _MONTH = rf"({'|'.join(_MONTHS)})[a-z]{{0,6}}\.?"
 _NAMED = re.compile(rf"(?:(\d{{1,2}})\.?[ -]{_MONTH}|{_MONTH} (\d{{1,2}}),?)[ -](\d{{2,4}})", re.ASCII | re.IGNORECASE)
 """31-Mar-2020, 31 March 2020, Mar 31, 2020."""
 _DURATION = re.compile(
-    r"(-)?(?:(\d+) days?,? ?)?(\d+):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?(?: ?([ap])\.?m\.?)?", re.ASCII | re.IGNORECASE
+    r"(-)?(?:(\d+) days?,? ?)?(\d+)(?::(\d\d)(?::(\d\d)(?:[.,](\d+))?)?|(?= ?[ap]\.?m))(?: ?([ap])\.?m\.?)?",
+    re.ASCII | re.IGNORECASE,
 )
-"""1:30:00, 26:10:05.25, 1 day 2:10:05, 1:30:00 PM; and 1:30, which may be hours or minutes."""
+"""1:30:00, 26:10:05.25, 1 day 2:10:05, 1:30:00 PM, 1 PM; and 1:30, which may be hours or minutes."""
 _MINUTES = re.compile(r"(-)?()()(\d+):([0-5]\d)[.,](\d+)()", re.ASCII)
 """1:30.5: minutes and seconds, as spreadsheets show them."""
 _DAY = 86_400.0
@@ -177,7 +178,7 @@ def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
             values[row] = cell.total_seconds()
             continue
         match = _MINUTES.fullmatch(cell) or _DURATION.fullmatch(cell) if isinstance(cell, str) else None
-        if match is None or (int(match[4]) > 59 and match[3]) or int(match[5] or 0) > 59:
+        if match is None or (int(match[4] or 0) > 59 and match[3]) or int(match[5] or 0) > 59:
             raise _no_date(table, name, int(row), "a time such as 12:30:05")
         sign, days, hours, minutes, seconds, fraction, half = match.groups()
         if seconds is None and half is None and pairs is None:
@@ -186,7 +187,7 @@ def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
             )
         if seconds is None and half is None and pairs == "m:ss":
             hours, minutes, seconds = "0", hours, minutes
-        whole = _DAY * int(days or 0) + 3600 * _hours(hours or "0", half) + 60 * int(minutes) + int(seconds or 0)
+        whole = _DAY * int(days or 0) + 3600 * _hours(hours or "0", half) + 60 * int(minutes or 0) + int(seconds or 0)
         values[row] = (-1.0 if sign else 1.0) * (whole + float(f"0.{fraction or 0}"))
     return values
 
