@@ -143,6 +143,15 @@ class Table:
         renumbered = np.array([numbered.get(value, -1) for value in read_values] + [-1])
         return renumbered[codes], values
 
+    def joined(self, name: str | None) -> "Table":
+        """Return the table with a column of the cells of several that its name lists: ``strain, dose``."""
+        names = (name or "").split(", ")
+        if name in self.columns or len(names) < 2 or not self.columns.keys() >= {*names}:
+            return self
+        cells = [[label(cell) for cell in self.columns[part].tolist()] for part in names]
+        texts = np.array([", ".join(parts) if all(parts) else "" for parts in zip(*cells, strict=True)], dtype=object)
+        return replace(self, columns={**self.columns, ", ".join(names): texts})
+
     def taken(self, rows: Codes) -> "Table":
         """Return the table of some of the rows, by their indices."""
         return replace(

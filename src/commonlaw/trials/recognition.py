@@ -210,10 +210,12 @@ def _is_even(table: Table, name: str, names: Sequence[str]) -> bool:
 def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
     """Return the column of these that names the objects, None if there is no such; refuse several that are as likely.
 
+    Where a column labels trials, several that separate times only together name them together, see `Table.joined`.
+
     It is the one of text, but for what names trials, or of whole numbers that are called like an individual; a column
     that another one determines is a property. Without such, it is the one of numbers that separates times which repeat.
     """
-    able = [name for name in names if is_label(table, name, times)]
+    able = [name for name in names if is_label(table, name, times) and not _holds_clocks(table, name)]
     texts = [name for name in able if not table.is_numeric(name)]
     numbers = [name for name in able if name not in texts and is_called(name, _OBJECT - TRIAL)]
     pool = [name for name in texts if not is_called(name, TRIAL)] or texts
@@ -235,6 +237,9 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
             return likely[0]
     if not finest:
         return _separating_column(table, times, names)
+    trials = [table.encoded(name)[0] for name in able if is_called(name, TRIAL) and name not in finest]
+    if any(_separate(times, trial, *(codes[name] for name in finest)) for trial in trials):
+        return ", ".join(finest)
     first, second = finest[:2]
     raise CommonlawError("object-ambiguous", where=table.source, columns=finest, first=first, second=second)
 
@@ -263,6 +268,33 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
         if finest:
             return finest[0] if len(finest) == 1 else None
     return None
+
+
+def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Codes) -> list[str]:
+    """Return columns of conditions that separate times which repeat within groups of rows; none if all do not.
+
+    A condition does not change while time increases, or is text or counts.
+    """
+    if increase_within(groups, times):
+        return []
+    codes = {name: table.encoded(name)[0] for name in names}
+    for name, code in tuple(codes.items()):
+        is_held = (np.diff(times)[np.diff(code) != 0] <= 0).all()
+        if code.min() < 0 or 3 * code.max() >= len(table) or not (is_held or _counts(table, name)):
+            del codes[name]
+    result = list(codes) if _separate(times, groups, *codes.values()) else []
+    for name in sorted(result, key=lambda name: int(codes[name].max())):
+        rest = [condition for condition in result if condition != name]
+        result = rest if _separate(times, groups, *(codes[condition] for condition in rest)) else result
+    return result
+
+
+def _separate(times: Floats, *codes: Codes) -> bool:
+    """Say whether times increase among the rows of the same codes, each of shape (n,)."""
+    groups = np.zeros(len(times), dtype=np.int64)
+    for code in codes:
+        groups = np.unique(groups * (code.max() + 1) + code, return_inverse=True)[1]
+    return increase_within(groups, times)
 
 
 def _finest(codes: dict[str, Codes]) -> list[str]:
@@ -317,8 +349,6 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
             not is_called(name, _OBJECT | TRIAL | _ROW_NUMBER) and (not _counts(table, name))
         ):
             return False
-    elif all(not isinstance(cell, str) or _CLOCK.fullmatch(cell) for cell in table.columns[name]):
-        return False
     try:
         codes, labels = table.encoded(name)
     except CommonlawError:
@@ -328,6 +358,13 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
     if len(labels) == 1 or not (np.diff(times) > 0).all():
         return True
     return is_called(name, _OBJECT | TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1
+
+
+def _holds_clocks(table: Table, name: str) -> bool:
+    """Say whether the cells of a column of text look like dates or times of day, which name no objects."""
+    return not table.is_numeric(name) and all(
+        not isinstance(cell, str) or _CLOCK.fullmatch(cell) for cell in table.columns[name]
+    )
 
 
 def _counts(table: Table, name: str) -> bool:
@@ -355,6 +392,9 @@ def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes)
 
     def increases(name: str) -> bool:
         return bool((np.diff(readable(table, name)[order]) > 0)[same].all())
+
+    def counts_on(name: str) -> bool:
+        return not same.all() and bool((np.diff(readable(table, name)) == 1).all())
 
     clocks = [
         name
@@ -394,9 +434,6 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     cells = {name: readable(table, name) for name in names}
     known = {name: values[np.isfinite(values)] for name, values in cells.items()}
     spans = {name: float(np.ptp(values)) or 1.0 if len(values) else 1.0 for name, values in known.items()}
-    def counts_on(name: str) -> bool:
-        return not same.all() and bool((np.diff(readable(table, name)) == 1).all())
-
     digits = {name: last_digit(values) / spans[name] for name, values in cells.items()}
     noise = {name: _noise(values, trials) / spans[name] for name, values in cells.items()}
     # Estimates of white noise are alike by all orders of differences that leave nothing of a course
