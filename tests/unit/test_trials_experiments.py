@@ -75,3 +75,15 @@ def test_conditions_name_objects_together_where_none_alone_separates_the_times(t
     assert trials.properties[f"T, {cells[1]}"] == {"strain": "T", second: cells[1]}
     named = read(tmp_path, frame.sample(frac=1, random_state=1), object=trials.schema.object, trial="replicate")
     assert {*named.objects} == {*trials.objects}
+
+
+@pytest.mark.parametrize("passes", [False, True])
+def test_hours_and_minutes_without_a_colon_are_times_of_day(tmp_path, passes):
+    minutes = (1320 if passes else 500) + np.delete(np.arange(0, 240, 10), 7)
+    frame = pd.DataFrame({"day": 346 + minutes // 1440, "time": minutes // 60 % 24 * 100 + minutes % 60})
+    frame["temp"] = 36 + np.random.default_rng(0).normal(0, 0.1, len(frame)).round(2)
+    trials = read(tmp_path, frame)
+    assert (trials[0].times / 60).tolist() == minutes.tolist()
+    assert (trials.schema.states, trials.schema.units["time"]) == (("temp",), "s")
+    seconds = read(tmp_path, frame.assign(time=np.delete(np.arange(0, 240, 10), 7)))
+    assert seconds[0].times[-1] == 230
