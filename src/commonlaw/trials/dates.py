@@ -85,14 +85,14 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
     elif (hours := _hours_and_minutes(table, name)) is not None or is_clock(column):
         values = _durations(table, name, order) if hours is None else hours
         kept = np.flatnonzero(np.isfinite(values))
-        after_midnight = np.cumsum(np.diff(values[kept], prepend=-np.inf) < -_DAY / 2)
+        after_midnight = np.cumsum(np.diff(values[kept], prepend=-np.inf) < -_DAY / 2, dtype=np.int64)
         note = f"{name}: taken as time in seconds since 0:00:00{'' if hours is None else ', from hours and minutes'}"
         if len(kept) and after_midnight[-1] and np.max(values[kept]) < _DAY:
             values[kept] += _DAY * after_midnight
             note += ", a day later after each midnight"
-            days = [day for day in others if len(kept) == len(values) and _counts_days(table, day, after_midnight)]
-            note += f", as {', '.join(days)} counts" if days else ""
-            table = replace(table, columns={key: cells for key, cells in table.columns.items() if key not in days})
+            counts = [each for each in others if len(kept) == len(values) and _counts_days(table, each, after_midnight)]
+            note += f", as {', '.join(counts)} counts" if counts else ""
+            table = replace(table, columns={key: cells for key, cells in table.columns.items() if key not in counts})
         return _with_times(table, name, values, "s", note)
     elif (counted := _epochs(table, name)) is not None:
         stamps, note = counted, f"{name}: counted since 1970, taken as time in"
