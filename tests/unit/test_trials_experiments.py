@@ -87,3 +87,18 @@ def test_hours_and_minutes_without_a_colon_are_times_of_day(tmp_path, passes):
     assert (trials.schema.states, trials.schema.units["time"]) == (("temp",), "s")
     seconds = read(tmp_path, frame.assign(time=np.delete(np.arange(0, 240, 10), 7)))
     assert seconds[0].times[-1] == 230
+
+
+def test_doses_in_consecutive_rows_are_said_to_be_amounts(tmp_path):
+    frame = experiment(Subject=[1, 2])
+    frame["dose"] = np.where(frame["Time"] % 3 == 0, np.nan, 10.0)
+    frame.loc[frame["dose"].notna(), "conc"] = np.nan
+    assert any("doses=['dose']" in note for note in read(tmp_path, frame).notes)
+
+
+@pytest.mark.parametrize(
+    ("names", "hinted"), [("T_milk T_tea", True), ("pos_x pos_y", False), ("T_milk OD_tea", False)]
+)
+def test_one_quantity_of_two_things_may_be_an_object_each(tmp_path, names, hinted):
+    frame = pd.DataFrame({"t": T, **{name: np.exp(-T / (2 + i)) for i, name in enumerate(names.split())}})
+    assert any("wide='value'" in note for note in read(tmp_path, frame).notes) == hinted

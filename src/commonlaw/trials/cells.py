@@ -110,7 +110,7 @@ def are_meant_as_numbers(cells: Sequence[str]) -> bool:
     counts = Counter(cells)
     texts = {cell: _bare(cell) for cell in counts}
     numbers = {cell: _number_and_unit(text)[0] for cell, text in texts.items()}
-    plain = {cell for cell, number in numbers.items() if any(each.fullmatch(number) for each in _NUMBERS.values())}
+    plain = {cell for cell, number in numbers.items() if any(regex.fullmatch(number) for regex in _NUMBERS.values())}
     beyond = {cell for cell, text in texts.items() if _CENSORED.fullmatch(text)}
     return bool(plain) and sum(counts[cell] for cell in plain | beyond) > 0.5 * len(cells)
 

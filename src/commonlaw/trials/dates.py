@@ -90,7 +90,7 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
         if len(kept) and after_midnight[-1] and np.max(values[kept]) < _DAY:
             values[kept] += _DAY * after_midnight
             note += ", a day later after each midnight"
-            counts = [each for each in others if len(kept) == len(values) and _counts_days(table, each, after_midnight)]
+            counts = [day for day in others if len(kept) == len(values) and _counts_days(table, day, after_midnight)]
             note += f", as {', '.join(counts)} counts" if counts else ""
             table = replace(table, columns={key: cells for key, cells in table.columns.items() if key not in counts})
         return _with_times(table, name, values, "s", note)
@@ -202,7 +202,7 @@ def _hours_and_minutes(table: Table, name: str) -> Floats | None:
     They are where nearly all steps from row to row are the same as such, and fewer are as numbers.
     """
     values = None if name in table.units else _numbers(table, name)
-    if values is None:
+    if values is None or len(values) < 3:
         return None
     hours, minutes = np.divmod(values, 100)
     seconds = 3600 * hours + 60 * minutes

@@ -482,14 +482,15 @@ def record_columns(names: Sequence[str]) -> list[str]:
 
 
 def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -> list[str]:
-    """Return the columns that are zero but for single samples, as amounts are that are added at once."""
+    """Return the columns that are zero but for single samples, or empty but for amounts, as these are added at once."""
 
-    def is_pulsed(values: Floats) -> bool:
+    def is_pulsed(name: str) -> bool:
+        values = input_values(table, name)
         given = [np.flatnonzero(values[rows]) for rows in trials]
-        single = any(map(len, given)) and all((np.diff(indices) > 1).all() for indices in given)
+        single = np.isnan(readable(table, name)).any() or all((np.diff(indices) > 1).all() for indices in given)
         return single and not values.all() and bool(np.mean(values) > 0)
 
-    return [name for name in names if is_pulsed(input_values(table, name))]
+    return [name for name in names if is_pulsed(name)]
 
 
 def note_on_pulses(name: str) -> str:
@@ -561,6 +562,8 @@ _WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
 _NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
 _REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]*\d+")
 """A word of two letters at least, and a number."""
+_QUALIFIED = re.compile(r"([^\W\d_]+)[\W_]+[^\W\d_]{2,}")
+"""A quantity and of what it is, T_milk, but no component such as pos_x."""
 _CONDITION = re.compile(r"[-+]?\d+(?:[.,]\d+)?\s*(\D+)")
 """A number with a unit, such as the temperature or the dose of a run."""
 _MIN_LIKE_COLUMNS, _MIN_COLUMNS = 4, 8
@@ -629,7 +632,9 @@ def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
 def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
     """Return a note if columns that were taken as the states of one object may well be an object each."""
     stems = {match[1].casefold() if (match := _NUMBERED.fullmatch(name)) else name for name in states}
+    begins = {match[1].casefold() if (match := _QUALIFIED.fullmatch(name)) else "" for name in states}
     alike = len(states) >= _MIN_LIKE_COLUMNS and len(stems) == 1
+    alike |= len(states) > 1 == len(begins) and not begins.isdisjoint(QUANTITIES | {"t", "od"})
     if not alike and (len(states) < _MIN_COLUMNS or len({table.units.get(name) for name in states}) > 1):
         return ()
     return (
