@@ -102,3 +102,18 @@ def test_doses_in_consecutive_rows_are_said_to_be_amounts(tmp_path):
 def test_one_quantity_of_two_things_may_be_an_object_each(tmp_path, names, hinted):
     frame = pd.DataFrame({"t": T, **{name: np.exp(-T / (2 + i)) for i, name in enumerate(names.split())}})
     assert any("wide='value'" in note for note in read(tmp_path, frame).notes) == hinted
+
+
+def test_numbers_that_are_never_used_twice_name_objects_without_their_group(tmp_path):
+    frame = experiment(plot=[3, 5, 58, 59])
+    frame["treatment"] = np.where(frame["plot"] < 50, "ozone", "control")
+    trials = read(tmp_path, frame)
+    assert trials.schema.object == "plot"
+    assert trials.properties["58"] == {"treatment": "control"}
+
+
+def test_counts_of_the_samples_of_each_trial_are_left_out(tmp_path):
+    frame = experiment(Subject=[1, 2, 3])
+    frame["Occasion"], frame["Time"] = frame["Time"] + 1, frame["Time"] ** 1.5 + 0.1 * (frame["Subject"] == 2)
+    trials = read(tmp_path, frame)
+    assert (trials.schema.states, trials.schema.inputs) == (("conc",), ())

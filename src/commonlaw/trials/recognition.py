@@ -30,7 +30,7 @@ _SHORT_TIME = _vocabulary("t s h d min k n step steps iteration generation tick 
 """What a time is called, too, and other quantities as well: taken where no other column is a time, if it increases."""
 SEPARATE = _vocabulary(
     "subject patient participant person individual animal mouse rat ball well vial tube flask colony strain sample "
-    "specimen plant replicate rep repeat repetition trial run"
+    "specimen plant tree chick bird fish dog child infant replicate rep repeat repetition trial run"
 )
 """What does not act on others of its kind."""
 _OBJECT = SEPARATE | _vocabulary("object id body particle cell device board rig unit site station tank name")
@@ -275,8 +275,6 @@ def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Cod
 
     A condition does not change while time increases, or is text or counts.
     """
-    if increase_within(groups, times):
-        return []
     codes = {name: table.encoded(name)[0] for name in names}
     for name, code in tuple(codes.items()):
         is_held = (np.diff(times)[np.diff(code) != 0] <= 0).all()
@@ -385,7 +383,7 @@ def increase_within(codes: Codes, times: Floats) -> bool:
 def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes) -> list[str]:
     """Return columns of numbers that are further times or row numbers, and increase with the times.
 
-    They are called so, or count on by one from row to row and from run to run.
+    They are called so, or count the samples of each of several runs.
     """
     order = np.lexsort((times, runs))
     same = np.diff(runs[order]) == 0
@@ -394,7 +392,7 @@ def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes)
         return bool((np.diff(readable(table, name)[order]) > 0)[same].all())
 
     def counts_on(name: str) -> bool:
-        return not same.all() and bool((np.diff(readable(table, name)) == 1).all())
+        return not same.all() and bool((np.diff(readable(table, name)[order])[same] == 1).all())
 
     clocks = [
         name

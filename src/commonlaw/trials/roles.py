@@ -17,6 +17,7 @@ from commonlaw.trials.reading import Reading, Roles
 from commonlaw.trials.recognition import (
     columns_of_one_quantity,
     deviation_columns,
+    increase_within,
     input_columns,
     joint_objects,
     note_on_pulses,
@@ -208,10 +209,9 @@ def _labels(
         others = [name for name in free if name != owner]
         trial = trial_column(table, times, others, owners, named=owner is not None)
     runs = one if trial is None else object_codes(table, trial, "trial")[0]
-    others = [name for name in free if name not in (owner, trial)]
-    if is_guessed and (more := joint_objects(table, times, others, owners * len(table) + runs)):
-        owner = ", ".join([*filter(None, [owner]), *more])
-        owners = object_codes(table.joined(owner), owner)[0]
+    if is_guessed and not increase_within(owners * len(table) + runs, times):
+        owner = ", ".join(joint_objects(table, times, [name for name in free if name != trial], runs)) or owner
+        owners = owners if owner is None else object_codes(table.joined(owner), owner)[0]
     return owner, owners, trial, runs
 
 
