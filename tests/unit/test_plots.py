@@ -457,3 +457,16 @@ def test_very_many_objects_are_not_told_apart(law, monkeypatch):
     assert gravity.get_xlabel() == "objects"
     assert {line.get_color() for line in gravity.lines if len(line.get_xdata()) == 1} == {COLORS[0]}
     assert [each.get_text() for each in figure.legends[0].get_texts()] == ["relation"]
+
+
+def test_an_object_that_says_next_to_nothing_does_not_set_the_scales():
+    generator, times = np.random.default_rng(0), [np.linspace(0, 9, 19)] * 4 + [np.array([0.0, 0.5])]
+    states = [np.exp(-(0.3 + 0.05 * i) * t) + 0.01 * generator.standard_normal(len(t)) for i, t in enumerate(times)]
+    trials = cl.Trials.from_arrays(times, states, object=list("abcde"), names=["x"])
+    law = cl.fit("x' = a x + b x^2", trials)
+    figure = cl.plots.plot_law(law, trials)
+    panels = [panel for panel in figure.axes if panel.get_xlabel() in ("$a$", "$b$")]
+    errors = law.params["standard error"].to_numpy().reshape(5, 2)
+    for panel, error in zip(panels, errors.T, strict=True):
+        assert error[-1] > 1e3 * error[:-1].max()
+        assert np.ptp(panel.get_xlim()) < 20 * error[:-1].max()

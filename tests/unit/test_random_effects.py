@@ -185,3 +185,14 @@ def test_coefficients_that_scatter_stay_where_errors_of_each_object_are_those_of
     found = shrink(own, errors, np.full(8, np.nan))
     np.testing.assert_allclose(found.estimates, own, atol=1e-7)
     np.testing.assert_allclose(found.covariances, errors, atol=1e-4 * errors.max())
+
+
+def test_objects_that_say_nothing_of_a_coefficient_are_drawn_to_the_others():
+    _, estimates, covariances = measured(6, 0.3)
+    sizes = np.ones((6, 3))
+    sizes[:2, 1] = 1e70, 1e10
+    wild = estimates + np.where(sizes > 1, sizes**0.5, 0.0)
+    found = shrink(wild, covariances * sizes[:, :, np.newaxis] * sizes[:, np.newaxis], np.full(3, np.nan))
+    rest = shrink(estimates[2:], covariances[2:], np.full(3, np.nan))
+    assert abs(found.estimates[:2, 1] - rest.estimates[:, 1].mean()).max() < 3 * np.ptp(rest.estimates[:, 1])
+    np.testing.assert_allclose(found.estimates[2:, 1], rest.estimates[:, 1], atol=0.1)

@@ -80,8 +80,8 @@ def test_numbers_that_separate_repeated_times_name_objects_whatever_they_are_cal
     assert roles_of(held.assign(pH=7.0 + held["heat"] // 30)) == ("heat", "trial", "t", ("x",), (), {"pH"})
     runs = stacked(pairs("heat", "run", firsts=(20.5, 31.0)), x=decay)
     assert roles_of(runs)[:2] == ("heat", "run")
-    with refused("time-repeated"):  # Neither alone separates them
-        roles_of(stacked(pairs("heat", "c", firsts=(20.5, 31.0), seconds=(1.5, 2.5)), x=decay))
+    both = stacked(pairs("heat", "c", firsts=(20.5, 31.0), seconds=(1.5, 2.5)), x=decay)  # Neither alone does
+    assert roles_of(both) == ("heat, c", "trial", "t", ("x",), (), {"heat", "c"})
     assert roles_of(held[held["heat"] == 20.5])[0] == "object"
 
 

@@ -209,31 +209,35 @@ def shrink(estimates: Floats, covariances: Floats, variances: Floats) -> Shrinka
     typical = np.tensordot(weights / weights.sum(), errors, 1)
     is_lost = np.linalg.cond(typical) > WORST_CONDITION  # Coefficients that hang together to the last digits
     # Fewer objects than parameters do not determine axes: all their scatter is along some of them
-    is_determined = 1 < size <= len(points) or is_lost
+    full = informative(points, np.diagonal(errors, axis1=1, axis2=2)).all(axis=1)
+    is_determined = 1 < size <= full.sum() or is_lost
     if not is_determined or not np.isnan(variances).all():
-        return _shrunk(points, information, variances)[0].mixed(scale)
+        return _shrunk(points, errors, information, variances)[0].mixed(scale)
     # What stands before a later coefficient goes with it, as in the evidence: turned upside down
     root = np.linalg.cholesky(typical[::-1, ::-1])[::-1, ::-1]
-    axes = np.eye(size) if is_lost else np.linalg.eigh(np.cov(np.linalg.solve(root, points.T)))[1]
+    axes = np.eye(size) if is_lost else np.linalg.eigh(np.cov(np.linalg.solve(root, points[full].T)))[1]
     back = root @ axes
+    forth = np.linalg.inv(back)
     mixed, turned_deviance = _shrunk(
-        np.linalg.solve(back, points.T).T, _symmetric(back.T @ information @ back), variances
+        np.linalg.solve(back, points.T).T, forth @ errors @ forth.T, _symmetric(back.T @ information @ back), variances
     )
     mixed = mixed.mixed(back)
     if is_lost:
         return mixed.mixed(scale)
-    shrunk, deviance = _shrunk(points, information, variances)
+    shrunk, deviance = _shrunk(points, errors, information, variances)
     more = (turned_deviance + size * (size - 1) / 2 * np.log(len(points)) - deviance) / 2
     return shrunk.averaged(mixed, float(1 / (1 + np.exp(np.clip(more, -700, 700))))).mixed(scale)
 
 
-def _shrunk(own: Floats, information: Floats, variances: Floats) -> tuple[Shrinkage, float]:
+def _shrunk(own: Floats, errors: Floats, information: Floats, variances: Floats) -> tuple[Shrinkage, float]:
     """Draw estimates to their means, of parameters that scatter independently, and return the deviance at that.
 
-    The information is the inverse of the covariances of `shrink`, all in units in which errors are about one.
+    The errors are the covariances of `shrink`, the information is their inverse, in units of typical errors.
     """
     effects = RandomEffects(own, information)
-    between = np.var(effects.estimates, axis=0)
+    # Estimates that are hardly known scatter by their errors
+    counts = informative(own, np.diagonal(errors, axis1=1, axis2=2))
+    between = np.var(effects.estimates, axis=0, where=counts)
     # What is left of an error where all other coefficients are known, and all of it
     alone = 1 / np.mean(np.diagonal(effects.information, axis1=1, axis2=2), axis=0)
     grids = [_grid(low / _BEYOND, (1 + high) * _BEYOND) for low, high in zip(alone, between, strict=True)]

@@ -177,7 +177,10 @@ class LawVerdict(ShownInNotebooks):
             yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
         if self.without_terms:
             names = " and ".join(self.without_terms)
-            yield f"No candidate term was selected for {names}, which the law sets to zero."
+            steady = (
+                ": rates are constant in each trial" if all(name.endswith("''") for name in self.without_terms) else ""
+            )
+            yield f"No candidate term was selected for {names}, which the law sets to zero{steady}."
         if not self.exact:
             which = "no law in the library fits" if self.none_exact else "this law does not fit"
             yield f"Lack of fit: {which} the data within the noise."

@@ -233,7 +233,8 @@ def draw_bands(pair: Pair) -> None:
 def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the limits of the panels of a state and of its errors.
 
-    They show all that was measured, and of forecasts and bands what lies within half of its span from it.
+    They show all that was measured, and of forecasts and bands what lies within half of its span from it; all errors,
+    and of bands around them those up to three times the median.
     """
     measured = np.concatenate([curve.measured for curve in curves])
     forecasts = np.concatenate([values for curve in curves for values in (curve.low, curve.high)])
@@ -241,8 +242,9 @@ def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float
     span = (high - low) or abs(high) or 1.0
     low = max(forecasts.min(initial=low), low - span / 2)
     high = min(forecasts.max(initial=high), high + span / 2)
-    ends = ((curve.error, curve.forecast - curve.low, curve.high - curve.forecast) for curve in curves)
-    largest = np.max(np.abs(np.concatenate([values for end in ends for values in end])), initial=0)
+    widths = [np.max([curve.forecast - curve.low, curve.high - curve.forecast], initial=0) for curve in curves]
+    usual = min(np.max(widths), 3 * np.median(widths))
+    largest = np.max(np.abs(np.concatenate([curve.error for curve in curves])), initial=float(usual))
     bound = 1.1 * (min(largest, span) or span / 100)
     return (low - span / 20, high + span / 20), (-bound, bound)
 

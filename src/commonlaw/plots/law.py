@@ -20,6 +20,7 @@ from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import check_choice
 from commonlaw.estimation import likelihood_profile
 from commonlaw.forecast import Forecast, fitted
+from commonlaw.hierarchy import informative
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.parameters import (
@@ -196,6 +197,11 @@ class DotPlot:
         panel.set_yticks(range(len(self.law.objects)), [plain(name, 22) for name in self.law.objects])
         panel.set_ylim(len(self.law.objects) - 0.5, -0.5)
         panel.margins(x=0.15)
+        if (each.errors > 0).all():  # Those that say next to nothing reach beyond the panel
+            says = informative(each.learned[:, np.newaxis], each.errors[:, np.newaxis] ** 2)[:, 0]
+            ends = np.concatenate([each.low[says], each.high[says]])
+            if not says.all() and np.isfinite(ends).all():
+                panel.set_xlim(ends.min() - 0.15 * np.ptp(ends), ends.max() + 0.15 * np.ptp(ends))
         panel.locator_params(axis="x", nbins=4)
         panel.set_xlabel(each.label)
 

@@ -102,11 +102,17 @@ def is_missing(cell: str) -> bool:
     return cell.strip().casefold() in _MISSING
 
 
-def is_meant_as_number(cell: str) -> bool:
-    """Say whether a cell is a number in any way of writing, with a unit or without, or is beyond a limit."""
-    text = _bare(cell)
-    number, _ = _number_and_unit(text)
-    return any(pattern.fullmatch(number) for pattern in _NUMBERS.values()) or _CENSORED.fullmatch(text) is not None
+def are_meant_as_numbers(cells: Sequence[str]) -> bool:
+    """Say whether more than half of some cells are numbers in any way of writing, with a unit or without.
+
+    Cells beyond a limit count, but not where they are all, as the classes ``< 5`` and ``>= 5`` are.
+    """
+    counts = Counter(cells)
+    texts = {cell: _bare(cell) for cell in counts}
+    numbers = {cell: _number_and_unit(text)[0] for cell, text in texts.items()}
+    plain = {cell for cell, number in numbers.items() if any(regex.fullmatch(number) for regex in _NUMBERS.values())}
+    beyond = {cell for cell, text in texts.items() if _CENSORED.fullmatch(text)}
+    return bool(plain) and sum(counts[cell] for cell in plain | beyond) > 0.5 * len(cells)
 
 
 def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
@@ -214,8 +220,12 @@ def _is_twofold(number: str) -> bool:
 
 
 def _number_and_unit(text: str) -> tuple[str, str]:
-    """Return a number and the unit behind it, else the text and none; 12A without a blank is a name, as of a well."""
-    if (match := _WITH_UNIT.fullmatch(text)) is None or known_unit(match[3]) is None:
+    """Return a number and the unit behind it, else the text and none; 12A without a blank is a name, as of a well.
+
+    10 am is a time of day.
+    """
+    match = _WITH_UNIT.fullmatch(text)
+    if match is None or match[3].casefold() in ("am", "pm") or known_unit(match[3]) is None:
         return text, ""
     return (match[1], match[3]) if match[2] or not (len(match[3]) == 1 and match[3].isupper()) else (text, "")
 

@@ -172,8 +172,8 @@ def _sampling(trial: Trial, row: TrialCheck, schema: Schema, tolerance: float | 
     """Yield findings about a trial's length, steps and gaps."""
     if row.samples < _MIN_SAMPLES:
         yield _in(trial, f"very short, {row.samples} samples")
-    # Where more than a quarter of the steps are irregular, no frame is out of the ordinary
-    if row.clipped and np.mean(_irregular(trial.times, tolerance)) <= 0.25:
+    # Where more than a quarter of steps are irregular, or of samples follow one, no frame is out of the ordinary
+    if 0 < row.clipped <= 0.25 * row.samples and np.mean(_irregular(trial.times, tolerance)) <= 0.25:
         kept = row.samples - row.clipped
         text = f"irregular frame: `clip_irregular()` would keep {kept} of {row.samples} samples"
         yield _in(trial, text, kept, schema.time)

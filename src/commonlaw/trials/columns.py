@@ -2,7 +2,6 @@
 
 import numbers
 import re
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
@@ -15,8 +14,8 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted
-from commonlaw.trials.cells import Notation, Numerals, Unreadable, is_meant_as_number, is_missing, numerals
-from commonlaw.trials.headers import find_name, known_unit, plain, split_headers
+from commonlaw.trials.cells import Notation, Numerals, Unreadable, are_meant_as_numbers, is_missing, numerals
+from commonlaw.trials.headers import find_name, known_unit, label, plain, split_headers
 from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.trial import nearest
 
@@ -29,8 +28,8 @@ Column = NDArray[Any]
 
 _POINT = re.compile(r"^[+-]?(0|\d{4,})?\.|\.(?!\d{3}$)")
 """A point that groups no thousands."""
-_INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|index|level_\d+")
-"""What pandas calls an index that has no name; the first of these it calls nothing else."""
+_INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|index|level_\d+|row[._ ]?(names?|id)|\.{3}\d+", re.IGNORECASE)
+"""What pandas and R call an index that has no name; the first of these is called nothing else."""
 
 
 def _plain(value: object) -> object:
@@ -90,9 +89,7 @@ class Table:
         parsed = self._parsed(name)
         if not isinstance(parsed, Unreadable):
             return not np.isnan(parsed.values).all()
-        cells = [cell for cell in self._cells(name) if cell and not is_missing(cell)]
-        counts = Counter(cells)
-        return sum(count for cell, count in counts.items() if is_meant_as_number(cell)) > 0.5 * len(cells)
+        return are_meant_as_numbers([cell for cell in self._cells(name) if cell and not is_missing(cell)])
 
     def numbers(self, name: str, *, missing: bool = False) -> Floats:
         """Return a column as numbers, shape (n,), NaN where a cell is empty if it may be `missing`."""
@@ -146,6 +143,15 @@ class Table:
         renumbered = np.array([numbered.get(value, -1) for value in read_values] + [-1])
         return renumbered[codes], values
 
+    def joined(self, name: str | None) -> "Table":
+        """Return the table with a column of the cells of several that its name lists: ``strain, dose``."""
+        names = (name or "").split(", ")
+        if name in self.columns or len(names) < 2 or not self.columns.keys() >= {*names}:
+            return self
+        cells = [[label(cell) for cell in self.columns[part].tolist()] for part in names]
+        texts = np.array([", ".join(parts) if all(parts) else "" for parts in zip(*cells, strict=True)], dtype=object)
+        return replace(self, columns={**self.columns, ", ".join(names): texts})
+
     def taken(self, rows: Codes) -> "Table":
         """Return the table of some of the rows, by their indices."""
         return replace(
@@ -158,12 +164,12 @@ class Table:
         )
 
     def is_index(self, name: str) -> bool:
-        """Say whether a column is an index that pandas stored and nobody named, and not measured."""
+        """Say whether a column numbers the rows, as one that pandas or R stored and nobody named, and not measured."""
         if not _INDEX.fullmatch(name):
             return False
         parsed = self._parsed(name) if name in self.loose else None
         values = parsed.values if isinstance(parsed, Numerals) else self.columns[name]
-        return name.startswith("__index_level_") or (values.dtype.kind in "iuf" and _counts(values))
+        return name.startswith("__index_level_") or (values.dtype.kind in "iuf" and _numbers_rows(values))
 
     def _cells(self, name: str) -> list[str]:
         """Return the cells of a column of text without blanks around them; empty ones are empty texts."""
@@ -252,7 +258,7 @@ def filled_table(
     titles = [headers[i] for i in used]
     if len(used) > 1 and not titles[0].strip():
         first = numerals(columns[used[0]], Notation())
-        if isinstance(first, Unreadable) or _counts(first.values):  # Words, or numbers of rows
+        if isinstance(first, Unreadable) or _numbers_rows(first.values):  # Words, or numbers of rows
             # As pandas calls a first column without a header
             titles[0] = "Unnamed: 0"
     names, units = split_headers(source, titles)
@@ -264,8 +270,9 @@ def filled_table(
     return Table(source, arrays, units, *where, loosely)
 
 
-def _counts(values: Column) -> bool:
-    return bool(np.all(values == np.round(values)) and np.all(np.diff(values) > 0))
+def _numbers_rows(values: Column) -> bool:
+    """Say whether numbers are whole and none is there twice, as those of rows are in whatever order."""
+    return bool(np.all(values == np.round(values)) and len(np.unique(values)) == len(values))
 
 
 def column_of(cells: Sequence[Any]) -> tuple[Column, bool]:

@@ -8,6 +8,7 @@ from datetime import date, datetime, time, timedelta
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Diagnostic
@@ -35,9 +36,10 @@ _MONTH = rf"({'|'.join(_MONTHS)})[a-z]{{0,6}}\.?"
 _NAMED = re.compile(rf"(?:(\d{{1,2}})\.?[ -]{_MONTH}|{_MONTH} (\d{{1,2}}),?)[ -](\d{{2,4}})", re.ASCII | re.IGNORECASE)
 """31-Mar-2020, 31 March 2020, Mar 31, 2020."""
 _DURATION = re.compile(
-    r"(-)?(?:(\d+) days?,? ?)?(\d+):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?(?: ?([ap])\.?m\.?)?", re.ASCII | re.IGNORECASE
+    r"(-)?(?:(\d+) days?,? ?)?(\d+)(?::(\d\d)(?::(\d\d)(?:[.,](\d+))?)?|(?= ?[ap]\.?m))(?: ?([ap])\.?m\.?)?",
+    re.ASCII | re.IGNORECASE,
 )
-"""1:30:00, 26:10:05.25, 1 day 2:10:05, 1:30:00 PM; and 1:30, which may be hours or minutes."""
+"""1:30:00, 26:10:05.25, 1 day 2:10:05, 1:30:00 PM, 1 PM; and 1:30, which may be hours or minutes."""
 _MINUTES = re.compile(r"(-)?()()(\d+):([0-5]\d)[.,](\d+)()", re.ASCII)
 """1:30.5: minutes and seconds, as spreadsheets show them."""
 _DAY = 86_400.0
@@ -80,14 +82,17 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
         stamps = _stamps(table, days, order) + pd.to_timedelta(_durations(table, clock, "h:mm"), unit="s")
         table = replace(table, columns={key: cells for key, cells in table.columns.items() if key != partner})
         note = f"{days} and {clock}: taken together as time in"
-    elif is_clock(column):
-        values = _durations(table, name, order)
+    elif (hours := _hours_and_minutes(table, name)) is not None or is_clock(column):
+        values = _durations(table, name, order) if hours is None else hours
         kept = np.flatnonzero(np.isfinite(values))
-        after_midnight = np.cumsum(np.diff(values[kept], prepend=-np.inf) < -_DAY / 2)
-        note = f"{name}: taken as time in seconds since 0:00:00"
+        after_midnight = np.cumsum(np.diff(values[kept], prepend=-np.inf) < -_DAY / 2, dtype=np.int64)
+        note = f"{name}: taken as time in seconds since 0:00:00{'' if hours is None else ', from hours and minutes'}"
         if len(kept) and after_midnight[-1] and np.max(values[kept]) < _DAY:
             values[kept] += _DAY * after_midnight
             note += ", a day later after each midnight"
+            counts = [day for day in others if len(kept) == len(values) and _counts_days(table, day, after_midnight)]
+            note += f", as {', '.join(counts)} counts" if counts else ""
+            table = replace(table, columns={key: cells for key, cells in table.columns.items() if key not in counts})
         return _with_times(table, name, values, "s", note)
     elif (counted := _epochs(table, name)) is not None:
         stamps, note = counted, f"{name}: counted since 1970, taken as time in"
@@ -177,7 +182,7 @@ def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
             values[row] = cell.total_seconds()
             continue
         match = _MINUTES.fullmatch(cell) or _DURATION.fullmatch(cell) if isinstance(cell, str) else None
-        if match is None or (int(match[4]) > 59 and match[3]) or int(match[5] or 0) > 59:
+        if match is None or (int(match[4] or 0) > 59 and match[3]) or int(match[5] or 0) > 59:
             raise _no_date(table, name, int(row), "a time such as 12:30:05")
         sign, days, hours, minutes, seconds, fraction, half = match.groups()
         if seconds is None and half is None and pairs is None:
@@ -186,20 +191,46 @@ def _durations(table: Table, name: str, order: DateOrder | None) -> Floats:
             )
         if seconds is None and half is None and pairs == "m:ss":
             hours, minutes, seconds = "0", hours, minutes
-        whole = _DAY * int(days or 0) + 3600 * _hours(hours or "0", half) + 60 * int(minutes) + int(seconds or 0)
+        whole = _DAY * int(days or 0) + 3600 * _hours(hours or "0", half) + 60 * int(minutes or 0) + int(seconds or 0)
         values[row] = (-1.0 if sign else 1.0) * (whole + float(f"0.{fraction or 0}"))
     return values
+
+
+def _hours_and_minutes(table: Table, name: str) -> Floats | None:
+    """Return whole numbers such as 950 and 1000 as seconds since midnight, shape (n,); None if they are no hhmm.
+
+    They are where nearly all steps from row to row are the same as such, and fewer are as numbers.
+    """
+    values = None if name in table.units else _numbers(table, name)
+    if values is None or len(values) < 3:
+        return None
+    hours, minutes = np.divmod(values, 100)
+    seconds = 3600 * hours + 60 * minutes
+    is_hhmm = (values >= 0) & (values < 2400) & (minutes < 60) & (minutes == np.round(minutes))
+    steps, raw = np.diff(seconds), np.diff(values)
+    same, usual = steps == np.median(steps), raw == np.median(raw)
+    return seconds if is_hhmm.all() and np.sum(same) >= max(0.9 * len(steps), np.sum(usual) + 2) else None
+
+
+def _counts_days(table: Table, name: str, passed: NDArray[np.int64]) -> bool:
+    """Say whether a column of numbers goes on by one at each midnight that has passed."""
+    days = _numbers(table, name)
+    return days is not None and np.array_equal(days - days[0], passed - passed[0])
+
+
+def _numbers(table: Table, name: str) -> Floats | None:
+    """Return a column of numbers, NaN where one is missing; None if it is none, for others to refuse."""
+    try:
+        return table.numbers(name, missing=True) if table.is_numeric(name) else None
+    except CommonlawError:
+        return None
 
 
 def _epochs(table: Table, name: str) -> "pd.Series[Any] | None":
     """Return the dates of counts since 1970 in a column called a time, all in this century; None if it has others."""
     import pandas as pd
 
-    if not _EPOCH_NAME.search(name) or not table.is_numeric(name):
-        return None
-    try:
-        values = table.numbers(name, missing=True)
-    except CommonlawError:  # A cell that is no number is for the reader of times to refuse
+    if not _EPOCH_NAME.search(name) or (values := _numbers(table, name)) is None:
         return None
     kept = values[np.isfinite(values)]
     units: dict[Literal["s", "ms", "us", "ns"], float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

@@ -30,7 +30,7 @@ _SHORT_TIME = _vocabulary("t s h d min k n step steps iteration generation tick 
 """What a time is called, too, and other quantities as well: taken where no other column is a time, if it increases."""
 SEPARATE = _vocabulary(
     "subject patient participant person individual animal mouse rat ball well vial tube flask colony strain sample "
-    "specimen plant replicate rep repeat repetition trial run"
+    "specimen plant tree chick bird fish dog child infant replicate rep repeat repetition trial run"
 )
 """What does not act on others of its kind."""
 _OBJECT = SEPARATE | _vocabulary("object id body particle cell device board rig unit site station tank name")
@@ -58,7 +58,7 @@ _DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc 
 _VELOCITIES = _vocabulary("v w")
 """Names next to which u is another velocity, and not an input."""
 _MEAN = _vocabulary("mean avg average")
-_ROW_NUMBER = _vocabulary("no nr number index row record line obs observation point")
+_ROW_NUMBER = _vocabulary("no nr number id index row record line obs observation point")
 
 _OF_TIME = {"[time]": 1.0}
 _CLOCK = re.compile(r"\W*\d[\d\W_]*(T\d[\d\W]*Z?)?([ap]m)?\W*", re.IGNORECASE)
@@ -204,16 +204,18 @@ def _is_even(table: Table, name: str, names: Sequence[str]) -> bool:
         return False
     others = [column for column in names if column != name and table.is_numeric(column)]
     is_count = bool(step == 1 and values[0] in (0, 1))
-    return not (is_count and any((np.diff(readable(table, column)) > 0).all() for column in others))
+    return not (is_count and (table.is_index(name) or any((np.diff(readable(table, c)) > 0).all() for c in others)))
 
 
 def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | None:
     """Return the column of these that names the objects, None if there is no such; refuse several that are as likely.
 
+    Where a column labels trials, several that separate times only together name them together, see `Table.joined`.
+
     It is the one of text, but for what names trials, or of whole numbers that are called like an individual; a column
     that another one determines is a property. Without such, it is the one of numbers that separates times which repeat.
     """
-    able = [name for name in names if is_label(table, name, times)]
+    able = [name for name in names if is_label(table, name, times) and not _holds_clocks(table, name)]
     texts = [name for name in able if not table.is_numeric(name)]
     numbers = [name for name in able if name not in texts and is_called(name, _OBJECT - TRIAL)]
     pool = [name for name in texts if not is_called(name, TRIAL)] or texts
@@ -235,6 +237,9 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
             return likely[0]
     if not finest:
         return _separating_column(table, times, names)
+    trials = [table.encoded(name)[0] for name in able if is_called(name, TRIAL) and name not in finest]
+    if any(_separate(times, trial, *(codes[name] for name in finest)) for trial in trials):
+        return ", ".join(finest)
     first, second = finest[:2]
     raise CommonlawError("object-ambiguous", where=table.source, columns=finest, first=first, second=second)
 
@@ -263,6 +268,31 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
         if finest:
             return finest[0] if len(finest) == 1 else None
     return None
+
+
+def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Codes) -> list[str]:
+    """Return columns of conditions that separate times which repeat within groups of rows; none if all do not.
+
+    A condition does not change while time increases, or is text or counts.
+    """
+    codes = {name: table.encoded(name)[0] for name in names}
+    for name, code in tuple(codes.items()):
+        is_held = (np.diff(times)[np.diff(code) != 0] <= 0).all()
+        if code.min() < 0 or 3 * code.max() >= len(table) or not (is_held or _counts(table, name)):
+            del codes[name]
+    result = list(codes) if _separate(times, groups, *codes.values()) else []
+    for name in sorted(result, key=lambda name: int(codes[name].max())):
+        rest = [condition for condition in result if condition != name]
+        result = rest if _separate(times, groups, *(codes[condition] for condition in rest)) else result
+    return result
+
+
+def _separate(times: Floats, *codes: Codes) -> bool:
+    """Say whether times increase among the rows of the same codes, each of shape (n,)."""
+    groups = np.zeros(len(times), dtype=np.int64)
+    for code in codes:
+        groups = np.unique(groups * (code.max() + 1) + code, return_inverse=True)[1]
+    return increase_within(groups, times)
 
 
 def _finest(codes: dict[str, Codes]) -> list[str]:
@@ -317,8 +347,6 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
             not is_called(name, _OBJECT | TRIAL | _ROW_NUMBER) and (not _counts(table, name))
         ):
             return False
-    elif all(not isinstance(cell, str) or _CLOCK.fullmatch(cell) for cell in table.columns[name]):
-        return False
     try:
         codes, labels = table.encoded(name)
     except CommonlawError:
@@ -328,6 +356,13 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
     if len(labels) == 1 or not (np.diff(times) > 0).all():
         return True
     return is_called(name, _OBJECT | TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1
+
+
+def _holds_clocks(table: Table, name: str) -> bool:
+    """Say whether the cells of a column of text look like dates or times of day, which name no objects."""
+    return not table.is_numeric(name) and all(
+        not isinstance(cell, str) or _CLOCK.fullmatch(cell) for cell in table.columns[name]
+    )
 
 
 def _counts(table: Table, name: str) -> bool:
@@ -346,17 +381,24 @@ def increase_within(codes: Codes, times: Floats) -> bool:
 
 
 def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes) -> list[str]:
-    """Return columns of numbers that are further times or row numbers, by name, and increase with the times."""
+    """Return columns of numbers that are further times or row numbers, and increase with the times.
+
+    They are called so, or count the samples of each of several runs.
+    """
     order = np.lexsort((times, runs))
     same = np.diff(runs[order]) == 0
 
     def increases(name: str) -> bool:
         return bool((np.diff(readable(table, name)[order]) > 0)[same].all())
 
+    def counts_on(name: str) -> bool:
+        return not same.all() and bool((np.diff(readable(table, name)[order])[same] == 1).all())
+
     clocks = [
         name
         for name in names
-        if (is_called(name, _TIME | _ROW_NUMBER) or _dimensions(table, name) == _OF_TIME) and increases(name)
+        if (is_called(name, _TIME | _ROW_NUMBER) or _dimensions(table, name) == _OF_TIME or counts_on(name))
+        and increases(name)
     ]
     return clocks if len(clocks) < len(names) else []
 
@@ -438,14 +480,15 @@ def record_columns(names: Sequence[str]) -> list[str]:
 
 
 def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -> list[str]:
-    """Return the columns that are zero but for single samples, as amounts are that are added at once."""
+    """Return the columns that are zero but for single samples, or empty but for amounts, as these are added at once."""
 
-    def is_pulsed(values: Floats) -> bool:
+    def is_pulsed(name: str) -> bool:
+        values = input_values(table, name)
         given = [np.flatnonzero(values[rows]) for rows in trials]
-        single = any(map(len, given)) and all((np.diff(indices) > 1).all() for indices in given)
+        single = np.isnan(readable(table, name)).any() or all((np.diff(indices) > 1).all() for indices in given)
         return single and not values.all() and bool(np.mean(values) > 0)
 
-    return [name for name in names if is_pulsed(input_values(table, name))]
+    return [name for name in names if is_pulsed(name)]
 
 
 def note_on_pulses(name: str) -> str:
@@ -517,6 +560,8 @@ _WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
 _NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
 _REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]*\d+")
 """A word of two letters at least, and a number."""
+_QUALIFIED = re.compile(r"([^\W\d_]+)[\W_]+[^\W\d_]{2,}")
+"""A quantity and of what it is, T_milk, but no component such as pos_x."""
 _CONDITION = re.compile(r"[-+]?\d+(?:[.,]\d+)?\s*(\D+)")
 """A number with a unit, such as the temperature or the dose of a run."""
 _MIN_LIKE_COLUMNS, _MIN_COLUMNS = 4, 8
@@ -585,7 +630,9 @@ def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
 def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
     """Return a note if columns that were taken as the states of one object may well be an object each."""
     stems = {match[1].casefold() if (match := _NUMBERED.fullmatch(name)) else name for name in states}
+    begins = {match[1].casefold() if (match := _QUALIFIED.fullmatch(name)) else "" for name in states}
     alike = len(states) >= _MIN_LIKE_COLUMNS and len(stems) == 1
+    alike |= len(states) > 1 == len(begins) and not begins.isdisjoint(QUANTITIES | {"t", "od"})
     if not alike and (len(states) < _MIN_COLUMNS or len({table.units.get(name) for name in states}) > 1):
         return ()
     return (

@@ -17,7 +17,9 @@ from commonlaw.trials.reading import Reading, Roles
 from commonlaw.trials.recognition import (
     columns_of_one_quantity,
     deviation_columns,
+    increase_within,
     input_columns,
+    joint_objects,
     note_on_pulses,
     object_column,
     other_clocks,
@@ -127,6 +129,7 @@ def named_roles(table: Table, roles: Reading) -> dict[str, Any]:
 
 def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     """Return which column is what, of samples with times as numbers: as named, else by names, units and values."""
+    table = table.joined(roles.get("object"))
     name, count = Counter(named := _named_columns(table, {**roles, "time": time})).most_common(1)[0]
     if count > 1:
         raise CommonlawError("role-twice", where=table.source, column=name)
@@ -134,7 +137,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     indices = [name for name in table.columns if name not in named and table.is_index(name)]
     free = [name for name in table.columns if name not in (*named, *indices)]
     owner, owners, trial, runs = _labels(table, roles, times, free)
-    reasons |= {name: "" for name in (owner, trial) if name in free and name is not None}
+    reasons |= {name: "" for name in (owner, trial) if name is not None and name not in named}
 
     def take(columns: Iterable[str], reason: str = "") -> tuple[str, ...]:
         """Return columns that are free, which then they are no longer."""
@@ -167,7 +170,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         if "inputs" not in roles:
             for name, reason in input_columns(table, numbers, times, trials).items():
                 inputs += take([name], reason)
-    notes = [f"columns left out, as indices of pandas without a name: {', '.join(indices)}"] if indices else []
+    notes = [f"columns left out, as they number the rows: {', '.join(indices)}"] if indices else []
     notes += [f"{name}: empty cells are amounts of zero" for name in inputs if np.isnan(readable(table, name)).any()]
     notes += map(note_on_pulses, pulsed_inputs(table, inputs, trials))
     if not states:
@@ -197,15 +200,19 @@ def _labels(
 ) -> tuple[str | None, Codes, str | None, Codes]:
     """Return the columns of objects and of trials, None where there is none, each with the codes of the rows."""
     owner, trial = _label_column(table, roles, "object"), _label_column(table, roles, "trial")
-    guess = not roles.get("wide")
-    if owner is None and guess and "object_name" not in roles and roles.get("object") != "":
+    guess, one = not roles.get("wide"), np.zeros(len(table), dtype=np.int64)
+    is_guessed = owner is None and guess and "object_name" not in roles and roles.get("object") != ""
+    if is_guessed:
         owner = object_column(table, times, [name for name in free if name != trial])
-    one = np.zeros(len(table), dtype=np.int64)
-    owners = one if owner is None else object_codes(table, owner)[0]
+    owners = one if owner is None else object_codes(table.joined(owner), owner)[0]
     if trial is None and guess and roles.get("trial") != "":
         others = [name for name in free if name != owner]
         trial = trial_column(table, times, others, owners, named=owner is not None)
-    return owner, owners, trial, one if trial is None else object_codes(table, trial, "trial")[0]
+    runs = one if trial is None else object_codes(table, trial, "trial")[0]
+    if is_guessed and not increase_within(owners * len(table) + runs, times):
+        owner = ", ".join(joint_objects(table, times, [name for name in free if name != trial], runs)) or owner
+        owners = owners if owner is None else object_codes(table.joined(owner), owner)[0]
+    return owner, owners, trial, runs
 
 
 def _label_column(table: Table, roles: Roles, role: Literal["object", "trial", "time"]) -> str | None:

@@ -191,9 +191,15 @@ def bootstrapped(trials: Sequence[Floats], indices: Indices, seed: int = 0) -> F
 
 
 def _inverse(factor: Floats) -> Floats:
-    """Return the inverse of ``factor' factor``, shape (k, k), by the pseudoinverse of the factor."""
+    """Return the inverse of ``factor' factor``, shape (k, k), by singular values.
+
+    Combinations that are not identifiable, as of more coefficients than measurements, have variances of 1e28 squares of
+    the largest error instead of none.
+    """
     norms = column_scales(factor)
-    inverse = np.linalg.pinv(factor / norms, rcond=1e-14) / norms[:, np.newaxis]
+    values, directions = np.linalg.svd(factor / norms)[1:]
+    values = np.append(values, np.zeros(len(directions) - len(values)))
+    inverse = (directions.T / np.maximum(values, 1e-14 * values.max(initial=0.0))) / norms[:, np.newaxis]
     return np.asarray(inverse @ inverse.T)
 
 

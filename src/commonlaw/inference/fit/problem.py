@@ -253,8 +253,13 @@ class SearchProblem:
         return float(np.max(self._noise_floors[0] / self.noise) ** 2)
 
     def level_penalty(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
-        """Return minus twice the log prior of error levels: log n each (BIC), inverse gamma for the noise variance."""
+        """Return minus twice the log prior of error levels: log n each (BIC), inverse gamma for the noise variance.
+
+        With it is the normalization of replicates about their means, of which `noise_scale_at` has the squares.
+        """
         penalty = errors.hyperparameters * float(np.log(sum(self.measured)))
+        freedom = self.pure_error[1]
+        penalty += 2 * float(np.sum(freedom * np.log(np.where(freedom > 0, noise, 1.0))))
         if not self.noise_is_fixed:
             penalty += self._prior_observations * float(np.sum(np.log(self._inflation(noise, errors, std))))
         return penalty
