@@ -46,7 +46,7 @@ def table(noise=0.01, samples=60, objects=4, seed=3, observed=animals, eaten=Non
 
 @pytest.fixture(scope="module")
 def lakes():
-    frame, truth = table()
+    frame, truth = table(objects=2)
     return cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"]), truth
 
 
@@ -63,7 +63,7 @@ def test_the_law_of_a_latent_state_is_found_with_the_parameters_of_what_was_meas
 
 
 def test_the_law_is_found_through_a_product():
-    frame, _ = table(objects=6, seed=2, observed=lambda x, z: x * z + 0.5 * x)
+    frame, _ = table(objects=2, seed=2, observed=lambda x, z: x * z + 0.5 * x)
     trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
     law = cl.discover(trials, observe={"y": "x z + b x"}, latent_states="z", cache=False)
     assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+fxz"]
@@ -86,7 +86,8 @@ def test_squares_with_all_terms_are_those_of_noise_for_any_parameters(lakes):
 def test_fixed_coefficients_stay_and_the_others_are_estimated():
     frame, truth = table(eaten=0.75, objects=2)
     trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
-    law = cl.discover(trials, observe=OBSERVE, latent_states="z", known={("z", "x*z"): 0.75}, cache=False)
+    known, library = {("z", "x*z"): 0.75}, "terms:x,z,x*z"
+    law = cl.discover(trials, observe=OBSERVE, latent_states="z", known=known, library=library, cache=False)
     assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+0.75xz"]
     named = named_parameters(law)
     expected = np.column_stack([truth[:, [0, 1, 3]], np.tile([SCALE, OFFSET], (len(truth), 1))])

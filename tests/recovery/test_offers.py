@@ -50,9 +50,8 @@ def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
 
 
 def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heteroscedastic():
-    objects, starts = {"a": (1.0, 0.8), "b": (1.4, 1.1)}, [(0.8, 1.2), (2.0, 0.6)]
-    trials = simulated(_predation, objects, starts, np.linspace(0, 8, 80), 0.01, ["x", "y"])  # By the swing
-    steps = list[str]()
+    starts, steps = [(0.8, 1.2), (2.0, 0.6)], list[str]()
+    trials = simulated(_predation, {"a": (1.0, 0.8)}, starts, np.linspace(0, 8, 80), 0.01, ["x", "y"], seed=1)
     law = cl.discover(trials, cache=False, progress=steps.append)
     assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
     assert any("heteroscedastic: estimating errors" in step for step in steps)
@@ -103,8 +102,8 @@ def test_central_forces_come_before_polynomials_of_higher_degree():
     def rates(_, z):
         return [z[2], z[3], *(-z[:2] / np.hypot(*z[:2]) ** 3)]
 
-    starts, steps = [(1, 0, 0, speed) for speed in (0.8, 1.0, 1.1)], list[str]()
-    trials = simulated(rates, {"moon": ()}, starts, np.linspace(0, 10, 60), 0.001, ["x", "y"], absolute=True)
+    steps = list[str]()
+    trials = simulated(rates, {"moon": ()}, [(1, 0, 0, 0.8)], np.linspace(0, 10, 60), 0.001, ["x", "y"], absolute=True)
     law = cl.discover(trials, order=2, progress=steps.append)
     assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
     np.testing.assert_allclose(law.coefficients[0][law.support], -1, atol=0.002)
@@ -139,9 +138,9 @@ def _pendulum(_: float, z: np.ndarray, stiffness: float) -> list[float]:
         ),
         (
             _drag_in_a_plane,
-            [(0.22,), (0.1,)],
+            [(0.22,)],
             [(0.0, 1.5, 5.6, 5.6), (0.0, 1.5, 8.4, 8.4)],
-            np.arange(0, 1.4, 0.04),
+            np.arange(0, 1.4, 0.07),
             ["x", "y"],
             0.005,
             ("x'' = a v_x*sqrt(v_x^2 + v_y^2)", "y'' = b + c v_y*sqrt(v_x^2 + v_y^2)"),
@@ -188,13 +187,12 @@ def test_positions_of_planets_give_the_law_of_gravity():
         return [z[2], z[3], pull * z[0], pull * z[1]]
 
     generator, times, positions = np.random.default_rng(0), list[np.ndarray](), list[np.ndarray]()
-    planets = {"mercury": (0.387, 0.206), "venus": (0.723, 0.007), "earth": (1.0, 0.017), "mars": (1.524, 0.093)}
+    planets = {"mercury": (0.387, 0.206), "mars": (1.524, 0.093)}
     for size, eccentricity in planets.values():
-        times.append(np.linspace(0, 1.9 * size**1.5, 100))
+        times.append(np.linspace(0, 1.9 * size**1.5, 50))
         speed = 2 * np.pi * np.sqrt((1 + eccentricity) / (size * (1 - eccentricity)))
-        start = [size * (1 - eccentricity), 0.0, 0.0, speed]
-        orbit = solved(kepler, start, times[-1])[:, :2]
-        positions.append(orbit + 0.001 * generator.standard_normal((100, 2)))
+        orbit = solved(kepler, [size * (1 - eccentricity), 0.0, 0.0, speed], times[-1])[:, :2]
+        positions.append(orbit + 0.005 * generator.standard_normal(orbit.shape))
     law = cl.discover(cl.Trials.from_arrays(times, positions, object=[*planets], names=["x", "y"]))
     assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
-    np.testing.assert_allclose(named_parameters(law).values, -4 * np.pi**2, rtol=0.01)
+    np.testing.assert_allclose(named_parameters(law).values, -4 * np.pi**2, rtol=0.02)

