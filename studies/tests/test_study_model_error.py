@@ -50,7 +50,7 @@ def error(drops, ball, drop, powers):
     def rates(_, y):
         return [y[1], sum(a * y[1] ** k for a, k in zip(c, powers, strict=True))]
 
-    end = solve_ivp(rates, span, [tested.states[0, 0], speed(tested)[0]], rtol=1e-10, atol=1e-10).y[0, -1]
+    end = solve_ivp(rates, span, [tested.states[0, 0], speed(tested)[0]], "DOP853", rtol=1e-10, atol=1e-10).y[0, -1]
     return abs(end - tested.states[41, 0])
 
 

@@ -49,6 +49,7 @@ def test_the_printed_models_and_the_results_are_reproduced_and_the_conclusions_a
 def test_results_hold_every_model_by_drop_ball_and_term(terms: Section) -> None:
     assert terms.results["group_models"]["2"]["Volleyball"] == pytest.approx({"1": -9.64, "v": -0.23}, abs=0.005)
     assert terms.results["single_models"]["2"]["Golf Ball"] == pytest.approx({"1": -9.089}, abs=0.0005)
+    assert terms.results["single_models"]["1"]["Whiffle Ball 2"] == pytest.approx({"1": -9.808, "v": -0.5569}, abs=5e-4)
     assert terms.results["single_model_counts"]["both"] == {
         "models": 20, "terms": 54, "with_height": 13, "without_speed": 2, "constant_only": 2,
     }  # fmt: skip
