@@ -11,7 +11,7 @@ from commonlaw.solvers import STLSQ
 TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0]])
 EVERYTHING = np.ones(4, dtype=bool)
 every_rule = pytest.mark.parametrize("rule", RULES)
-few = settings(max_examples=20)
+few = settings(max_examples=10)
 every_seed = given(seed=st.integers(0, 10_000))
 
 

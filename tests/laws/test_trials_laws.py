@@ -73,7 +73,7 @@ def same(one, other):
             assert getattr(mine, name).shape == getattr(theirs, name).shape
 
 
-_SLOW = settings(suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+_SLOW = settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 
 @_SLOW

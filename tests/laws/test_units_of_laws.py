@@ -222,7 +222,7 @@ def test_a_law_of_second_order_with_an_input_is_the_same_whatever_the_scale(scal
     np.testing.assert_allclose(found[1], found[0], rtol=1e-6)
 
 
-DROPS = cl.datasets.linear_drag(noise=0.05)
+DROPS = cl.datasets.linear_drag(drag=(-0.1, -0.5), trials=1, noise=0.05)
 
 
 def test_a_bound_holds_the_share_that_it_says():
@@ -246,7 +246,7 @@ def test_a_curvature_is_bounded_as_by_least_squares():
 
 
 def test_a_term_that_is_there_is_seen():
-    drops = cl.datasets.linear_drag(noise=0.05, quadratic=-0.02)
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05, quadratic=-0.02)
     found = bounds(cl.fit("x'' = -g - c v", drops), drops, ["v^2"])
     assert any(bound.seen for bound in found.bounds)
     assert "excludes zero" in str(found)
