@@ -39,7 +39,7 @@ def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():
 
 
 def test_coefficients_and_errors_are_those_of_refining_the_same_terms():
-    drops = cl.datasets.linear_drag(noise=0.05)
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05)
     law = cl.fit("x'' = -g - k v", drops)
     found = cl.discover(drops, order=2, library="poly:1")
     refined = cl.refine(found, drops)
