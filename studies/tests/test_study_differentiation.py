@@ -19,11 +19,6 @@ def fall():
 
 
 @pytest.fixture(scope="module")
-def drops(ball_drops_folder):
-    return cl.datasets.ball_drops(ball_drops_folder)
-
-
-@pytest.fixture(scope="module")
 def section(drops):
     return numerical_differentiation(Inquiry(drops, "", SEED))
 

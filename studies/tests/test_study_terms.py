@@ -1,9 +1,5 @@
 """The parts of the study on learned terms and on thresholds agree with the print where the study says so."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,8 +13,8 @@ from studies.falling_balls.sparsity_path import sparsity_path
 
 
 @pytest.fixture(scope="module")
-def inquiry(ball_drops_folder: Path) -> Inquiry:
-    return Inquiry(cl.datasets.ball_drops(ball_drops_folder), "", 100)
+def inquiry(drops: cl.Trials) -> Inquiry:
+    return Inquiry(drops, "", 100)
 
 
 @pytest.fixture(scope="module")
@@ -110,13 +106,3 @@ def test_verdicts_turn_when_a_number_moves(terms: Section, path: Section) -> Non
     assert path_part._group_table(printed, found).kind == "differs"
     printed["0.005"]["v"] = "0.87"
     assert path_part._group_table(printed, path.results["threshold_path_group"]).kind == "reproduced"
-
-
-@pytest.mark.parametrize("part", [learned_terms, sparsity_path])
-def test_without_the_measured_drops_the_part_says_what_is_missing(
-    part: Callable[[Inquiry], Section], inquiry: Inquiry
-) -> None:
-    section = part(replace(inquiry, drops=None, missing="no such folder"))
-    assert kinds(section) == ["left out"]
-    assert not section.results
-    assert "no such folder" in section.blocks[0].text

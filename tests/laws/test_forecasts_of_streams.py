@@ -41,7 +41,7 @@ def stream(tmp_path_factory, drops):
 
 @pytest.fixture(scope="module")
 def law(drops):
-    return cl.fit("x'' = -g - c v", drops)
+    return cl.fit("x'' = -g - c v", drops, errors="white")
 
 
 def test_errors_are_those_of_forecasts_of_all_trials(law, stream, drops, tmp_path):
@@ -65,9 +65,8 @@ def explained(drops):
     """The law of half of the balls, whose drag follows from the mass."""
     seen = drops.objects[:15]
     half = drops.select(object=list(seen))
-    return cl.fit(
-        "x'' = -g - c v", cl.Trials(half.trials, half.schema, {n: drops.properties[n] for n in seen})
-    ).explain()
+    trials = cl.Trials(half.trials, half.schema, {n: drops.properties[n] for n in seen})
+    return cl.fit("x'' = -g - c v", trials, errors="white").explain()
 
 
 def test_objects_that_the_law_has_not_seen_are_forecast_by_their_properties(explained, law, drops, stream):

@@ -161,7 +161,7 @@ def test_names_cannot_write_into_the_page():
 
 def test_a_law_that_was_explained_shows_its_relations():
     drops = cl.datasets.linear_drag(trials=1, noise=0.02)
-    explained = cl.fit("x'' = -g - c v", drops).explain([])
+    explained = cl.fit("x'' = -g - c v", drops, errors="white").explain([])
     report = law_report(find(explained, drops))
     assert table_of(report, "relations")["kind"].tolist() == ["universal", "own"]
     assert "\\ddot{x}" in report.summary

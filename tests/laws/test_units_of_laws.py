@@ -172,18 +172,13 @@ def reacting(scales=(1.0, 1.0, 1.0), seed=0):
     return cl.Trials.from_frame(pd.concat(rows), time="t", states=["C", "D"])
 
 
-def discovered(scales):
-    law = cl.discover(reacting(scales), order=1, library="poly:2")
-    return law, law.comparison["score"].to_numpy()
-
-
-@pytest.mark.parametrize("scales", [(1, TINY, HUGE), (TINY, 1, 1)])
-def test_discovery_is_the_same_over_sixteen_orders_of_magnitude(scales):
-    (law, evidence), (other, other_evidence) = discovered((1, 1, 1)), discovered(scales)
+def test_discovery_is_the_same_over_sixteen_orders_of_magnitude():
+    law, other = (
+        cl.discover(reacting(scales), order=1, library="poly:2") for scales in ((1, 1, 1), (TINY, TINY, HUGE))
+    )
     assert law.structure == other.structure == ("C' = a C", "D' = b C")
-    np.testing.assert_allclose(other_evidence, evidence, rtol=1e-6, atol=1e-6)
-    time, first, second = scales
-    factors = np.array([1, second / first]) / time
+    np.testing.assert_allclose(other.comparison["score"], law.comparison["score"], rtol=1e-6, atol=1e-6)
+    factors = np.array([1, HUGE / TINY]) / TINY
     expected = law.coefficients[:, law.support].reshape(3, 2) * factors
     np.testing.assert_allclose(other.coefficients[:, other.support].reshape(3, 2), expected, rtol=1e-9)
 

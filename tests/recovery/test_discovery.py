@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from sklearn.base import clone
-from sklearn.model_selection import GridSearchCV, GroupKFold
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
@@ -124,6 +122,8 @@ def test_one_forecast_that_diverges_does_not_decide_a_comparison():
 
 
 def test_the_estimator_follows_scikit_learn(drops):
+    from sklearn.base import clone
+
     model = cl.LawDiscovery(method=regression(solver=cl.solvers.STLSQ(1.5)), **SETTINGS)
     copy = clone(model)
     assert copy.get_params() == model.get_params()
@@ -145,6 +145,8 @@ def test_the_estimator_follows_scikit_learn(drops):
 
 
 def test_the_threshold_is_chosen_by_held_out_trials(drops):
+    from sklearn.model_selection import GridSearchCV, GroupKFold
+
     search = GridSearchCV(
         cl.LawDiscovery(method=regression(solver=cl.solvers.STLSQ()), **SETTINGS),
         {"method__solver__threshold": [20, 1.5, 1000]},
