@@ -17,25 +17,17 @@ from commonlaw.stream import find_by_stream
 from commonlaw.summary import Summary
 from commonlaw.verdict import find
 from tests.refusals import refused
-
-ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x"]}
+from tests.streams import ROLES, drops_with_masses, write_files
 
 
 @pytest.fixture(scope="module")
 def drops():
-    """Thirty balls with a drag that goes with the inverse of the mass."""
-    masses = np.exp(np.random.default_rng(1).normal(0, 0.5, 30))
-    made = cl.datasets.linear_drag(drag=tuple(-0.3 / masses), trials=2, noise=0.01)
-    return cl.Trials(
-        made.trials, made.schema, {n: {"mass": float(m)} for n, m in zip(made.objects, masses, strict=True)}
-    )
+    return drops_with_masses(30)
 
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory, drops):
-    folder = tmp_path_factory.mktemp("runs")
-    for i in range(3):
-        drops.select(object=list(drops.objects[10 * i : 10 * i + 10])).to_parquet(folder / f"{i}.parquet")
+    folder = write_files(drops, tmp_path_factory.mktemp("runs"), 3)
     return cl.TrialStream.from_parquet(folder, **ROLES, properties=["mass"])
 
 
