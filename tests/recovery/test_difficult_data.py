@@ -37,8 +37,9 @@ def test_the_discretization_error_of_a_coarse_mesh_is_no_reason_for_richer_terms
         return [s * (y[1] - y[0]), y[0] * (r - y[2]) - y[1], y[0] * y[1] - b * y[2]]
 
     times, messages = np.linspace(0, 1.5, 100), []
-    states = solved(rates, (-5.0, -2.0, 20.0), times, 10.0, 28.0, 2.7)
-    trials = cl.Trials.from_arrays(times, states, names=["x", "y", "z"])
+    first = solved(rates, (-5.0, -2.0, 20.0), times, 10.0, 28.0, 2.7)
+    measured = [first, solved(rates, (3.0, 6.0, 25.0), times, 9.6, 26.5, 2.5)]
+    trials = cl.Trials.from_arrays([times] * 2, measured, object=["a", "b"], names=["x", "y", "z"])
     law = cl.discover(trials, order=1, cache=False, progress=messages.append)
     assert law.structure == ("x' = a x + b y", "y' = c x + d y + f x z", "z' = g z + h x y")
     assert not any("proposing" in each for each in messages)

@@ -20,6 +20,12 @@ def regression(**settings):
     return cl.DerivativeRegression(**{"differentiation": "savgol:25:3", "trim": 8} | settings)
 
 
+def rows(law, trials, name):
+    """Return heights with speeds, and accelerations, as a law of strong form has them of an object."""
+    form = cl.formulation.StrongForm(law.provenance.differentiation, 2, trim=8)
+    return (np.concatenate(parts) for parts in zip(*map(form.samples, trials.of_object(name)), strict=True))
+
+
 def test_every_choice_can_be_an_object_or_its_text(drops):
     by_text = cl.discover(
         drops,
@@ -51,11 +57,8 @@ def test_every_choice_can_be_an_object_or_its_text(drops):
 def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
     law = cl.discover(drops, method=regression(solver="group-stlsq:1.5"), **SETTINGS)
     assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["1", "v"]
-    form = cl.formulation.StrongForm(law.provenance.differentiation, 2, trim=8)
     for name in drops.objects:
-        values, targets = (
-            np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
-        )
+        values, targets = rows(law, drops, name)
         expected = np.linalg.lstsq(np.column_stack([np.ones(len(values)), values[:, 1]]), targets[:, 0], rcond=None)[0]
         np.testing.assert_allclose(law.coefficients[object_index(law, name)][0][law.support[0]], expected, rtol=1e-10)
 
@@ -65,11 +68,8 @@ def test_known_terms_are_moved_to_the_left_hand_side(drops):
         drops, method=regression(solver="stlsq:0.01"), known={"1": -9.8}, **SETTINGS | {"library": "terms:1,v"}
     )
     assert (to_frame(law)["1"] == -9.8).all()
-    form = cl.formulation.StrongForm(law.provenance.differentiation, 2, trim=8)
     for name in drops.objects:
-        values, targets = (
-            np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
-        )
+        values, targets = rows(law, drops, name)
         drag = values[:, 1] @ (targets[:, 0] + 9.8) / (values[:, 1] @ values[:, 1])
         assert to_frame(law).loc[name, "v"] == pytest.approx(drag, rel=1e-10)
 

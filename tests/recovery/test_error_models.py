@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import odeint, solve_ivp
+from scipy.integrate import odeint
 from scipy.linalg import expm, solve_triangular, toeplitz
 from scipy.optimize import least_squares, minimize
 from scipy.signal import lfilter
@@ -18,6 +18,7 @@ from commonlaw.likelihood import ErrorModel
 from tests.recovery import problems
 from tests.recovery.golden import recovered
 from tests.refusals import refused
+from tests.simulations import solved
 
 TIMES = np.linspace(0, 12, 241)
 STEP = TIMES[1]
@@ -206,9 +207,7 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     def field(t, z):
         return [z[1], -9.8 - 0.05 * z[1] * abs(z[1]) - 3 * np.sin(5 * t)]
 
-    paths = [
-        solve_ivp(field, (0, 4), start, t_eval=times, rtol=1e-10, atol=1e-10).y[:1].T for start in ([60, 0], [50, 8])
-    ]
+    paths = [solved(field, start, times)[:, 0] for start in ([60, 0], [50, 8])]
     states = [path + 0.01 * generator.standard_normal(path.shape) for path in paths]
     trials = cl.Trials.from_arrays([times] * 2, states, object=["ball"] * 2, names=["x"])
     within = cl.discover(trials, order=2, library="terms:1,x,v,v*abs(v),sin(5*t)")

@@ -8,14 +8,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
-from benchmarks.next_experiment import first_trials
 from commonlaw.law import Uncertainty
-
-
-def test_a_law_that_asks_for_odd_starts_is_not_taken_where_trials_start_alike():
-    seed = 25
-    first = first_trials("heights of balls", seed)
-    assert first.discover(first.measured(0.1, seed)).structure == ("x'' = a + b v",)
 
 
 def test_a_law_that_was_found_carries_its_neighbours_by_their_evidence():

@@ -27,31 +27,26 @@ class _InTurn(AbstractLibrary):
         return iter((first, *parse_library(self.later).offers(variables)))
 
 
-def _rate(_: float, s: np.ndarray, rate: float, half: float, inhibition: float) -> np.ndarray:
-    return -rate * s / (half + s + s**2 / inhibition)
-
-
-def _predation(_: float, z: np.ndarray, growth: float, gain: float) -> list[float]:
-    return [z[0] * (growth - z[1]), z[1] * (gain * z[0] - 1)]
-
-
-@pytest.fixture(scope="module")
-def inhibited() -> cl.Trials:
-    """s' = -V s/(K + s + s^2/L), an enzyme that its substrate inhibits (Haldane)."""
+def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers():
+    """An enzyme that its substrate inhibits (Haldane)."""
     objects = {"a": (1.2, 0.5, 2.0), "b": (1.8, 0.7, 3.0)}
-    return simulated(_rate, objects, [[6.0], [3.0]], np.linspace(0, 8, 50), 0.02, seed=1, absolute=True)
 
+    def rates(_: float, s: np.ndarray, rate: float, half: float, inhibition: float) -> np.ndarray:
+        return -rate * s / (half + s + s**2 / inhibition)
 
-def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
-    library = _InTurn(("s/(K + s)",), "ratio(terms:s, poly:2)")
-    law = cl.discover(inhibited, library=library, order=1)
+    trials = simulated(rates, objects, [[6.0], [3.0]], np.linspace(0, 8, 50), 0.02, seed=1, absolute=True)
+    law = cl.discover(trials, library=_InTurn(("s/(K + s)",), "ratio(terms:s, poly:2)"), order=1)
     assert law.structure == ("s' = a s/(K + L*s + s^2)",)
     np.testing.assert_allclose(named_parameters(law).values[:, 2], [2.0, 3.0], rtol=0.15)  # L is the inhibition
 
 
 def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heteroscedastic():
     starts, steps = [(0.8, 1.2), (2.0, 0.6)], list[str]()
-    trials = simulated(_predation, {"a": (1.0, 0.8)}, starts, np.linspace(0, 8, 80), 0.01, ["x", "y"], seed=1)
+
+    def rates(_: float, z: np.ndarray) -> list[float]:
+        return [z[0] * (1 - z[1]), z[1] * (0.8 * z[0] - 1)]
+
+    trials = simulated(rates, {"a": ()}, starts, np.linspace(0, 8, 80), 0.01, ["x", "y"], seed=1)
     law = cl.discover(trials, cache=False, progress=steps.append)
     assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
     assert any("heteroscedastic: estimating errors" in step for step in steps)
@@ -115,15 +110,6 @@ def _monod(_: float, z: np.ndarray, rate: float, half: float, gain: float) -> li
     return [uptake, -uptake / gain]
 
 
-def _drag_in_a_plane(_: float, z: np.ndarray, drag: float) -> list[float]:
-    speed = np.hypot(z[2], z[3])
-    return [z[2], z[3], -drag * speed * z[2], -9.81 - drag * speed * z[3]]
-
-
-def _pendulum(_: float, z: np.ndarray, stiffness: float) -> list[float]:
-    return [z[1], -stiffness * np.sin(z[0]) - 0.05 * z[1]]
-
-
 @pytest.mark.parametrize(
     ("rates", "objects", "starts", "times", "names", "noise", "structure"),
     [
@@ -137,8 +123,8 @@ def _pendulum(_: float, z: np.ndarray, stiffness: float) -> list[float]:
             ("x' = a x s/(K + s)", "s' = b x s/(K2 + s)"),
         ),
         (
-            _drag_in_a_plane,
-            [(0.22,)],
+            lambda _, z: [*z[2:], -0.22 * np.hypot(*z[2:]) * z[2], -9.81 - 0.22 * np.hypot(*z[2:]) * z[3]],
+            [()],
             [(0.0, 1.5, 5.6, 5.6), (0.0, 1.5, 8.4, 8.4)],
             np.arange(0, 1.4, 0.07),
             ["x", "y"],
@@ -146,7 +132,7 @@ def _pendulum(_: float, z: np.ndarray, stiffness: float) -> list[float]:
             ("x'' = a v_x*sqrt(v_x^2 + v_y^2)", "y'' = b + c v_y*sqrt(v_x^2 + v_y^2)"),
         ),
         (
-            _pendulum,
+            lambda _, z, stiffness: [z[1], -stiffness * np.sin(z[0]) - 0.05 * z[1]],
             [(19.62,), (9.81,)],
             [(0.5, 0.0), (0.95, 0.0)],
             np.linspace(0, 6, 90),

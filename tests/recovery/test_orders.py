@@ -90,7 +90,7 @@ def test_richer_terms_of_a_law_of_first_order_come_before_many_terms_of_second_o
 def test_a_law_of_second_order_whose_coefficients_are_within_their_errors_gives_way_to_one_of_first():
     enzymes = simulated(
         lambda _, s, rate, half: -rate * s / (half + s),
-        [(1.45, 1.4), (1.42, 0.56)],
+        [(1.45, 1.4), (1.42, 0.56), (1.31, 0.55), (0.67, 1.16)],
         [(5.0,), (2.0,)],
         np.linspace(0, 8, 60),
         0.05,
