@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.experiments.design import usual
 from commonlaw.law import Provenance, to_latex
 from commonlaw.law.parameters import named_parameters
 from commonlaw.report import law_report, to_page
@@ -179,6 +180,12 @@ def test_the_phase_plane_is_shown_of_laws_that_have_one(report):
     one = cl.Law.from_text("x' = -k x", {"k": 0.5})
     trials = cl.Trials.from_arrays(np.arange(20.0), np.exp(-0.5 * np.arange(20.0)), names=["x"])
     assert "phase-plane" not in [each.name for each in law_report(find(one, trials)).named_blocks()]
+
+
+def test_experiments_start_where_the_only_trial_did():
+    law, times = cl.Law.from_text("x' = -k x", {"k": 0.5}), np.arange(20.0)
+    settings = usual(law, cl.Trials.from_arrays(times, np.exp(-0.5 * times), names=["x"]))
+    assert settings["x"] == pytest.approx([1.0])
 
 
 def test_of_several_objects_many_coefficients_have_a_figure_each():

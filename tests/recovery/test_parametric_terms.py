@@ -11,8 +11,8 @@ from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import CurveData
 from commonlaw.inference.fit.parameter_grid import ParameterGrids, frequencies_in_time
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.propose.integral_ranking import rank_supports
-from commonlaw.inference.propose.parametric import are_parameters_identifiable
+from commonlaw.inference.propose.integral_ranking import CandidateSupport, rank_supports
+from commonlaw.inference.propose.parametric import are_parameters_identifiable, reflected
 from commonlaw.inference.score.score import Score
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.library import PolynomialLibrary, Term, Terms, Variables, parametric_term, parse_library
@@ -63,6 +63,17 @@ def test_a_constant_has_a_name_that_no_variable_has():
     (first, _) = parse_library("saturating").parametric(variables)
     assert first.text(variables) == "K/(K2 + K)"
     assert first.parameters == ("K2",)
+
+
+def test_a_constant_is_absorbed_by_a_sigmoid_and_by_nothing_else():
+    """2 - 2 s(k, b) is 2 s(-k, -b)."""
+    variables = Variables(("s",))
+    sigmoid, saturation = (parametric_term(text, variables) for text in ("1/(1 + exp(k*s + b))", "s/(K + s)"))
+    plain, values = PolynomialLibrary(1).bind(variables), np.array([[2.0, -2.0, 0.3, 0.4]])
+    (found,) = reflected(plain, CandidateSupport((plain.index("1"),), (sigmoid,), (values,)))
+    assert (found.plain, found.others) == ((), (sigmoid,))
+    np.testing.assert_array_equal(found.starts, [[[2.0, -0.3, -0.4]]])
+    assert not [*reflected(plain, CandidateSupport((plain.index("1"),), (saturation,), (values[:, :3],)))]
 
 
 @pytest.mark.parametrize("library", ["saturating", "terms:s/(K+s)"])

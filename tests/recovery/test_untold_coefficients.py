@@ -43,5 +43,8 @@ def test_an_object_that_tells_nothing_of_a_coefficient_counts_as_one_that_tells_
         rows[3, :, 2] = rows[3, :, 0]
         factors = np.array([np.linalg.qr(row, mode="r") for row in rows])
         found.append(minus_twice_log_evidence(factors, np.array([0, 1]), NoiseScale(240)))
+    noise = NoiseScale(240)
+    alone = minus_twice_log_evidence(factors, np.array([], dtype=np.intp), noise)
+    assert alone == pytest.approx(float(noise.deviance(np.sum(rows[:, :, 2] ** 2), 0)))
     assert np.isfinite(found).all()
     np.testing.assert_allclose(found[0], found[1], atol=1e-3)
