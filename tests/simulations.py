@@ -8,7 +8,7 @@ import commonlaw as cl
 
 def solved(rates, start, times, *numbers):
     """Return the states of ``rates(t, y, *numbers)`` at times, shape (n, D)."""
-    return solve_ivp(rates, times[[0, -1]], start, t_eval=times, args=numbers, rtol=1e-10, atol=1e-12).y.T
+    return solve_ivp(rates, times[[0, -1]], start, "DOP853", times, args=numbers, rtol=1e-10, atol=1e-12).y.T
 
 
 def simulated(rates, objects, starts, times, noise, names=("s",), *, seed=0, absolute=False):

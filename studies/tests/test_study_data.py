@@ -6,23 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from commonlaw import datasets
 from commonlaw.report import Picture, Table, Text
 from commonlaw.trials import Trial, Trials
 from studies.falling_balls.candidates import candidates
 from studies.falling_balls.data import data
+from studies.falling_balls.default_method import default_method
 from studies.falling_balls.drag_regimes import drag_regimes
 from studies.falling_balls.inquiry import Inquiry
+from studies.falling_balls.learned_terms import learned_terms
+from studies.falling_balls.model_error import model_error
 from studies.falling_balls.printed import printed_table, prints_as
 from studies.falling_balls.report import Section
+from studies.falling_balls.sparsity_path import sparsity_path
 from studies.falling_balls.speeds import FORM
 
 PARTS = (data, drag_regimes, candidates)
-
-
-@pytest.fixture(scope="module")
-def drops(ball_drops_folder):
-    return datasets.ball_drops(ball_drops_folder)
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +51,11 @@ def test_results_have_the_keys_of_the_report(sections):
     assert keys == ["balls", "landing_time", "reynolds", "library"]
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", [*PARTS, default_method, learned_terms, model_error, sparsity_path])
 def test_without_the_drops_each_part_says_what_is_left_out(part):
     section = part(Inquiry(None, "the cellar is flooded", 100))
     assert kinds(section) == ["left out"]
+    assert part is drag_regimes or not section.results
     assert "the cellar is flooded" in "".join(block.text for block in section.blocks if isinstance(block, Text))
     pictures = [block for block in section.blocks if isinstance(block, Picture)]
     assert [picture.name for picture in pictures] == (["drag-regimes"] if part is drag_regimes else [])

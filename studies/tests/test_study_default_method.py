@@ -12,18 +12,12 @@ from scipy.signal import savgol_filter
 
 import commonlaw as cl
 from commonlaw.law.law import object_index
-from studies.falling_balls.default_method import default_method
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.model_error import model_error
 from studies.falling_balls.settings import BALL_GROUPS, DRAG_FORMS
 
 # With all that takes numbers from the study, so that it runs once
 pytestmark = pytest.mark.xdist_group("study")
-
-
-@pytest.fixture(scope="module")
-def drops(ball_drops_folder) -> cl.Trials:
-    return cl.datasets.ball_drops(ball_drops_folder)
 
 
 @pytest.fixture(scope="module")
@@ -192,9 +186,3 @@ def test_the_verdicts_and_tables_say_the_numbers(report, results):
         [each["laws"]["linear drag"]["two_log_bayes_factor"] for each in results["choices"].values()]
     )
     assert len(pd.read_csv(report / "tables" / "default-evidence.csv")) == 23
-
-
-def test_without_the_drops_the_part_is_left_out():
-    section = default_method(Inquiry(None, "no such folder", 100))
-    assert [verdict.kind for verdict in section.verdicts] == ["left out"]
-    assert "no such folder" in section.blocks[0].text

@@ -19,11 +19,6 @@ def fall():
 
 
 @pytest.fixture(scope="module")
-def drops(ball_drops_folder):
-    return cl.datasets.ball_drops(ball_drops_folder)
-
-
-@pytest.fixture(scope="module")
 def section(drops):
     return numerical_differentiation(Inquiry(drops, "", SEED))
 
@@ -56,9 +51,8 @@ def test_the_statements_on_methods_and_windows_hold(section):
     assert "$10^{-3}$ for the velocity and $10^{-2}$" in windows.text
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_statements_hold_with_other_noise_too(seed):
-    section = numerical_differentiation(Inquiry(None, "not asked for", seed))
+def test_the_statements_hold_with_other_noise_too():
+    section = numerical_differentiation(Inquiry(None, "not asked for", 1))
     assert [verdict.kind for verdict in section.verdicts] == ["reproduced", "reproduced", "left out"]
     assert "not asked for" in section.blocks[-1].text
     assert set(section.results) == {"differentiation_error", "window_error"}

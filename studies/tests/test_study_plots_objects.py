@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from matplotlib.patches import Rectangle
 
-from commonlaw.plots import render
 from studies.falling_balls.plots import Curve, plot_by_object, plot_curves
 
 PANELS = {
@@ -38,10 +37,6 @@ def test_a_series_looks_alike_in_every_panel_and_is_in_the_legend_with_the_spans
         assert isinstance(span, Rectangle)
         assert (span.get_x(), span.get_width()) == pytest.approx((0.15, 0.1))
         assert panel.get_xlim()[0] == 0
-
-
-def test_the_same_dots_give_the_same_bytes():
-    assert render(plot_by_object(PANELS, "noise (m)"), ".svg") == render(plot_by_object(PANELS, "noise (m)"), ".svg")
 
 
 def test_axes_of_curves_may_be_labelled_by_panel():

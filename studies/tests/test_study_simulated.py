@@ -8,9 +8,16 @@ from commonlaw.differentiation import parse_differentiation
 from commonlaw.report import Picture
 from studies.falling_balls import quadratic_drag, simulated_drops
 from studies.falling_balls.inquiry import Inquiry
-from studies.falling_balls.reynolds_drag import reynolds_drag
-from studies.falling_balls.settings import DIFFERENTIATION, LINEAR_AVERAGES, NOISES, REYNOLDS_AVERAGES
-from studies.falling_balls.simulation import agrees, captures, on_grid, simulated
+from studies.falling_balls.reynolds_drag import _averages, _drops, reynolds_drag
+from studies.falling_balls.settings import (
+    DIFFERENTIATION,
+    LINEAR_AVERAGES,
+    NOISES,
+    REYNOLDS_AVERAGES,
+    RUN_THRESHOLDS,
+    SEED,
+)
+from studies.falling_balls.simulation import agrees, captures, learned, on_grid, simulated
 
 INQUIRY = Inquiry(None, "not needed", 7)
 
@@ -20,7 +27,7 @@ def linear():
     with pytest.MonkeyPatch.context() as patch:
         # Fewer seeds than the study has, to save time
         patch.setattr(simulated_drops, "RECOVERY_SEEDS", 2)
-        patch.setattr(quadratic_drag, "FINDING_SEEDS", 2)
+        patch.setattr(quadratic_drag, "FINDING_SEEDS", 1)
         yield simulated_drops.simulated_drops(INQUIRY)
 
 
@@ -53,6 +60,12 @@ def test_a_squared_velocity_is_found_by_the_other_method_only_and_not_where_ther
     assert found["exact"]["0.01"]["4"]["0"] == found["exact"]["0.1"]["4"]["0.1"] == 0
     assert found["smallest"]["0.01"]["4"] <= 0.01
     assert found["smallest"]["0.1"]["4"] is None
+
+
+def test_the_averages_of_reynolds_drag_with_the_seed_of_the_program():
+    averages = _averages(learned(simulated(_drops(), NOISES, SEED), RUN_THRESHOLDS))
+    for noise, expected in zip(NOISES, REYNOLDS_AVERAGES, strict=True):
+        assert averages[noise] == pytest.approx(expected, abs=1.1e-6)
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 import pytest
 
-import commonlaw as cl
 from commonlaw.datasets.sphere_drag import drag_coefficient
 from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.settings import SEED
@@ -10,8 +9,8 @@ from studies.falling_balls.universal_laws import universal_laws
 
 
 @pytest.fixture(scope="module")
-def results(ball_drops_folder):
-    return universal_laws(Inquiry(cl.datasets.ball_drops(ball_drops_folder), "", SEED)).results["universal_laws"]
+def results(drops):
+    return universal_laws(Inquiry(drops, "", SEED)).results["universal_laws"]
 
 
 def test_gravity_is_universal_and_drag_is_each_balls_own(results):

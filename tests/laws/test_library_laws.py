@@ -158,11 +158,6 @@ def test_terms_are_reloaded_from_their_expressions(library):
 
 
 @pytest.mark.parametrize("a", LIBRARIES)
-def test_a_library_added_to_itself_is_itself(a):
-    assert (a + a).bind(VARIABLES) == a.bind(VARIABLES)
-
-
-@pytest.mark.parametrize("a", LIBRARIES)
 @pytest.mark.parametrize("b", LIBRARIES)
 def test_sums_and_products_do_as_in_algebra(a, b):
     def terms(library):
@@ -173,6 +168,7 @@ def test_sums_and_products_do_as_in_algebra(a, b):
     assert terms(a * b) == terms(b * a)
     assert terms((a + b) * c) == terms(a * c + b * c)
     assert terms(a * ConstantLibrary()) == terms(a)
+    assert (a + a).bind(VARIABLES) == a.bind(VARIABLES)
 
 
 @pytest.mark.parametrize("a", LIBRARIES)

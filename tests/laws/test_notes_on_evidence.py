@@ -6,7 +6,7 @@ import pytest
 
 import commonlaw as cl
 
-DROPS = cl.datasets.linear_drag(noise=0.01, samples=20)
+DROPS = cl.datasets.linear_drag(drag=(-0.1, -0.3), noise=0.01, samples=20)
 COPIED = DROPS.with_trials([*DROPS, replace(DROPS[0], name="again"), replace(DROPS[3], object="Ball 1", name="other")])
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.report import law_report
-from commonlaw.report.document import Table, Text
+from commonlaw.report.document import Text
 from commonlaw.verdict import find
 
 
@@ -18,51 +18,32 @@ def drops():
     return cl.datasets.linear_drag(drag=(-0.5, -0.9), trials=1, noise=0.02)
 
 
-def top_of(report):
-    """Return the words at the top of a page, without their formula and marks."""
+def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leaves(drops):
+    law = cl.discover(drops, order=2, library="terms:x")
+    report = law_report(find(law, drops))
     text = "\n\n".join([report.summary, *(block.text for block in report.blocks if isinstance(block, Text))])
-    return re.sub(r"\\(.)", r"\1", re.sub(r"\$\$.*?\$\$", "", text))
-
-
-def table_of(report, name):
-    return next(each.frame for each in report.named_blocks() if isinstance(each, Table) and each.name == name)
-
-
-def judged(law, trials):
-    """Return errors and bands of forecasts of whole trials from their first fifth, found by themselves."""
-    frames = []
-    for trial in trials:
-        first = trial.times[int(np.ceil(0.2 * len(trial)))]
-        forecast = law.predict(trials.with_trials([trial]), from_time=first, return_std=True, tolerance=1e-6)
-        frames.append(forecast.to_frame())
-    return pd.concat(frames)
-
-
-def numbers_agree(top, law, trials):
-    """Check the errors and the share within bands that the top of a page tells."""
-    frame = judged(law, trials)
+    top = re.sub(r"\\(.)", r"\1", re.sub(r"\$\$.*?\$\$", "", text))  # Without its formula and marks
+    assert "; it is an approximation. Not tested on new data.**" in top
+    assert "Lack of fit: no law in the library fits the data within the noise." in top
+    # Forecasts of whole trials from their first fifth, each by itself
+    forecasts = [
+        law.predict(drops.with_trials([drop]), from_time=drop.times[10], return_std=True, tolerance=1e-6).to_frame()
+        for drop in drops
+    ]
+    frame = pd.concat(forecasts)
     error = np.sqrt(np.mean(frame["x error"] ** 2))
     held = np.mean((frame["x measured low"] <= frame["x"]) & (frame["x"] <= frame["x measured high"]))
     assert f"{len(frame)} measurements" in top
     assert f"RMS forecast error: {error:.3g} m in x" in top
     assert f"{100 * held:.0f} % of the measurements lie within the 95 % bands (about 95 % expected)" in top
-    return error
-
-
-def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leaves(drops):
-    law = cl.discover(drops, order=2, library="terms:x")
-    report = law_report(find(law, drops))
-    top = top_of(report)
-    assert "; it is an approximation. Not tested on new data.**" in top
-    assert "Lack of fit: no law in the library fits the data within the noise." in top
-    error = numbers_agree(top, law, drops)
     noise, unexplained = map(float, re.search(r"Measurement noise of x: (\S+) m; unexplained: (\S+) m", top).groups())
     assert noise == pytest.approx(0.02, rel=0.2)
     assert unexplained == pytest.approx(np.sqrt(error**2 - noise**2), rel=1e-2)
     assert error > 10 * noise
     assert "Suggestions: add terms" in top
     whole = law.predict(drops, start=10).to_frame()["x error"]
-    assert table_of(report, "forecast-by-state")["RMS error"].item() == pytest.approx(np.sqrt(np.mean(whole**2)))
+    (by_state,) = [block for block in report.named_blocks() if block.name == "forecast-by-state"]
+    assert by_state.frame["RMS error"].item() == pytest.approx(np.sqrt(np.mean(whole**2)))
     assert np.sqrt(np.mean(whole**2)) > 10 * noise
     intro = next(section for section in report.sections if section.name == "forecasts").blocks[0].text
     assert "from the first 10 samples" in intro

@@ -12,9 +12,8 @@ from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs import comparison
 
 PROBLEMS = {
-    "drops": (cl.datasets.linear_drag(noise=0.05), {"order": 2, "library": "poly:3"}),
-    "order and library to be found": (cl.datasets.linear_drag(noise=0.05), {}),
-    "two equations": (cl.datasets.lotka_volterra(noise=0.05), {"order": 1, "library": "poly:3"}),
+    "order and library to be found": (cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05), {}),
+    "two equations": (cl.datasets.lotka_volterra(noise=0.05, trials=1), {"order": 1, "library": "poly:2"}),
 }
 
 

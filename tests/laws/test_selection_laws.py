@@ -11,7 +11,7 @@ from commonlaw.solvers import STLSQ
 TRUTH = np.array([[2.0, 0.0, -1.0, 0.0], [1.5, 0.0, -0.7, 0.0]])
 EVERYTHING = np.ones(4, dtype=bool)
 every_rule = pytest.mark.parametrize("rule", RULES)
-few = settings(max_examples=20)
+few = settings(max_examples=10)
 every_seed = given(seed=st.integers(0, 10_000))
 
 
@@ -45,24 +45,12 @@ def test_the_chosen_candidate_is_one_of_the_path(rule, seed):
 @every_rule
 @few
 @every_seed
-def test_the_order_of_candidates_objects_and_trials_does_not_matter(rule, seed):
+def test_the_order_of_candidates_objects_and_trials_and_the_unit_of_the_target_do_not_matter(rule, seed):
     parts = problem(seed)
-    candidates = path(parts, STLSQ())
-    first = choose(candidates, parts, 0, EVERYTHING, rule=rule).chosen
-    turned = [list(reversed(trials)) for trials in reversed(parts)]
+    first = choose(path(parts, STLSQ()), parts, 0, EVERYTHING, rule=rule).chosen
+    turned = [list(reversed(trials)) for trials in reversed(problem(seed, unit=1e-6))]
     again = choose(path(turned, STLSQ())[::-1], turned, 0, EVERYTHING, rule=rule).chosen
     np.testing.assert_array_equal(first.support, again.support)
-
-
-@every_rule
-@few
-@every_seed
-def test_the_unit_of_the_target_does_not_matter(rule, seed):
-    choices = [
-        choose(path(parts, STLSQ()), parts, 0, EVERYTHING, rule=rule)
-        for parts in (problem(seed), problem(seed, unit=1e-6))
-    ]
-    np.testing.assert_array_equal(choices[0].chosen.support, choices[1].chosen.support)
 
 
 @few

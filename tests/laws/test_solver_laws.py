@@ -11,7 +11,7 @@ from commonlaw.formulation import LeastSquaresProblem
 from commonlaw.solvers import IMPORTANCES, SOLVERS, STLSQ
 from tests.refusals import refused
 
-few = settings(max_examples=25)
+few = settings(max_examples=10)
 SETTINGS = {"threshold": 0.3, "penalty": 0.2, "terms": 2}
 
 

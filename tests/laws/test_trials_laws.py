@@ -73,7 +73,8 @@ def same(one, other):
             assert getattr(mine, name).shape == getattr(theirs, name).shape
 
 
-_SLOW = settings(suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+_SLOW = settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+_MANY = settings(_SLOW, max_examples=50)
 
 
 @_SLOW
@@ -134,7 +135,7 @@ def test_any_header_is_read_and_its_reading_is_settled(header):
     assert split_header(join_header(name, unit)) == (name, unit)
 
 
-@_SLOW
+@_MANY
 @given(st.one_of(st.binary(max_size=40), st.text('tx ,;\t"\n\r01.5ab', max_size=40).map(str.encode)))
 def test_any_file_is_read_or_refused_in_words(tmp_path_factory, content):
     path = tmp_path_factory.mktemp("any") / "trials.csv"

@@ -17,6 +17,8 @@ from commonlaw.errors import unknown
 from commonlaw.likelihood import NotPositiveError
 from commonlaw.outcomes import OutcomeKind, note
 
+pytestmark = pytest.mark.xdist_group("catalogue")  # One worker reads all sources
+
 _MAX_WORDS = 25
 _REPLACED = re.compile(
     r"\b(nobody|tells?|told|says? nothing|does not know|besides?|alike|departs?|remembers?|honest|out of the question"

@@ -4,10 +4,12 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest.mock import patch
 
+import commonlaw as cl
 from commonlaw.inference.fit import convergence, fit
 from commonlaw.inference.result import assembly
 from commonlaw.inference.verbs import refinement
@@ -27,14 +29,15 @@ class Recovered(NamedTuple):
     fits: int
 
 
-def recovered(name: str) -> Recovered:
-    """Return what is found today."""
+@cache
+def recovered(name: str) -> tuple[cl.Law, Recovered]:
+    """Return the law of a problem as it is found today, and what of it is kept."""
     with _noted("fitted_law", assembly, refinement) as laws, _noted("fit_each", fit, convergence) as fits:
         law = PROBLEMS[name]()
     estimates, errors = law.coefficients[:, law.support], standard_errors(law)[:, law.support]
     # The first law is the one that is returned, others are beside it
     score = laws[0][1].score.total if laws else None
-    return Recovered(list(law.structure), estimates.tolist(), errors.tolist(), score, len(fits))
+    return law, Recovered(list(law.structure), estimates.tolist(), errors.tolist(), score, len(fits))
 
 
 @contextmanager
@@ -62,7 +65,7 @@ def main(names: list[str]) -> None:
     """Write the laws of these problems, or of all."""
     kept = {name: each for name, each in (stored() if FILE.is_file() else {}).items() if name in PROBLEMS}
     for name in names or PROBLEMS:
-        kept[name] = recovered(name)
+        _, kept[name] = recovered(name)
         print(name, *kept[name].structure)
     listed = {name: kept[name]._asdict() for name in PROBLEMS if name in kept}
     FILE.write_text(json.dumps(listed, indent=1) + "\n")

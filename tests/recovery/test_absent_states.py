@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Variables, parse_library
+from tests.simulations import solved
 
 COMPETITION = ("a' = r a - s a^2 - m a b", "b' = q b - p b^2 - n a b")
 TRUE = {"r": 0.9, "s": 0.009, "m": 0.008, "q": 0.7, "p": 0.006, "n": 0.003}
@@ -25,7 +25,7 @@ def cultures() -> cl.Trials:
 
     states = list[np.ndarray]()
     for start in ([5.0, 0.0], [0.0, 5.0], [5.0, 5.0]):
-        clean = solve_ivp(rates, (0, 19), start, t_eval=times, rtol=1e-9, atol=1e-9).y.T
+        clean = solved(rates, start, times)
         noise = NOISE * generator.standard_normal(clean.shape) * (np.array(start) > 0)
         states.append(clean + noise)
     return cl.Trials.from_arrays([times] * 3, states, object=["tube"] * 3, trial=["a", "b", "both"], names=["a", "b"])

@@ -1,6 +1,7 @@
-"""Laws of data that mislead: large swings, many short trials, and measurements more exact than a mesh."""
+"""Laws of data that mislead: large swings, many short trials, time scales, and measurements more exact than a mesh."""
 
 import numpy as np
+import pandas as pd
 
 import commonlaw as cl
 from commonlaw.law.parameters import standard_errors
@@ -42,3 +43,17 @@ def test_the_discretization_error_of_a_coarse_mesh_is_no_reason_for_richer_terms
     law = cl.discover(trials, order=1, cache=False, progress=messages.append)
     assert law.structure == ("x' = a x + b y", "y' = c x + d y + f x z", "z' = g z + h x y")
     assert not any("proposing" in each for each in messages)
+
+
+def test_cups_that_cool_at_different_rates_cool_by_newtons_law():
+    generator, minutes = np.random.default_rng(3), np.arange(0, 61, 3.0)
+    frames = []
+    for cup, rate in {"ceramic": 0.031, "steel": 0.012, "paper": 0.045}.items():
+        for copy in "ab":
+            drop = (66.5 - 3 * generator.random()) * np.exp(-rate * minutes)
+            noisy = 21.5 + drop + 0.3 * generator.standard_normal(len(minutes))
+            frames.append(pd.DataFrame({"cup": cup + copy, "t": minutes, "T": noisy}))
+    law = cl.discover(pd.concat(frames, ignore_index=True), cache=False)
+    assert law.structure == ("T' = a + b T",)
+    ratios = -law.coefficients[:, 0, 0] / law.coefficients[:, 0, 1]
+    np.testing.assert_allclose(np.median(ratios), 21.5, rtol=0.1)

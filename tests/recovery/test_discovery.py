@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from sklearn.base import clone
-from sklearn.model_selection import GridSearchCV, GroupKFold
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
@@ -20,6 +18,12 @@ SETTINGS = {"order": 2, "library": "poly:2"}
 
 def regression(**settings):
     return cl.DerivativeRegression(**{"differentiation": "savgol:25:3", "trim": 8} | settings)
+
+
+def rows(law, trials, name):
+    """Return heights with speeds, and accelerations, as a law of strong form has them of an object."""
+    form = cl.formulation.StrongForm(law.provenance.differentiation, 2, trim=8)
+    return (np.concatenate(parts) for parts in zip(*map(form.samples, trials.of_object(name)), strict=True))
 
 
 def test_every_choice_can_be_an_object_or_its_text(drops):
@@ -53,11 +57,8 @@ def test_every_choice_can_be_an_object_or_its_text(drops):
 def test_coefficients_equal_plain_least_squares_on_all_rows_of_an_object(drops):
     law = cl.discover(drops, method=regression(solver="group-stlsq:1.5"), **SETTINGS)
     assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["1", "v"]
-    form = cl.formulation.StrongForm(law.provenance.differentiation, 2, trim=8)
     for name in drops.objects:
-        values, targets = (
-            np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
-        )
+        values, targets = rows(law, drops, name)
         expected = np.linalg.lstsq(np.column_stack([np.ones(len(values)), values[:, 1]]), targets[:, 0], rcond=None)[0]
         np.testing.assert_allclose(law.coefficients[object_index(law, name)][0][law.support[0]], expected, rtol=1e-10)
 
@@ -67,11 +68,8 @@ def test_known_terms_are_moved_to_the_left_hand_side(drops):
         drops, method=regression(solver="stlsq:0.01"), known={"1": -9.8}, **SETTINGS | {"library": "terms:1,v"}
     )
     assert (to_frame(law)["1"] == -9.8).all()
-    form = cl.formulation.StrongForm(law.provenance.differentiation, 2, trim=8)
     for name in drops.objects:
-        values, targets = (
-            np.concatenate(parts) for parts in zip(*map(form.samples, drops.of_object(name)), strict=True)
-        )
+        values, targets = rows(law, drops, name)
         drag = values[:, 1] @ (targets[:, 0] + 9.8) / (values[:, 1] @ values[:, 1])
         assert to_frame(law).loc[name, "v"] == pytest.approx(drag, rel=1e-10)
 
@@ -124,6 +122,8 @@ def test_one_forecast_that_diverges_does_not_decide_a_comparison():
 
 
 def test_the_estimator_follows_scikit_learn(drops):
+    from sklearn.base import clone
+
     model = cl.LawDiscovery(method=regression(solver=cl.solvers.STLSQ(1.5)), **SETTINGS)
     copy = clone(model)
     assert copy.get_params() == model.get_params()
@@ -145,6 +145,8 @@ def test_the_estimator_follows_scikit_learn(drops):
 
 
 def test_the_threshold_is_chosen_by_held_out_trials(drops):
+    from sklearn.model_selection import GridSearchCV, GroupKFold
+
     search = GridSearchCV(
         cl.LawDiscovery(method=regression(solver=cl.solvers.STLSQ()), **SETTINGS),
         {"method__solver__threshold": [20, 1.5, 1000]},

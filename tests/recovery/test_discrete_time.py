@@ -9,16 +9,21 @@ from commonlaw.law import to_latex
 from tests.refusals import refused
 
 
+def mapped(growth, start, samples):
+    """Return states of x[k + 1] = growth x[k] (1 - x[k])."""
+    states = [start]
+    while len(states) < samples:
+        states.append(growth * states[-1] * (1 - states[-1]))
+    return np.array(states)
+
+
 @pytest.fixture
 def populations():
-    """Logistic maps of three populations, each from two starts."""
-    trials = []
-    for name, growth in (("fast", 3.9), ("slow", 2.6), ("even", 3.3)):
-        for run, start in (("1", 0.2), ("2", 0.55)):
-            states = [start]
-            for _ in range(40):
-                states.append(growth * states[-1] * (1 - states[-1]))
-            trials.append(cl.Trial(name, run, np.arange(41.0), states))
+    trials = [
+        cl.Trial(name, run, np.arange(41.0), mapped(growth, start, 41))
+        for name, growth in (("fast", 3.9), ("slow", 2.6), ("even", 3.3))
+        for run, start in (("1", 0.2), ("2", 0.55))
+    ]
     return cl.Trials(tuple(trials), cl.Schema(("x",), time="k"))
 
 
@@ -43,10 +48,7 @@ def test_a_law_in_discrete_time_refuses_uneven_steps(populations):
 
 
 def test_the_next_sample_of_a_chaotic_map_is_forecast_though_the_tenth_is_not():
-    states = [0.3]
-    for _ in range(299):
-        states.append(3.9 * states[-1] * (1 - states[-1]))
-    noisy = np.array(states) + 0.005 * np.random.default_rng(0).standard_normal(300)
+    noisy = mapped(3.9, 0.3, 300) + 0.005 * np.random.default_rng(0).standard_normal(300)
     trials = cl.Trials.from_arrays([np.arange(300.0)], [noisy], names=["x"])
     verdict = cl.fit("x[k+1] = a x (1 - x)", trials).assess(trials)
     assert 1 <= verdict.horizon < 30
@@ -57,14 +59,11 @@ GENERATIONS = np.arange(60.0)
 
 
 def generations(growth, noise, times=GENERATIONS):
-    """Two populations of sizes x[k+1] = growth x (1 - x), measured with noise."""
-    generator, trials = np.random.default_rng(2), []
-    for i, name in enumerate(("a", "b")):
-        states = [0.3 + 0.1 * i]
-        for _ in times[1:]:
-            states.append(growth * states[-1] * (1 - states[-1]))
-        trials.append(cl.Trial(name, "1", times, states + noise * generator.standard_normal(len(times))))
-    return cl.Trials(tuple(trials), cl.Schema(("x",), time="generation"))
+    """Return the sizes of two populations, measured with noise."""
+    generator = np.random.default_rng(2)
+    measured = [mapped(growth, start, 60) + noise * generator.standard_normal(60) for start in (0.3, 0.4)]
+    trials = cl.Trials.from_arrays([times] * 2, measured, object=["a", "b"], names=["x"])
+    return cl.Trials(trials.trials, cl.Schema(("x",), time="generation"))
 
 
 def hints(trials, **settings):

@@ -1,11 +1,10 @@
 """Errors beside white noise: found with the law, kept with it, and carried by forecasts."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from scipy.integrate import odeint, solve_ivp
+from scipy.integrate import odeint
 from scipy.linalg import expm, solve_triangular, toeplitz
 from scipy.optimize import least_squares, minimize
 from scipy.signal import lfilter
@@ -16,7 +15,10 @@ from commonlaw.inference.data.noise import noise_floor
 from commonlaw.law import Uncertainty
 from commonlaw.law.parameters import standard_errors
 from commonlaw.likelihood import ErrorModel
+from tests.recovery import problems
+from tests.recovery.golden import recovered
 from tests.refusals import refused
+from tests.simulations import solved
 
 TIMES = np.linspace(0, 12, 241)
 STEP = TIMES[1]
@@ -45,6 +47,11 @@ def correlated(path, generator):
     return lfilter([1.0], [1.0, -keeps], pushes) + 0.005 * generator.standard_normal(len(path))
 
 
+@pytest.fixture(scope="module")
+def law():
+    return cl.fit("x'' = a x + b v", oscillator(white))
+
+
 def most_likely(errors):
     """Return the white noise, the level and the memory under which errors that are known are most probable."""
 
@@ -57,30 +64,39 @@ def most_likely(errors):
     return np.exp(minimize(value, np.log([0.005, 0.05, 0.8]), method="Nelder-Mead").x)
 
 
-@cache
-def discover(measurement, **settings):
-    return cl.discover(oscillator(measurement), order=2, library="poly:2", method=cl.TrajectoryLikelihood(**settings))
+@pytest.fixture(scope="module")
+def autocorrelated():
+    return cl.fit("x'' = a x + b v", oscillator(correlated))
 
 
-@pytest.mark.parametrize("errors", [white, proportional, correlated])
-def test_the_errors_of_measurements_are_found_with_the_law(errors):
-    law = discover(errors)
+def test_white_noise_is_found_with_the_law():
+    law, _ = recovered("spring, defaults")
+    heights = np.concatenate([trial.states for trial in problems.spring(problems.white(0.0))])
     assert law.structure == ("x'' = a x + b v",)
-    missed = (law.coefficients[law.support[np.newaxis]] - [-2, -0.1]) / standard_errors(law)[law.support[np.newaxis]]
-    assert np.all(np.abs(missed) < 3.5)
-    assert {diagnostic.kind for diagnostic in law.diagnostics} <= {"not identifiable"}
+    assert not law.uncertainty.error_model
+    assert law.uncertainty.noise == pytest.approx([0.01 * heights.std()], rel=0.1)
+
+
+def test_noise_in_proportion_is_found_with_the_law():
+    law, _ = recovered("growth, proportional")
     found = law.uncertainty.error_model
-    if errors is white:
-        assert not found
-        assert law.uncertainty.noise == pytest.approx([0.02], rel=0.1)
-    elif errors is proportional:
-        assert found.heteroscedastic["proportional"] == pytest.approx([0.05], rel=0.15)
-        assert found.correlated is None
-    else:
-        noise, level, memory = most_likely([correlated(TIMES, np.random.default_rng(i)) for i in range(3)])
-        assert found.correlated == pytest.approx([level], rel=0.15)
-        assert found.memory == pytest.approx(memory, rel=0.2)
-        assert law.uncertainty.noise == pytest.approx([noise], rel=0.3)
+    assert found.heteroscedastic["proportional"] == pytest.approx([0.05], rel=0.15)
+    assert found.correlated is None
+    missed = law.coefficients[:, law.support][:, 0] - [0.3, 0.5, 0.4]
+    assert np.all(np.abs(missed) < 3.5 * standard_errors(law)[:, law.support][:, 0])
+
+
+def test_autocorrelated_errors_are_found_with_the_law(autocorrelated):
+    noise, level, memory = most_likely([correlated(TIMES, np.random.default_rng(i)) for i in range(3)])
+    found = autocorrelated.uncertainty.error_model
+    assert found.correlated == pytest.approx([level], rel=0.15)
+    assert found.memory == pytest.approx(memory, rel=0.2)
+    assert autocorrelated.uncertainty.noise == pytest.approx([noise], rel=0.3)
+    errors = standard_errors(autocorrelated)[0, 0]
+    assert np.all(np.abs(autocorrelated.coefficients[0, 0] - [-2, -0.1]) < 3.5 * errors)
+    as_white = cl.fit("x'' = a x + b v", oscillator(correlated), errors="white")
+    assert as_white.uncertainty.error_model.correlated is None
+    assert np.all(errors > 1.5 * standard_errors(as_white)[0, 0])
 
 
 def test_noise_in_proportion_is_so_to_the_fitted_states_where_these_cross_zero():
@@ -102,36 +118,24 @@ def test_noise_in_proportion_is_so_to_the_fitted_states_where_these_cross_zero()
     np.testing.assert_allclose(law.coefficients[law.support[np.newaxis]], found[:2], atol=0.3 * expected.max())
 
 
-def test_errors_with_a_memory_leave_coefficients_less_certain():
-    asked, as_white = discover(correlated), discover(correlated, errors="white")
-    assert as_white.uncertainty.error_model.correlated is None
-    assert np.all((standard_errors(asked) > 1.5 * standard_errors(as_white))[asked.support[np.newaxis]])
-
-
-def test_a_law_with_other_errors_survives_its_file(tmp_path):
-    law = discover(correlated, errors="autocorrelated")
-    law.save(tmp_path / "law.json")
-    again = cl.Law.load(tmp_path / "law.json")
+def test_a_law_with_other_errors_survives_its_file(autocorrelated, tmp_path):
+    autocorrelated.save(tmp_path / "law.json")
+    again, trials = cl.Law.load(tmp_path / "law.json"), oscillator(correlated)
     for name in ("correlated", "memory"):
-        np.testing.assert_array_equal(
-            getattr(again.uncertainty.error_model, name), getattr(law.uncertainty.error_model, name)
-        )
-    trials = oscillator(correlated)
-    pair = (law, again)
-    first, second = (each.predict(trials, return_std=True, start=20, averaged=False) for each in pair)
+        before, after = (getattr(each.uncertainty.error_model, name) for each in (autocorrelated, again))
+        np.testing.assert_array_equal(after, before)
+    first, second = (each.predict(trials, return_std=True, start=20) for each in (autocorrelated, again))
     np.testing.assert_array_equal(first.std[0], second.std[0])
     # A measurement has its own error beside that of the state
     measured, state = (first.margins(measured=each)[0] for each in (True, False))
-    known, times = law.uncertainty, trials[0].times
-    reach = t.ppf(0.975, known.degrees_of_freedom[0]) * known.interval_inflation.at(np.maximum(0.0, times - times[19]))
-    own = np.hypot(law.uncertainty.noise, known.error_model.correlated)
-    np.testing.assert_allclose(measured[:, 0], np.hypot(state[:, 0], reach * own), rtol=1e-4)
+    known = autocorrelated.uncertainty
+    own = t.ppf(0.975, known.degrees_of_freedom[0]) * np.hypot(known.noise, known.error_model.correlated)
+    np.testing.assert_allclose(measured[:, 0], np.hypot(state[:, 0], own), rtol=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["walk", "force"])
-def test_the_error_of_a_law_carries_forecasts_as_far_as_simulations_say(kind):
+def test_the_error_of_a_law_carries_forecasts_as_far_as_simulations_say(law, kind):
     """The scatter of many simulated oscillators that are pushed, from one start."""
-    law = discover(white)
     coefficients = np.where(law.support, law.coefficients, 0.0)
     matrix = np.array([[0.0, 1.0], coefficients[0, 0][[law.terms.names.index(each) for each in ("x", "v")]]])
     walk, force, time = np.array([0.05, 0.08]), np.array([0.3]), 0.7
@@ -158,8 +162,7 @@ def test_the_error_of_a_law_carries_forecasts_as_far_as_simulations_say(kind):
     np.testing.assert_allclose(forecast.std[0][1:, 0], std[1:], rtol=0.02)
 
 
-def test_a_start_under_a_law_that_errs_is_the_last_state_that_samples_tell():
-    law = discover(white)
+def test_a_start_under_a_law_that_errs_is_the_last_state_that_samples_tell(law):
     trials = oscillator(white, 1)
     errs = replace(law, uncertainty=replace(law.uncertainty, error_model=ErrorModel(walk=np.array([0.2, 0.2]))))
     exact, loose = (each.predict(trials, start=120, return_std=True) for each in (law, errs))
@@ -174,21 +177,20 @@ def test_a_start_under_a_law_that_errs_is_the_last_state_that_samples_tell():
 
 def test_noise_is_no_less_than_that_of_rounded_values():
     slow = np.round(np.exp(-0.01 * TIMES), 2)[:, np.newaxis]
-    law = cl.discover(cl.Trials.from_arrays([TIMES], [slow], names=["x"]), order=1, library="poly:3")
+    law = cl.fit("x' = -a x", cl.Trials.from_arrays([TIMES], [slow], names=["x"]))
     assert law.uncertainty.noise == pytest.approx([0.01 / np.sqrt(12)])
     assert noise_floor(cl.Trials.from_arrays([TIMES], [slow + 1e-3 * slow**2], names=["x"]))[0] < 1e-4
 
 
-def test_a_kind_of_errors_that_there_is_not_is_refused():
+def test_a_kind_of_errors_that_there_is_not_is_refused(law):
     with refused("unknown-name", kind="errors", name="pink"):
         cl.TrajectoryLikelihood(errors="pink")
-    law = discover(white)
     with refused("law-array-range"):
         replace(law, uncertainty=replace(law.uncertainty, error_model=ErrorModel({"proportional": np.array([-1.0])})))
 
 
 def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
-    trials = oscillator(correlated, count=2)
+    trials = oscillator(correlated, count=1)
     laws = {text: cl.fit(text, trials) for text in ("x'' = a x + b v", "x'' = a x", "x'' = a x + b v^3")}
     found = cl.compare(laws, trials).set_index("law")
     assert found["errors"].iloc[0] == "autocorrelated measurement errors"
@@ -205,9 +207,7 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     def field(t, z):
         return [z[1], -9.8 - 0.05 * z[1] * abs(z[1]) - 3 * np.sin(5 * t)]
 
-    paths = [
-        solve_ivp(field, (0, 4), start, t_eval=times, rtol=1e-10, atol=1e-10).y[:1].T for start in ([60, 0], [50, 8])
-    ]
+    paths = [solved(field, start, times)[:, 0] for start in ([60, 0], [50, 8])]
     states = [path + 0.01 * generator.standard_normal(path.shape) for path in paths]
     trials = cl.Trials.from_arrays([times] * 2, states, object=["ball"] * 2, names=["x"])
     within = cl.discover(trials, order=2, library="terms:1,x,v,v*abs(v),sin(5*t)")
@@ -236,14 +236,13 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     )
 
 
-@pytest.mark.parametrize(("library", "seed"), [("poly:2", 1)])
-def test_noise_in_proportion_is_found_where_few_samples_of_a_fast_decay_hide_it(library, seed):
-    times, random, states = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 2.0, 3.0, 4.0]), np.random.default_rng(seed), []
+def test_noise_in_proportion_is_found_where_few_samples_of_a_fast_decay_hide_it():
+    times, random, states = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 2.0, 3.0, 4.0]), np.random.default_rng(1), []
     for _ in range(6):
         a, b, k, m = random.normal([2.5, 0.6, 1.9, 0.25], [0.3, 0.1, 0.2, 0.03])
         exact = a * np.exp(-k * times) + b * np.exp(-m * times)
         states.append(exact * (1 + 0.1 * random.standard_normal(len(times))))
     trials = cl.Trials.from_arrays([times] * 6, states, object=list("abcdef"), names=["c"])
-    law = cl.discover(trials, order=2, library=library)
+    law = cl.discover(trials, order=2, library="poly:2")
     assert law.structure == ("c'' = a c + b v",)
     assert law.uncertainty.error_model.heteroscedastic["proportional"] == pytest.approx([0.1], rel=0.3)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import commonlaw as cl
@@ -12,22 +11,16 @@ from commonlaw.inference.fit.lack_of_fit import has_pole
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.parametric import are_parameters_identifiable
 from commonlaw.library import Term, Terms, Variables, parse_term
+from tests.simulations import simulated
 
 TIMES = np.linspace(0, 3, 30)
 SATURATION = Variables(("s",), parameters=("K",))
 TERMS = Terms(SATURATION, (parse_term("s/(K + s)", SATURATION), Term(parameter=SATURATION.index("K"))))
 
 
-def decaying(rates, starts, half=np.inf, noise=0.01):
-    """Trials of objects that decay by -rate s/(1 + s/half), each from all starts."""
-    generator, parts = np.random.default_rng(0), []
-    for name, rate in rates.items():
-        law = cl.Law.from_text("s' = -r s/(1 + c s)", {"r": rate, "c": 1 / half})
-        for k, start in enumerate(starts):
-            states = law.simulate(TIMES, [start])["object"].states[:, 0]
-            noisy = states + noise * generator.standard_normal(len(TIMES))
-            parts.append(pd.DataFrame({"object": name, "trial": k, "t": TIMES, "s": noisy}))
-    return cl.Trials.from_frame(pd.concat(parts), object="object", trial="trial", time="t", states=["s"])
+def decaying(half=np.inf, noise=0.01):
+    """Trials of an object that decays by -s/(1 + s/half)."""
+    return simulated(lambda _, s: -s / (1 + s / half), {"a": ()}, [[4.0], [2.0]], TIMES, noise, absolute=True)
 
 
 def fitted(trials, values):
@@ -50,10 +43,10 @@ def test_a_law_has_a_pole_where_a_denominator_vanishes_at_states_or_between_tria
 
 
 def test_constants_are_told_where_a_term_bends_and_not_where_it_is_straight():
-    fit = fitted(decaying({"a": 1.0}, [4.0, 2.0], half=1.0), [(-1.0, 1.0)])
+    fit = fitted(decaying(half=1.0), [(-1.0, 1.0)])
     np.testing.assert_allclose(fit.estimates[0].coefficients[0], [-1.0, 1.0], rtol=0.1)
     assert are_parameters_identifiable(fit)
-    fit = fitted(decaying({"a": 1.0}, [4.0, 2.0], noise=0.05), [(-60.0, 60.0)])
+    fit = fitted(decaying(noise=0.05), [(-60.0, 60.0)])
     assert not are_parameters_identifiable(fit)
 
 

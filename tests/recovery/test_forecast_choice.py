@@ -18,11 +18,11 @@ def seasonal() -> cl.Trials:
     """Growth w' = r (1 + sin(t)/2) w, of which a library without time holds no law."""
     generator, times = np.random.default_rng(0), np.linspace(0, 21, 15)
     states = list[np.ndarray]()
-    for _ in range(10):
+    for _ in range(5):
         rate, start = 0.15 * (1 + 0.15 * generator.standard_normal()), 10 * (1 + 0.1 * generator.standard_normal())
         grown = start * np.exp(rate * (times + (1 - np.cos(times)) / 2))
         states.append((grown * (1 + 0.01 * generator.standard_normal(len(times))))[:, np.newaxis])
-    return cl.Trials.from_arrays([times] * 10, states, object=list("abcdefghij"), names=["w"])
+    return cl.Trials.from_arrays([times] * 5, states, object=list("abcde"), names=["w"])
 
 
 @pytest.fixture(scope="module")

@@ -74,7 +74,7 @@ def test_samples_at_irregular_times_will_do():
 
 def test_intervals_are_as_narrow_as_the_data_allow():
     variables, equations = ("x", "y"), (("x^3", "y^3"), ("x^3", "y^3"))
-    trials, noise = datasets.nonlinear_oscillator(samples=1500, step=0.01, noise=0.05), np.array([0.05, 0.05])
+    trials, noise = datasets.nonlinear_oscillator(samples=500, step=0.02, noise=0.05), np.array([0.05, 0.05])
     law = found(
         trials, datasets.nonlinear_oscillator.truth(), method=cl.TrajectoryLikelihood(noise={"x": 0.05, "y": 0.05})
     )

@@ -8,35 +8,28 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors
 from tests.refusals import refused
+from tests.streams import ROLES, drops_with_masses, write_files
 
-ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x"]}
 METHOD = cl.TrajectoryLikelihood()
-
-
-def drops(count):
-    """Drops with a drag that goes with the inverse of the mass, and gravity, which all have in common."""
-    masses = np.exp(np.random.default_rng(1).normal(0, 0.5, count))
-    made = cl.datasets.linear_drag(drag=tuple(-0.3 / masses), trials=2, noise=0.01)
-    properties = {name: {"mass": float(mass)} for name, mass in zip(made.objects, masses, strict=True)}
-    return cl.Trials(made.trials, made.schema, properties)
 
 
 @pytest.fixture(scope="module")
 def whole():
-    return drops(9)
+    return drops_with_masses(6)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, whole):
-    folder = tmp_path_factory.mktemp("runs")
-    for i in range(3):
-        whole.select(object=list(whole.objects[3 * i : 3 * i + 3])).to_parquet(folder / f"{i}.parquet")
-    return folder
+    return write_files(whole, tmp_path_factory.mktemp("runs"), 2)
 
 
 @pytest.fixture(scope="module")
-def law(folder):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES, properties=["mass"])
+def stream(folder):
+    return cl.TrialStream.from_parquet(folder, **ROLES, properties=["mass"])
+
+
+@pytest.fixture(scope="module")
+def law(stream):
     return cl.discover(stream, order=2, library="poly:2", method=METHOD)
 
 
@@ -57,7 +50,7 @@ def test_the_law_of_all_files_is_that_of_all_trials(law, whole):
     np.testing.assert_allclose(law.coefficients[:, law.support], alone, rtol=1e-4)
     assert law.uncertainty.noise == pytest.approx(together.uncertainty.noise, rel=0.05)
     said = {step.stage: step.choice for step in law.history}
-    assert said["proposals"] == "1 law of 3 groups of at most 10 objects"
+    assert said["proposals"] == "1 law of 2 groups of at most 10 objects"
     visited = law.provenance.domain.visited["x"]
     assert visited == (min(each.states.min() for each in whole), max(each.states.max() for each in whole))
 
@@ -69,10 +62,9 @@ def test_what_decides_the_coefficients_is_found_by_the_properties_of_files(law):
     assert drag.factors[0] == pytest.approx(-0.3, rel=0.05)
 
 
-def test_errors_by_the_bootstrap_are_those_of_all_trials_together(folder, whole):
+def test_errors_by_the_bootstrap_are_those_of_all_trials_together(stream, whole):
     settings = {"covariance": "bootstrap", "noise": {"x": 0.01}, "errors": "white", "partial_pooling": False, "seed": 3}
-    stream, method = cl.TrialStream.from_parquet(folder, **ROLES), cl.TrajectoryLikelihood(**settings)
-    law = cl.discover(stream, order=2, library="poly:1", method=method)
+    law = cl.discover(stream, order=2, library="poly:1", method=cl.TrajectoryLikelihood(**settings))
     together = cl.refine(law, whole, **settings)
     np.testing.assert_allclose(law.coefficients, together.coefficients, rtol=1e-8)
     np.testing.assert_allclose(law.uncertainty.covariance, together.uncertainty.covariance, rtol=1e-6)
@@ -85,8 +77,7 @@ def test_an_object_in_two_files_is_refused(tmp_path, whole):
         cl.discover(cl.TrialStream.from_parquet(tmp_path, **ROLES), order=2, library="poly:1", method=METHOD)
 
 
-def test_what_does_not_go_with_files_is_refused(folder):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+def test_what_does_not_go_with_files_is_refused(stream, folder):
     for library in ("saturating", "ratio(poly:1, poly:1)"):
         with refused("stream-with-option", what="a term with nonlinear parameters"):
             cl.discover(stream, order=2, library=library, method=METHOD)
@@ -98,8 +89,7 @@ SETTINGS = {"noise": {"x": 0.01}, "errors": "white"}
 
 
 @pytest.mark.parametrize("pooling", [True, False])
-def test_a_law_in_mind_is_fitted_file_by_file_as_in_memory(folder, whole, pooling):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES, properties=["mass"])
+def test_a_law_in_mind_is_fitted_file_by_file_as_in_memory(stream, whole, pooling):
     law = cl.fit("x'' = -g - c v", stream, **SETTINGS, partial_pooling=pooling)
     together = cl.fit("x'' = -g - c v", whole, **SETTINGS, partial_pooling=pooling)
     assert law.objects == whole.objects
@@ -109,12 +99,15 @@ def test_a_law_in_mind_is_fitted_file_by_file_as_in_memory(folder, whole, poolin
     assert law.provenance.calls == together.provenance.calls
     assert law.explain().uncertainty.explanation.relations[1].factors[0] == pytest.approx(-0.3, rel=0.05)
     assert from_json(to_json(law)).structure == together.structure
-    known = [cl.fit("x'' = -9.8 - mass v", each, **SETTINGS).coefficients for each in (stream, whole)]
-    np.testing.assert_allclose(*known)
 
 
-def test_a_law_of_few_objects_is_refined_for_all_of_a_stream(folder, whole):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+def test_properties_of_objects_stand_in_equations_of_a_stream(stream, whole):
+    np.testing.assert_allclose(
+        *(cl.fit("x'' = -9.8 - mass v", each, **SETTINGS).coefficients for each in (stream, whole))
+    )
+
+
+def test_a_law_of_few_objects_is_refined_for_all_of_a_stream(stream, whole):
     few = cl.fit("x'' = -9.8 - c v", whole.select(object=["Ball 1", "Ball 2"]))
     law = cl.refine(few, stream, **SETTINGS)
     together = cl.fit("x'' = -9.8 - c v", whole, **SETTINGS)
@@ -124,8 +117,8 @@ def test_a_law_of_few_objects_is_refined_for_all_of_a_stream(folder, whole):
     assert "each object was fitted to its trials, file by file" in [each.reason for each in law.history]
 
 
-def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
-    stream, falling = cl.TrialStream.from_parquet(folder, **ROLES), cl.fit("x'' = -g", whole, **SETTINGS)
+def test_what_is_not_fitted_file_by_file_is_refused(stream, whole):
+    falling = cl.fit("x'' = -g", whole, **SETTINGS)
     for use, said in [
         (
             lambda: cl.fit("x'' = -k abs(v)^p sign(v)", stream),
@@ -144,8 +137,7 @@ def test_what_is_not_fitted_file_by_file_is_refused(folder, whole):
             use()
 
 
-def test_evidences_of_files_add_up_to_nearly_those_of_all_trials(folder, whole):
-    stream = cl.TrialStream.from_parquet(folder, **ROLES)
+def test_evidences_of_files_add_up_to_nearly_those_of_all_trials(stream, whole):
     laws = {text: cl.fit(text, whole, **SETTINGS) for text in ("x'' = a + b v", "x'' = a + b v^2", "x'' = a")}
     found, together = (cl.compare(laws, each, **SETTINGS) for each in (stream, whole))
     assert found["law"].tolist() == together["law"].tolist()

@@ -132,7 +132,7 @@ def test_of_states_that_are_rates_of_each_other_one_stays():
 
 
 def test_equations_of_the_angle_are_fitted_to_trials_that_have_its_rate_too():
-    law = cl.fit("theta'' = -k sin(theta) - c omega", pendulum((True, False)))
+    law = cl.fit("theta'' = -k sin(theta) - c omega", pendulum((True, False)), errors="white")
     parameters = named_parameters(law)
     values, errors = parameters.values, parameters.errors
     assert (abs(np.array(values) - list(TRUTH.values())) < 4 * np.array(errors)).all()
@@ -140,7 +140,7 @@ def test_equations_of_the_angle_are_fitted_to_trials_that_have_its_rate_too():
 
 
 def test_a_rate_that_has_an_equation_of_its_own_stays():
-    law = cl.fit("theta'' = -k theta; omega'' = -l omega", pendulum(noise=0.02))
+    law = cl.fit("theta'' = -k theta; omega'' = -l omega", pendulum(noise=0.02), errors="white")
     assert law.schema.states == ("theta", "omega")
 
 

@@ -1,12 +1,10 @@
 """Laws whose equations have different orders: theta'' = ... beside i' = ..."""
 
 from dataclasses import replace
-from functools import partial
 from itertools import product
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import commonlaw as cl
@@ -16,6 +14,7 @@ from commonlaw.law import to_latex, to_script, to_sympy
 from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, rate_names, state_rates
 from commonlaw.library import Terms
 from tests.refusals import refused
+from tests.simulations import solved
 
 TIMES = np.linspace(0, 6, 90)
 EQUATIONS = "theta'' = -a sin(theta) - b theta' + k i; i' = -r i - m theta' + u"
@@ -24,16 +23,14 @@ STARTS = [(1.2, 0.5, 0.0), (-0.8, 1.5, 1.0)]
 UNITS = {"theta": "rad", "i": "A", "u": "A/s", "t": "s"}
 
 
-def motor(numbers, start, times=TIMES):
-    """A pendulum on a motor, solved by SciPy: angle, current, rate of the angle."""
-    a, b, k, r, m = numbers
+def motor(numbers, start, drive=1.0):
+    """A pendulum on a motor: angle, current, rate of the angle."""
 
-    def rates(t, z):
-        drive = np.sin(0.7 * t)
-        return [z[2], -r * z[1] - m * z[2] + drive, -a * np.sin(z[0]) - b * z[2] + k * z[1]]
+    def rates(t, z, a, b, k, r, m):
+        return [z[2], -r * z[1] - m * z[2] + drive * np.sin(0.7 * t), -a * np.sin(z[0]) - b * z[2] + k * z[1]]
 
     angle, speed, current = start
-    return solve_ivp(rates, times[[0, -1]], [angle, current, speed], t_eval=times, rtol=1e-10, atol=1e-12).y.T
+    return solved(rates, [angle, current, speed], TIMES, *numbers)
 
 
 def trials_of(states, inputs, noise, seed, names, **settings):
@@ -57,8 +54,7 @@ def heated(noise, seed=0):
         return [0.4 * z[2] ** 2 - 0.5 * z[0], z[2], -3 * z[1] + 0.8 * z[0] * z[1] - 0.2 * z[2]]
 
     starts = [(0.0, 1.5, 0.0), (1.0, -1.0, 1.0)]
-    solve = partial(solve_ivp, rates, TIMES[[0, -1]], t_eval=TIMES, rtol=1e-10, atol=1e-12)
-    return trials_of([solve(start).y[:2].T for start in starts], None, noise, seed, ["T", "x"])
+    return trials_of([solved(rates, start, TIMES)[:, :2] for start in starts], None, noise, seed, ["T", "x"])
 
 
 def three(noise, seed=0):
@@ -68,8 +64,7 @@ def three(noise, seed=0):
         return [-z[0] + 0.5 * z[1], z[3], -0.7 * z[2] + z[1], -2 * z[1] + z[0] - 0.3 * z[3]]
 
     starts = [(1.0, 1.0, 0.0, 0.0), (0.0, -1.0, 2.0, 1.0)]
-    solve = partial(solve_ivp, rates, TIMES[[0, -1]], t_eval=TIMES, rtol=1e-10, atol=1e-12)
-    return trials_of([solve(start).y[:3].T for start in starts], None, noise, seed, list("xyz"))
+    return trials_of([solved(rates, start, TIMES)[:, :3] for start in starts], None, noise, seed, list("xyz"))
 
 
 @pytest.fixture(scope="module")
@@ -105,17 +100,10 @@ def test_a_fit_is_that_of_least_squares_by_scipy():
 @pytest.mark.parametrize("method", ["heyoka", "scipy"])
 def test_integrators_follow_it(method):
     own = cl.Law.from_text(EQUATIONS.replace(" + u", ""), TRUE)
-    start = [1.2, 0.0, 0.5]
-    a, b, k, r, m = TRUE.values()
-
-    def rates(_, z):
-        return [z[2], -r * z[1] - m * z[2], -a * np.sin(z[0]) - b * z[2] + k * z[1]]
-
     if method == "heyoka":
         pytest.importorskip("heyoka")
-    found = own.simulate(TIMES, start, method=method, tolerance=1e-12)["object"].states
-    expected = solve_ivp(rates, TIMES[[0, -1]], start, t_eval=TIMES, rtol=1e-11, atol=1e-12).y.T
-    np.testing.assert_allclose(found, expected, atol=1e-7)
+    found = own.simulate(TIMES, [1.2, 0.0, 0.5], method=method, tolerance=1e-12)["object"].states
+    np.testing.assert_allclose(found, motor(TRUE.values(), (1.2, 0.5, 0.0), drive=0.0), atol=1e-7)
 
 
 def test_forecasts_and_their_bands_are_those_of_its_states(law):
@@ -237,13 +225,8 @@ def test_what_does_not_fit_orders_by_state_is_refused(settings, message):
 
 
 def swing(numbers, start):
-    """A pendulum that is driven by what decays, solved by SciPy: angle, rate, drive."""
-    a, b, c = numbers
-
-    def rates(_, z):
-        return [z[1], -a * np.sin(z[0]) - b * z[1] + z[2], -c * z[2]]
-
-    return solve_ivp(rates, TIMES[[0, -1]], start, t_eval=TIMES, rtol=1e-10, atol=1e-12).y.T
+    """A pendulum that is driven by what decays: angle, rate, drive."""
+    return solved(lambda _, z, a, b, c: [z[1], -a * np.sin(z[0]) - b * z[1] + z[2], -c * z[2]], start, TIMES, *numbers)
 
 
 @pytest.mark.parametrize("known", [True, False])

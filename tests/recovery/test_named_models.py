@@ -52,7 +52,7 @@ def stimulus(name, t):
     return 0.5 if name == "i" else 0.3 if name == "D" else float(np.sin(t) + np.sin(2.3 * t))
 
 
-def simulated(model, initial, parameters, end, count=60):
+def simulated(model, initial, parameters, end, count=40):
     """Return trials of a model, integrated by SciPy from its equations as Python."""
     texts = [without_bound.split("=")[1] for without_bound in model.without_bounds if "'" in without_bound]
     texts = [re.sub(r"(\w)'", r"\1_rate", text).replace("^", "**") for text in texts]

@@ -1,9 +1,7 @@
 """Laws of states that are seen through observation equations."""
 
 import numpy as np
-import pandas as pd
 import pytest
-from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.discovery.method import ModelStructure
@@ -11,6 +9,7 @@ from commonlaw.discovery.observed import _begun, _WeakSearch
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import PolynomialLibrary
 from tests.refusals import refused
+from tests.simulations import solved
 
 SCALE, OFFSET = 1.7, 0.4
 OBSERVE = {"y": "s (x + z) + b"}
@@ -26,34 +25,29 @@ def animals(x, z):
     return SCALE * (x + z) + OFFSET
 
 
-def table(noise=0.01, samples=60, objects=4, seed=3, observed=animals, eaten=None):
+def measured(objects=2, samples=60, seed=3, observed=animals, eaten=None):
     """Return prey x and what else is seen, y, with the coefficients of each object; that of x z in z' may be given."""
-    rng = np.random.default_rng(seed)
-    rows, truth = [], []
-    for number in range(objects):
+    rng, times, states, truth = np.random.default_rng(seed), np.linspace(0, 12, samples), [], []
+    for _ in range(objects):
         k = rng.uniform((0.7, 0.7, 0.5, 0.6), (1.3, 1.3, 1.0, 1.2))
         k[2] = k[2] if eaten is None else eaten
         truth.append(k)
-        times = np.linspace(0, 12, samples)
-        first = rng.uniform(0.5, 1.5, 2)
-        solution = solve_ivp(rates, (0, 12), first, t_eval=times, args=(k,), rtol=1e-9, atol=1e-11)
-        x, z = solution.y
-        y = observed(x, z)
-        x, y = (each + noise * each.std() * rng.standard_normal(samples) for each in (x, y))
-        rows.append(pd.DataFrame({"lake": f"lake {number}", "trial": "1", "t": times, "x": x, "y": y}))
-    return pd.concat(rows, ignore_index=True), np.array(truth)
+        x, z = solved(rates, rng.uniform(0.5, 1.5, 2), times, k).T
+        columns = (each + 0.01 * each.std() * rng.standard_normal(samples) for each in (x, observed(x, z)))
+        states.append(np.column_stack([*columns]))
+    names = [f"lake {number}" for number in range(objects)]
+    return cl.Trials.from_arrays([times] * objects, states, object=names, names=["x", "y"]), np.array(truth)
 
 
 @pytest.fixture(scope="module")
 def lakes():
-    frame, truth = table()
-    return cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"]), truth
+    return measured()
 
 
 def test_the_law_of_a_latent_state_is_found_with_the_parameters_of_what_was_measured(lakes):
     trials, truth = lakes
     law = cl.discover(trials, observe=OBSERVE, latent_states="z", cache=False)
-    assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+fxz"]
+    assert law.structure[:2] == ("x' = a x - c x z", "z' = -d z + f x z")
     named = named_parameters(law)
     expected = np.column_stack([truth[:, [0, 1, 3, 2]], np.tile([SCALE, OFFSET], (len(truth), 1))])
     places = [named.names.index(name) for name in ("a", "c", "d", "f", "s", "b")]
@@ -63,10 +57,9 @@ def test_the_law_of_a_latent_state_is_found_with_the_parameters_of_what_was_meas
 
 
 def test_the_law_is_found_through_a_product():
-    frame, _ = table(objects=6, seed=2, observed=lambda x, z: x * z + 0.5 * x)
-    trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
+    trials, _ = measured(seed=2, observed=lambda x, z: x * z + 0.5 * x)
     law = cl.discover(trials, observe={"y": "x z + b x"}, latent_states="z", cache=False)
-    assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+fxz"]
+    assert law.structure[:2] == ("x' = a x - c x z", "z' = -d z + f x z")
     named = named_parameters(law)
     place = named.names.index("b")
     assert named.values[0, place] == pytest.approx(0.5, abs=4 * named.errors[0, place])
@@ -84,10 +77,10 @@ def test_squares_with_all_terms_are_those_of_noise_for_any_parameters(lakes):
 
 
 def test_fixed_coefficients_stay_and_the_others_are_estimated():
-    frame, truth = table(eaten=0.75, objects=2)
-    trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
-    law = cl.discover(trials, observe=OBSERVE, latent_states="z", known={("z", "x*z"): 0.75}, cache=False)
-    assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+0.75xz"]
+    trials, truth = measured(eaten=0.75)
+    known, library = {("z", "x*z"): 0.75}, "terms:x,z,x*z"
+    law = cl.discover(trials, observe=OBSERVE, latent_states="z", known=known, library=library, cache=False)
+    assert law.structure[:2] == ("x' = a x - c x z", "z' = -d z + 0.75 x z")
     named = named_parameters(law)
     expected = np.column_stack([truth[:, [0, 1, 3]], np.tile([SCALE, OFFSET], (len(truth), 1))])
     places = [named.names.index(name) for name in ("a", "c", "d", "s", "b")]
@@ -96,8 +89,7 @@ def test_fixed_coefficients_stay_and_the_others_are_estimated():
 
 @pytest.mark.slow
 def test_a_law_with_fixed_coefficients_has_the_likelihood_of_a_fit_with_these():
-    frame, _ = table(eaten=0.75)
-    trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
+    trials, _ = measured(4, eaten=0.75)
     law = cl.discover(trials, observe=OBSERVE, latent_states="z", known={("z", "x*z"): 0.75}, cache=False)
     fitted = cl.fit("x' = a x - c x z; z' = -d z + 0.75 x z", trials, observe=OBSERVE, shared=["s", "b"])
     assert law.observation.log_likelihood == pytest.approx(fitted.observation.log_likelihood, abs=1e-3)
@@ -105,12 +97,11 @@ def test_a_law_with_fixed_coefficients_has_the_likelihood_of_a_fit_with_these():
 
 @pytest.mark.slow
 def test_known_physics_are_equations_or_a_law_of_the_states():
-    frame, _ = table(eaten=0.75)
-    trials = cl.Trials.from_frame(frame, object="lake", trial="trial", time="t", states=["x", "y"])
+    trials, _ = measured(4, eaten=0.75)
     seen = cl.fit("x' = 0; z' = 0.75 x z; y = s (x + z)", trials.until(2))
     for known in ("x' = 0; z' = 0.75 x z", seen):
         law = cl.discover(trials, observe=OBSERVE, latent_states="z", known=known, library="poly:2", cache=False)
-        assert [each.replace(" ", "") for each in law.structure[:2]] == ["x'=ax-cxz", "z'=-dz+0.75xz"]
+        assert law.structure[:2] == ("x' = a x - c x z", "z' = -d z + 0.75 x z")
     owners = dict(zip(trials.objects, (0.7, 0.8, 0.9, 1.0), strict=True))
     with refused("known-by-object-with-observation", objects=trials.objects):
         cl.discover(trials, observe=OBSERVE, latent_states="z", known={("z", "x*z"): owners}, cache=False)
@@ -132,7 +123,7 @@ def test_what_does_not_fit_is_refused(lakes):
         cl.discover(trials, order=2, observe=OBSERVE, latent_states="z", cache=False)
     with refused("observation-not-invertible"):
         cl.discover(trials, observe={"y": "s sqrt(x) + b"}, latent_states="z", cache=False)
-    short = cl.Trials.from_frame(table(samples=10)[0], object="lake", trial="trial", time="t", states=["x", "y"])
+    short, _ = measured(samples=10)
     with refused("observed-trial-short", samples=10):
         cl.discover(short, observe=OBSERVE, latent_states="z", cache=False)
 
@@ -145,7 +136,7 @@ def test_the_command_takes_observations_and_latent_states(tmp_path, run, monkeyp
         raise cl.CommonlawError("other", text="enough")
 
     monkeypatch.setattr("commonlaw.discover", discover)
-    table()[0].to_csv(tmp_path / "lakes.csv", index=False)
-    columns = ["--object", "lake", "--trial", "trial", "--time", "t", "--state", "x", "--state", "y"]
+    measured()[0].to_csv(tmp_path / "lakes.csv")
+    columns = ["--object", "object", "--trial", "trial", "--time", "t", "--state", "x", "--state", "y"]
     run("discover", "lakes.csv", *columns, "--observe", "y = s (x + z) + b", "--latent", "z")
     assert asked == [(("x", "y"), {"y": "s (x + z) + b"}, ("z",))]

@@ -27,32 +27,26 @@ class _InTurn(AbstractLibrary):
         return iter((first, *parse_library(self.later).offers(variables)))
 
 
-def _rate(_: float, s: np.ndarray, rate: float, half: float, inhibition: float) -> np.ndarray:
-    return -rate * s / (half + s + s**2 / inhibition)
-
-
-def _predation(_: float, z: np.ndarray, growth: float, gain: float) -> list[float]:
-    return [z[0] * (growth - z[1]), z[1] * (gain * z[0] - 1)]
-
-
-@pytest.fixture(scope="module")
-def inhibited() -> cl.Trials:
-    """s' = -V s/(K + s + s^2/L), an enzyme that its substrate inhibits (Haldane)."""
+def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers():
+    """An enzyme that its substrate inhibits (Haldane)."""
     objects = {"a": (1.2, 0.5, 2.0), "b": (1.8, 0.7, 3.0)}
-    return simulated(_rate, objects, [[6.0], [3.0]], np.linspace(0, 8, 50), 0.02, seed=1, absolute=True)
 
+    def rates(_: float, s: np.ndarray, rate: float, half: float, inhibition: float) -> np.ndarray:
+        return -rate * s / (half + s + s**2 / inhibition)
 
-def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers(inhibited):
-    library = _InTurn(("s/(K + s)",), "ratio(terms:s, poly:2)")
-    law = cl.discover(inhibited, library=library, order=1)
+    trials = simulated(rates, objects, [[6.0], [3.0]], np.linspace(0, 8, 50), 0.02, seed=1, absolute=True)
+    law = cl.discover(trials, library=_InTurn(("s/(K + s)",), "ratio(terms:s, poly:2)"), order=1)
     assert law.structure == ("s' = a s/(K + L*s + s^2)",)
     np.testing.assert_allclose(named_parameters(law).values[:, 2], [2.0, 3.0], rtol=0.15)  # L is the inhibition
 
 
 def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heteroscedastic():
-    objects, starts = {"a": (1.0, 0.8), "b": (1.4, 1.1)}, [(0.8, 1.2), (2.0, 0.6)]
-    trials = simulated(_predation, objects, starts, np.linspace(0, 8, 80), 0.01, ["x", "y"])  # By the swing
-    steps = list[str]()
+    starts, steps = [(0.8, 1.2), (2.0, 0.6)], list[str]()
+
+    def rates(_: float, z: np.ndarray) -> list[float]:
+        return [z[0] * (1 - z[1]), z[1] * (0.8 * z[0] - 1)]
+
+    trials = simulated(rates, {"a": ()}, starts, np.linspace(0, 8, 80), 0.01, ["x", "y"], seed=1)
     law = cl.discover(trials, cache=False, progress=steps.append)
     assert law.structure == ("x' = a x + b x y", "y' = c y + d x y")
     assert any("heteroscedastic: estimating errors" in step for step in steps)
@@ -103,8 +97,8 @@ def test_central_forces_come_before_polynomials_of_higher_degree():
     def rates(_, z):
         return [z[2], z[3], *(-z[:2] / np.hypot(*z[:2]) ** 3)]
 
-    starts, steps = [(1, 0, 0, speed) for speed in (0.8, 1.0, 1.1)], list[str]()
-    trials = simulated(rates, {"moon": ()}, starts, np.linspace(0, 10, 60), 0.001, ["x", "y"], absolute=True)
+    steps = list[str]()
+    trials = simulated(rates, {"moon": ()}, [(1, 0, 0, 0.8)], np.linspace(0, 10, 60), 0.001, ["x", "y"], absolute=True)
     law = cl.discover(trials, order=2, progress=steps.append)
     assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
     np.testing.assert_allclose(law.coefficients[0][law.support], -1, atol=0.002)
@@ -114,15 +108,6 @@ def test_central_forces_come_before_polynomials_of_higher_degree():
 def _monod(_: float, z: np.ndarray, rate: float, half: float, gain: float) -> list[float]:
     uptake = rate * z[1] / (half + z[1]) * z[0]
     return [uptake, -uptake / gain]
-
-
-def _drag_in_a_plane(_: float, z: np.ndarray, drag: float) -> list[float]:
-    speed = np.hypot(z[2], z[3])
-    return [z[2], z[3], -drag * speed * z[2], -9.81 - drag * speed * z[3]]
-
-
-def _pendulum(_: float, z: np.ndarray, stiffness: float) -> list[float]:
-    return [z[1], -stiffness * np.sin(z[0]) - 0.05 * z[1]]
 
 
 @pytest.mark.parametrize(
@@ -138,16 +123,16 @@ def _pendulum(_: float, z: np.ndarray, stiffness: float) -> list[float]:
             ("x' = a x s/(K + s)", "s' = b x s/(K2 + s)"),
         ),
         (
-            _drag_in_a_plane,
-            [(0.22,), (0.1,)],
+            lambda _, z: [*z[2:], -0.22 * np.hypot(*z[2:]) * z[2], -9.81 - 0.22 * np.hypot(*z[2:]) * z[3]],
+            [()],
             [(0.0, 1.5, 5.6, 5.6), (0.0, 1.5, 8.4, 8.4)],
-            np.arange(0, 1.4, 0.04),
+            np.arange(0, 1.4, 0.07),
             ["x", "y"],
             0.005,
             ("x'' = a v_x*sqrt(v_x^2 + v_y^2)", "y'' = b + c v_y*sqrt(v_x^2 + v_y^2)"),
         ),
         (
-            _pendulum,
+            lambda _, z, stiffness: [z[1], -stiffness * np.sin(z[0]) - 0.05 * z[1]],
             [(19.62,), (9.81,)],
             [(0.5, 0.0), (0.95, 0.0)],
             np.linspace(0, 6, 90),
@@ -188,13 +173,12 @@ def test_positions_of_planets_give_the_law_of_gravity():
         return [z[2], z[3], pull * z[0], pull * z[1]]
 
     generator, times, positions = np.random.default_rng(0), list[np.ndarray](), list[np.ndarray]()
-    planets = {"mercury": (0.387, 0.206), "venus": (0.723, 0.007), "earth": (1.0, 0.017), "mars": (1.524, 0.093)}
+    planets = {"mercury": (0.387, 0.206), "mars": (1.524, 0.093)}
     for size, eccentricity in planets.values():
-        times.append(np.linspace(0, 1.9 * size**1.5, 100))
+        times.append(np.linspace(0, 1.9 * size**1.5, 50))
         speed = 2 * np.pi * np.sqrt((1 + eccentricity) / (size * (1 - eccentricity)))
-        start = [size * (1 - eccentricity), 0.0, 0.0, speed]
-        orbit = solved(kepler, start, times[-1])[:, :2]
-        positions.append(orbit + 0.001 * generator.standard_normal((100, 2)))
+        orbit = solved(kepler, [size * (1 - eccentricity), 0.0, 0.0, speed], times[-1])[:, :2]
+        positions.append(orbit + 0.002 * generator.standard_normal(orbit.shape))
     law = cl.discover(cl.Trials.from_arrays(times, positions, object=[*planets], names=["x", "y"]))
     assert law.structure == ("x'' = a x/(x^2 + y^2)^1.5", "y'' = b y/(x^2 + y^2)^1.5")
     np.testing.assert_allclose(named_parameters(law).values, -4 * np.pi**2, rtol=0.01)

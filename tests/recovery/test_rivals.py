@@ -24,9 +24,8 @@ def names(fit):
     return [name for name, inside in zip(fit.problem.terms.names, fit.supports[0], strict=True) if inside]
 
 
-@pytest.mark.parametrize("seed", [0, 7])
-def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen(seed):
-    trials = experiment("heights of balls").measured(0.05, seed)
+def test_supports_that_are_hardly_less_probable_are_fitted_before_one_is_chosen():
+    trials = experiment("heights of balls").measured(0.05, 7)
     problem = problem_of(trials)
     found = annealing.search(problem, lambda _: None)
     assert names(found[0]) == ["1", "v"]
@@ -49,11 +48,11 @@ def test_what_ranks_ahead_of_a_law_is_fitted_and_taken(beginning):
     assert best.score < fit.score
 
 
-def test_a_law_is_reached_that_is_no_neighbour_of_those_that_the_search_comes_by():
-    """Under much noise it ends at ``a x``, from which ``a + b v`` is two terms away, and one from ``a + b x``."""
-    first = first_trials("heights of balls", 20)
-    law = first.discover(first.measured(0.1, 20))
-    assert law.structure == ("x'' = a + b v",)
+@pytest.mark.parametrize("seed", [20, 25])
+def test_a_law_is_reached_from_those_that_noisy_data_suggest(seed):
+    """From ``a x`` two terms away, with the seed 20, and from one that needs odd starts where trials start alike."""
+    first = first_trials("heights of balls", seed)
+    assert first.discover(first.measured(0.1, seed)).structure == ("x'' = a + b v",)
 
 
 def test_laws_are_as_plausible_as_fits_of_their_own_have_evidence():

@@ -11,27 +11,15 @@ from commonlaw.inference.data.noise import estimated_noise
 TIMES = np.linspace(0, 4, 5)
 
 
-def short_trials(curve, seed):
-    """Ten objects, five samples of each, with noise."""
-    random = np.random.default_rng(seed)
-    states = [curve(random) + 0.02 * random.standard_normal(5) for _ in range(10)]
-    return cl.Trials.from_arrays([TIMES] * 10, states, object=[f"object {i}" for i in range(10)])
-
-
-def growth(random):
-    """A population that doubles in about a time unit until it fills its room."""
-    room, start, rate = random.uniform([2.0, 0.3, 0.8], [3.0, 0.8, 1.5])
-    return room / (1 + (room / start - 1) * np.exp(-rate * TIMES))
-
-
-def support(trials):
-    law = cl.discover(trials, library="poly:3", order=1)
-    return {name for name, inside in zip(law.terms.names, law.support[0], strict=True) if inside}
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_ten_objects_of_five_samples_pay_for_two_terms_together(seed):
-    assert support(short_trials(growth, seed)) == {"x", "x^2"}
+def test_ten_objects_of_five_samples_pay_for_two_terms_together():
+    """Populations that double in about a time unit until they fill their room."""
+    random, states = np.random.default_rng(0), []
+    for _ in range(10):
+        room, start, rate = random.uniform([2.0, 0.3, 0.8], [3.0, 0.8, 1.5])
+        grown = room / (1 + (room / start - 1) * np.exp(-rate * TIMES))
+        states.append(grown + 0.02 * random.standard_normal(5))
+    trials = cl.Trials.from_arrays([TIMES] * 10, states, object=[f"object {i}" for i in range(10)], names=["x"])
+    assert cl.discover(trials, library="poly:3", order=1).structure == ("x' = a x + b x^2",)
 
 
 def test_as_many_terms_as_samples_can_tell_apart_are_said_to_be_so():
@@ -64,9 +52,8 @@ def test_noise_of_short_trials_is_the_scatter_about_parabolas_of_all_of_them_tog
     assert estimated_noise(trials)[0] == pytest.approx([np.sqrt(sum(rests) / 12)], rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_law_of_short_trials_has_the_noise_of_the_residuals_of_all_objects(seed):
-    times, generator = np.array([0.0, 1.0, 2.0, 4.0, 7.0, 10.0]), np.random.default_rng(seed)
+def test_a_law_of_short_trials_has_the_noise_of_the_residuals_of_all_objects():
+    times, generator = np.array([0.0, 1.0, 2.0, 4.0, 7.0, 10.0]), np.random.default_rng(0)
     states = [a / (1 + 0.5 * a * times) + 0.03 * generator.standard_normal(6) for a in np.linspace(1.5, 4, 8)]
     vials = cl.Trials.from_arrays([times] * 8, states, object=list("abcdefgh"))
     law = cl.discover(vials, order=1, library="poly:3")

@@ -23,7 +23,7 @@ def tanh_v(x, v):
 
 @pytest.fixture(scope="module")
 def fitted():
-    drops = cl.datasets.linear_drag(quadratic=-0.02, noise=0.01)
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.5), quadratic=-0.02, noise=0.01, trials=1)
     return cl.fit("x'' = -g - c v - q drag(v)", drops, functions=[drag], errors="white"), drops
 
 

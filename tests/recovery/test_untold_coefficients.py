@@ -12,8 +12,7 @@ TIMES = np.linspace(0, 5, 50)
 RATES = {"a": (1.0, 2.0), "b": (0.7, 1.5), "c": (1.3, 0.0)}
 
 
-@pytest.fixture(scope="module")
-def switched():
+def test_a_law_is_found_where_an_input_is_never_on_for_an_object():
     """Two objects decay with an input that rises by exp(t/10), and one without it: s' = -r s + g i."""
     generator, parts = np.random.default_rng(0), []
     rise = np.exp(TIMES / 10)
@@ -22,13 +21,7 @@ def switched():
         states = forced * rise + (3 - forced) * np.exp(-rate * TIMES)
         noisy = states + 0.02 * generator.standard_normal(len(TIMES))
         parts.append(pd.DataFrame({"object": name, "t": TIMES, "s": noisy, "i": rise * (gain > 0)}))
-    return cl.Trials.from_frame(pd.concat(parts), object="object", time="t", states=["s"], inputs=["i"])
-
-
-@pytest.mark.parametrize("kernel", ["compiled", "numpy"])
-def test_a_law_is_found_where_an_input_is_never_on_for_an_object(switched, kernel, monkeypatch):
-    if kernel == "numpy":
-        monkeypatch.setenv("COMMONLAW_KERNEL", "numpy")
+    switched = cl.Trials.from_frame(pd.concat(parts), object="object", time="t", states=["s"], inputs=["i"])
     law = cl.discover(switched, library="poly:1", cache=False, order=1)
     assert law.structure == ("s' = a s + b i",)
     column, rates = law.terms.names.index("s"), np.array([rate for rate, _ in RATES.values()])
@@ -50,5 +43,8 @@ def test_an_object_that_tells_nothing_of_a_coefficient_counts_as_one_that_tells_
         rows[3, :, 2] = rows[3, :, 0]
         factors = np.array([np.linalg.qr(row, mode="r") for row in rows])
         found.append(minus_twice_log_evidence(factors, np.array([0, 1]), NoiseScale(240)))
+    noise = NoiseScale(240)
+    alone = minus_twice_log_evidence(factors, np.array([], dtype=np.intp), noise)
+    assert alone == pytest.approx(float(noise.deviance(np.sum(rows[:, :, 2] ** 2), 0)))
     assert np.isfinite(found).all()
     np.testing.assert_allclose(found[0], found[1], atol=1e-3)

@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.optimize import minimize_scalar
-from statsmodels.regression.mixed_linear_model import MixedLM
 
 from commonlaw.hierarchy import RandomEffects
 
@@ -20,6 +19,8 @@ def rates():
 
 
 def test_means_their_errors_and_the_scatter_are_those_of_the_mixed_model(rates):
+    from statsmodels.regression.mixed_linear_model import MixedLM
+
     design = np.column_stack([np.ones(len(rates)), rates["x"]])
     mixed = MixedLM(rates["rate"], design, rates["object"], exog_re=rates[["x"]]).fit(reml=True)
 
