@@ -383,7 +383,7 @@ def increase_within(codes: Codes, times: Floats) -> bool:
 def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes) -> list[str]:
     """Return columns of numbers that are further times or row numbers, and increase with the times.
 
-    They are called so, or count the samples of each of several runs.
+    They are called so, or have no unit and count the samples of each of several runs.
     """
     order = np.lexsort((times, runs))
     same = np.diff(runs[order]) == 0
@@ -392,7 +392,8 @@ def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes)
         return bool((np.diff(readable(table, name)[order]) > 0)[same].all())
 
     def counts_on(name: str) -> bool:
-        return not same.all() and bool((np.diff(readable(table, name)[order])[same] == 1).all())
+        steps = np.diff(readable(table, name)[order])[same]
+        return name not in table.units and not same.all() and bool((steps == 1).all())
 
     clocks = [
         name
