@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.covariance import fitted_law
@@ -114,7 +114,7 @@ def score_of_order(fit: Fit) -> Score:
 
     Initial values of states have a flat prior. A law of second order has initial rates v0 in addition, whose prior
     within one order is vague and depends on the mesh. Here it is the normal distribution N(0, s^2) with s the
-    root mean square of smoothed rates of all trials, or of the initial rates if that is larger, as in a decay. It adds
+    root mean square of smoothed rates of all trials, or at their starts if that is larger, as of decays. This adds
 
         sum over trials and states of v0^2/s^2 + log(s^2/s_mesh^2).
 
@@ -125,14 +125,12 @@ def score_of_order(fit: Fit) -> Score:
     score = fit.score if "Laplace correction" in fit.score.parts else fit.score_at_estimates
     if not len(with_rates(problem.order, states)):
         return score
-    rates = np.concatenate([smoothed[:, states:] for of_object in problem.smoothed for smoothed in of_object])
-    starts, vague = list[Floats](), list[Floats]()
+    rates = [smoothed[:, states:] for of_object in problem.smoothed for smoothed in of_object]
+    at_starts = np.array([of_trial[0] for of_trial in rates])
+    variances = np.fmax(np.nanmean(np.concatenate(rates) ** 2, axis=0), np.nanmean(at_starts**2, axis=0))
+    penalty = 0.0
     for model, estimate in zip(problem.models, fit.estimates, strict=True):
         for mesh, states_of_mesh, _ in model.parts(estimate):
-            starts.append(states_of_mesh[mesh.first, states : model.width] ** 2)
-            vague.append(np.broadcast_to(variance_of_rates(model, mesh), starts[-1].shape))
-    squares = np.concatenate(starts)
-    variances = np.maximum(np.nanmean(rates**2, axis=0), squares.mean(axis=0))
-    return score.plus(
-        "initial conditions", float(np.sum(squares / variances + np.log(variances / np.concatenate(vague))))
-    )
+            starts = states_of_mesh[mesh.first, states : model.width]
+            penalty += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
+    return score.plus("initial conditions", penalty)
