@@ -50,9 +50,14 @@ class Page:
         raise AssertionError(f"not within {seconds} s: {what}; {self.text('failure')} {self.text('failed')}")
 
     def choose(self, name, value):
+        self.choose_in(f"#{name}", value)
+
+    def choose_in(self, selector, value):
+        """Change the first element of a CSS selector."""
         self.execute_script(
-            f"const each = document.getElementById('{name}'); each.value = arguments[0];"
+            "const [selector, value] = arguments, each = document.querySelector(selector); each.value = value;"
             "each.dispatchEvent(new Event('change'))",
+            selector,
             value,
         )
 

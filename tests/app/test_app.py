@@ -164,8 +164,8 @@ def check_law_and_curves_are_in_sight_together(page, width):
         assert box["top"] >= 0
         assert box["bottom"] <= 800
     assert plot["top"] < 800
-    beside = [box["right"] <= plot["left"] for box in others]
-    assert beside == [width != PHONE] * 2
+    are_to_the_left = [box["right"] <= plot["left"] for box in others]
+    assert are_to_the_left == [width != PHONE] * 2
 
 
 BOX = "return document.getElementById(arguments[0]).getBoundingClientRect().toJSON()"
@@ -316,11 +316,7 @@ def roles(page):
 
 
 def choose_role(page, column, role):
-    page.execute_script(
-        f"const each = document.querySelector('#columns select[data-column=\"{column}\"]'); each.value = arguments[0];"
-        "each.dispatchEvent(new Event('change'))",
-        role,
-    )
+    page.choose_in(f'#columns select[data-column="{column}"]', role)
 
 
 def test_objects_are_found_by_name_and_seen_large(page, app, tmp_path):

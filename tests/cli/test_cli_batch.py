@@ -82,7 +82,6 @@ def test_each_file_has_its_law_and_a_bad_one_says_what_is_wrong(run, tmp_path):
 
 @pytest.mark.usefixtures("tables")
 def test_where_no_file_has_a_law_the_command_fails_and_the_table_says_why(run, tmp_path):
-    pytest.importorskip("pyarrow")
     code, _, err = run("discover", "bad.csv", "none.csv", "--each", "--set", "n_jobs=1", "--save", "r.parquet")
     assert (code, err) == (1, "commonlaw: no file has a law\n")
     errors = pd.read_parquet(tmp_path / "r.parquet")["error"].tolist()

@@ -9,7 +9,6 @@ import pytest
 import commonlaw as cl
 from commonlaw.law import from_json
 
-pytest.importorskip("distributed")
 pytestmark = [
     pytest.mark.xdist_group("cluster"),
     pytest.mark.filterwarnings("default::ResourceWarning", "default::pytest.PytestUnraisableExceptionWarning"),

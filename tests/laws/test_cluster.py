@@ -9,7 +9,6 @@ import sys
 import time
 from contextlib import closing, suppress
 from functools import partial
-from importlib.util import find_spec
 from threading import Thread, Timer
 
 import numpy as np
@@ -22,7 +21,6 @@ from commonlaw.selection.cross_validation import stability
 from tests.refusals import refused
 
 pytestmark = [
-    pytest.mark.skipif(find_spec("distributed") is None, reason="needs distributed"),
     pytest.mark.xdist_group("cluster"),
     pytest.mark.filterwarnings("default::ResourceWarning", "default::pytest.PytestUnraisableExceptionWarning"),
 ]
