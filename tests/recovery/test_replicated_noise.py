@@ -1,4 +1,4 @@
-"""Replicates at the same times, beside nonlinear least squares of all rows."""
+"""Replicates at the same times, compared with nonlinear least squares of all rows."""
 
 import numpy as np
 import pandas as pd

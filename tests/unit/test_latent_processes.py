@@ -122,12 +122,12 @@ def dense_value(model, estimate, model_error):
         for j in range(len(hidden)):
             if j % count:  # That of the first point has its stationary distribution, which nothing else tells
                 measured.append((np.eye(size)[size - len(hidden) + j], 0.0, 1e6 * hidden[j, j], True, j % count))
-        seen_by, told, spread, unmeasured, at_point = map(np.array, zip(*measured, strict=True))
+        seen_by, informed, spread, unmeasured, at_point = map(np.array, zip(*measured, strict=True))
         # The first state, given its own measurements: y0 less its error and noise, and the rate
         start = at_point == 0
         transform = np.eye(size)
         mean = np.zeros(size)
-        mean[:order] = told[start]
+        mean[:order] = informed[start]
         prior[range(order), range(order)] = spread[start]
         if latent.correlated is not None and not unmeasured[0]:
             transform[0] -= error[0]
@@ -135,7 +135,7 @@ def dense_value(model, estimate, model_error):
         later = ~start
         centre = seen_by[later] @ mean
         covariance = seen_by[later] @ prior @ seen_by[later].T + np.diag(spread[later])
-        density = multivariate_normal(centre, covariance).logpdf(told[later])
+        density = multivariate_normal(centre, covariance).logpdf(informed[later])
         value += -2 * density - later.sum() * np.log(2 * np.pi)
         hardly += np.sum(np.log(spread[later & unmeasured]))
     return value, hardly

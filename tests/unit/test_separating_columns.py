@@ -1,4 +1,4 @@
-"""Columns of numbers that tell objects and trials apart."""
+"""Columns of numbers that label objects and trials."""
 
 import numpy as np
 import pandas as pd

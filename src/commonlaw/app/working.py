@@ -156,7 +156,7 @@ def _work(connection: Connection, *modules: str) -> None:
     try:
         while True:
             _do(connection.recv(), connection)
-    except (EOFError, ConnectionError):  # nobody waits for it any more
+    except (EOFError, ConnectionError):  # the app has ended
         pass
 
 

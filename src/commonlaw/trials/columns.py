@@ -164,7 +164,7 @@ class Table:
         )
 
     def is_index(self, name: str) -> bool:
-        """Say whether a column numbers the rows, as one that pandas or R stored and nobody named, and not measured."""
+        """Say whether a column numbers the rows, such as an unnamed index of pandas or R."""
         if not _INDEX.fullmatch(name):
             return False
         parsed = self._parsed(name) if name in self.loose else None

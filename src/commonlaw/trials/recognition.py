@@ -248,8 +248,8 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
     """Return the column of numbers without which times would repeat or go back, None if there is no such or no need.
 
     It numbers the objects, or is a condition such as a temperature that is held in consecutive rows; at least three
-    rows share a number on average. Of several, one that determines the others is taken. Trials of an object are told
-    apart by a column that is called so or, without such, by one that counts.
+    rows share a number on average. Of several, one that determines the others is taken. Trials of an object are
+    numbered by a column that is called so or, without such, by one that counts.
     """
     called = [name for name in names if is_called(name, TRIAL) and is_label(table, name, times)]
     numbers = [name for name in names if table.is_numeric(name)]
