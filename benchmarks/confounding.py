@@ -13,8 +13,8 @@ import numpy as np
 import commonlaw as cl
 from benchmarks.machine import machine
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.discovery.hints import confounded_variables
-from commonlaw.outcomes import OutcomeKind
 
 HEIGHT, SECOND = 47.0, (42.0, 35.0, 25.0)
 """Where all balls are dropped, and where the second drop of each may begin, m."""

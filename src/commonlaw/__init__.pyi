@@ -9,6 +9,7 @@ from . import (
     plots as plots,
     solvers as solvers,
 )
+from .diagnostics import Outcome as Outcome, OutcomeKind as OutcomeKind
 from .discovery import (
     DerivativeRegression as DerivativeRegression,
     DiscreteTimeRegression as DiscreteTimeRegression,
@@ -25,7 +26,6 @@ from .inference import bounds as bounds, compare as compare, refine as refine
 from .integration import Event as Event
 from .law import Law as Law
 from .law.models import NamedModel as NamedModel, named_models as named_models
-from .outcomes import Outcome as Outcome, OutcomeKind as OutcomeKind
 from .runtime.fit_options import FitOptions as FitOptions
 from .runtime.progress import LongWorkWarning as LongWorkWarning
 from .stream import check_stream as check_stream, forecast_stream as forecast_stream

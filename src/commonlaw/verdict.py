@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
-from commonlaw.diagnostics import marked
+from commonlaw.diagnostics import OutcomeKind, marked
 from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
@@ -23,7 +23,6 @@ from commonlaw.law.alignment import has_bands, matched, measured_noise, measured
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.verdict import SMALL_ERROR, LawVerdict, StateError, listed
 from commonlaw.library import Order, highest_order
-from commonlaw.outcomes import OutcomeKind
 from commonlaw.runtime.progress import announced
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials

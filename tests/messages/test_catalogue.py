@@ -12,10 +12,9 @@ import pytest
 
 import commonlaw
 from commonlaw import CommonlawError
-from commonlaw.diagnostics import Diagnostic, kinds, meaning, notes, sentences, topics
+from commonlaw.diagnostics import Diagnostic, OutcomeKind, kinds, meaning, note, notes, sentences, topics
 from commonlaw.errors import unknown
 from commonlaw.likelihood import NotPositiveError
-from commonlaw.outcomes import OutcomeKind, note
 
 pytestmark = pytest.mark.xdist_group("catalogue")  # One worker reads all sources
 

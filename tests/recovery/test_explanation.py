@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.inference.result import approximation
 from commonlaw.inference.result.approximation import effective_count, log_likelihood_gain
 from commonlaw.law.parameters import named_parameters
-from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials.transformations import with_starts
 
 GAIN, TIME, DELAY = 0.6, 150.0, 20.0

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.discovery import default_method
 from commonlaw.inference.data.subsampling import can_be_subsampled, subsample
 from commonlaw.law.parameters import standard_errors
-from commonlaw.outcomes import OutcomeKind
 
 NOISE = 0.01
 

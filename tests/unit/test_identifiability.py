@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_rivals
 from commonlaw.inference.diagnose.confounding import confounded_sets
 from commonlaw.law import Law, PlausibleLaw, Provenance
@@ -16,7 +17,6 @@ from commonlaw.law.law import with_other_laws
 from commonlaw.law.provenance import Domain
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Terms, Variables, parse_library, parse_term
-from commonlaw.outcomes import OutcomeKind
 from commonlaw.trials import Schema
 from tests.refusals import refused
 from tests.simulations import simulated

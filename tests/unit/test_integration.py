@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import commonlaw as cl
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.formulation import law_variables
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.integral_form import integrated
@@ -17,7 +18,6 @@ from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import minimum
 from commonlaw.integration import InitialValueProblem, VectorField, integrate, runge_kutta_step, simulate
 from commonlaw.library import PolynomialLibrary, Terms, Variables, parse_library, parse_term
-from commonlaw.outcomes import OutcomeKind
 from tests.refusals import refused
 
 

@@ -10,7 +10,7 @@ import sympy
 from scipy.optimize import least_squares
 
 import commonlaw as cl
-from commonlaw.diagnostics import Diagnostic
+from commonlaw.diagnostics import Diagnostic, Outcome, OutcomeKind
 from commonlaw.differentiation import CenteredDifference, parse_differentiation
 from commonlaw.integration import Event, Inputs, VectorField
 from commonlaw.law import (
@@ -28,7 +28,6 @@ from commonlaw.law import (
 from commonlaw.law.parameters import coefficient_units
 from commonlaw.law.provenance import Domain
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
-from commonlaw.outcomes import Outcome, OutcomeKind
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.verdict import find
 from tests.refusals import refused

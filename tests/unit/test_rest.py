@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.outcomes import OutcomeKind
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.trials.transformations import objects_at_rest, states_at_rest
 
 TIMES = np.linspace(0, 12, 40)

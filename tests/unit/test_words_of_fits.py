@@ -5,10 +5,10 @@ import pytest
 
 import commonlaw as cl
 from commonlaw import verdict
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.law import select_objects
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.text import with_error
-from commonlaw.outcomes import OutcomeKind
 from commonlaw.verdict import find
 from tests.refusals import refused
 

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
-from commonlaw.outcomes import OutcomeKind
 
 TIMES = np.linspace(0, 10, 41)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from commonlaw.diagnostics import Diagnostic
+from commonlaw.diagnostics import Diagnostic, Outcome, note
 from commonlaw.discovery.cache import cached_law
 from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_generations, outcomes_of_rivals
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
@@ -35,7 +35,6 @@ from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, CappedLibrary, Order, one_order, order_of_each, parse_library
 from commonlaw.library.libraries import LibraryGiven
-from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import changed_settings

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from commonlaw.array_types import Bools
-from commonlaw.diagnostics import marked
+from commonlaw.diagnostics import Outcome, OutcomeKind, marked, note
 from commonlaw.discovery.known_physics import known_coefficients
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
@@ -38,7 +38,6 @@ from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import split_equations
 from commonlaw.library.functions import functions_in
-from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import with_properties_in
 from commonlaw.errors import CommonlawError
@@ -23,7 +24,6 @@ from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import left_hand_sides
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, parse_library
 from commonlaw.library.libraries import LibraryGiven
-from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Trials
 from commonlaw.trials.check import Finding
 

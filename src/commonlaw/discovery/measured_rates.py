@@ -8,10 +8,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import TrialDerivatives
-from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.transformations import rates_in_words, without_rates
 from commonlaw.trials.trial import with_typical

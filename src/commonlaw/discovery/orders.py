@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.discovery.candidate_search import Candidate
 from commonlaw.discovery.measured_rates import is_computed, measured_rates, without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
@@ -18,7 +19,6 @@ from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, with_rates
-from commonlaw.outcomes import Outcome, note
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.transformations import rates_in_words, without_rates
 

@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from commonlaw.array_types import Bools
+from commonlaw.diagnostics import note
 from commonlaw.differentiation import AbstractDifferentiator, default_differentiation, parse_differentiation
 from commonlaw.discovery.method import AbstractMethod, ModelStructure, check_supported, parsed
 from commonlaw.errors import CommonlawError, check_choice
@@ -30,7 +31,6 @@ from commonlaw.formulation import (
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, highest_order
-from commonlaw.outcomes import note
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.runtime.cluster import counting, current_cluster
 from commonlaw.runtime.fit_options import documented, setting

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.differentiation.noise import noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import Beginning, beginning_of
@@ -24,7 +25,6 @@ from commonlaw.law.provenance import Domain
 from commonlaw.law.text import with_error
 from commonlaw.library import Term, Terms
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
-from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted, shown
 from commonlaw.trials import Trials

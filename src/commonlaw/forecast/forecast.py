@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.diagnostics import Outcome
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration import Trajectory
 from commonlaw.law.deprecated import renamed
 from commonlaw.law.quantiles import mixture_interval
 from commonlaw.law.uncertainty import IntervalInflation
 from commonlaw.likelihood import NO_ERRORS, ErrorModel
-from commonlaw.outcomes import Outcome
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials

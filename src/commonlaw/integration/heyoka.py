@@ -12,6 +12,7 @@ import heyoka
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Outcome
 from commonlaw.integration.problem import (
     MAX_RELATIVE_STATE,
     AbstractIntegrator,
@@ -28,7 +29,6 @@ from commonlaw.integration.problem import (
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Term
 from commonlaw.library.grammar import Algebra, evaluate
-from commonlaw.outcomes import Outcome
 
 _FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")
 """Functions that are analytic in their domain, besides arctan; abs, sign and step are not at 0."""

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Terms, parse_term
-from commonlaw.outcomes import Outcome, note
 
 _SIGNS = {"rising": 1, "falling": -1, "any": 0}
 

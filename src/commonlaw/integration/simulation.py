@@ -7,6 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration.problem import (
     MAX_RELATIVE_STATE,
@@ -20,7 +21,6 @@ from commonlaw.integration.problem import (
 )
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Order
-from commonlaw.outcomes import OutcomeKind
 from commonlaw.runtime.progress import announced
 
 

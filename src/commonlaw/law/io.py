@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Outcome
 from commonlaw.differentiation import format_differentiation, parse_differentiation
 from commonlaw.errors import CommonlawError
 from commonlaw.law.export import exported
@@ -29,7 +30,6 @@ from commonlaw.library import Terms, Variables, parse_terms
 from commonlaw.library.functions import Function, functions_in
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.likelihood import ErrorModel
-from commonlaw.outcomes import Outcome
 from commonlaw.runtime.files import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
 from commonlaw.trials import Schema
 from commonlaw.trials.files import parquet_bytes, parquet_columns

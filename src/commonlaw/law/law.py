@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, same_content
+from commonlaw.diagnostics import Outcome
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.integration import Event, Trajectory
 from commonlaw.law import text
@@ -24,7 +25,6 @@ from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
-from commonlaw.outcomes import Outcome
 from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.files import read_file, write_whole
 from commonlaw.runtime.notebooks import ShownInNotebooks

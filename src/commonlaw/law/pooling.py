@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.diagnostics import note
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, shrink
 from commonlaw.hierarchy.relation import dimensions_of
@@ -19,7 +20,6 @@ from commonlaw.law.provenance import Step
 from commonlaw.law.script import written
 from commonlaw.law.text import MANY
 from commonlaw.law.uncertainty import Explanation, ObjectEstimates
-from commonlaw.outcomes import note
 from commonlaw.text import shown
 from commonlaw.trials.properties import Properties, given_properties
 from commonlaw.trials.trial import property_names

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Outcome
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
-from commonlaw.outcomes import Outcome
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import natural

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.formulation import (
     AbstractFormulation,
     CompressedTrials,
@@ -18,7 +19,6 @@ from commonlaw.formulation import (
 from commonlaw.law import Alternative, Law
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.library import Terms
-from commonlaw.outcomes import Outcome, note
 from commonlaw.selection.cross_validation import CrossValidationScore, stability
 from commonlaw.selection.rules import Selection, choose
 from commonlaw.solvers import STLSQ, AbstractSolver, Candidate

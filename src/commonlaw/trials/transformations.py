@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.outcomes import Outcome, note
 from commonlaw.text import shown
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.recognition import note_on_pulses

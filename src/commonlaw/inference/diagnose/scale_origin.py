@@ -6,11 +6,11 @@ from contextlib import suppress
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Outcome, OutcomeKind, note
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.settings import ROUNDING, SIGNIFICANT
 from commonlaw.law.law import Law
 from commonlaw.law.parameters import left_hand_sides, rate_names
-from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.headers import parse_unit, registry

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from commonlaw.array_types import Bools
+from commonlaw.diagnostics import Outcome
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departures, departures, diverges, is_resolved
@@ -18,7 +19,6 @@ from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.law import Step
 from commonlaw.library import Order
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each, linearize_each
-from commonlaw.outcomes import Outcome
 from commonlaw.runtime.fit_options import ErrorKind
 
 NO_ERROR = 0.0

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.diagnostics import note
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import refine_support, rescale_noise, with_neighbours
@@ -28,7 +29,6 @@ from commonlaw.law.text import Addend, written_equations
 from commonlaw.library import ParametricTerm, Terms, Variables, parse_term
 from commonlaw.library.notation import quoted
 from commonlaw.library.parametric import free_name, parametric_term, terms_of_family
-from commonlaw.outcomes import note
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import with_starts

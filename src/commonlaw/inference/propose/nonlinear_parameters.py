@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference import settings
@@ -36,7 +37,6 @@ from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound, limits_of
 from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, Prior, fit_each
-from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.parallel import in_parallel, threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials

@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_solutions
@@ -27,7 +28,6 @@ from commonlaw.inference.result.history import LACKS_OF_FIT
 from commonlaw.inference.search.law_search import resolved
 from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, Uncertainty
-from commonlaw.outcomes import Outcome, note
 from commonlaw.runtime.progress import ProgressCallback, unannounced
 from commonlaw.trials import Trials
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
+from commonlaw.diagnostics import Outcome, OutcomeKind, note
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import by_columns
@@ -17,7 +18,6 @@ from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.likelihood import ERRORS, Estimate, fit as fitted_states, linearize
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
-from commonlaw.outcomes import Outcome, OutcomeKind, note
 from commonlaw.text import counted, shown
 from commonlaw.trials import Schema
 
