@@ -21,6 +21,7 @@ def test_angles_in_degrees_are_read_in_radians():
     assert trials.properties["object"]["slope"] == pytest.approx(np.pi / 4)
     assert trials[0].inputs[:, 0].tolist() == [20, 21, 22]
     assert [trials.schema.units[name] for name in ("angle", "rate", "slope", "T")] == ["rad", "rad/s", "rad", "degC"]
+    assert "a given noise is in radians" in trials.notes[-1]
     assert trials.notes[-1].endswith(
         "angle from deg to rad, rate from °/s to rad/s, sd from deg to rad, slope from deg to rad"
     )
