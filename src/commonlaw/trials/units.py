@@ -102,5 +102,8 @@ def in_radians(data: TrialData) -> TrialData:
         trials=tuple(converted(trial, schema, changed) for trial in data.trials),
         schema=replace(schema, units={**schema.units, **units}),
         properties=with_converted_properties(data.properties, changed),
-        notes=(*data.notes, f"converted into radians, which sines and cosines take; a given noise is in radians, too: {changes}"),
+        notes=(
+            *data.notes,
+            f"converted into radians, which sines and cosines take; a given noise is in radians, too: {changes}",
+        ),
     )
