@@ -41,7 +41,7 @@ def test_what_ranks_ahead_of_a_law_is_fitted_and_taken(beginning):
     trials = experiment("heights of balls").measured(0.05, 7)
     problem = problem_of(trials)
     supports = np.isin(problem.terms.names, beginning)[np.newaxis]
-    fit = fits.fitted(problem, annealing.fit_supports(problem, supports).estimates, supports, fits.NO_ERROR)
+    fit = fits.fitted(problem, annealing.fit_supports(problem, supports).estimates, supports, fits.NO_MODEL_ERROR)
     best = annealing.refit_leading(fit)
     assert names(best) == ["1", "v"]
     assert any(np.array_equal(alternative.supports, supports) for alternative in best.alternatives)
@@ -64,5 +64,5 @@ def test_laws_are_as_plausible_as_fits_of_their_own_have_evidence():
     plausible = [(share, each) for share, each in others if share > 0.02]
     assert len(plausible) >= 3
     for share, each in plausible:
-        again = annealing.fit_with(problem, each.supports, fits.NO_ERROR)
+        again = annealing.fit_with(problem, each.supports, fits.NO_MODEL_ERROR)
         assert np.log(own / share) == pytest.approx((again.score - best.score) / 2, abs=0.05)

@@ -7,7 +7,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.inference.fit.annealing import fit_solutions
-from commonlaw.inference.fit.fit import NO_ERROR, Fit, Status, best_fit, fitted
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, Status, best_fit, fitted
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.pool import Pool
@@ -60,14 +60,14 @@ def test_a_failed_fit_is_worse_than_any_other_and_alone_refused(problem, fits):
 def test_what_cannot_be_computed_has_a_status(problem):
     endless = [replace(start, coefficients=np.full_like(start.coefficients, np.nan)) for start in problem.starts]
     supports = supports_of(problem, "x")
-    assert fitted(problem, endless, supports, NO_ERROR).status is Status.NOT_COMPUTABLE
-    assert fitted(problem, None, supports, NO_ERROR).status is Status.NOT_COMPUTABLE
+    assert fitted(problem, endless, supports, NO_MODEL_ERROR).status is Status.NOT_COMPUTABLE
+    assert fitted(problem, None, supports, NO_MODEL_ERROR).status is Status.NOT_COMPUTABLE
     assert failed(problem).refitted(supports).status is Status.HAS_POLE
 
 
 def test_coefficients_outside_of_a_support_are_zero_wherever_a_fit_begins(problem, fits):
     everywhere = [replace(start, coefficients=np.full_like(start.coefficients, -1.0)) for start in problem.starts]
-    fit = fitted(problem, everywhere, supports_of(problem, "x"), NO_ERROR)
+    fit = fitted(problem, everywhere, supports_of(problem, "x"), NO_MODEL_ERROR)
     for estimate, expected in zip(fit.estimates, fits[1].estimates, strict=True):
         np.testing.assert_allclose(estimate.coefficients, expected.coefficients, atol=1e-3)
 

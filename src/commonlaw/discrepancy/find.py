@@ -15,7 +15,7 @@ from commonlaw.discrepancy.smooth_basis import SmoothBasis
 from commonlaw.discrepancy.trajectories import FunctionFit, FunctionModel, annealed, best, converged, fit_about
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.fit.covariance import errors_of
-from commonlaw.inference.fit.fit import NO_ERROR
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.settings import FINAL_MODEL_ERRORS, MAX_MESH_POINTS, MODEL_ERRORS
@@ -103,7 +103,7 @@ class Setting(AbstractSetting):
             replace(estimate, coefficients=np.pad(estimate.coefficients, more)) for estimate in alone.estimates
         )
         result = [np.inf]
-        for model_error in {alone.model_error, NO_ERROR}:
+        for model_error in {alone.model_error, NO_MODEL_ERROR}:
             with suppress(NotPositiveError):
                 result.append(fit_about(self.problem, model, estimates, model_error).value)
         return min(result)

@@ -22,7 +22,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import Beginning, begin
 from commonlaw.estimation.fitting import Fitted, refit
 from commonlaw.estimation.problem import Problem, TrialData
-from commonlaw.inference.fit.fit import NO_ERROR
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import measured_noise
 from commonlaw.law.observation import ALL
@@ -142,7 +142,7 @@ class ObservedSetting(AbstractSetting):
         rows = SharedRows.of([factor], count, max(len(residuals) - count, 1), 0.0)
         worth = np.inf if problem.known_noise.all() else NOISE_MEASUREMENTS * len(noise)
         estimate = posterior(rows, model.factors, model.size, worth)
-        return FunctionFit(model, (), NO_ERROR, rows, worth, estimate, 0.0, float(residuals @ residuals))
+        return FunctionFit(model, (), NO_MODEL_ERROR, rows, worth, estimate, 0.0, float(residuals @ residuals))
 
     def _mean(self, found: FunctionFit) -> Floats:
         """Return the unknowns at the mean of a posterior."""

@@ -310,9 +310,6 @@ def _both(other: Floats, own: Floats) -> tuple[int, Floats]:
     return int(both.sum()), triangular(rows) if len(rows) else np.zeros((3, 3))
 
 
-_MAX_SPENT = 0.9
-"""Share of the residuals that fits take, at most."""
-
 _MIN_RESIDUALS = 20
 """Fewer residuals are not tested."""
 
@@ -377,7 +374,7 @@ def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent
     from scipy.stats import chi2
 
     pairs, *_, trials = sums.pairs.tolist()
-    share = min((spent / sums.count), _MAX_SPENT)
+    share = min(spent / sums.count, 0.9)  # Finite below if parameters outnumber residuals
     correlation = sums.correlation_of_neighbours + share / (1 - share) * np.sinc(share)
     size = pairs + trials
     total = size * (size + 2) * correlation**2 / pairs if pairs > 1 else 0.0

@@ -13,7 +13,7 @@ from commonlaw.law import Law
 from commonlaw.law.alignment import matched, measured_noise, measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import rate_names, units_with_rates
-from commonlaw.likelihood import NO_ERRORS
+from commonlaw.likelihood import WHITE_NOISE
 from commonlaw.trials import Trials
 
 
@@ -40,7 +40,7 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     noise = noise_of([noise_squares(trials)]) if noise is None else noise
     if law.observation is not None:
         return _of_observation(law, trials, noise)
-    known = replace(law.uncertainty, noise=noise, error_model=NO_ERRORS)
+    known = replace(law.uncertainty, noise=noise, error_model=WHITE_NOISE)
     longest = max(map(len, trials))
     forecast = replace(law, uncertainty=known).predict(trials, start=longest, averaged=False)
     forecast = forecast.followed or forecast

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, errors_to_fit
+from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, NO_MODEL_ERROR, errors_to_fit
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import Terms
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
@@ -209,7 +209,7 @@ class FunctionFit:
     @property
     def has_model_error(self) -> bool:
         """Whether each trial departs from law and function by itself."""
-        return self.model_error > NO_ERROR
+        return self.model_error > NO_MODEL_ERROR
 
 
 def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
@@ -224,7 +224,7 @@ def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
         replace(estimate, coefficients=coefficients)
         for estimate, coefficients in zip(problem.starts, known, strict=True)
     )
-    for model_error in ANY_ERROR:
+    for model_error in ALL_MODEL_ERRORS:
         with suppress(NotPositiveError):
             first = fit_about(problem, model, estimates, model_error)
             result.append(fit_about(problem, model, followed(problem, first), model_error))

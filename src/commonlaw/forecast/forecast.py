@@ -14,7 +14,7 @@ from commonlaw.integration import Trajectory
 from commonlaw.law.deprecated import renamed
 from commonlaw.law.quantiles import mixture_interval
 from commonlaw.law.uncertainty import IntervalInflation
-from commonlaw.likelihood import NO_ERRORS, ErrorModel
+from commonlaw.likelihood import WHITE_NOISE, ErrorModel
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
@@ -91,7 +91,7 @@ class Forecast(ShownInNotebooks):
     std: tuple[Floats, ...] | None = None
     noise: Floats | None = None
     from_time: float | None = None
-    error_model: ErrorModel = NO_ERRORS
+    error_model: ErrorModel = WHITE_NOISE
     at_more_times: Callable[[Sequence[Floats]], "Forecast"] | None = None
     followed: "Forecast | None" = None
     degrees_of_freedom: Floats | None = None

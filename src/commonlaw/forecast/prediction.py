@@ -27,7 +27,7 @@ from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import named_parameters, rate_names, vector_field
 from commonlaw.library import Terms
-from commonlaw.likelihood import NO_ERRORS
+from commonlaw.likelihood import WHITE_NOISE
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import MOMENT, with_logarithms, with_property_inputs
 
@@ -371,7 +371,7 @@ def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
     Raises `CommonlawError` if the law is in discrete time, or not finite near the samples of a trial.
     """
     errors, trials = law.uncertainty.error_model, matched(law, trials, observed=True)
-    solution = replace(law, uncertainty=replace(law.uncertainty, error_model=NO_ERRORS))
+    solution = replace(law, uncertainty=replace(law.uncertainty, error_model=WHITE_NOISE))
     return_std = return_std and not errors.of_law
     fit = solution.predict(trials, start="all", return_std=return_std, averaged=False)
     if (

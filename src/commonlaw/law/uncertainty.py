@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.deprecated import renamed
 from commonlaw.law.quantiles import two_sided
-from commonlaw.likelihood import ERRORS, NO_ERRORS, ErrorModel, Heteroscedastic
+from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Heteroscedastic
 
 
 def checked(
@@ -174,7 +174,7 @@ class Uncertainty:
     shared_factor: Floats | None = None
     noise: Floats | None = None
     inclusion_probabilities: Floats | None = None
-    error_model: ErrorModel = NO_ERRORS
+    error_model: ErrorModel = WHITE_NOISE
     unpooled: ObjectEstimates | None = None
     pooled: ObjectEstimates | None = None
     degrees_of_freedom: Floats | None = None

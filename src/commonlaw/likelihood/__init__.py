@@ -14,7 +14,7 @@ from commonlaw.likelihood.computing import (
 )
 from commonlaw.likelihood.errors import (
     ERRORS as ERRORS,
-    NO_ERRORS as NO_ERRORS,
+    WHITE_NOISE as WHITE_NOISE,
     AbstractErrors as AbstractErrors,
     ErrorModel as ErrorModel,
     Heteroscedastic as Heteroscedastic,

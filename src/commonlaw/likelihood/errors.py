@@ -77,7 +77,7 @@ class ErrorModel:
         return np.hypot(self.white_std(states, noise), correlated) + np.zeros_like(states)
 
 
-NO_ERRORS = ErrorModel()
+WHITE_NOISE = ErrorModel()
 """White noise alone."""
 
 
@@ -128,7 +128,7 @@ class White(AbstractErrors):
     group = "white"
 
     def model(self, values: Floats) -> ErrorModel:
-        return NO_ERRORS
+        return WHITE_NOISE
 
     def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
         return np.empty(0), np.empty(0)
@@ -223,7 +223,7 @@ class Walk(AbstractErrors):
     group = "law"
 
     def model(self, values: Floats) -> ErrorModel:
-        return NO_ERRORS
+        return WHITE_NOISE
 
     def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
         return np.array([scales.least_walk]), np.array([30.0])

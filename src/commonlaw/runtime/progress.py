@@ -112,9 +112,6 @@ def on_terminal() -> ProgressCallback:
 MOST_MEMORY = 4 * 2**30
 """Bytes that one piece of work may take."""
 
-SECONDS_UNTIL_ANNOUNCED = 60.0
-"""Seconds beyond which work is announced."""
-
 
 _announcing = ContextVar("_announcing", default=True)
 
@@ -132,8 +129,8 @@ def check_memory(what: str, size: float, remedy: str) -> None:
 
 
 def announce(what: str, seconds: float, remedy: str | Diagnostic) -> None:
-    """Warn of work that will take about so many seconds, if these are many."""
-    if seconds > SECONDS_UNTIL_ANNOUNCED and _announcing.get():
+    """Warn of work that will take about so many seconds, if it is over a minute."""
+    if seconds > 60 and _announcing.get():
         length = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
         warning = Diagnostic("long-work", {"work": what, "length": length, "remedy": remedy})
         warnings.warn(warning.sentence(marked), LongWorkWarning, stacklevel=2)

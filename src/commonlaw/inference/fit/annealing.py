@@ -13,7 +13,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.inference import settings
 from commonlaw.inference.fit.fit import (
-    NO_ERROR,
+    NO_MODEL_ERROR,
     PLAUSIBLE,
     Fit,
     Status,
@@ -45,7 +45,7 @@ def search(problem: SearchProblem, progress: ProgressCallback, proposals: Sequen
     fits += [fit_supports(problem, support, settings.SCHEDULES[-1]) for support in distinct]
     best = best_fit(fits)
     if best.has_model_error:  # Its supports may not have been fitted without one
-        fits.append(fitted(problem, best.estimates, best.supports, NO_ERROR))
+        fits.append(fitted(problem, best.estimates, best.supports, NO_MODEL_ERROR))
     return with_neighbours(fits)
 
 
@@ -127,7 +127,7 @@ def _fit_schedules(problem: SearchProblem, supports: Bools, schedule: tuple[floa
 
 def fit_solutions(problem: SearchProblem, supports: Bools) -> Fit:
     """Return the fit of supports without a model error, see `fit_with`, under its residual noise."""
-    return rescale_noise(fit_with(problem, supports, NO_ERROR))
+    return rescale_noise(fit_with(problem, supports, NO_MODEL_ERROR))
 
 
 def rescale_noise(fit: Fit) -> Fit:

@@ -21,10 +21,10 @@ from commonlaw.library import Order
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each, linearize_each
 from commonlaw.runtime.fit_options import ErrorKind
 
-NO_ERROR = 0.0
+NO_MODEL_ERROR = 0.0
 """The model error of laws whose trajectories are solutions."""
 
-ANY_ERROR = (*settings.MODEL_ERRORS, NO_ERROR)
+ALL_MODEL_ERRORS = (*settings.MODEL_ERRORS, NO_MODEL_ERROR)
 """Model errors that are compared, and zero."""
 
 PLAUSIBLE = float(-2 * np.log(settings.MIN_PROBABILITY))
@@ -78,7 +78,9 @@ class Fit:
     outcomes: tuple[Outcome, ...] = ()
 
     @classmethod
-    def failed(cls, problem: SearchProblem, supports: Bools, status: Status, model_error: float = NO_ERROR) -> "Fit":
+    def failed(
+        cls, problem: SearchProblem, supports: Bools, status: Status, model_error: float = NO_MODEL_ERROR
+    ) -> "Fit":
         return cls(problem, supports, (), model_error, Score({"likelihood": np.inf}), status)
 
     def but(self, status: Status) -> "Fit":
@@ -116,7 +118,7 @@ class Fit:
     @property
     def has_model_error(self) -> bool:
         """Whether there is a random walk, as no law fits the measurements within their noise."""
-        return self.model_error > NO_ERROR
+        return self.model_error > NO_MODEL_ERROR
 
     @property
     def fitted_model_error(self) -> float:

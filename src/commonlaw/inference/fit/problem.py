@@ -33,7 +33,7 @@ from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
-    NO_ERRORS,
+    WHITE_NOISE,
     ErrorModel,
     Estimate,
     Mesh,
@@ -74,7 +74,7 @@ class SearchProblem:
     noise_estimate: Floats
     noise_given: bool
     points: int = 1
-    errors: ErrorModel = NO_ERRORS
+    errors: ErrorModel = WHITE_NOISE
     samples: str = ""
     equivalent_optima: tuple[Floats, ...] = ()
     excluded_terms: int = 0
@@ -208,7 +208,7 @@ class SearchProblem:
     @property
     def under_white_noise(self) -> "SearchProblem":
         """The problem with white noise alone, of its first estimate."""
-        return self.with_errors(self.noise_estimate, NO_ERRORS, "of the first estimate") if self.errors else self
+        return self.with_errors(self.noise_estimate, WHITE_NOISE, "of the first estimate") if self.errors else self
 
     def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
         """Return the problem with the states of estimates, at which heteroscedastic noise is evaluated."""
@@ -466,4 +466,4 @@ def prepare(
         samples=subsampled,
         equivalent_optima=tuple(equivalent_optima),
     )
-    return problem.with_errors(levels, NO_ERRORS, reason + by_columns(trials.schema))
+    return problem.with_errors(levels, WHITE_NOISE, reason + by_columns(trials.schema))

@@ -19,7 +19,7 @@ from commonlaw.diagnostics import note
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import refine_support, rescale_noise, with_neighbours
-from commonlaw.inference.fit.fit import NO_ERROR, Fit, Status
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, Status
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.search.law_search import PATH
 from commonlaw.inference.search.pool import Pool
@@ -187,7 +187,7 @@ class _LatentStateModel:
                     guess=np.where(few, signs, 0.0),
                 )
                 problem = replace(problem, known=self._known, solver=PATH, differentiation=before.differentiation)
-                fit = rescale_noise(refine_support(problem, few, problem.starts, NO_ERROR))
+                fit = rescale_noise(refine_support(problem, few, problem.starts, NO_MODEL_ERROR))
                 fit = rescale_noise(with_neighbours([fit])[0])
                 if not fit.is_usable or not fit.supports[:-1, self._has_state].any():
                     return fit.but(Status.WITHOUT_EFFECT)

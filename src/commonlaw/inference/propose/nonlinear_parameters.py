@@ -23,7 +23,7 @@ from commonlaw.formulation import column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import smooth_curves, values_and_rates
 from commonlaw.inference.fit.annealing import fit_with
-from commonlaw.inference.fit.fit import NO_ERROR
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR
 from commonlaw.inference.fit.integral_form import Integrals, least_squares, values_between_jumps
 from commonlaw.inference.fit.lack_of_fit import has_pole
 from commonlaw.inference.fit.parameter_grid import divisors, factor_powers, grid_product, parameter_values
@@ -414,7 +414,7 @@ def _rms(residuals: Floats) -> float:
 
 def full_schedule(problem: SearchProblem) -> Sequence[Estimate]:
     """Return the estimates without model error by `fit_with`; none if they fail."""
-    return fit_with(problem, problem.allowed, NO_ERROR).estimates
+    return fit_with(problem, problem.allowed, NO_MODEL_ERROR).estimates
 
 
 def short_schedule(problem: SearchProblem) -> Sequence[Estimate]:

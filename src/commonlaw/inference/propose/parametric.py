@@ -18,7 +18,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_supports, fit_with, rescale_noise
-from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, PLAUSIBLE, Fit, Status, best_fit
+from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, NO_MODEL_ERROR, PLAUSIBLE, Fit, Status, best_fit
 from commonlaw.inference.fit.lack_of_fit import has_pole
 from commonlaw.inference.fit.parameter_grid import frequencies_in_time
 from commonlaw.inference.fit.problem import SearchProblem
@@ -155,7 +155,7 @@ class _ParametricSearch:
             curves = [_without_processes(self.best, self.best.estimates)]
             self.base = replace(self.base, starts=curves[0]).with_points(points)
             curves, problem = [self.base.starts], self.plain.problem.about(self.plain.estimates).with_points(points)
-            self.plain = best_fit([rescale_noise(fit_supports(problem, self.plain.supports, ANY_ERROR))])
+            self.plain = best_fit([rescale_noise(fit_supports(problem, self.plain.supports, ALL_MODEL_ERRORS))])
             self.explored, self.fitted, self.near = (self.plain,), {}, {}
 
     def _run(self, curves: Sequence[tuple[Estimate, ...]]) -> None:
@@ -286,7 +286,7 @@ class _ParametricSearch:
             if not separate:
                 break
             pooled, best = shrink_to_pooled(problem, separate)
-            fit = fit_with(pooled, pooled.allowed, NO_ERROR, best)
+            fit = fit_with(pooled, pooled.allowed, NO_MODEL_ERROR, best)
             if not fit.is_usable or fit.has_converged:
                 break
         fit = rescale_noise(replace(fit, problem=replace(fit.problem, starts=fit.estimates))) if fit.is_usable else fit

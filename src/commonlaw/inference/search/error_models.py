@@ -17,7 +17,7 @@ from commonlaw.inference.fit.annealing import (
     refine_support,
     rescale_noise,
 )
-from commonlaw.inference.fit.fit import NO_ERROR, Fit, errors_to_fit, fitted, model_error_penalty
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, errors_to_fit, fitted, model_error_penalty
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence
 from commonlaw.inference.search.pool import Pool
@@ -207,7 +207,7 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
     def levels(logs: Floats) -> tuple[Floats, ErrorModel, float]:
         """Return the noise of each state, shape (d,), other errors, and the random walk, relative to the noise."""
         values = np.exp(logs)
-        return values[:d], model.model(values[d:]), float(np.exp(logs[-1])) if kind == "random-walk" else NO_ERROR
+        return values[:d], model.model(values[d:]), float(np.exp(logs[-1])) if kind == "random-walk" else NO_MODEL_ERROR
 
     def at(logs: Floats, before: SearchProblem) -> SearchProblem:
         noise, errors, _ = levels(logs)

@@ -23,7 +23,7 @@ from commonlaw.inference.fit.annealing import (
     with_neighbours,
 )
 from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
-from commonlaw.inference.fit.fit import ANY_ERROR, NO_ERROR, Fit, best_fit
+from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, NO_MODEL_ERROR, Fit, best_fit
 from commonlaw.inference.fit.lack_of_fit import with_proportional_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.pool import Pool
@@ -112,7 +112,7 @@ def fit_terms(setup: FitSetup) -> Pool:
     Raises `CommonlawError` if a trial is too short, a term is not finite on it, or the likelihood cannot be computed.
     """
     problem = setup.problem()
-    fit = fit_supports(problem, problem.allowed, ANY_ERROR)
+    fit = fit_supports(problem, problem.allowed, ALL_MODEL_ERRORS)
     return Pool((rescale_noise(until_resolved(fit, lambda finer: finer)),))
 
 
@@ -140,7 +140,7 @@ def choose_interpolation(
     fit, before, gains = pool.best, trials.schema.input_interpolation, dict[str, float]()
     for between in (interpolation for interpolation in BETWEEN if interpolation != before):
         problem = fit.problem.with_meshes_of(with_interpolation(fit.problem.trials, between))
-        rival = fit_supports(problem, fit.supports, ANY_ERROR)
+        rival = fit_supports(problem, fit.supports, ALL_MODEL_ERRORS)
         gain = fit.score - rival.score
         if gain > settings.STRONG and not (is_chosen and rival.lack_of_fit):
             gains[between] = gain
@@ -200,7 +200,7 @@ def _search_subsets(problem: SearchProblem, smaller: Sequence[SearchProblem], pr
             first = fit_with(problem, fit.supports, large, problem.starts_with(fit.estimates))
         else:
             first = fit_supports(problem, fit.supports, (large,))
-        return [first, refine_support(problem, fit.supports, first.estimates or None, NO_ERROR)]
+        return [first, refine_support(problem, fit.supports, first.estimates or None, NO_MODEL_ERROR)]
 
     show = part(progress, 0.0, 0.7) if len(smaller) == 1 else lambda _: None
     pays = threads_are_worthwhile(problem.models)

@@ -20,7 +20,7 @@ from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms
-from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, NO_ERRORS, Heteroscedastic, Prior
+from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, WHITE_NOISE, Heteroscedastic, Prior
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
@@ -159,5 +159,5 @@ def on_log_scale(law: Law, states: Sequence[str]) -> Law:
         law,
         schema=replace(law.schema, logarithmic=names),
         terms=Terms(replace(law.terms.variables, logarithmic=names), law.terms.terms),
-        uncertainty=replace(law.uncertainty, noise=None, error_model=NO_ERRORS, other_laws=()),
+        uncertainty=replace(law.uncertainty, noise=None, error_model=WHITE_NOISE, other_laws=()),
     )

@@ -11,7 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import Fitted, check_white, refit
 from commonlaw.inference.fit.annealing import fit_supports
-from commonlaw.inference.fit.fit import ANY_ERROR, Fit
+from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, Fit
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
@@ -130,7 +130,9 @@ def compare(
         finest = max(pool.best.problem.points for pool in fitted)
         # Evidence compares on one mesh alone
         fits = [pool.best for pool in fitted]
-        fits = in_parallel(lambda fit: fit_supports(fit.problem.with_points(finest), fit.supports, ANY_ERROR), fits)
+        fits = in_parallel(
+            lambda fit: fit_supports(fit.problem.with_points(finest), fit.supports, ALL_MODEL_ERRORS), fits
+        )
         pools = [Pool((fit,)) for fit in fits]
         best = min((pool.best for pool in pools), key=score)
         if errors != "auto" or best.departures or best.lack_of_fit:
