@@ -14,7 +14,6 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import FROM_RESIDUALS
 from commonlaw.inference.fit.covariance import (
     factors,
-    fixed_at_pooled,
     free_coefficients,
     residual_degrees_of_freedom,
     total_degrees_of_freedom,
@@ -30,7 +29,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     that do not converge. The Huber loss is replaced by least squares, always if `least_squares`, unless the evidence
     for outliers is very strong.
     """
-    shared = any(fixed_at_pooled(fit.problem, index).any() for index in range(len(fit.estimates)))
+    shared = any(fit.problem.fixed_at_pooled(index).any() for index in range(len(fit.estimates)))
     if fit.has_model_error or shared:
         return fit, True
     before, moved = fit, np.inf
@@ -139,8 +138,7 @@ def residual_scale(fit: Fit) -> Floats:
         return np.ones(len(measured))
     common = np.sum(squares[measured]) / total
     variances = np.where(freedom < 1, common, squares / np.maximum(freedom, 1))
-    rounding = np.finfo(float).eps * np.nanmax(np.abs(problem.measurements), axis=0) / problem.noise
-    return np.where(measured, np.maximum(np.sqrt(variances), rounding), 1.0)
+    return np.where(measured, np.maximum(np.sqrt(variances), problem.noise_floors[1] / problem.noise), 1.0)
 
 
 def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:

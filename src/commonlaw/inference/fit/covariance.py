@@ -14,28 +14,17 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
-from commonlaw.inference.fit.fit import Fit
-from commonlaw.inference.fit.latent_initialization import pooled_start
+from commonlaw.inference.fit.fit import Fit, fully_measured
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.law import Law
-from commonlaw.likelihood import ErrorModel, Regression, fit as fitted_states, whitened
+from commonlaw.likelihood import ErrorModel, Regression, whitened
 from commonlaw.runtime.fit_options import CovarianceKind
 
 
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
     """Return the law with the coefficients of a fit, their covariance, the noise and the error model."""
     problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
-    given_starts, whole = schema.is_latent & ~schema.with_free_start, _fully_measured(fit)
-    if len(whole) not in (0, len(problem.models)):  # Some objects are refitted with coefficients at pooled values
-        last, estimates = fit.fitted_model_error, list(fit.estimates)
-        schedule = (*(error for error in settings.MODEL_ERRORS if error > last), last)
-        for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
-            if not problem.measured_states[o].all():
-                free = fit.supports & ~fixed_at_pooled(problem, o)
-                estimate = fitted_states(model, pooled_start(model, start, whole), free, schedule)
-                if estimate.deviance < settings.MAX_DEVIANCE_RATIO * estimates[o].deviance:
-                    estimates[o] = estimate
-        fit = replace(fit, estimates=tuple(estimates))
+    given_starts = schema.is_latent & ~schema.with_free_start
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
@@ -153,8 +142,8 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
         else:
             factor = triangles[o][:, :-1]
             covariance = _inverse(factor)
-            if (held := fixed_at_pooled(problem, o) & free).any():
-                whole = _fully_measured(fit)
+            if (held := problem.fixed_at_pooled(o) & free).any():
+                whole = fully_measured(problem, fit.estimates)
                 scatter = whole[0] ** 2  # Of one object, the between-object variance is not identifiable: 100 %
                 if len(whole) > 1:
                     scatter = np.var(whole, axis=0, ddof=1) * (1 + 1 / len(whole))
@@ -201,17 +190,3 @@ def _inverse(factor: Floats) -> Floats:
     values = np.append(values, np.zeros(len(directions) - len(values)))
     inverse = (directions.T / np.maximum(values, 1e-14 * values.max(initial=0.0))) / norms[:, np.newaxis]
     return np.asarray(inverse @ inverse.T)
-
-
-def fixed_at_pooled(problem: SearchProblem, index: int) -> Bools:
-    """Return the coefficients of an object that are fixed at pooled values, shape (equations, terms)."""
-    measured = problem.measured_states[index]
-    terms = problem.models[index].terms
-    of_unmeasured = np.array([any(c in term.columns() for c in np.flatnonzero(~measured)) for term in terms.terms])
-    is_known = any(states.all() for states in problem.measured_states)
-    return np.asarray(measured[:, np.newaxis] & of_unmeasured & is_known)
-
-
-def _fully_measured(fit: Fit) -> list[Floats]:
-    pairs = zip(fit.estimates, fit.problem.measured_states, strict=True)
-    return [estimate.coefficients for estimate, measured in pairs if measured.all()]

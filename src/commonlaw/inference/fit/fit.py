@@ -8,11 +8,12 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from commonlaw.array_types import Bools
+from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Outcome
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departures, departures, diverges, is_resolved
+from commonlaw.inference.fit.latent_initialization import pooled_start
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import SupportEvidence
@@ -283,10 +284,38 @@ def fitted(problem: SearchProblem, estimates: Sequence[Estimate] | None, support
     ]
     try:
         done = fit_each(problem.models, starts, supports, errors_to_fit(model_error))
-        fit = Fit(problem, supports, done, model_error, Score({}))
+        fit = Fit(problem, supports, _identified(problem, done, supports, model_error), model_error, Score({}))
         return fit.with_score(fit.evidence.score(supports))
     except NotPositiveError:
         return Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error)
+
+
+def fully_measured(problem: SearchProblem, estimates: Sequence[Estimate]) -> list[Floats]:
+    """Return the coefficients of the objects of which each state was measured, each of shape (equations, terms)."""
+    pairs = zip(estimates, problem.measured_states, strict=True)
+    return [estimate.coefficients for estimate, measured in pairs if measured.all()]
+
+
+def _identified(
+    problem: SearchProblem, estimates: tuple[Estimate, ...], supports: Bools, model_error: float
+) -> tuple[Estimate, ...]:
+    """Return the estimates; of objects with unmeasured states those with coefficients fixed at pooled values.
+
+    The scale of an unmeasured state is identified by other objects alone. An object that does not fit with their
+    coefficients keeps its own.
+    """
+    whole, result = fully_measured(problem, estimates), list(estimates)
+    if len(whole) in (0, len(estimates)):
+        return estimates
+    last = errors_to_fit(model_error)[-1]
+    schedule = (*(error for error in settings.MODEL_ERRORS if error > last), last)
+    for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
+        if not problem.measured_states[o].all():
+            free = supports & ~problem.fixed_at_pooled(o)
+            (estimate,) = fit_each([model], [pooled_start(model, start, whole)], free, schedule)
+            if estimate.deviance < settings.MAX_DEVIANCE_RATIO * result[o].deviance:
+                result[o] = estimate
+    return tuple(result)
 
 
 def restricted(

@@ -145,12 +145,9 @@ def _residuals_of_trials(fit: Fit) -> list[Series]:
 
 def _constants(trials: Trials) -> list[Series]:
     """Return the deviations from the mean of each trial, state by state."""
-    latent = trials.schema.is_latent
-    means = [
-        [[0.0 if hidden else np.nanmean(column) for column, hidden in zip(trial.states.T, latent, strict=True)]]
-        for trial in trials
-    ]
-    return _deviations(trials, np.array(means))
+    counts = [np.isfinite(trial.states).sum(axis=0, keepdims=True) for trial in trials]
+    pairs = zip(trials, counts, strict=True)
+    return _deviations(trials, [np.nansum(trial.states, axis=0) / np.maximum(count, 1) for trial, count in pairs])
 
 
 def _deviations(trials: Trials, references: Iterable[Floats]) -> list[Series]:
