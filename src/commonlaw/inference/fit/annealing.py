@@ -149,6 +149,8 @@ def rescale_noise(fit: Fit) -> Fit:
         if not fit.is_usable:
             break
         fit = fit.with_alternatives_of(before)
+        if not fit.has_converged:  # The residual variance of a maximum that was not reached is none
+            break
     return fit
 
 
