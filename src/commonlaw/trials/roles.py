@@ -153,12 +153,15 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     noise = _noise_columns(table, roles, states, free)
     take(noise.values())
     given = roles.get("properties")
+    properties: tuple[str, ...] | None = None
     if given is None:
         held = constant_columns(table, free, owners, others_are_states=not states)
-        also = tuple(name for name in table.columns if name == owner and is_quantity(table, name))
-        properties: tuple[str, ...] | None = take(held, "" if owner else "constant") + also
-    else:
-        properties = _found(table, given) if _names_columns(table, given) else None
+        properties = take(held, "" if owner else "constant")
+    elif _names_columns(table, given):
+        properties = _found(table, given)
+    if properties is not None:
+        also = (name for name in table.columns if name == owner and is_quantity(table, name))
+        properties = tuple(dict.fromkeys((*properties, *also)))
     wide, numbers = roles.get("wide"), [name for name in free if table.is_numeric(name)]
     if not (states or wide or owner or trial or "object_name" in roles):
         wide = bool(alike := columns_of_one_quantity(table, numbers)) or None
