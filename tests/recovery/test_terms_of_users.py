@@ -7,6 +7,8 @@ import pytest
 import commonlaw as cl
 from commonlaw.law import from_json, to_json, to_script
 from commonlaw.law.parameters import standard_errors
+from commonlaw.law.tables import coefficients_by_object
+from commonlaw.trials import Trials
 from tests.refusals import refused
 from tests.simulations import simulated, solved
 
@@ -110,3 +112,17 @@ def test_discover_finds_the_term_with_the_right_property(growing):
     assert law.schema.inputs == ("K", "mass")
     with refused("columns-differ"):
         law.predict(cl.Trials.from_frame(growing.to_frame().drop(columns=["K"])))
+
+
+def test_what_names_objects_stands_in_equations_and_explains_coefficients():
+    times, random = np.linspace(0, 3, 40), np.random.default_rng(4)
+    swings = {m: 0.1 * np.cos(np.sqrt(5 / m) * times) + 1e-3 * random.standard_normal(40) for m in (0.1, 0.2, 0.4)}
+    frame = pd.concat([pd.DataFrame({"mass": m, "t": times, "x": x}) for m, x in swings.items()])
+    trials = Trials.from_frame(frame)
+    law = cl.fit("x'' = -k/mass x", trials, shared=["k"], errors="white")
+    k = law.params.query("parameter == 'k'").iloc[0]
+    assert abs(k["estimate"] - 5) < 3 * k["standard error"] < 0.1
+    assert [*coefficients_by_object(law)] == ["mass", "k"]
+    explained = cl.fit("x'' = -a x", trials, errors="white").explain()
+    new = pd.DataFrame({"mass": 0.3, "t": times, "x": 0.1 * np.cos(np.sqrt(5 / 0.3) * times)})
+    assert explained.predict(Trials.from_frame(new, object="mass")).score() > 0.99

@@ -117,3 +117,20 @@ def test_counts_of_the_samples_of_each_trial_are_left_out(tmp_path):
     frame["Occasion"], frame["Time"] = frame["Time"] + 1, frame["Time"] ** 1.5 + 0.1 * (frame["Subject"] == 2)
     trials = read(tmp_path, frame)
     assert (trials.schema.states, trials.schema.inputs) == (("conc",), ())
+
+
+@pytest.mark.parametrize(
+    ("header", "cells", "is_property"),
+    [("mass (g)", [50, 100, 200], True), ("length", [0.25, 0.5, 1], True), ("id", [50, 100, 200], False)],
+)
+def test_a_quantity_that_names_objects_is_a_property_of_them(tmp_path, header, cells, is_property):
+    trials = read(tmp_path, experiment(**{header: cells}))
+    name = header.split()[0]
+    assert (trials.schema.object, len(trials.objects)) == (name, 3)
+    values = {owner: {name: float(owner)} for owner in trials.objects} if is_property else {}
+    assert trials.properties == values
+    trials.to_csv(tmp_path / "again.csv")
+    again = Trials.read(tmp_path / "again.csv", **({} if is_property else {"object": name}))
+    assert (again.objects, again.properties) == (trials.objects, values)
+    named = read(tmp_path, experiment(**{header: cells}), object=name, properties=[name])
+    assert named.properties == {owner: {name: float(owner)} for owner in trials.objects}

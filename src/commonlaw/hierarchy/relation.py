@@ -195,6 +195,7 @@ CONSTANTS = {
     "a viscosity": "Pa s",
     "a kinematic viscosity or diffusivity": "m^2/s",
     "a surface tension or stiffness": "N/m",
+    "a damping coefficient or mass flow": "kg/s",
     "a pressure or modulus": "Pa",
     "a heat transfer coefficient": "W/m^2/K",
     "a thermal conductivity": "W/m/K",

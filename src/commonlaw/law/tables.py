@@ -269,7 +269,9 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
                 label = f"{name}, {law.schema.trial} {trial}"
                 rows.append([label, *(cells.get(parameter, Written()) for parameter in parameters.names)])
     heads = [law.schema.object, *starmap(with_unit, coefficient_names(law))]
-    return pd.DataFrame(rows, columns=heads, dtype=object)
+    frame = pd.DataFrame(rows, columns=heads, dtype=object)
+    # Objects may be named by a property
+    return frame.loc[:, [True, *(name != law.schema.object for name in parameters.names)]]
 
 
 def quantities_by_object(law: Law) -> pd.DataFrame:

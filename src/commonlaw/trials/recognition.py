@@ -270,6 +270,12 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
     return None
 
 
+def is_quantity(table: Table, name: str) -> bool:
+    """Say whether the numbers in a column are measured, and no labels: they have a unit, or one is a fraction."""
+    values = readable(table, name)
+    return bool(np.isfinite(values).all()) and (name in table.units or bool(np.any(values % 1)))
+
+
 def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Codes) -> list[str]:
     """Return columns of conditions that separate times which repeat within groups of rows; none if all do not.
 

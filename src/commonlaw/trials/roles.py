@@ -19,6 +19,7 @@ from commonlaw.trials.recognition import (
     deviation_columns,
     increase_within,
     input_columns,
+    is_quantity,
     joint_objects,
     note_on_pulses,
     object_column,
@@ -152,11 +153,15 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     noise = _noise_columns(table, roles, states, free)
     take(noise.values())
     given = roles.get("properties")
+    properties: tuple[str, ...] | None = None
     if given is None:
         held = constant_columns(table, free, owners, others_are_states=not states)
-        properties: tuple[str, ...] | None = take(held, "" if owner else "constant")
-    else:
-        properties = _found(table, given) if _names_columns(table, given) else None
+        properties = take(held, "" if owner else "constant")
+    elif _names_columns(table, given):
+        properties = _found(table, given)
+    if properties is not None:
+        also = (name for name in table.columns if name == owner and is_quantity(table, name))
+        properties = tuple(dict.fromkeys((*properties, *also)))
     wide, numbers = roles.get("wide"), [name for name in free if table.is_numeric(name)]
     if not (states or wide or owner or trial or "object_name" in roles):
         wide = bool(alike := columns_of_one_quantity(table, numbers)) or None
@@ -234,7 +239,9 @@ def _named_columns(table: Table, roles: Reading) -> list[str]:
     named = [name for role in _LABELS if (name := _label_column(table, roles, role)) is not None]
     for names in (roles.get("states") or (), roles.get("inputs") or (), [*(roles.get("noise_columns") or {}).values()]):
         named += dict.fromkeys(_found(table, names))
-    return named + list(_found(table, given) if given is not None and _names_columns(table, given) else ())
+    owner = _label_column(table, roles, "object")  # May be a property, too
+    properties = _found(table, given) if given is not None and _names_columns(table, given) else ()
+    return named + [name for name in properties if name != owner]
 
 
 def _found(table: Table, names: Any) -> tuple[str, ...]:

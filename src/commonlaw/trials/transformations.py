@@ -161,7 +161,8 @@ def with_property_inputs(trials: Trials, names: Sequence[str]) -> Trials:
             np.column_stack([rows, np.tile(values, (len(rows), 1))]) for rows in (trial.inputs, trial.earlier)
         )
         changed.append(replace(trial, inputs=inputs, earlier=earlier if len(earlier) else trial.earlier))
-    schema = replace(trials.schema, inputs=(*trials.schema.inputs, *names))
+    owner = "object" if trials.schema.object in names else trials.schema.object
+    schema = replace(trials.schema, object=owner, inputs=(*trials.schema.inputs, *names))
     properties = {
         name: {key: value for key, value in attribute.items() if key not in names}
         for name, attribute in trials.properties.items()

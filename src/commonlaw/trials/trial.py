@@ -431,7 +431,7 @@ def check_properties(properties: ObjectProperties, objects: Sequence[str], schem
     orphans = [name for name in properties if name not in known_objects]
     if orphans:
         raise CommonlawError("properties-of-no-trial", names=orphans, objects=objects)
-    columns = {schema.object, schema.trial, schema.time, *schema.states, *schema.inputs}
+    columns = {schema.trial, schema.time, *schema.states, *schema.inputs}
     first: dict[str, tuple[str, Property]] = {}
     for name, values in properties.items():
         for key, value in values.items():
