@@ -126,11 +126,12 @@ def residual_scale(fit: Fit) -> Floats:
 
     where p_j is the effective number of initial states and coefficients that the measurements of this state determine,
     see `residual_degrees_of_freedom` (restricted maximum likelihood, Patterson and Thompson 1971). Outliers count as
-    neither. A state with less than one degree of freedom has the scale of all.
+    neither, unless most measurements are. A state with less than one degree of freedom has the scale of all.
     """
     problem, sizes = fit.problem, _relative_residuals(fit)
     huber = problem.models[0].observation.huber_threshold
     far, measured = sizes > huber, ~problem.trials.schema.is_latent
+    far &= 2 * far.sum(axis=0) < np.isfinite(sizes).sum(axis=0)
     squares = np.nansum(np.where(far, 0.0, sizes) ** 2, axis=0) + problem.pure_error[0] / problem.noise**2
     freedom = residual_degrees_of_freedom(fit) - far.sum(axis=0)
     total = total_degrees_of_freedom(freedom[measured])
@@ -138,7 +139,8 @@ def residual_scale(fit: Fit) -> Floats:
         return np.ones(len(measured))
     common = np.sum(squares[measured]) / total
     variances = np.where(freedom < 1, common, squares / np.maximum(freedom, 1))
-    return np.where(measured, np.maximum(np.sqrt(variances), problem.noise_floors[1] / problem.noise), 1.0)
+    rounding = np.finfo(float).eps * np.nanmax(np.abs(problem.measurements), axis=0) / problem.noise
+    return np.where(measured, np.maximum(np.sqrt(variances), rounding), 1.0)
 
 
 def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:

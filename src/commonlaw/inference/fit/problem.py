@@ -245,7 +245,7 @@ class SearchProblem:
         if self.noise_is_fixed:
             return NoiseScale(count)
         inflation = self._inflation(noise, errors, std)
-        prior, least = self._prior_observations * float(np.sum(1 / inflation)), self.noise_floors[1] / noise
+        prior, least = self._prior_observations * float(np.sum(1 / inflation)), self._noise_floors[1] / noise
         squares, repeated = self.pure_error
         freedom = self._freedom + float(repeated.sum()) + self._prior_observations * len(inflation)
         prior += float(np.sum(squares / noise**2))
@@ -258,7 +258,7 @@ class SearchProblem:
     @property
     def least_variance(self) -> float:
         """The lower bound of the noise variance that laws are fitted under, in units of its present value."""
-        return float(np.max(self.noise_floors[0] / self.noise) ** 2)
+        return float(np.max(self._noise_floors[0] / self.noise) ** 2)
 
     def level_penalty(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
         """Return minus twice the log prior of error levels: log n each (BIC), inverse gamma for the noise variance.
@@ -324,7 +324,7 @@ class SearchProblem:
         return sum(mesh.degrees_of_freedom(self.order) for mesh in self._meshes)
 
     @cached_property
-    def noise_floors(self) -> tuple[Floats, Floats]:
+    def _noise_floors(self) -> tuple[Floats, Floats]:
         return noise_floors(self.trials, settings.RESOLVED_NOISE)
 
     @cached_property
