@@ -149,6 +149,19 @@ def test_discrete_time_has_no_quantities():
     assert len(law_of("x[k+1] = r x", r=0.5).quantities()) == 0
 
 
+def test_a_ratio_of_rates_is_a_reproduction_number_of_fractions_alone():
+    law = law_of("S' = -b S I; I' = b S I - g I", b=0.002, g=0.5)
+    domain = replace(law.provenance.domain, visited={"S": (20.0, 763.0), "I": (1.0, 300.0)})
+    counts = replace(law, provenance=replace(law.provenance, domain=domain))
+    assert {*found(law)} - {*found(counts)} == {"R0"}
+
+
+@pytest.mark.parametrize("terms", ["p a + q a u", "p a + q a u^2", "p a + q a t", "p a + q b u"])
+def test_rates_that_depend_on_inputs_or_time_have_no_modes(terms):
+    law = law_of(f"a' = {terms}; b' = s a + w b", inputs=("u",), p=-10.0, q=0.03, s=1.0, w=-0.2)
+    assert len(law.quantities()) == 0
+
+
 def test_linear_systems_have_modes():
     values = {"p": -0.9, "q": -0.8, "r": 0.1, "s": 0.9, "u": -0.5, "w": 0.2, "z": -0.7}
     matrix = np.array([[-0.9, -0.8, 0.1], [0.9, -0.5, 0.0], [0.0, 0.2, -0.7]])

@@ -312,6 +312,8 @@ def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quan
     """Yield the quantities of a form that a law has."""
     form, support = match.pattern.form, match.law.support
     given = {f"{variable}0": initial[name] for variable, name in match.names.items() if name in initial}
+    visited = match.law.provenance.domain.visited
+    given |= {f"{variable}_max": visited.get(name, (0.0, 0.0))[1] for variable, name in match.names.items()}
 
     def function(formula: str, where: str, gain: _Place | None) -> Function | None:
         def values(rows: Floats) -> dict[str, Floats]:
