@@ -129,6 +129,19 @@ def test_units_follow_from_those_of_the_variables():
     assert [*unknown.quantities()["unit"]] == ["", "", "1/min"]
 
 
+@pytest.mark.parametrize(
+    ("text", "symbol", "fitting", "unfitting"),
+    [
+        ("v' = g - c v^2", "v_t", {"v": "cm/s"}, {"v": "mg/dL"}),
+        ("d' = -a d; c' = p d - k c", "CL", {"d": "mg", "c": "ug/L"}, {"d": "mg/L", "c": "mg/L"}),
+    ],
+)
+def test_a_form_has_the_dimensions_of_its_quantities_or_unknown_units(text, symbol, fitting, unfitting):
+    values = {"g": 0.9, "c": 0.1} if "g" in text else {"a": 0.4, "p": 0.5, "k": 0.2}
+    quoted = [symbol in found(law_of(text, units=units, **values)) for units in (fitting, {}, unfitting)]
+    assert quoted == [True, True, False]
+
+
 def test_parts_of_the_equations_have_forms_of_their_own():
     table = law_of("S' = -b S I; I' = b S I - g I; R' = g I", b=0.6, g=0.2).quantities()
     assert {*table["form"]} == {"SIR epidemic of S, I"}
