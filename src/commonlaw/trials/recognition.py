@@ -465,9 +465,14 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     return reasons if len(reasons) < len(names) else {}
 
 
+def is_amount(name: str) -> bool:
+    """Say whether a column is called like amounts that are given."""
+    return is_called(name, _AMOUNT)
+
+
 def input_values(table: Table, name: str) -> Floats:
     """Return an input as numbers, shape (n,): an empty cell is zero in a column of amounts, and refused in others."""
-    if is_called(name, _AMOUNT):
+    if is_amount(name):
         return np.nan_to_num(table.numbers(name, missing=True))
     return table.numbers(name)
 
@@ -478,7 +483,7 @@ def record_columns(names: Sequence[str]) -> list[str]:
     >>> record_columns(["TIME", "DV", "AMT", "EVID", "MDV"]), record_columns(["t", "mdv"])
     (['EVID', 'MDV'], [])
     """
-    if not any(is_called(name, _AMOUNT) for name in names):
+    if not any(map(is_amount, names)):
         return []
     return [name for name in names if name.casefold() in _RECORD]
 
