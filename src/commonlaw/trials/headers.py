@@ -73,7 +73,7 @@ _ARBITRARY = re.compile(r"\b(a\.\s?u\.|arb\.?\s?u(\.|nits?\b)|arbitrary units?\b
 _LOADING = Lock()
 
 _COUNTS = (
-    "cell", "individual", "animal", "plant", "person = _ = people", "host", "colony = _ = colonies",
+    "cell", "individual = ind", "animal", "plant", "person = _ = people", "host", "colony = _ = colonies",
     "copy = _ = copies", "event", "spike", "photon", "colony_forming_unit = CFU = cfu",
     "plaque_forming_unit = PFU = pfu",
     "international_unit = IU", "relative_fluorescence_unit = RFU", "relative_light_unit = RLU",
@@ -92,11 +92,13 @@ def registry() -> "pint.UnitRegistry[float]":
 def _registry() -> "pint.UnitRegistry[float]":
     import pint
 
-    made: pint.UnitRegistry[float] = pint.UnitRegistry()
+    made: pint.UnitRegistry[float] = pint.UnitRegistry(on_redefinition="ignore")
+    made.define("year = 365.25 * day = yr = a = julian_year")  # 1/a next to a coefficient a is hard to read
     for count in _COUNTS:
         name, *others = count.split(" = ")
         made.define(" = ".join([name, "count", *others]))
     made.define("beats_per_minute = beat / minute = bpm")
+    made.define("counts_per_minute = count / minute = cpm = CPM")
     for name, number in (("thousand", "1e3"), ("million", "1e6"), ("billion", "1e9")):
         made.define(f"{name} = {number} count = _ = {name}s")
     return made
