@@ -110,6 +110,9 @@ def test_columns_that_may_name_objects_or_quantities_are_asked_about():
     with refused("long-table", column="variable"):
         Trials.from_frame(frame)
     assert Trials.from_frame(frame, object="variable").objects == ("x", "y")
+    tidy = pd.concat([frame.assign(batch=batch) for batch in ("B1", "B2")]).sort_values(["batch", "t"])
+    with refused("long-table", column="variable"):
+        Trials.from_frame(tidy.assign(unit="g/L").reset_index(drop=True))
     frame = stacked(pairs("medium", "operator", seconds=("Ann", "Bob")), x=decay)
     with refused("object-ambiguous", first="medium", second="operator"):
         Trials.from_frame(frame)

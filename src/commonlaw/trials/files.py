@@ -37,7 +37,7 @@ from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.text import as_text, counted
 from commonlaw.trials import workbook_process
 from commonlaw.trials.columns import Column, Table, column_of, filled_table, frame_table
-from commonlaw.trials.headers import check_unit, join_header, split_header
+from commonlaw.trials.headers import check_unit, join_header, label, split_header
 from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.recognition import TRIAL, is_called
 from commonlaw.trials.text import Layout, Row, layout_of, text_table
@@ -87,7 +87,7 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
         raise CommonlawError("workbook-empty", where=source, part="sheet" if wanted else "workbook")
     layouts = dict[str, Layout]()
     for name, rows in chosen.items():
-        first_rows = [Row(number, number, [str(cell) for cell in cells]) for number, cells in rows[:_LAYOUT_ROWS]]
+        first_rows = [Row(number, number, [*map(label, cells)]) for number, cells in rows[:_LAYOUT_ROWS]]
         layouts[name] = layout_of(first_rows, [])
     headers = {name: " | ".join(map(str.strip, layout.header)).rstrip(" |") for name, layout in layouts.items()}
     titles = max((layout.header for layout in layouts.values()), key=lambda header: len("".join(header)))
