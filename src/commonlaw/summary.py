@@ -52,10 +52,13 @@ class Summary:
         if self.stream is not None:
             return f"{counted(len(self.stream.parts), 'file')} with {counted(len(self.law.objects), 'object')}"
         trials, training = self.findings.trials, self.findings.training
-        of, samples = counted(len(trials.objects), "object"), counted(sum(map(len, trials)), "sample")
-        learned = f"{counted(len(training), 'trial')}, {counted(sum(map(len, training)), 'sample')}"
-        some = "" if training is trials else f"; training data: {learned}"
-        return f"{counted(len(trials), 'trial')} of {of}, {samples}{some}"
+
+        def samples(trials: Trials) -> str:
+            """Return their number, without rows of inputs alone and those that doses add."""
+            return counted(sum(len(trial.measured()) for trial in trials), "sample")
+
+        some = "" if training is trials else f"; training data: {counted(len(training), 'trial')}, {samples(training)}"
+        return f"{counted(len(trials), 'trial')} of {counted(len(trials.objects), 'object')}, {samples(trials)}{some}"
 
     @property
     def parameters(self) -> pd.DataFrame:

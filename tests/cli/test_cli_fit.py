@@ -137,6 +137,17 @@ def test_a_state_without_a_column_starts_at_a_dose(done, tmp_path):
     assert "conc" in done("predict", "law.json", *roles)
 
 
+def test_rows_of_doses_are_no_samples(done, tmp_path):
+    """Eight concentrations after two doses in rows of their own, and the zero before the first."""
+    times = np.array([1.0, 2.0, 4.0, 7.0, 9.0, 10.0, 12.0, 15.0])
+    course = sum(5 * np.exp(-0.3 * (times - at)) * (times > at) for at in (0.0, 8.0))
+    noisy = course + np.random.default_rng(0).normal(0, 0.05, 8)
+    rows = [*((t, c, "") for t, c in zip(times, noisy, strict=True)), (0.0, "", 100.0), (8.0, "", 100.0)]
+    pd.DataFrame(sorted(rows), columns=["h", "conc", "AMT"]).to_csv(tmp_path / "doses.csv", index=False)
+    out = done("fit", "doses.csv", "conc' = -k conc + AMT/V", "--dose", "AMT")
+    assert re.findall(r"(\d+) samples", out.splitlines()[0]) == ["9"]
+
+
 @pytest.mark.usefixtures("cups")
 def test_fit_prints_each_parameter_of_each_object_with_its_interval(run, tmp_path):
     code, out, _ = run("fit", "cups.csv", "T' = -k (T - a)", *ROLES, "--unit", "min=min", "--save", "law.json")

@@ -225,3 +225,9 @@ def test_doses_are_named_in_the_words_of_the_command_that_takes_them():
     said = {words: dialect(command)("doses=['dose']") for words, command in ALL.items()}
     assert said[("fit",)] == "--dose 'dose'"
     assert {said[words] for words in (("discover",), ("data", "check"))} == {"--dose 'dose' of commonlaw fit"}
+
+
+def test_what_a_shell_would_read_itself_is_quoted():
+    write = dialect(ALL["data", "check"])
+    assert write("below={'<LOQ': 0.5}") == "--below '<LOQ=0.5'"
+    assert write("below={'BLQ': 0.5}") == "--below BLQ=0.5"

@@ -129,6 +129,19 @@ def test_units_follow_from_those_of_the_variables():
     assert [*unknown.quantities()["unit"]] == ["", "", "1/min"]
 
 
+@pytest.mark.parametrize(
+    ("text", "symbol", "fitting", "unfitting"),
+    [
+        ("v' = g - c v^2", "v_t", {"v": "cm/s"}, {"v": "mg/dL"}),
+        ("d' = -a d; c' = p d - k c", "CL", {"d": "mg", "c": "ug/L"}, {"d": "mg/L", "c": "mg/L"}),
+    ],
+)
+def test_a_form_has_the_dimensions_of_its_quantities_or_unknown_units(text, symbol, fitting, unfitting):
+    values = {"g": 0.9, "c": 0.1} if "g" in text else {"a": 0.4, "p": 0.5, "k": 0.2}
+    quoted = [symbol in found(law_of(text, units=units, **values)) for units in (fitting, {}, unfitting)]
+    assert quoted == [True, True, False]
+
+
 def test_parts_of_the_equations_have_forms_of_their_own():
     table = law_of("S' = -b S I; I' = b S I - g I; R' = g I", b=0.6, g=0.2).quantities()
     assert {*table["form"]} == {"SIR epidemic of S, I"}
@@ -147,6 +160,19 @@ def test_other_equations_and_signs_have_no_form(text):
 
 def test_discrete_time_has_no_quantities():
     assert len(law_of("x[k+1] = r x", r=0.5).quantities()) == 0
+
+
+def test_a_ratio_of_rates_is_a_reproduction_number_of_fractions_alone():
+    law = law_of("S' = -b S I; I' = b S I - g I", b=0.002, g=0.5)
+    domain = replace(law.provenance.domain, visited={"S": (20.0, 763.0), "I": (1.0, 300.0)})
+    counts = replace(law, provenance=replace(law.provenance, domain=domain))
+    assert {*found(law)} - {*found(counts)} == {"R0"}
+
+
+@pytest.mark.parametrize("terms", ["p a + q a u", "p a + q a u^2", "p a + q a t", "p a + q b u"])
+def test_rates_that_depend_on_inputs_or_time_have_no_modes(terms):
+    law = law_of(f"a' = {terms}; b' = s a + w b", inputs=("u",), p=-10.0, q=0.03, s=1.0, w=-0.2)
+    assert len(law.quantities()) == 0
 
 
 def test_linear_systems_have_modes():

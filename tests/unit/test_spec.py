@@ -197,6 +197,8 @@ def test_a_function_refuses_a_setting_that_does_not_fit(name):
     drops = cl.datasets.linear_drag(drag=(-0.1,), trials=1, noise=0.05)
     with refused("huber-threshold"):
         FUNCTIONS[name]("x'' = -g", drops, huber_threshold=0.0)
+    with refused("noise-not-by-state", value=0.05):
+        FUNCTIONS[name]("x'' = -g", drops, noise=0.05)
 
 
 def test_tables_of_settings_have_defaults_and_changed_ones_differ_from_them():

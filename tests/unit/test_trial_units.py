@@ -22,7 +22,7 @@ def test_units_without_a_unit_column_are_only_missing_where_used():
     assert finding.startswith("no unit is known for t:")
 
 
-@pytest.mark.parametrize("unit", ["cells", "individuals", "CFU", "OD", "IU", "counts", "people", "copies"])
+@pytest.mark.parametrize("unit", ["cells", "individuals", "CFU", "OD", "IU", "counts", "people", "copies", "ind"])
 def test_counts_are_units_without_a_dimension(unit):
     assert known_unit(unit).dimensionless
     trials = Trials.from_frame(pd.DataFrame({f"N [{unit}/mL]": [1.0, 2.0], "t [min]": [0.0, 1.0]}))
@@ -30,7 +30,37 @@ def test_counts_are_units_without_a_dimension(unit):
     assert trials.schema.units == {"N": f"{unit}/mL", "t": "min"}
 
 
+@pytest.mark.parametrize(
+    ("header", "name", "unit", "size"),
+    [
+        ("NH4 mg/l", "NH4", "kg/m^3", 1e-3),
+        ("Conc. in mg/L", "Conc.", "kg/m^3", 1e-3),
+        ("c(A) / mol L-1", "c(A)", "mol/m^3", 1e3),
+        ("v/m s-1", "v", "m/s", 1.0),
+        ("volume (mm3)", "volume", "m^3", 1e-9),
+        ("cells (x10^6/mL)", "cells", "1/m^3", 1e12),
+        ("cells [10⁹ CFU/L]", "cells", "1/m^3", 1e12),
+    ],
+)
+def test_units_are_read_as_laboratories_write_them(header, name, unit, size):
+    trials = Trials.from_frame(pd.DataFrame({"t/s": [0.0, 1.0], header: [1.0, 2.0]}))
+    assert trials.schema.states == (name,)
+    assert registry().Quantity(1, known_unit(trials.schema.units[name])).m_as(unit) == pytest.approx(size)
+
+
+@pytest.mark.parametrize(
+    "header", ["x (t-1)", "plate (A-1)", "glucose 2 g/L", "ratio A/V", "sensor (s2)", "w (kg/kg dm)"]
+)
+def test_labels_and_conditions_are_no_units(header):
+    assert headers.split_header(header) == (header, "")
+
+
+def test_years_are_written_yr_and_read_by_any_name():
+    assert [f"{known_unit(unit):~P}" for unit in ("1/a", "1/year", "1/yr")] == ["1/yr"] * 3
+
+
 def test_counts_are_converted_as_numbers():
+    assert registry().Quantity(120, "CPM").m_as("counts/s") == pytest.approx(2)
     assert registry().Quantity(1, "cells/mL").m_as("1/L") == pytest.approx(1000)
     assert registry().Quantity(0.01, "OD/min").m_as("OD/h") == pytest.approx(0.6)
 

@@ -16,6 +16,7 @@ from commonlaw.trials import Trials
 from commonlaw.trials.files import table_in
 from commonlaw.trials.tables import rows_of
 from tests.refusals import refused
+from tests.unit.tables import text, workbook
 
 MINUTES = [0.0, 2.0, 4.0, 6.0]
 HEIGHTS = [1800.25, 1731.5, 1673.0, 998.75]
@@ -316,3 +317,34 @@ def test_dates_and_years_that_are_columns_are_times(tmp_path):
     assert trials.objects == ("Korea, Rep.", "Chad")
     assert trials[1].times.tolist() == [1990, 1991, 1992]
     assert trials.schema.units == {"time": "year"}
+
+
+def test_numbers_of_replicates_go_behind_their_groups_in_the_row_above(tmp_path):
+    rows = [
+        "{:g},{:.3f},{:.3f},{:.3f},{:.3f}".format(t, *(np.exp(k * t) for k in (0.5, 0.51, 0.2, 0.21))) for t in range(8)
+    ]
+    path = text(tmp_path / "od.csv", "\n".join([",Control,,Treated,", "Time (h),1,2,1,2", *rows]))
+    trials = Trials.read(path)
+    assert trials.objects == ("Control 1", "Control 2", "Treated 1", "Treated 2")
+    sheet = [[None, "Control", None, "Treated", None], ["Time (h)", 1, 2, 1, 2]]
+    sheet += [[*map(float, row.split(","))] for row in rows]
+    assert Trials.read(workbook(tmp_path / "od.xlsx", {"A": sheet})).objects == trials.objects
+    path.write_text(path.read_text().replace("1,2,1,2", "S,P,S,P"))  # Quantities are not to become objects
+    with refused("header-twice"):
+        Trials.read(path)
+
+
+@pytest.mark.parametrize(("names", "unit"), [("Day {}", "d"), ("{} h", "h"), ("Week {}", "week")])
+def test_columns_of_elapsed_times_are_times(tmp_path, names, unit):
+    days = [0, 3, 7, 10]
+    header = ["Mouse", "Group", *(names.format(day) for day in days)]
+    rows = [f"M{i},{'drug' if i > 1 else 'vehicle'},{i},{2 * i},{3 * i},{4 * i}" for i in (1, 2, 3)]
+    trials = Trials.read(text(tmp_path / "volume.csv", "\n".join([",".join(header), *rows])))
+    assert [trial.times.tolist() for trial in trials] == [days] * 3
+    assert trials.select(object="M2")[0].states[:, 0].tolist() == [2, 4, 6, 8]
+    assert (trials.schema.units, trials.properties["M3"]) == ({"time": unit}, {"Group": "drug"})
+
+
+def test_a_table_with_times_keeps_columns_of_conditions(tmp_path):
+    content = "Time (min),Cell,0 h,24 h,48 h\n" + "\n".join(f"{t},a,{t},{t * t},{t + 1}" for t in range(6))
+    assert Trials.read(text(tmp_path / "aged.csv", content)).schema.time == "Time"

@@ -4,8 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Trials
+from commonlaw.trials.transformations import refuse_amounts
 from tests.refusals import refused
 
 T = np.linspace(0, 4, 21)
@@ -108,6 +110,9 @@ def test_columns_that_may_name_objects_or_quantities_are_asked_about():
     with refused("long-table", column="variable"):
         Trials.from_frame(frame)
     assert Trials.from_frame(frame, object="variable").objects == ("x", "y")
+    tidy = pd.concat([frame.assign(batch=batch) for batch in ("B1", "B2")]).sort_values(["batch", "t"])
+    with refused("long-table", column="variable"):
+        Trials.from_frame(tidy.assign(unit="g/L").reset_index(drop=True))
     frame = stacked(pairs("medium", "operator", seconds=("Ann", "Bob")), x=decay)
     with refused("object-ambiguous", first="medium", second="operator"):
         Trials.from_frame(frame)
@@ -216,6 +221,16 @@ def test_amounts_given_at_single_samples_are_said_to_be_interpolated(tmp_path):
         assert trials.schema.inputs == ("amt",)
         assert any("amt is zero but for single samples" in note and "doses=['amt']" in note for note in trials.notes)
     assert not any("single samples" in note for note in Trials.from_frame(frame.assign(amt=frame["t"] > 2)).notes)
+
+
+def test_a_search_refuses_amounts_that_are_given_between_measurements():
+    """On lines between samples they would be an input of another shape and size."""
+    frame = stacked([{"subject": i} for i in (3, 5)], conc=decay).assign(amt=0.0)
+    first, later = frame["t"] == 0, frame["t"] == frame["t"][3]
+    with refused("doses-in-search", name="amt"):
+        cl.discover(Trials.from_frame(frame.assign(amt=100.0 * (first | later))))
+    refuse_amounts(Trials.from_frame(frame.assign(amt=100.0 * first)))
+    refuse_amounts(Trials.from_frame(frame.assign(pulse=100.0 * later), inputs="pulse"))
 
 
 def test_data_sets_of_pharmacology_have_empty_amounts_and_columns_of_records(tmp_path):

@@ -165,6 +165,17 @@ def test_sheets_of_the_same_header_are_an_object_each(tmp_path):
     assert Trials.read(path, trial="Drop #", sheet="Golf").objects == ("balls",)
 
 
+def test_titles_above_and_remarks_below_a_sheet_are_left_out(tmp_path):
+    title, header, units = ["Apple slices, 60 °C", None, None], ["sample", "t", "x"], [None, "min", "g"]
+    rows = [["S1", 0, 6.0], ["S1", 15, 3.5], ["S2", 0, 5.5], ["S2", 15, 2.5]]
+    sheets = {"A": [title, [None] * 3, header, units, *rows], "B": [header, *rows, ["read by eye", None, None]]}
+    path = workbook(tmp_path / "a.xlsx", sheets)
+    for sheet, count, given in ((None, 4, True), ("A", 2, True), ("B", 2, False)):
+        trials = Trials.read(path, sheet=sheet)
+        assert [trial.states[:, 0].tolist() for trial in trials] == [[6.0, 3.5], [5.5, 2.5]] * (count // 2)
+        assert trials.schema.units == ({"t": "min", "x": "g"} if given else {})
+
+
 def test_the_measured_ball_drops_are_read_as_they_are(ball_drops_folder):
     trials = Trials.read(ball_drops_folder / "Ball_drops_data.xls", trial="Drop #", states="Height")
     assert len(trials) == 22

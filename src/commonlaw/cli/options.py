@@ -145,7 +145,8 @@ def _texts(value: str, write: Dialect) -> list[str]:
     if value.startswith("["):
         return value[1:-1].split(", ")
     if value.startswith("{"):
-        return re.sub(r"'([^']*)': ", r"\1=", value[1:-1]).split(", ") if value != "{}" else ["''"]
+        texts = re.sub(r"'([^']*)': ", r"\1=", value[1:-1]).split(", ") if value != "{}" else ["''"]
+        return [f"'{text}'" if re.search(r"[\s<>&|;()]", text) and "'" not in text else text for text in texts]
     if made := re.fullmatch(r"(\w+(?:Regression|Likelihood))\((.*)\)", value):
         words = re.sub(r"(?<!^)(?=[A-Z])", "-", made[1]).lower()
         return [" ".join([words, *(write(setting) for setting in made[2].split(", ") if setting)])]

@@ -47,6 +47,7 @@ from commonlaw.trials.transformations import (
     objects_at_rest,
     outcome_of_constants,
     outcome_of_rest,
+    refuse_amounts,
     states_at_rest,
     without_objects,
     without_states,
@@ -124,6 +125,7 @@ class LawDiscovery:
         if isinstance(trials, Trials):
             refuse_client(self.client)
             check_gaps(tuple(trials), trials.schema)
+            refuse_amounts(trials)
         nothing = ("progress", "cache", "client")  # These change nothing in a law
         question = {name: getattr(self, name) for name in _PARAMETERS if name not in nothing}
         progress = self.progress or on_terminal()

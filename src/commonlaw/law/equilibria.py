@@ -188,21 +188,23 @@ def kind(eigenvalues: Complexes) -> str:
 def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
     """Yield time constants, periods and damping ratios of the modes of a linear law, the slowest first.
 
-    A law is linear if its terms with states are the states themselves and their rates. Modes that grow have doubling
-    times.
+    A law is linear if its terms with states are the states themselves and their rates, without inputs or time, on which
+    modes would depend. Modes that grow have doubling times.
 
     Parameters
     ----------
     parameters
         Coefficients of one object in the support.
     """
-    dynamic = {*range(len(law.terms.variables.states))}
+    variables = law.terms.variables
+    dynamic = {*range(len(variables.states))}
+    varying = {variables.index(name) for name in (*variables.inputs, variables.time)}
     used = [law.terms.terms[k] for k in np.flatnonzero(law.support.any(axis=0) & law.terms.is_factor)]
+    used = [term for term in used if term.columns() & dynamic]
     of_states = [[pair for pair in term.powers if columns_in(pair[0]) & dynamic] for term in used]
-    of_states = [powers for powers in of_states if powers]
-    if not of_states or any(
-        len(powers) > 1 or powers[0][0].column is None or powers[0][1] != 1 for powers in of_states
-    ):
+    if not used or any(term.columns() & varying for term in used):
+        return
+    if any(len(powers) > 1 or powers[0][0].column is None or powers[0][1] != 1 for powers in of_states):
         return
     origin, unit = np.zeros(len(law.schema.states)), law.schema.units.get(law.schema.time, "")
 

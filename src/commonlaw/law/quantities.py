@@ -4,7 +4,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import permutations
 from pathlib import Path
@@ -27,10 +27,12 @@ from commonlaw.library.grammar import evaluate
 from commonlaw.library.term import Term, parse_term
 from commonlaw.runtime.files import read_file
 from commonlaw.trials import Schema
+from commonlaw.trials.headers import parse_unit
 from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pint
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class Form:
     forced: bool = False
     doses: bool = False
     bolus: str = ""
+    units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @cache
@@ -228,7 +231,8 @@ def _matches(law: Law) -> list[_Match]:
             if tuple(orders[j] for j in chosen) == pattern.orders:
                 for given in permutations(inputs, len(pattern.inputs)):
                     names = zip((*pattern.states, *pattern.inputs), (*(states[j] for j in chosen), *given), strict=True)
-                    if (match := _matched(law, pattern, chosen, dict(names))) is not None:
+                    match = _matched(law, pattern, chosen, dict(names))
+                    if match is not None and _may_have_units(match):
                         result.append(match)
     return result
 
@@ -312,6 +316,8 @@ def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quan
     """Yield the quantities of a form that a law has."""
     form, support = match.pattern.form, match.law.support
     given = {f"{variable}0": initial[name] for variable, name in match.names.items() if name in initial}
+    visited = match.law.provenance.domain.visited
+    given |= {f"{variable}_max": visited.get(name, (0.0, 0.0))[1] for variable, name in match.names.items()}
 
     def function(formula: str, where: str, gain: _Place | None) -> Function | None:
         def values(rows: Floats) -> dict[str, Floats]:
@@ -337,10 +343,24 @@ def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quan
         for source, place in gains:
             estimator = function(formula, where[0] if where else "1", place)
             if estimator is not None:
-                variables = Variables(tuple(dict.fromkeys([*re.findall(r"[A-Za-z]+", unit), "t"]))[:-1] or ("x",))
-                known = term_unit(parse_term(unit, variables), variables, _units(match, source))
+                known = _unit(match, unit, source)
                 written = "" if known is None else f"{known:~P}"
                 yield Quantity(f"{name} of {source}" if source else name, symbol, estimator, written)
+
+
+def _may_have_units(match: _Match) -> bool:
+    """Return whether units that are known have the dimensions that the form asks for: glucose has no terminal speed."""
+    return all(
+        (unit := _unit(match, text)) is None
+        or unit.dimensionality in [parse_unit(name).dimensionality for name in units]
+        for text, units in match.pattern.form.units.items()
+    )
+
+
+def _unit(match: _Match, text: str, source: str = "") -> "pint.Unit | None":
+    """Return the unit of a product of variables of a form, None if it is unknown."""
+    variables = Variables(tuple(dict.fromkeys([*re.findall(r"[A-Za-z]+", text), "t"]))[:-1] or ("x",))
+    return term_unit(parse_term(text, variables), variables, _units(match, source))
 
 
 def _units(match: _Match, source: str) -> dict[str, str]:

@@ -169,6 +169,11 @@ def _check_huber_threshold(_: str, value: object) -> None:
         raise CommonlawError("huber-threshold", value=value)
 
 
+def _check_noise(_: str, value: object) -> None:
+    if not isinstance(value, Mapping):
+        raise CommonlawError("noise-not-by-state", value=value)
+
+
 @documented
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
@@ -208,6 +213,7 @@ class FitOptions:
         default=None,
         label="Measurement noise",
         metavar="STATE=VALUE",
+        check=_check_noise,
         functions=FUNCTIONS,
         everyday=True,
         text="Known standard deviation of each state's measurement noise, in the state's unit. It is estimated by "

@@ -14,6 +14,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.columns import Column, Table
+from commonlaw.trials.headers import known_unit
 from commonlaw.trials.reading import DateOrder
 
 if TYPE_CHECKING:
@@ -119,6 +120,27 @@ def years_of(names: Iterable[str]) -> dict[str, float]:
     matches = {name: re.fullmatch(r"[A-Za-z]{0,2}(\d{4})", name.strip(), re.ASCII) for name in names}
     years = {name: float(match[1]) for name, match in matches.items() if match}
     return {name: year for name, year in years.items() if _YEARS[0] <= year < _YEARS[1]}
+
+
+_UNITS_OF_TIME = "s|sec|seconds?|min|minutes?|h|hr|hours?|d|days?|weeks?|months?"
+_ELAPSED = re.compile(
+    rf"(?:(days?|hours?|weeks?|months?)[ _]*(\d+(?:[.,]\d+)?)|(\d+(?:[.,]\d+)?) *({_UNITS_OF_TIME}))", re.IGNORECASE
+)
+
+
+def elapsed_in_names(names: Iterable[str]) -> tuple[str, dict[str, float]]:
+    """Return the unit of time in the first of some names that is a time since a start, and those in this unit.
+
+    >>> elapsed_in_names(["mouse", "Day 0", "Day 7"]), elapsed_in_names(["0 h", "0.5 h", "30 min"])
+    (('d', {'Day 0': 0.0, 'Day 7': 7.0}), ('h', {'0 h': 0.0, '0.5 h': 0.5}))
+    """
+    units, times = dict[str, str](), dict[str, float]()
+    for name in names:
+        if match := _ELAPSED.fullmatch(name.strip()):
+            units[name] = f"{known_unit((match[1] or match[4]).casefold()):~}"
+            times[name] = float((match[2] or match[3]).replace(",", "."))
+    unit = next(iter(units.values()), "")
+    return unit, {name: time for name, time in times.items() if units[name] == unit}
 
 
 def is_time(cell: object) -> bool:

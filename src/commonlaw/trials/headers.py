@@ -60,11 +60,20 @@ _BROKEN = re.compile("(?<=[⁰¹²³⁴⁵⁶⁷⁸⁹])⋅(?=[⁰¹²³⁴⁵�
 _TOWER = re.compile(r"(\*\*|\^).*(\*\*|\^)[^/* ]*(\*\*|\^)|\d{5}")
 
 
+_PLAIN_POWER = re.compile(r"(?<![^\W_])(?:[cdkmnµμ]?m|s)(?=[23]\b)|[^\W\d_](?=-[1-9]\b)")
+"""What is written before a power without a sign of power: mm3, mol L-1."""
+_LABEL = re.compile(r"(?![dhms]-)[^\W\d_]-\d|s\d")
+"""What is rather a place or an earlier sample: A-1, t-1."""
+_BASIS = re.compile(r"(\w+) ?/ ?\1 \w+")
+"""What a share is of, such as dry matter: kg/kg dm."""
+_TENS = re.compile(r"(?:[x×] ?)?10(?:(?:\^|\*\*)([369])|([³⁶⁹]))")
+_THOUSANDS = {"3": "thousand ", "6": "million ", "9": "billion "}
+
 _ARBITRARY = re.compile(r"\b(a\.\s?u\.|arb\.?\s?u(\.|nits?\b)|arbitrary units?\b)", re.IGNORECASE)
 _LOADING = Lock()
 
 _COUNTS = (
-    "cell", "individual", "animal", "plant", "person = _ = people", "host", "colony = _ = colonies",
+    "cell", "individual = ind", "animal", "plant", "person = _ = people", "host", "colony = _ = colonies",
     "copy = _ = copies", "event", "spike", "photon", "colony_forming_unit = CFU = cfu",
     "plaque_forming_unit = PFU = pfu",
     "international_unit = IU", "relative_fluorescence_unit = RFU", "relative_light_unit = RLU",
@@ -83,11 +92,13 @@ def registry() -> "pint.UnitRegistry[float]":
 def _registry() -> "pint.UnitRegistry[float]":
     import pint
 
-    made: pint.UnitRegistry[float] = pint.UnitRegistry()
+    made: pint.UnitRegistry[float] = pint.UnitRegistry(on_redefinition="ignore")
+    made.define("year = 365.25 * day = yr = a = julian_year")  # 1/a next to a coefficient a is hard to read
     for count in _COUNTS:
         name, *others = count.split(" = ")
         made.define(" = ".join([name, "count", *others]))
     made.define("beats_per_minute = beat / minute = bpm")
+    made.define("counts_per_minute = count / minute = cpm = CPM")
     for name, number in (("thousand", "1e3"), ("million", "1e6"), ("billion", "1e9")):
         made.define(f"{name} = {number} count = _ = {name}s")
     return made
@@ -115,7 +126,21 @@ def check_unit(text: str, where: str) -> str:
 
 @cache
 def known_unit(text: str) -> "pint.Unit | None":
-    """Return the unit that a text stands for, or None if pint knows none."""
+    """Return the unit that a text stands for, also mol L-1, mm3 and 10^6/mL; None if there is none.
+
+    >>> str(known_unit("mol L-1")), str(known_unit("x10^6/mL")), known_unit("A-1"), known_unit("kg/kg dm")
+    ('mole / liter', 'million / milliliter', None, None)
+    """
+    if _BASIS.fullmatch(text):
+        return None
+    unit = _unit_of_pint(text)
+    if unit is None and not _LABEL.fullmatch(text):
+        counted = _TENS.sub(lambda match: _THOUSANDS[unicodedata.normalize("NFKC", match[1] or match[2])], text)
+        unit = _unit_of_pint(_PLAIN_POWER.sub(r"\g<0>^", counted))
+    return unit
+
+
+def _unit_of_pint(text: str) -> "pint.Unit | None":
     import pint
 
     text = _BROKEN.sub(".", _ARBITRARY.sub("arbitrary_unit", text))
@@ -145,7 +170,11 @@ _ROUND = re.compile(r"(.*?\S)(\s*)\(((?:[^()]|\([^()]*\))*)\)", re.DOTALL)
 
 
 _CONCENTRATION = re.compile(r"\[(\w+)\]\s*[(\[]?([^()\[\]]*)[)\]]?")
-_PER_UNIT = re.compile(r"(.*\S)\s*/\s*(\S+)")
+_BARE_UNIT = re.compile(
+    r"((?:.*\s)?[^\s/]*[^\W\d_][^\s/]*)\s+([^\s/]+/(?:[dmµμun]?[lL]|s|min|h|hr|d|day)|°[CF]|%)", re.DOTALL
+)
+"""A unit without brackets that is no name: per volume or time, degrees, percent; but no value, as in 2 g/L."""
+_PER_UNIT = re.compile(r"(.*?\S)\s*/\s*(\S.*)")
 _TIME_PER_UNIT = re.compile(r"(?i)(?:t|time|zeit|temps|tiempo|tempo|tijd|tid)\s*/\s*(\S+)")
 
 
@@ -153,12 +182,14 @@ def split_header(header: str) -> tuple[str, str]:
     """Return the name and the unit in a header; the unit is empty where there is none.
 
     Brackets around what is no unit are part of the name; empty square brackets follow a name that seems to end in a
-    unit. A concentration, [A], is called after its substance.
+    unit. A concentration, [A], is called after its substance. Units that are no words need no brackets.
 
     >>> split_header("Height (m)"), split_header("drag (fitted)"), split_header("v [m/s] []"), split_header("[A] mM")
     (('Height', 'm'), ('drag (fitted)', ''), ('v [m/s]', ''), ('A', 'mM'))
     >>> split_header("signal [a.u.]"), str(known_unit("a.u./s"))
     (('signal', 'a.u.'), 'arbitrary_unit / second')
+    >>> split_header("NH4 mg/l"), split_header("Temperatur in °C"), split_header("glucose 2 g/L")
+    (('NH4', 'mg/l'), ('Temperatur', '°C'), ('glucose 2 g/L', ''))
     """
     text = plain(header)
     if (match := _CONCENTRATION.fullmatch(text)) and (not match[2].strip() or known_unit(match[2]) is not None):
@@ -171,6 +202,8 @@ def split_header(header: str) -> tuple[str, str]:
     # x(t) is a function of time, not a mass of x tonnes
     if rounded and known_unit(rounded[3]) is not None and (rounded[2] or rounded[3] != "t"):
         return rounded[1], rounded[3].strip()
+    if (bare := _BARE_UNIT.fullmatch(text)) and known_unit(bare[2]) is not None:
+        return bare[1].removesuffix(" in").strip(), bare[2]
     return text, ""
 
 
@@ -222,7 +255,8 @@ def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...],
     if any(unit is not None and dict(unit.dimensionality) == {"[time]": 1} for unit in times):
         for j, header in enumerate(headers):  # As that of the time, t/s, others may be quantities over units: U/V
             match = _PER_UNIT.fullmatch(header.strip())
-            titles[j] = f"{match[1]} [{match[2]}]" if match and known_unit(match[2]) is not None else header
+            if match and not split_header(header)[1] and known_unit(match[2]) is not None:
+                titles[j] = f"{match[1]} [{match[2]}]"
     parts = [split_header(title) for title in titles]
     short = Counter(name for name, _ in parts)
     names = [name if short[name] == 1 else plain(header) for (name, _), header in zip(parts, headers, strict=True)]

@@ -20,7 +20,7 @@ def _vocabulary(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-_TIME = _vocabulary(
+TIME = _vocabulary(
     "time times timestamp datetime date elapsed clock epoch when "
     "second seconds sec secs minute minutes mins hour hours hr hrs day days week weeks month months year years age "
     "zeit messzeit laufzeit uhrzeit zeitpunkt datum sekunde sekunden minuten stunde stunden tag tage woche wochen jahr "
@@ -33,7 +33,7 @@ SEPARATE = _vocabulary(
     "specimen plant tree chick bird fish dog child infant replicate rep repeat repetition trial run"
 )
 """What does not act on others of its kind."""
-_OBJECT = SEPARATE | _vocabulary("object id body particle cell device board rig unit site station tank name")
+OBJECT = SEPARATE | _vocabulary("object id body particle cell device board rig unit site station tank name")
 TRIAL = _vocabulary(
     "trial run replicate rep repeat repetition drop experiment exp test session series batch attempt throw shot pass "
     "round episode cond condition versuch lauf messung wiederholung"
@@ -107,13 +107,13 @@ def time_column(table: Table) -> str | None:
         if _dimensions(table, name) in ({}, _OF_TIME)
         and (table.is_numeric(name) or any(is_time(cell) for cell in table.columns[name] if cell == cell and cell))
     ]
-    by_word = [name for name in able if is_called(name, _TIME) or _dimensions(table, name) == _OF_TIME]
+    by_word = [name for name in able if is_called(name, TIME) or _dimensions(table, name) == _OF_TIME]
     short = [name for name in able if name.casefold() in _SHORT_TIME or words(name)[:1] == ["t"]]
     rising = {name for name in able if _rises(table, name)}
     texts = [name for name in names if not table.is_numeric(name)]
     for likely in (
         [name for name in by_word if name in rising],
-        [name for name in by_word if is_called(name, _TIME)],
+        [name for name in by_word if is_called(name, TIME)],
         [name for name in short if name in rising],
         [name for name in texts if holds_dates(table.columns[name])],
         [name for name in texts if is_clock(table.columns[name])],
@@ -139,7 +139,7 @@ def unit_in_name(time: str) -> dict[str, str]:
     ({'Minutes': 'min'}, {'time_ms': 'ms'}, {})
     """
     *what, last = words(time) or [""]
-    is_unit = last in _TIME | {"min"} and not what
+    is_unit = last in TIME | {"min"} and not what
     unit = known_unit(last) if is_unit or what in (["t"], ["time"], ["elapsed"], ["elapsed", "time"]) else None
     return {time: f"{unit:~}"} if unit is not None and dict(unit.dimensionality) == _OF_TIME else {}
 
@@ -150,6 +150,9 @@ _SUFFIXES = {
     "height altitude depth length width distance radius diameter": "nm um mm cm m km",
     "speed velocity vel": "mm_s cm_s m_s km_h",
     "mass weight": "mg g kg",
+    "dose": "ug mg g",
+    "volume vol": "uL mL L mm3 cm3",
+    "conc concentration": "ng_mL ug_mL mg_mL ug_L mg_L g_L mg_dL nM uM mM",
     "temp temperature": "C degC F degF K",
     "voltage": "uV mV V kV",
     "current": "nA uA mA A",
@@ -217,7 +220,7 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     """
     able = [name for name in names if is_label(table, name, times) and not _holds_clocks(table, name)]
     texts = [name for name in able if not table.is_numeric(name)]
-    numbers = [name for name in able if name not in texts and is_called(name, _OBJECT - TRIAL)]
+    numbers = [name for name in able if name not in texts and is_called(name, OBJECT - TRIAL)]
     pool = [name for name in texts if not is_called(name, TRIAL)] or texts
     codes = {name: table.encoded(name)[0] for name in (*pool, *numbers)}
     # A number names an object alone if it is never used twice
@@ -228,7 +231,7 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     finest = _finest(codes)
     for likely in (
         finest,
-        [name for name in finest if is_called(name, _OBJECT)],
+        [name for name in finest if is_called(name, OBJECT)],
         [name for name in finest if increase_within(codes[name], times)],
     ):
         if len(likely) == 1:
@@ -287,6 +290,8 @@ def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Cod
         if code.min() < 0 or 3 * code.max() >= len(table) or not (is_held or _counts(table, name)):
             del codes[name]
     result = list(codes) if _separate(times, groups, *codes.values()) else []
+    if quantities := [name for name in result if is_called(name, _MEASURAND)]:
+        raise CommonlawError("long-table", where=table.source, column=quantities[0])
     for name in sorted(result, key=lambda name: int(codes[name].max())):
         rest = [condition for condition in result if condition != name]
         result = rest if _separate(times, groups, *(codes[condition] for condition in rest)) else result
@@ -350,7 +355,7 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
     if table.is_numeric(name):
         values = readable(table, name)
         if not np.array_equal(values, np.round(values)) or (
-            not is_called(name, _OBJECT | TRIAL | _ROW_NUMBER) and (not _counts(table, name))
+            not is_called(name, OBJECT | TRIAL | _ROW_NUMBER) and (not _counts(table, name))
         ):
             return False
     try:
@@ -361,7 +366,7 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
         return False
     if len(labels) == 1 or not (np.diff(times) > 0).all():
         return True
-    return is_called(name, _OBJECT | TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1
+    return is_called(name, OBJECT | TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1
 
 
 def _holds_clocks(table: Table, name: str) -> bool:
@@ -404,7 +409,7 @@ def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes)
     clocks = [
         name
         for name in names
-        if (is_called(name, _TIME | _ROW_NUMBER) or _dimensions(table, name) == _OF_TIME or counts_on(name))
+        if (is_called(name, TIME | _ROW_NUMBER) or _dimensions(table, name) == _OF_TIME or counts_on(name))
         and increases(name)
     ]
     return clocks if len(clocks) < len(names) else []
@@ -468,9 +473,14 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     return reasons if len(reasons) < len(names) else {}
 
 
+def is_amount(name: str) -> bool:
+    """Say whether a column is called like amounts that are given."""
+    return is_called(name, _AMOUNT)
+
+
 def input_values(table: Table, name: str) -> Floats:
     """Return an input as numbers, shape (n,): an empty cell is zero in a column of amounts, and refused in others."""
-    if is_called(name, _AMOUNT):
+    if is_amount(name):
         return np.nan_to_num(table.numbers(name, missing=True))
     return table.numbers(name)
 
@@ -481,7 +491,7 @@ def record_columns(names: Sequence[str]) -> list[str]:
     >>> record_columns(["TIME", "DV", "AMT", "EVID", "MDV"]), record_columns(["t", "mdv"])
     (['EVID', 'MDV'], [])
     """
-    if not any(is_called(name, _AMOUNT) for name in names):
+    if not any(map(is_amount, names)):
         return []
     return [name for name in names if name.casefold() in _RECORD]
 

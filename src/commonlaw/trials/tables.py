@@ -16,11 +16,28 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted, shown
 from commonlaw.trials.columns import Codes, Column, Table, column_of, with_numbers, with_unit
-from commonlaw.trials.dates import Elapsed, elapsed, first_time, holds_dates, with_dates_as_times, years_of
+from commonlaw.trials.dates import (
+    Elapsed,
+    elapsed,
+    elapsed_in_names,
+    first_time,
+    holds_dates,
+    with_dates_as_times,
+    years_of,
+)
 from commonlaw.trials.headers import joined_units, known_unit, label, split_header
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
 from commonlaw.trials.reading import Reading, Restarts, WrittenReading, checked, notation_of
-from commonlaw.trials.recognition import input_values, quantity, shown_columns, unit_in_name, units_in_names
+from commonlaw.trials.recognition import (
+    OBJECT,
+    TIME,
+    input_values,
+    is_called,
+    quantity,
+    shown_columns,
+    unit_in_name,
+    units_in_names,
+)
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 from commonlaw.trials.units import in_radians
@@ -48,17 +65,21 @@ def _stacked(table: Table, names: Sequence[str], repeated: Iterable[str], more: 
 def _times_across(table: Table, wide: bool | str | None) -> Table | None:
     """Return a table whose columns are times as one with a row for each cell; None if they are not."""
     dates = [name for name in table.columns if holds_dates(np.array([name], dtype=object))]
-    years = years_of(table.columns) if len(dates) < 3 else {}
-    times = list(years) if len(dates) < 3 else dates
+    unit, numbers = ("year", years_of(table.columns)) if len(dates) < 3 else ("", {})
+    if len(dates) < 3 and len(numbers) < 3:
+        unit, numbers = elapsed_in_names(table.columns)
+    times = list(numbers) if len(dates) < 3 else dates
     others = [name for name in table.columns if name not in set(times)]
     if len(times) < max(3, len(others)) or not all(map(table.is_numeric, times)):
         return None
-    words = [name for name in others if not table.is_numeric(name)]
-    if years and not (words and all(here < there for here, there in pairwise(years.values()))):
+    words = [name for name in others if not table.is_numeric(name) or is_called(name, OBJECT)]
+    if numbers and not (words and all(here < there for here, there in pairwise(numbers.values()))):
+        return None
+    if numbers and unit != "year" and any(is_called(name, TIME) for name in others):
         return None
     name, labels = _objects(table, words)
     state, count = quantity((), wide), len(table)
-    stamps = np.array([years.get(time, time) for time in times], dtype=np.float64 if years else object)
+    stamps = np.array([numbers.get(time, time) for time in times], dtype=np.float64 if numbers else object)
     more = {
         name: np.tile(labels, len(times)),
         "time": np.repeat(stamps, count),
@@ -70,7 +91,7 @@ def _times_across(table: Table, wide: bool | str | None) -> Table | None:
         f"{state} is what was measured"
     )
     roles: WrittenReading = {**table.roles, "object": name, "time": "time", "states": [state]}
-    units = {**long.units, "time": "year"} if years else long.units
+    units = {**long.units, "time": unit} if numbers else long.units
     return replace(long, units=units, roles=roles, notes=(*table.notes, note))
 
 

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import accumulate, chain, islice, pairwise, zip_longest
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from commonlaw.runtime.files import check_size, decoded
 from commonlaw.text import counted, shown
 from commonlaw.trials.cells import is_missing
 from commonlaw.trials.columns import Table, filled_table
+from commonlaw.trials.dates import elapsed_in_names
 from commonlaw.trials.headers import known_unit, split_header
 
 _BEYOND = "[<>~\N{LESS-THAN OR EQUAL TO}\N{GREATER-THAN OR EQUAL TO}]? ?"
@@ -127,12 +128,24 @@ def layout_of(rows: Sequence[Row], comments: Sequence[Row]) -> Layout:
     named = [i for i in words if not (i and are_units(block[i].cells))] or candidates
     chosen = named[-1] if width == 2 else named[0]
     header = [*block[chosen].cells, *[""] * (width - len(block[chosen].cells))]
+    groups = _with_groups(header, block[chosen - 1].cells) if chosen else header
+    facts = _above(rows[: top + chosen - (groups != header)])
+    header = groups
     units = block[chosen + 1].cells if chosen + 1 < len(block) and are_units(block[chosen + 1].cells) else ()
-    facts = _above(rows[: top + chosen])
     if units:
         header = headers_with_units(header, units)
         facts.append(f"line {block[chosen + 1].line} holds units")
     return Layout(header, block[chosen + bool(units)].line + 1, key, facts)
+
+
+def _with_groups(header: Sequence[str], above: Sequence[str]) -> list[str]:
+    """Return numbers of replicates behind the names of their groups, each written above the first of its columns."""
+    groups: Iterator[str] = accumulate(map(str.strip, above), lambda group, cell: cell or group)
+    named = [*zip_longest(map(str.strip, header), islice(groups, len(header)), fillvalue="")]
+    titles = [f"{group} {name}" if group and name.isdigit() else name for name, group in named]
+    counts = Counter(name for name, _ in named)
+    is_grouped = any(count > 1 for count in counts.values()) and len({*titles}) == len(titles)
+    return titles if is_grouped else [*header]
 
 
 def _holds_values(column: Sequence[str]) -> bool:
@@ -150,8 +163,10 @@ def _is_measured(rows: Sequence[Row], i: int, key: int | None, columns: Sequence
     words = [j for j, cell in enumerate(cells) if cell.strip() and not is_value(cell)]
     if not words or not all(row.is_blank for row in rows[:i]) or any(columns[j].count(cells[j]) > 1 for j in words):
         return True
+    values = [cell for cell in cells if is_value(cell)]
+    numbers = [*elapsed_in_names(values)[1].values()]  # 0 h, 24 h, ... above columns of these times
     try:
-        numbers = [float(cell) for cell in cells if is_value(cell)]
+        numbers = numbers if len(numbers) == len(values) else [*map(float, values)]
     except ValueError:
         return True
     return len(numbers) < 2 or any(there <= here for here, there in pairwise(numbers))

@@ -12,7 +12,7 @@ from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.text import shown
 from commonlaw.trials.headers import find_name
-from commonlaw.trials.recognition import note_on_pulses
+from commonlaw.trials.recognition import is_amount, note_on_pulses
 from commonlaw.trials.trial import Schema, Start, Trial, property_names
 from commonlaw.trials.trials import Trials
 from commonlaw.trials.units import Conversion, converted, mapped, with_converted_properties
@@ -280,6 +280,15 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
         samples = _among(trial, np.flatnonzero(order < len(trial)), len(times))
         changed.append(replace(trial, times=times[order], inputs=inputs[order], **samples))
     return replace(without_notes_on(doses, trials), trials=tuple(changed), schema=schema)
+
+
+def refuse_amounts(trials: Trials) -> None:
+    """Refuse inputs that are called amounts and hold single ones after first samples, where no input is on lines."""
+    for j, name in enumerate(trials.schema.inputs):
+        if note_on_pulses(name) in trials.notes and is_amount(name):
+            for trial in trials:
+                if trial.inputs[1:, j].any():
+                    raise CommonlawError("doses-in-search", name=name, where=trial.label)
 
 
 def without_notes_on(doses: Sequence[str], trials: Trials) -> Trials:
