@@ -33,3 +33,12 @@ def test_states_that_change_fast_are_no_inputs(rates, noise):
     x, y = solve_ivp(rates, (0, 60), [2.0, 0.1], t_eval=TIMES, rtol=1e-8).y
     table = {"t": TIMES, "x": x + noise * RANDOM.standard_normal(120), "y": y + noise * RANDOM.standard_normal(120)}
     assert Trials.from_frame(table).schema.states == ("x", "y")
+
+
+def test_levels_that_change_at_multiples_of_an_interval_are_set_also_where_few_are_skipped():
+    levels = np.repeat([44.1, 47.1, 50.1, 56.1, 53.1, 50.1, 47.1, 44.1], 15)
+    ramp = np.repeat(np.arange(8.0), 15)
+    height = np.cumsum(np.cumsum(levels - 50)) + RANDOM.normal(0, 0.1, 120)
+    table = {"t": TIMES, "height": height, "a": levels, "b": ramp}
+    assert Trials.from_frame(table).schema.inputs == ("a",)
+    assert Trials.from_frame({"t": TIMES, "height": height, "throttle": height[::-1]}).schema.inputs == ("throttle",)
