@@ -156,3 +156,28 @@ def test_an_equation_in_another_name_than_that_of_a_guessed_wide_table_says_how_
     both = Trials.from_frame(PLATE[["time [h]", "A1", "A2"]])
     with refused("equation-or-input"):
         cl.fit("A1' = r A1 + b A2", both)
+
+
+@pytest.mark.parametrize(
+    ("header", "objects"),
+    [
+        ("Run 1: Time (s),Run 1: x (m),Run 2: Time (s),Run 2: x (m)", ("Run 1", "Run 2")),
+        ("Time (s) Run #1,x (m) Run #1,Time (s) Run #2,x (m) Run #2", ("Run #1", "Run #2")),
+        ("t (s),x (m),t (s),x (m)", ("1", "2")),
+        ("time_1 [s],x_1 [m],time_2 [s],x_2 [m]", ("1", "2")),
+    ],
+)
+def test_runs_with_times_next_to_each_other_are_an_object_each(tmp_path, header, objects):
+    path = tmp_path / "runs.csv"
+    path.write_text(f"{header}\n0,1.0,0,2.0\n0.1,1.1,0.2,2.2\n0.2,1.3,0.4,2.5\n0.3,1.4,,\n")
+    trials = Trials.read(path)
+    assert (trials.objects, trials.schema.states) == (objects, ("x",))
+    assert [trial.times.tolist() for trial in trials] == [[0.0, 0.1, 0.2, 0.3], [0.0, 0.2, 0.4]]
+    assert {*trials.schema.units.values()} == {"s", "m"}
+
+
+def test_runs_that_differ_in_what_was_measured_are_not_read(tmp_path):
+    path = tmp_path / "runs.csv"
+    path.write_text("Run 1: Time (s),Run 1: x (m),Run 2: Time (s),Run 2: y (m)\n0,1,0,2\n1,1,1,3\n")
+    with refused("time-ambiguous"):
+        Trials.read(path)

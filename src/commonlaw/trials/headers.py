@@ -213,7 +213,17 @@ def joined_units(
 
 
 def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the names of columns and units by name; names that differ in units alone are whole headers."""
+    """Return the names of columns and units by name; names that differ in units alone are whole headers.
+
+    Headers that are all repeated in the same order are of runs next to each other, which are numbered.
+
+    >>> split_headers("", ["t (s)", "x", "t (s)", "x"])
+    (('t 1', 'x 1', 't 2', 'x 2'), {'t 1': 's', 't 2': 's'})
+    """
+    size = len(set(headers))
+    if 1 < size < len(headers) and list(headers) == [*headers[:size]] * (len(headers) // size):
+        parts = [split_header(header) for header in headers]
+        headers = [join_header(f"{name} {i // size + 1}", unit) for i, (name, unit) in enumerate(parts)]
     blank = [number for number, header in enumerate(headers, 1) if not header.strip()]
     if blank:
         raise CommonlawError("header-missing", where=source, number=blank[0])

@@ -20,7 +20,7 @@ def _vocabulary(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-_TIME = _vocabulary(
+TIME = _vocabulary(
     "time times timestamp datetime date elapsed clock epoch when "
     "second seconds sec secs minute minutes mins hour hours hr hrs day days week weeks month months year years age "
     "zeit messzeit laufzeit uhrzeit zeitpunkt datum sekunde sekunden minuten stunde stunden tag tage woche wochen jahr "
@@ -107,13 +107,13 @@ def time_column(table: Table) -> str | None:
         if _dimensions(table, name) in ({}, _OF_TIME)
         and (table.is_numeric(name) or any(is_time(cell) for cell in table.columns[name] if cell == cell and cell))
     ]
-    by_word = [name for name in able if is_called(name, _TIME) or _dimensions(table, name) == _OF_TIME]
+    by_word = [name for name in able if is_called(name, TIME) or _dimensions(table, name) == _OF_TIME]
     short = [name for name in able if name.casefold() in _SHORT_TIME or words(name)[:1] == ["t"]]
     rising = {name for name in able if _rises(table, name)}
     texts = [name for name in names if not table.is_numeric(name)]
     for likely in (
         [name for name in by_word if name in rising],
-        [name for name in by_word if is_called(name, _TIME)],
+        [name for name in by_word if is_called(name, TIME)],
         [name for name in short if name in rising],
         [name for name in texts if holds_dates(table.columns[name])],
         [name for name in texts if is_clock(table.columns[name])],
@@ -140,7 +140,7 @@ def unit_in_name(time: str) -> dict[str, str]:
     """
     *what, last = words(time) or [""]
     is_time = not {*what[-1:]}.isdisjoint({"t", "time", "timestamp", "elapsed", "clock", "epoch", "age", "zeit"})
-    unit = known_unit(last) if is_time or (not what and last in _TIME | {"min"}) else None
+    unit = known_unit(last) if is_time or (not what and last in TIME | {"min"}) else None
     return {time: f"{unit:~}"} if unit is not None and dict(unit.dimensionality) == _OF_TIME else {}
 
 
@@ -398,7 +398,7 @@ def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes)
     clocks = [
         name
         for name in names
-        if (is_called(name, _TIME | _ROW_NUMBER) or _dimensions(table, name) == _OF_TIME or counts_on(name))
+        if (is_called(name, TIME | _ROW_NUMBER) or _dimensions(table, name) == _OF_TIME or counts_on(name))
         and increases(name)
     ]
     return clocks if len(clocks) < len(names) else []
