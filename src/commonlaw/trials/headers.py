@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache, lru_cache
+from itertools import product
 from threading import Lock
 from tokenize import TokenError
 from typing import TYPE_CHECKING
@@ -60,7 +61,25 @@ _BROKEN = re.compile("(?<=[⁰¹²³⁴⁵⁶⁷⁸⁹])⋅(?=[⁰¹²³⁴⁵�
 _TOWER = re.compile(r"(\*\*|\^).*(\*\*|\^)[^/* ]*(\*\*|\^)|\d{5}")
 
 
-_ARBITRARY = re.compile(r"\b(a\.\s?u\.|arb\.?\s?u(\.|nits?\b)|arbitrary units?\b)", re.IGNORECASE)
+_SPELLINGS = {
+    r"(?i:\b(a\.\s?u\.|arb\.?\s?u(\.|nits?\b)|arbitrary units?\b))": "arbitrary_unit",
+    r"[º˚]": "°",
+    r"℃": "degC",
+    r"(°|\b[Dd]eg(rees?|\.)?)\s*([CF])\b": r"deg\3",
+    r"\b([mkM]?N)([cm]?m)\b": r"\1 \2",
+    r"\b[Aa]mps?\b": "ampere",
+    r"\bMins?\b": "min",
+    r"\bpct\b": "percent",
+    r"\bdps\b": "degree/s",
+    r"\bkmh\b": "km/h",
+    r"\blpm\b|\bLPM\b": "L/min",
+    r"\bKg\b": "kg",
+    r"\bms-1\b": "m/s",
+    r"\bms-2\b": "m/s^2",
+}
+"""What people write, also what pint takes for another unit: Nm for one of yarns, amps for attometers per second."""
+_POWER = re.compile(r"(?<=[A-Za-zµΩ])(?<!\d[eE])([23]|-[123])\b")
+"""A power without its sign: m/s2, W m-2."""
 _LOADING = Lock()
 
 _COUNTS = (
@@ -88,6 +107,7 @@ def _registry() -> "pint.UnitRegistry[float]":
         name, *others = count.split(" = ")
         made.define(" = ".join([name, "count", *others]))
     made.define("beats_per_minute = beat / minute = bpm")
+    made.define("@alias ohm = Ohm")
     for name, number in (("thousand", "1e3"), ("million", "1e6"), ("billion", "1e9")):
         made.define(f"{name} = {number} count = _ = {name}s")
     return made
@@ -115,19 +135,33 @@ def check_unit(text: str, where: str) -> str:
 
 @cache
 def known_unit(text: str) -> "pint.Unit | None":
-    """Return the unit that a text stands for, or None if pint knows none."""
+    """Return the unit that a text stands for, or None if pint knows none; names may be capitalized, as in Volts.
+
+    >>> print(known_unit("Nm"), known_unit("m/s2"), known_unit("kOhm"), known_unit("deg C"), sep=", ")
+    meter * newton, meter / second ** 2, kiloohm, degree_Celsius
+    """
     import pint
 
-    text = _BROKEN.sub(".", _ARBITRARY.sub("arbitrary_unit", text))
+    for spelling, usual in _SPELLINGS.items():
+        text = re.sub(spelling, usual, text)
+    text = _BROKEN.sub(".", text)
     if not text.strip() or not _UNIT.fullmatch(text) or _TOWER.search(text):
         return None
+    names = {word: word.lower() for word in re.findall(r"[A-Z][a-z]{2,}|[A-Z]{3}", text)}
+    known = {word: name for word, name in names.items() if {name, name.removesuffix("s")} & _names_of_units()}
+    usual = re.sub(r"[A-Za-z]+", lambda match: known.get(match[0], match[0]), _POWER.sub(r"^\1", text))
     # pint knows no differences of logarithms, and lets errors of its tokenizer and of arithmetic on exponents through
-    for as_delta in (True, False):
+    for spelled, as_delta in product(dict.fromkeys([text, usual]), (True, False)):
         with suppress(pint.PintError, TokenError, ArithmeticError, AssertionError, KeyError, TypeError, ValueError):
-            unit = registry().parse_units(text, as_delta=as_delta)
+            unit = registry().parse_units(spelled, as_delta=as_delta)
             registry().get_dimensionality(unit)
             return unit
     return None
+
+
+@cache
+def _names_of_units() -> frozenset[str]:
+    return frozenset(registry())
 
 
 def _unknown_unit(text: str) -> CommonlawError:
@@ -146,6 +180,8 @@ _ROUND = re.compile(r"(.*?\S)(\s*)\(((?:[^()]|\([^()]*\))*)\)", re.DOTALL)
 
 _CONCENTRATION = re.compile(r"\[(\w+)\]\s*[(\[]?([^()\[\]]*)[)\]]?")
 _PER_UNIT = re.compile(r"(.*\S)\s*/\s*(\S+)")
+_TEMPERATURE = re.compile(r"(?i:temp|ambient)|^T(?![a-z])|^T(amb|room|air|in|out|env|water)")
+"""What C and F are degrees of, and not coulombs and farads."""
 _TIME_PER_UNIT = re.compile(r"(?i)(?:t|time|zeit|temps|tiempo|tempo|tijd|tid)\s*/\s*(\S+)")
 
 
@@ -159,8 +195,14 @@ def split_header(header: str) -> tuple[str, str]:
     (('Height', 'm'), ('drag (fitted)', ''), ('v [m/s]', ''), ('A', 'mM'))
     >>> split_header("signal [a.u.]"), str(known_unit("a.u./s"))
     (('signal', 'a.u.'), 'arbitrary_unit / second')
+    >>> split_header("Temperature (C)"), split_header("T_room (C)"), split_header("Charge (C)")
+    (('Temperature', 'degC'), ('T_room', 'degC'), ('Charge', 'C'))
     """
-    text = plain(header)
+    name, unit = _split(plain(header))
+    return name, f"deg{unit}" if unit in ("C", "F") and _TEMPERATURE.search(name) else unit
+
+
+def _split(text: str) -> tuple[str, str]:
     if (match := _CONCENTRATION.fullmatch(text)) and (not match[2].strip() or known_unit(match[2]) is not None):
         return match[1], match[2].strip()
     square = _SQUARE.fullmatch(text)

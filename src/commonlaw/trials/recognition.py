@@ -270,6 +270,11 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
     return None
 
 
+def is_condition(table: Table, name: str) -> bool:
+    """Say whether a column that names the objects is a quantity, as it has a unit, and not their number."""
+    return name in table.columns and table.is_numeric(name) and name in {**table.units, **units_in_names([name])}
+
+
 def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Codes) -> list[str]:
     """Return columns of conditions that separate times which repeat within groups of rows; none if all do not.
 

@@ -19,6 +19,7 @@ from commonlaw.trials.recognition import (
     deviation_columns,
     increase_within,
     input_columns,
+    is_condition,
     joint_objects,
     note_on_pulses,
     object_column,
@@ -154,7 +155,8 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     given = roles.get("properties")
     if given is None:
         held = constant_columns(table, free, owners, others_are_states=not states)
-        properties: tuple[str, ...] | None = take(held, "" if owner else "constant")
+        conditions = (owner,) if owner is not None and is_condition(table, owner) else ()
+        properties: tuple[str, ...] | None = (*conditions, *take(held, "" if owner else "constant"))
     else:
         properties = _found(table, given) if _names_columns(table, given) else None
     wide, numbers = roles.get("wide"), [name for name in free if table.is_numeric(name)]
@@ -229,12 +231,13 @@ def _label_column(table: Table, roles: Roles, role: Literal["object", "trial", "
 
 
 def _named_columns(table: Table, roles: Reading) -> list[str]:
-    """Return the columns whose roles are given, each as often as it has one."""
+    """Return the columns whose roles are given, each as often as it has one; a property may name the objects."""
     given = roles.get("properties")
     named = [name for role in _LABELS if (name := _label_column(table, roles, role)) is not None]
     for names in (roles.get("states") or (), roles.get("inputs") or (), [*(roles.get("noise_columns") or {}).values()]):
         named += dict.fromkeys(_found(table, names))
-    return named + list(_found(table, given) if given is not None and _names_columns(table, given) else ())
+    properties = _found(table, given) if given is not None and _names_columns(table, given) else ()
+    return named + [name for name in properties if name != _label_column(table, roles, "object")]
 
 
 def _found(table: Table, names: Any) -> tuple[str, ...]:

@@ -110,13 +110,13 @@ def _runs_across(table: Table) -> Table | None:
     more = {name: np.concatenate([table.columns[run[name]] for run in runs.values()]) for name in names}
     more["object"] = np.repeat(np.array([*runs], dtype=object), len(table))
     long = _stacked(table, columns, (), more)
-    note = f"{table.source}: the columns are of {counted(len(runs), 'run')}, {shown_columns([*runs])}, each of an object"
+    shown_runs = f"{counted(len(runs), 'run')}, {shown_columns([*runs])}"
     long = replace(
         long,
         units={name: unit for name, of in units.items() if (unit := next(iter(of)))},
         loose=frozenset(name for name in names if {run[name] for run in runs.values()} & table.loose),
         roles={**table.roles, "object": "object"},
-        notes=(*table.notes, note),
+        notes=(*table.notes, f"{table.source}: the columns are of {shown_runs}, each of an object"),
     )
     return long.taken(np.flatnonzero(np.any([long.encoded(name)[0] >= 0 for name in names], axis=0)))
 

@@ -426,12 +426,15 @@ def normalized(properties: ObjectProperties) -> dict[str, dict[str, Property]]:
 
 
 def check_properties(properties: ObjectProperties, objects: Sequence[str], schema: Schema) -> None:
-    """Refuse properties of objects without trials, with the names of columns, or with values that cannot be used."""
+    """Refuse properties of objects without trials, with the names of columns, or with values that cannot be used.
+
+    A property that names the objects, such as a mass, has the name of their column.
+    """
     known_objects = {*objects}
     orphans = [name for name in properties if name not in known_objects]
     if orphans:
         raise CommonlawError("properties-of-no-trial", names=orphans, objects=objects)
-    columns = {schema.object, schema.trial, schema.time, *schema.states, *schema.inputs}
+    columns = {schema.trial, schema.time, *schema.states, *schema.inputs}
     first: dict[str, tuple[str, Property]] = {}
     for name, values in properties.items():
         for key, value in values.items():
