@@ -172,6 +172,9 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         if "inputs" not in roles:
             for name, reason in input_columns(table, numbers, times, trials).items():
                 inputs += take([name], reason)
+            switches = [name for name in free if table.is_switch(name)]
+            changing = [name for name in switches if any(np.ptp(readable(table, name)[rows]) > 0 for rows in trials)]
+            inputs += take(changing, "its words are 1 and 0")
     notes = [f"columns left out, as they number the rows: {', '.join(indices)}"] if indices else []
     notes += [f"{name}: empty cells are amounts of zero" for name in inputs if np.isnan(readable(table, name)).any()]
     notes += map(note_on_pulses, pulsed_inputs(table, inputs, trials))
