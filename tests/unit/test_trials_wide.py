@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.discovery.hints import outcomes_of_separate_states
 from commonlaw.trials import Trials
 from tests.refusals import message, refused
 
@@ -181,3 +182,23 @@ def test_runs_that_differ_in_what_was_measured_are_not_read(tmp_path):
     path.write_text("Run 1: Time (s),Run 1: x (m),Run 2: Time (s),Run 2: y (m)\n0,1,0,2\n1,1,1,3\n")
     with refused("time-ambiguous"):
         Trials.read(path)
+
+
+@pytest.mark.parametrize(
+    ("equations", "codes"),
+    [
+        ("x' = 1 - 2 x; y' = 1 - 3 y", ["states-separate"]),
+        ("x'' = -x - 0.1 v_x; y'' = -2 y - 0.3 v_y", ["states-separate"]),
+        ("x' = 1 - 2 x; y' = 1 - 3 y^2", []),
+        ("x' = -x; y' = -x", []),
+        ("x'' = 1; y'' = 2", []),
+    ],
+)
+def test_states_with_the_same_law_each_may_be_objects(equations, codes):
+    law = cl.Law.from_text(equations)
+    units = {"x": "degC", "y": "degC"}
+    assert [
+        note.code for note in outcomes_of_separate_states(replace(law, schema=replace(law.schema, units=units)))
+    ] == codes
+    units = {"x": "degC", "y": "m"}
+    assert outcomes_of_separate_states(replace(law, schema=replace(law.schema, units=units))) == ()

@@ -276,8 +276,11 @@ def quantities_by_object(law: Law) -> pd.DataFrame:
     """Return what is quoted of a law of a known form, as `coefficients_by_object`; empty if there is nothing."""
     shown = shown_quantities(law)
     columns: dict[str, dict[str, Written]] = {}
+    keys = ["quantity", "symbol"]
+    forms = shown.groupby(["object", *keys])["form"].nunique().groupby(keys).max() if len(shown) else {}
     for row in shown.fillna({"unit": ""} if "unit" in shown else {}).to_dict("records"):
-        title = with_unit(f"{row['quantity']} {row['symbol']}", row.get("unit"))
+        part = f"{row['form']}: " if forms[row["quantity"], row["symbol"]] > 1 else ""  # Of equations of one form
+        title = with_unit(f"{part}{row['quantity']} {row['symbol']}", row.get("unit"))
         error = float(np.nan_to_num(row.get("standard error", 0.0)))
         cell = with_interval(row["estimate"], error, *(row[end] for end in ("low", "high") if end in row))
         columns.setdefault(title, {})[row["object"]] = cell

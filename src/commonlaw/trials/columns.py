@@ -28,7 +28,12 @@ Column = NDArray[Any]
 
 _POINT = re.compile(r"^[+-]?(0|\d{4,})?\.|\.(?!\d{3}$)")
 """A point that groups no thousands."""
-_SWITCHES = [{"off": 0.0, "on": 1.0}, {"false": 0.0, "true": 1.0}, {"closed": 0.0, "open": 1.0}, {"no": 0.0, "yes": 1.0}]
+_SWITCHES = [
+    {"off": 0.0, "on": 1.0},
+    {"false": 0.0, "true": 1.0},
+    {"closed": 0.0, "open": 1.0},
+    {"no": 0.0, "yes": 1.0},
+]
 """Words for the states of a switch."""
 _INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|index|level_\d+|row[._ ]?(names?|id)|\.{3}\d+", re.IGNORECASE)
 """What pandas and R call an index that has no name; the first of these is called nothing else."""
