@@ -3,6 +3,8 @@
 import numpy as np
 import pandas as pd
 
+import commonlaw as cl
+from commonlaw.law.tables import coefficients_by_object
 from commonlaw.trials import Trials
 
 
@@ -29,3 +31,13 @@ def test_what_names_the_objects_is_their_property_also_in_a_saved_table_and_no_n
         trials.to_csv(path := tmp_path / "table.csv")
         assert Trials.read(path) == trials
         assert Trials.read(path, object=trials.schema.object, properties=sorted(expected)) == trials
+
+
+def test_a_parameter_that_names_the_objects_is_shown_once():
+    times = np.tile(np.linspace(0, 3, 20), 3)
+    resistances = np.repeat([1.0, 2.0, 5.0], 20)
+    voltages = np.exp(-times / resistances) + 0.01 * np.random.default_rng(0).standard_normal(60)
+    trials = Trials.from_frame({"R (kOhm)": resistances, "t (ms)": times, "U (V)": voltages})
+    frame = coefficients_by_object(cl.fit("U' = -k U/R", trials))
+    assert len(frame.columns) == 2
+    assert frame["R"].tolist() == ["1", "2", "5"]

@@ -184,6 +184,14 @@ def test_runs_that_differ_in_what_was_measured_are_not_read(tmp_path):
         Trials.read(path)
 
 
+def test_inputs_of_all_objects_are_no_object_of_a_wide_table():
+    cups = {f"{name} (degC)": 20 + np.exp(-rate * HOURS) for name, rate in (("mug", 1), ("paper", 2), ("control", 3))}
+    power = np.repeat([0.0, 5.0], 3)
+    table = {"time (h)": HOURS, **cups, "Ambient (degC)": 20 + 0.01 * HOURS**0.5, "power (W)": power}
+    trials = Trials.from_frame(table, wide="T")
+    assert (trials.objects, trials.schema.inputs) == (("mug", "paper", "control"), ("Ambient", "power"))
+
+
 @pytest.mark.parametrize(
     ("equations", "codes"),
     [

@@ -247,7 +247,7 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
     """Return a row for each object: ``0.447 ± 0.005``, and on a line below the ends of a 95 % interval.
 
     Below an object stand its trials, with what differs between them. The table is empty where objects have terms of
-    their own.
+    their own. A property that names the objects has no column of its own.
     """
     parameters = named_parameters(law)
     if not shares_terms(law) or not parameters.names:
@@ -269,7 +269,8 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
                 label = f"{name}, {law.schema.trial} {trial}"
                 rows.append([label, *(cells.get(parameter, Written()) for parameter in parameters.names)])
     heads = [law.schema.object, *starmap(with_unit, coefficient_names(law))]
-    return pd.DataFrame(rows, columns=heads, dtype=object)
+    frame = pd.DataFrame(rows, columns=heads, dtype=object)
+    return frame.loc[:, [True, *(name != law.schema.object for name in parameters.names)]]
 
 
 def quantities_by_object(law: Law) -> pd.DataFrame:
@@ -338,9 +339,9 @@ def spread_tables(law: Law, count: int, universal: bool = True) -> tuple[pd.Data
     """
     parameters, heads = named_parameters(law), [*starmap(with_unit, coefficient_names(law))]
     values, errors = parameters.values, np.nan_to_num(parameters.errors)
-    kept = np.ones(len(heads), dtype=np.bool_)
+    kept = np.array([name != law.schema.object for name in parameters.names])
     if not universal:
-        kept = ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)
+        kept &= ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)
     if not kept.any():
         return None
     heads, values, errors = [*compress(heads, kept)], values[:, kept], errors[:, kept]

@@ -2,7 +2,8 @@
 
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from itertools import product
 from math import comb
 from typing import Any
@@ -45,10 +46,10 @@ QUANTITIES = _vocabulary(
 """What one object may have several of."""
 _MEASURAND = _vocabulary("variable quantity parameter signal channel measurand analyte observable")
 """What names quantities that stand below each other."""
-_INPUT = _vocabulary(
-    "input setpoint command control stimulus forcing dose amt ambient amb tamb surroundings environment env tenv "
-    "outdoor outdoors outside weather solar irradiance insolation radiation sunlight sunshine rain rainfall "
-    "precipitation throttle pwm duty"
+_SURROUNDINGS = _vocabulary("ambient amb tamb surroundings environment env tenv outdoor outdoors outside weather")
+_INPUT = _SURROUNDINGS | _vocabulary(
+    "input setpoint command control stimulus forcing dose amt solar irradiance insolation radiation sunlight sunshine "
+    "rain rainfall precipitation throttle pwm duty"
 )
 _AMOUNT = _vocabulary("dose doses dosage amt")
 """What names amounts that are given: an empty cell is none."""
@@ -465,6 +466,16 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
         ):
             reasons[name] = "smooth to its last digit"
     return reasons if len(reasons) < len(names) else {}
+
+
+def common_inputs(table: Table, inputs: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
+    """Return those inputs that are no object of a wide table: of another unit than most columns, or of surroundings."""
+    units = Counter(table.units.get(name) for name in names)
+    return {
+        name: reason
+        for name, reason in inputs.items()
+        if units[table.units.get(name)] < max(units.values()) or is_called(name, _SURROUNDINGS)
+    }
 
 
 def input_values(table: Table, name: str) -> Floats:

@@ -16,6 +16,7 @@ from commonlaw.trials.properties import constant_columns, object_codes
 from commonlaw.trials.reading import Reading, Roles
 from commonlaw.trials.recognition import (
     columns_of_one_quantity,
+    common_inputs,
     deviation_columns,
     increase_within,
     input_columns,
@@ -167,10 +168,12 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     order = np.lexsort((times, begun, runs, owners))
     changes = np.any([np.diff(codes[order]) != 0 for codes in (owners, runs, np.asarray(begun))], axis=0)
     trials = np.split(order, np.flatnonzero(changes) + 1)
-    if not (wide and "wide" in roles) and "states" not in roles:
-        left_out += take(other_clocks(table, numbers, times, owners * len(table) + runs))
+    if "states" not in roles:
+        is_given = wide and "wide" in roles
+        left_out += take(() if is_given else other_clocks(table, numbers, times, owners * len(table) + runs))
         if "inputs" not in roles:
-            for name, reason in input_columns(table, numbers, times, trials).items():
+            driving = input_columns(table, numbers, times, trials)
+            for name, reason in (common_inputs(table, driving, numbers) if is_given else driving).items():
                 inputs += take([name], reason)
             switches = [name for name in free if table.is_switch(name)]
             changing = [name for name in switches if any(np.ptp(readable(table, name)[rows]) > 0 for rows in trials)]
