@@ -126,4 +126,4 @@ def test_other_words_are_no_units(text):
 def test_temperatures_are_not_in_coulombs():
     frame = pd.DataFrame({"t (s)": [0.0, 1.0], "Temperature(C)": [20.0, 21.0], "T_out (F)": [1, 2], "Q (C)": [1, 2]})
     units = Trials.from_frame(frame).schema.units
-    assert units == {"t": "s", "Temperature": "degC", "T_out": "degF", "Q": "C"}
+    assert units == {"t": "s", "Temperature": "°C", "T_out": "°F", "Q": "C"}

@@ -277,10 +277,10 @@ def quantities_by_object(law: Law) -> pd.DataFrame:
     """Return what is quoted of a law of a known form, as `coefficients_by_object`; empty if there is nothing."""
     shown = shown_quantities(law)
     columns: dict[str, dict[str, Written]] = {}
-    keys = ["quantity", "symbol"]
-    forms = shown.groupby(["object", *keys])["form"].nunique().groupby(keys).max() if len(shown) else {}
+    several = shown.duplicated(["object", "quantity", "symbol"], keep=False) if len(shown) else []
+    repeated = {*shown[several]["symbol"]} if len(shown) else set()  # Of several equations of one form
     for row in shown.fillna({"unit": ""} if "unit" in shown else {}).to_dict("records"):
-        part = f"{row['form']}: " if forms[row["quantity"], row["symbol"]] > 1 else ""  # Of equations of one form
+        part = f"{row['form']}: " if row["symbol"] in repeated else ""
         title = with_unit(f"{part}{row['quantity']} {row['symbol']}", row.get("unit"))
         error = float(np.nan_to_num(row.get("standard error", 0.0)))
         cell = with_interval(row["estimate"], error, *(row[end] for end in ("low", "high") if end in row))

@@ -196,10 +196,10 @@ def split_header(header: str) -> tuple[str, str]:
     >>> split_header("signal [a.u.]"), str(known_unit("a.u./s"))
     (('signal', 'a.u.'), 'arbitrary_unit / second')
     >>> split_header("Temperature (C)"), split_header("T_room (C)"), split_header("Charge (C)")
-    (('Temperature', 'degC'), ('T_room', 'degC'), ('Charge', 'C'))
+    (('Temperature', '°C'), ('T_room', '°C'), ('Charge', 'C'))
     """
     name, unit = _split(plain(header))
-    return name, f"deg{unit}" if unit in ("C", "F") and _TEMPERATURE.search(name) else unit
+    return name, f"°{unit}" if unit in ("C", "F") and _TEMPERATURE.search(name) else unit
 
 
 def _split(text: str) -> tuple[str, str]:
