@@ -277,8 +277,9 @@ def quantities_by_object(law: Law) -> pd.DataFrame:
     """Return what is quoted of a law of a known form, as `coefficients_by_object`; empty if there is nothing."""
     shown = shown_quantities(law)
     columns: dict[str, dict[str, Written]] = {}
-    several = shown.duplicated(["object", "quantity", "symbol"], keep=False) if len(shown) else []
-    repeated = {*shown[several]["symbol"]} if len(shown) else set()  # Of several equations of one form
+    repeated = set[str]()  # Of several equations of one form
+    if len(shown):
+        repeated = {*shown["symbol"][shown.duplicated(["object", "quantity", "symbol"], keep=False)]}
     for row in shown.fillna({"unit": ""} if "unit" in shown else {}).to_dict("records"):
         part = f"{row['form']}: " if row["symbol"] in repeated else ""
         title = with_unit(f"{part}{row['quantity']} {row['symbol']}", row.get("unit"))
