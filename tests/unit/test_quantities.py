@@ -13,6 +13,7 @@ from commonlaw.law.models import model_named
 from commonlaw.law.parse import read_equations
 from commonlaw.law.quantiles import propagated
 from commonlaw.law.quantities import forms
+from commonlaw.law.tables import quantities_by_object
 from commonlaw.library.equation import split_equations
 from commonlaw.trials import Schema
 from tests.refusals import refused
@@ -371,3 +372,9 @@ def test_formulas_are_latex():
     assert r"\ddot{\theta} &= -a \sin(\theta) - c \theta'" in cl.named_models["pendulum"].to_latex()
     assert "G u(t - d) - x" in cl.named_models["first-order-lag-with-dead-time"].to_latex()
     assert r"c(0) &= \frac{\mathrm{dose}}{V}" in cl.named_models["one-compartment"].to_latex()
+
+
+def test_quantities_of_several_equations_of_one_form_stand_apart_in_tables():
+    frame = quantities_by_object(cl.Law.from_text("x' = -2 x; y' = -3 y"))
+    assert len([name for name in frame if "rate constant k" in name]) == 2
+    assert len([name for name in quantities_by_object(cl.Law.from_text("x' = -2 x")) if name == "rate constant k"]) == 1

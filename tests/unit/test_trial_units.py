@@ -134,3 +134,26 @@ def test_a_nameless_object_is_the_only_one_of_a_law_or_refused():
         law_of("cup", "pot").predict(Trials.from_frame(FRAME))
     with refused("unknown-name", kind="object of this law", name="mug"):
         law_of("cup").predict(Trials.from_frame(FRAME, object_name="mug"))
+
+
+@pytest.mark.parametrize(
+    ("written", "usual"),
+    [
+        ("kOhm", "kohm"), ("Volts", "V"), ("Sec", "s"), ("RPM", "rpm"), ("m/s2", "m/s^2"), ("W m-2", "W/m^2"),
+        ("ms-1", "m/s"), ("deg C", "degC"), ("ºC", "degC"), ("Nm", "N*m"), ("mNm", "mN*m"), ("amps", "A"),
+        ("dps", "deg/s"), ("pct", "percent"), ("Min", "min"),
+    ],
+)  # fmt: skip
+def test_units_as_people_write_them(written, usual):
+    assert known_unit(written) == known_unit(usual)
+
+
+@pytest.mark.parametrize("text", ["Mean", "Run", "Total", "MPA", "CO2", "x2", "1e3"])
+def test_other_words_are_no_units(text):
+    assert known_unit(text) is None
+
+
+def test_temperatures_are_not_in_coulombs():
+    frame = pd.DataFrame({"t (s)": [0.0, 1.0], "Temperature(C)": [20.0, 21.0], "T_out (F)": [1, 2], "Q (C)": [1, 2]})
+    units = Trials.from_frame(frame).schema.units
+    assert units == {"t": "s", "Temperature": "°C", "T_out": "°F", "Q": "C"}

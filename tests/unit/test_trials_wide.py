@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.discovery.hints import outcomes_of_separate_states
 from commonlaw.trials import Trials
 from tests.refusals import message, refused
 
@@ -156,3 +157,56 @@ def test_an_equation_in_another_name_than_that_of_a_guessed_wide_table_says_how_
     both = Trials.from_frame(PLATE[["time [h]", "A1", "A2"]])
     with refused("equation-or-input"):
         cl.fit("A1' = r A1 + b A2", both)
+
+
+@pytest.mark.parametrize(
+    ("header", "objects"),
+    [
+        ("Run 1: Time (s),Run 1: x (m),Run 2: Time (s),Run 2: x (m)", ("Run 1", "Run 2")),
+        ("Time (s) Run #1,x (m) Run #1,Time (s) Run #2,x (m) Run #2", ("Run #1", "Run #2")),
+        ("t (s),x (m),t (s),x (m)", ("1", "2")),
+        ("time_1 [s],x_1 [m],time_2 [s],x_2 [m]", ("1", "2")),
+    ],
+)
+def test_runs_with_times_next_to_each_other_are_an_object_each(tmp_path, header, objects):
+    path = tmp_path / "runs.csv"
+    path.write_text(f"{header}\n0,1.0,0,2.0\n0.1,1.1,0.2,2.2\n0.2,1.3,0.4,2.5\n0.3,1.4,,\n")
+    trials = Trials.read(path)
+    assert (trials.objects, trials.schema.states) == (objects, ("x",))
+    assert [trial.times.tolist() for trial in trials] == [[0.0, 0.1, 0.2, 0.3], [0.0, 0.2, 0.4]]
+    assert {*trials.schema.units.values()} == {"s", "m"}
+
+
+def test_runs_that_differ_in_what_was_measured_are_not_read(tmp_path):
+    path = tmp_path / "runs.csv"
+    path.write_text("Run 1: Time (s),Run 1: x (m),Run 2: Time (s),Run 2: y (m)\n0,1,0,2\n1,1,1,3\n")
+    with refused("time-ambiguous"):
+        Trials.read(path)
+
+
+def test_inputs_of_all_objects_are_no_object_of_a_wide_table():
+    cups = {f"{name} (degC)": 20 + np.exp(-rate * HOURS) for name, rate in (("mug", 1), ("paper", 2), ("control", 3))}
+    power = np.repeat([0.0, 5.0], 3)
+    table = {"time (h)": HOURS, **cups, "Ambient (degC)": 20 + 0.01 * HOURS**0.5, "power (W)": power}
+    trials = Trials.from_frame(table, wide="T")
+    assert (trials.objects, trials.schema.inputs) == (("mug", "paper", "control"), ("Ambient", "power"))
+
+
+@pytest.mark.parametrize(
+    ("equations", "codes"),
+    [
+        ("x' = 1 - 2 x; y' = 1 - 3 y", ["states-separate"]),
+        ("x'' = -x - 0.1 v_x; y'' = -2 y - 0.3 v_y", ["states-separate"]),
+        ("x' = 1 - 2 x; y' = 1 - 3 y^2", []),
+        ("x' = -x; y' = -x", []),
+        ("x'' = 1; y'' = 2", []),
+    ],
+)
+def test_states_with_the_same_law_each_may_be_objects(equations, codes):
+    law = cl.Law.from_text(equations)
+    units = {"x": "degC", "y": "degC"}
+    assert [
+        note.code for note in outcomes_of_separate_states(replace(law, schema=replace(law.schema, units=units)))
+    ] == codes
+    units = {"x": "degC", "y": "m"}
+    assert outcomes_of_separate_states(replace(law, schema=replace(law.schema, units=units))) == ()

@@ -9,7 +9,12 @@ import numpy as np
 
 from commonlaw.diagnostics import Diagnostic, Outcome, note
 from commonlaw.discovery.cache import cached_law
-from commonlaw.discovery.hints import outcomes_of_confounding, outcomes_of_generations, outcomes_of_rivals
+from commonlaw.discovery.hints import (
+    outcomes_of_confounding,
+    outcomes_of_generations,
+    outcomes_of_rivals,
+    outcomes_of_separate_states,
+)
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.measured_rates import GivenDerivatives, with_derivatives
 from commonlaw.discovery.method import (
@@ -215,6 +220,7 @@ class LawDiscovery:
         outcomes = (*with_origin_outcomes(outcomes, law, trials), *outcomes_of_confounding(trials, law.order, library))
         if self.order == "auto" and law.order != 0:
             outcomes = (*outcomes, *outcomes_of_generations(law, trials))
+        outcomes = (*outcomes, *outcomes_of_separate_states(law))
         domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
         law = replace(law, provenance=replace(provenance, domain=domain))
         return replace(law, provenance=replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials))))

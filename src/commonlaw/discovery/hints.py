@@ -1,5 +1,6 @@
 """Notes on alternatives to a law: rivals and discriminating experiments, confounded variables, discrete time."""
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import product
@@ -19,7 +20,7 @@ from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confou
 from commonlaw.inference.settings import STRONG, VERY_STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
-from commonlaw.law.parameters import rate_names
+from commonlaw.law.parameters import rate_names, state_rates
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import left_hand_sides
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, parse_library
@@ -180,6 +181,26 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
             where, state = equations[regression.state], regression.state
             result.append(note("discrete-time-plausible", where, state=state, by_law=both[0], by_regression=both[1]))
     return tuple(result)
+
+
+def outcomes_of_separate_states(law: Law) -> tuple[Outcome, ...]:
+    """Return a note if states of one unit have the same terms, each of itself alone, as columns of objects have."""
+    schema, rates = law.schema, dict(state_rates(law))
+    units = {schema.units.get(name) for name in schema.states}
+    if len(schema.states) < 2 or len(units) > 1 or units == {None} or len(law.objects) > 1:
+        return ()
+    forms = set[frozenset[str]]()
+    for name, support in zip(schema.states, law.support, strict=True):
+        variables = {law.terms.variables.states.index(variable): variable for variable in (name, rates.get(name, name))}
+        terms = [law.terms.terms[k] for k in np.flatnonzero(support)]
+        used = {column for term in terms for column in term.columns() if column < len(law.terms.variables.states)}
+        if not used or not used <= variables.keys():
+            return ()
+        form = [law.terms.names[k] for k in np.flatnonzero(support)]
+        for placeholder, variable in zip("xv", dict.fromkeys(variables.values()), strict=False):
+            form = [re.sub(rf"(?<!\w){re.escape(variable)}(?!\w)", f"{{{placeholder}}}", text) for text in form]
+        forms.add(frozenset(text.replace("({x})", "{x}") for text in form))
+    return (note("states-separate", states=schema.states),) if len(forms) == 1 else ()
 
 
 class _Regression(NamedTuple):

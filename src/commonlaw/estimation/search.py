@@ -253,7 +253,7 @@ def maximize(
     spread = [*problem.event_ranges] if draws > 1 else []
     if spread:
         low, high = np.transpose([*problem.event_ranges.values()])
-        even = low + (high - low) * qmc.Sobol(len(spread), seed=seed).random(DRAWS // 2)
+        even = low + (high - low) * qmc.Sobol(len(spread), seed=seed).random(len(starts) // 2)
         starts[1::2, spread] = np.clip(even, bounds.low[spread], bounds.high[spread])
     unsolved = CommonlawError("no-finite-start", draws=len(starts))
     if problem.model.events:

@@ -247,7 +247,7 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
     """Return a row for each object: ``0.447 ± 0.005``, and on a line below the ends of a 95 % interval.
 
     Below an object stand its trials, with what differs between them. The table is empty where objects have terms of
-    their own.
+    their own. A property that names the objects has no column of its own.
     """
     parameters = named_parameters(law)
     if not shares_terms(law) or not parameters.names:
@@ -278,8 +278,12 @@ def quantities_by_object(law: Law) -> pd.DataFrame:
     """Return what is quoted of a law of a known form, as `coefficients_by_object`; empty if there is nothing."""
     shown = shown_quantities(law)
     columns: dict[str, dict[str, Written]] = {}
+    repeated = set[str]()  # Of several equations of one form
+    if len(shown):
+        repeated = {*shown["symbol"][shown.duplicated(["object", "quantity", "symbol"], keep=False)]}
     for row in shown.fillna({"unit": ""} if "unit" in shown else {}).to_dict("records"):
-        title = with_unit(f"{row['quantity']} {row['symbol']}", row.get("unit"))
+        part = f"{row['form']}: " if row["symbol"] in repeated else ""
+        title = with_unit(f"{part}{row['quantity']} {row['symbol']}", row.get("unit"))
         error = float(np.nan_to_num(row.get("standard error", 0.0)))
         cell = with_interval(row["estimate"], error, *(row[end] for end in ("low", "high") if end in row))
         columns.setdefault(title, {})[row["object"]] = cell
@@ -337,9 +341,9 @@ def spread_tables(law: Law, count: int, universal: bool = True) -> tuple[pd.Data
     """
     parameters, heads = named_parameters(law), [*starmap(with_unit, coefficient_names(law))]
     values, errors = parameters.values, np.nan_to_num(parameters.errors)
-    kept = np.ones(len(heads), dtype=np.bool_)
+    kept = np.array([name != law.schema.object for name in parameters.names])
     if not universal:
-        kept = ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)
+        kept &= ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)
     if not kept.any():
         return None
     heads, values, errors = [*compress(heads, kept)], values[:, kept], errors[:, kept]

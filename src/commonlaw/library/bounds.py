@@ -21,10 +21,12 @@ def with_steps(equation: str) -> str:
     """Return an equation without conditions, `where`, `max` or `min`; anything else as it is.
 
     ``a > b`` is ``step(a - b)``, one where it holds and zero elsewhere; ``where(c, a, b)`` is ``c a + (1 - c) b``; and
-    ``max(a, b)`` is ``b + step(a - b) (a - b)``.
+    ``max(a, b)`` is ``b + step(a - b) (a - b)``. What is times or plus zero is left out.
 
     >>> with_steps("x' = -k x + where(t > 5, a, b)")
     "x' = -k x + (step(t - 5)*a + (1 - step(t - 5))*b)"
+    >>> with_steps("x' = max(x, 0) + where(x > 1, c, 0)")
+    "x' = (step(x)*x) + (step(x - 1)*c)"
     """
     assignment = _ASSIGNMENT.search(equation)
     if assignment is None or not (_CALL.search(equation) or _COMPARISON.search(equation)):
@@ -75,8 +77,11 @@ def _call(name: str, inner: str, whole: str) -> str:
     if name == "where":
         condition, *both = arguments
         yes, no = map(_factor, both)
-        return f"({condition}*{yes} + (1 - {condition})*{no})"
+        return f"({condition}*{yes})" if no == "0" else f"({condition}*{yes} + (1 - {condition})*{no})"
     first, second = map(_factor, arguments)
+    if name.startswith("max") and "0" in (first, second):
+        positive = first if second == "0" else second
+        return f"(step({positive})*{positive})"
     larger = f"{first} - {second}" if name.startswith("max") else f"{second} - {first}"
     return f"({second} {'+' if name.startswith('max') else '-'} step({larger})*({larger}))"
 

@@ -28,6 +28,13 @@ Column = NDArray[Any]
 
 _POINT = re.compile(r"^[+-]?(0|\d{4,})?\.|\.(?!\d{3}$)")
 """A point that groups no thousands."""
+_SWITCHES = [
+    {"off": 0.0, "on": 1.0},
+    {"false": 0.0, "true": 1.0},
+    {"closed": 0.0, "open": 1.0},
+    {"no": 0.0, "yes": 1.0},
+]
+"""Words for the states of a switch."""
 _INDEX = re.compile(r"__index_level_\d+__|Unnamed: \d+|index|level_\d+|row[._ ]?(names?|id)|\.{3}\d+", re.IGNORECASE)
 """What pandas and R call an index that has no name; the first of these is called nothing else."""
 
@@ -99,7 +106,10 @@ class Table:
                 values = column.astype(np.float64)
         elif _kind(column) != "str":
             raise CommonlawError("column-not-numbers", where=self.source, column=name, kind=_kind(column))
-        elif isinstance(parsed := self._parsed(name), Unreadable):
+        elif isinstance(parsed := self._parsed(name), Unreadable) and self.is_switch(name):
+            words = {word: state for states in _SWITCHES for word, state in states.items()}
+            values = np.array([words.get(cell.casefold(), np.nan) for cell in self._cells(name)])
+        elif isinstance(parsed, Unreadable):
             where = self._where(name, self._cells(name).index(parsed.cell))
             raise CommonlawError("cell-unreadable", where=where, cell=parsed.cell, reason=parsed.reason)
         else:
@@ -111,6 +121,11 @@ class Table:
             count = "" if len(bad) == 1 else f" ({len(bad)} values of the column are missing or infinite)"
             raise CommonlawError("cell-value", where=self._where(name, row), value=what, count=count)
         return values
+
+    def is_switch(self, name: str) -> bool:
+        """Say whether a column holds both words for the states of a switch, which are read as 1 and 0."""
+        words = {cell.casefold() for cell in self._cells(name)} - {""}
+        return any(words == {*states} for states in _SWITCHES)
 
     def limits(self, name: str) -> Floats:
         """Return the limits that values of a column are below of, shape (n,), NaN for others."""

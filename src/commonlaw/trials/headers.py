@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache, lru_cache
+from itertools import product
 from threading import Lock
 from tokenize import TokenError
 from typing import TYPE_CHECKING
@@ -68,8 +69,23 @@ _BASIS = re.compile(r"(\w+) ?/ ?\1 \w+")
 """What a share is of, such as dry matter: kg/kg dm."""
 _TENS = re.compile(r"(?:[x×] ?)?10(?:(?:\^|\*\*)([369])|([³⁶⁹]))")
 _THOUSANDS = {"3": "thousand ", "6": "million ", "9": "billion "}
-
-_ARBITRARY = re.compile(r"\b(a\.\s?u\.|arb\.?\s?u(\.|nits?\b)|arbitrary units?\b)", re.IGNORECASE)
+_SPELLINGS = {
+    r"(?i:\b(a\.\s?u\.|arb\.?\s?u(\.|nits?\b)|arbitrary units?\b))": "arbitrary_unit",
+    r"[º˚]": "°",
+    r"℃": "degC",
+    r"(°|\b[Dd]eg(rees?|\.)?)\s*([CF])\b": r"deg\3",
+    r"\b([mkM]?N)([cm]?m)\b": r"\1 \2",
+    r"\b[Aa]mps?\b": "ampere",
+    r"\bMins?\b": "min",
+    r"\bpct\b": "percent",
+    r"\bdps\b": "degree/s",
+    r"\bkmh\b": "km/h",
+    r"\blpm\b|\bLPM\b": "L/min",
+    r"\bKg\b": "kg",
+    r"\bms-1\b": "m/s",
+    r"\bms-2\b": "m/s^2",
+}
+"""What people write, also what pint takes for another unit: Nm for one of yarns, amps for attometers per second."""
 _LOADING = Lock()
 
 _COUNTS = (
@@ -99,6 +115,7 @@ def _registry() -> "pint.UnitRegistry[float]":
         made.define(" = ".join([name, "count", *others]))
     made.define("beats_per_minute = beat / minute = bpm")
     made.define("counts_per_minute = count / minute = cpm = CPM")
+    made.define("@alias ohm = Ohm")
     for name, number in (("thousand", "1e3"), ("million", "1e6"), ("billion", "1e9")):
         made.define(f"{name} = {number} count = _ = {name}s")
     return made
@@ -126,33 +143,44 @@ def check_unit(text: str, where: str) -> str:
 
 @cache
 def known_unit(text: str) -> "pint.Unit | None":
-    """Return the unit that a text stands for, also mol L-1, mm3 and 10^6/mL; None if there is none.
+    """Return the unit that a text stands for, also mol L-1, mm3, 10^6/mL, or names as in Volts; None if there is none.
 
     >>> str(known_unit("mol L-1")), str(known_unit("x10^6/mL")), known_unit("A-1"), known_unit("kg/kg dm")
     ('mole / liter', 'million / milliliter', None, None)
+    >>> print(known_unit("Nm"), known_unit("m/s2"), known_unit("kOhm"), known_unit("deg C"), sep=", ")
+    meter * newton, meter / second ** 2, kiloohm, degree_Celsius
     """
-    if _BASIS.fullmatch(text):
-        return None
-    unit = _unit_of_pint(text)
-    if unit is None and not _LABEL.fullmatch(text):
-        counted = _TENS.sub(lambda match: _THOUSANDS[unicodedata.normalize("NFKC", match[1] or match[2])], text)
-        unit = _unit_of_pint(_PLAIN_POWER.sub(r"\g<0>^", counted))
-    return unit
-
-
-def _unit_of_pint(text: str) -> "pint.Unit | None":
     import pint
 
-    text = _BROKEN.sub(".", _ARBITRARY.sub("arbitrary_unit", text))
-    if not text.strip() or not _UNIT.fullmatch(text) or _TOWER.search(text):
+    if _BASIS.fullmatch(text):
         return None
+    for spelling, written in _SPELLINGS.items():
+        text = re.sub(spelling, written, text)
+    text = _BROKEN.sub(".", text)
+    spelled = [text] if _LABEL.fullmatch(text) else dict.fromkeys([text, _usual(text)])
     # pint knows no differences of logarithms, and lets errors of its tokenizer and of arithmetic on exponents through
-    for as_delta in (True, False):
+    for candidate, as_delta in product(spelled, (True, False)):
+        if not candidate.strip() or not _UNIT.fullmatch(candidate) or _TOWER.search(candidate):
+            continue
         with suppress(pint.PintError, TokenError, ArithmeticError, AssertionError, KeyError, TypeError, ValueError):
-            unit = registry().parse_units(text, as_delta=as_delta)
+            unit = registry().parse_units(candidate, as_delta=as_delta)
             registry().get_dimensionality(unit)
             return unit
     return None
+
+
+def _usual(text: str) -> str:
+    """Return a unit with signs of powers, powers of ten in words, and names in small letters."""
+    text = _TENS.sub(lambda match: _THOUSANDS[unicodedata.normalize("NFKC", match[1] or match[2])], text)
+    names = {word: word.lower() for word in re.findall(r"[A-Z][a-z]{2,}|[A-Z]{3}", text)}
+    known = {word: name for word, name in names.items() if {name, name.removesuffix("s")} & _names_of_units()}
+    text = re.sub(r"[A-Za-z]+", lambda match: known.get(match[0], match[0]), text)
+    return _PLAIN_POWER.sub(r"\g<0>^", text)
+
+
+@cache
+def _names_of_units() -> frozenset[str]:
+    return frozenset(registry())
 
 
 def _unknown_unit(text: str) -> CommonlawError:
@@ -175,6 +203,8 @@ _BARE_UNIT = re.compile(
 )
 """A unit without brackets that is no name: per volume or time, degrees, percent; but no value, as in 2 g/L."""
 _PER_UNIT = re.compile(r"(.*?\S)\s*/\s*(\S.*)")
+_TEMPERATURE = re.compile(r"(?i:temp|ambient)|^T(?![a-z])|^T(amb|room|air|in|out|env|water)")
+"""What C and F are degrees of, and not coulombs and farads."""
 _TIME_PER_UNIT = re.compile(r"(?i)(?:t|time|zeit|temps|tiempo|tempo|tijd|tid)\s*/\s*(\S+)")
 
 
@@ -190,8 +220,14 @@ def split_header(header: str) -> tuple[str, str]:
     (('signal', 'a.u.'), 'arbitrary_unit / second')
     >>> split_header("NH4 mg/l"), split_header("Temperatur in °C"), split_header("glucose 2 g/L")
     (('NH4', 'mg/l'), ('Temperatur', '°C'), ('glucose 2 g/L', ''))
+    >>> split_header("Temperature (C)"), split_header("T_room (C)"), split_header("Charge (C)")
+    (('Temperature', '°C'), ('T_room', '°C'), ('Charge', 'C'))
     """
-    text = plain(header)
+    name, unit = _split(plain(header))
+    return name, f"°{unit}" if unit in ("C", "F") and _TEMPERATURE.search(name) else unit
+
+
+def _split(text: str) -> tuple[str, str]:
     if (match := _CONCENTRATION.fullmatch(text)) and (not match[2].strip() or known_unit(match[2]) is not None):
         return match[1], match[2].strip()
     square = _SQUARE.fullmatch(text)
@@ -246,7 +282,17 @@ def joined_units(
 
 
 def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the names of columns and units by name; names that differ in units alone are whole headers."""
+    """Return the names of columns and units by name; names that differ in units alone are whole headers.
+
+    Headers that are all repeated in the same order are of runs next to each other, which are numbered.
+
+    >>> split_headers("", ["t (s)", "x", "t (s)", "x"])
+    (('t 1', 'x 1', 't 2', 'x 2'), {'t 1': 's', 't 2': 's'})
+    """
+    size = len(set(headers))
+    if 1 < size < len(headers) and list(headers) == [*headers[:size]] * (len(headers) // size):
+        parts = [split_header(header) for header in headers]
+        headers = [join_header(f"{name} {i // size + 1}", unit) for i, (name, unit) in enumerate(parts)]
     blank = [number for number, header in enumerate(headers, 1) if not header.strip()]
     if blank:
         raise CommonlawError("header-missing", where=source, number=blank[0])

@@ -2,7 +2,8 @@
 
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from itertools import product
 from math import comb
 from typing import Any
@@ -45,10 +46,10 @@ QUANTITIES = _vocabulary(
 """What one object may have several of."""
 _MEASURAND = _vocabulary("variable quantity parameter signal channel measurand analyte observable")
 """What names quantities that stand below each other."""
-_INPUT = _vocabulary(
-    "input setpoint command control stimulus forcing dose amt ambient amb tamb surroundings environment env tenv "
-    "outdoor outdoors outside weather solar irradiance insolation radiation sunlight sunshine rain rainfall "
-    "precipitation"
+_SURROUNDINGS = _vocabulary("ambient amb tamb surroundings environment env tenv outdoor outdoors outside weather")
+_INPUT = _SURROUNDINGS | _vocabulary(
+    "input setpoint command control stimulus forcing dose amt solar irradiance insolation radiation sunlight sunshine "
+    "rain rainfall precipitation throttle pwm duty"
 )
 _AMOUNT = _vocabulary("dose doses dosage amt")
 """What names amounts that are given: an empty cell is none."""
@@ -135,20 +136,20 @@ def _dimensions(table: Table, name: str) -> dict[str, Any]:
 def unit_in_name(time: str) -> dict[str, str]:
     """Return the unit of a column of times that is called like one or ends in one, by its name; nothing otherwise.
 
-    >>> unit_in_name("Minutes"), unit_in_name("time_ms"), unit_in_name("t")
-    ({'Minutes': 'min'}, {'time_ms': 'ms'}, {})
+    >>> unit_in_name("Minutes"), unit_in_name("timestamp_ms"), unit_in_name("Test_Time_s"), unit_in_name("t")
+    ({'Minutes': 'min'}, {'timestamp_ms': 'ms'}, {'Test_Time_s': 's'}, {})
     """
     *what, last = words(time) or [""]
-    is_unit = last in TIME | {"min"} and not what
-    unit = known_unit(last) if is_unit or what in (["t"], ["time"], ["elapsed"], ["elapsed", "time"]) else None
+    is_time = not {*what[-1:]}.isdisjoint({"t", "time", "timestamp", "elapsed", "clock", "epoch", "age", "zeit"})
+    unit = known_unit(last) if is_time or (not what and last in TIME | {"min"}) else None
     return {time: f"{unit:~}"} if unit is not None and dict(unit.dimensionality) == _OF_TIME else {}
 
 
 _SUFFIXES = {
     "pos position displacement": "nm um mm m km",
     "x y z": "mm km",
-    "height altitude depth length width distance radius diameter": "nm um mm cm m km",
-    "speed velocity vel": "mm_s cm_s m_s km_h",
+    "height altitude alt elevation depth level length width distance radius diameter": "nm um mm cm m km",
+    "speed velocity vel": "mm_s cm_s m_s km_h rpm",
     "mass weight": "mg g kg",
     "dose": "ug mg g",
     "volume vol": "uL mL L mm3 cm3",
@@ -160,7 +161,7 @@ _SUFFIXES = {
     "force": "mN N kN",
     "power": "mW W kW",
     "angle theta phi psi pitch roll yaw": "rad deg",
-    "omega": "rad_s deg_s",
+    "omega": "rad_s deg_s rpm",
 }
 """Units at the end of names, by quantities. The cm of a position may be its centre of mass, and x_m any x of an m."""
 
@@ -276,7 +277,8 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
 def is_quantity(table: Table, name: str) -> bool:
     """Say whether the numbers in a column are measured, and no labels: they have a unit, or one is a fraction."""
     values = readable(table, name)
-    return bool(np.isfinite(values).all()) and (name in table.units or bool(np.any(values % 1)))
+    has_unit = name in table.units or bool(units_in_names([name]))
+    return bool(np.isfinite(values).all()) and (has_unit or bool(np.any(values % 1)))
 
 
 def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Codes) -> list[str]:
@@ -478,6 +480,16 @@ def is_amount(name: str) -> bool:
     return is_called(name, _AMOUNT)
 
 
+def common_inputs(table: Table, inputs: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
+    """Return those inputs that are no object of a wide table: of another unit than most columns, or of surroundings."""
+    units = Counter(table.units.get(name) for name in names)
+    return {
+        name: reason
+        for name, reason in inputs.items()
+        if units[table.units.get(name)] < max(units.values()) or is_called(name, _SURROUNDINGS)
+    }
+
+
 def input_values(table: Table, name: str) -> Floats:
     """Return an input as numbers, shape (n,): an empty cell is zero in a column of amounts, and refused in others."""
     if is_amount(name):
@@ -523,7 +535,10 @@ def _is_held(values: Floats) -> bool:
     kept = np.diff(np.flatnonzero(np.concatenate([[1], jumps, [1]])))
     if len(levels) < 2 or 2 * np.sum(jumps == 0) < len(jumps) or 2 * np.sum(kept > 1) < len(kept):
         return _jumps_twice(values)
-    return len(levels) <= 3 or bool(2 * np.sum(np.abs(jumps) > 1) > np.sum(jumps != 0))
+    # A coarse sensor passes through neighbouring levels; it skips few, and none at multiples of a number of samples
+    skips, intervals = np.abs(jumps) > 1, np.diff(np.flatnonzero(jumps))
+    is_timed = len(intervals) >= 4 and int(np.gcd.reduce(intervals)) >= 3 and skips.any()
+    return len(levels) <= 3 or bool(is_timed or 2 * np.sum(skips) > np.sum(jumps != 0))
 
 
 def _jumps_twice(values: Floats) -> bool:

@@ -16,6 +16,7 @@ from commonlaw.trials.properties import constant_columns, object_codes
 from commonlaw.trials.reading import Reading, Roles
 from commonlaw.trials.recognition import (
     columns_of_one_quantity,
+    common_inputs,
     deviation_columns,
     increase_within,
     input_columns,
@@ -170,11 +171,16 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     order = np.lexsort((times, begun, runs, owners))
     changes = np.any([np.diff(codes[order]) != 0 for codes in (owners, runs, np.asarray(begun))], axis=0)
     trials = np.split(order, np.flatnonzero(changes) + 1)
-    if not (wide and "wide" in roles) and "states" not in roles:
-        left_out += take(other_clocks(table, numbers, times, owners * len(table) + runs))
+    if "states" not in roles:
+        is_given = wide and "wide" in roles
+        left_out += take(() if is_given else other_clocks(table, numbers, times, owners * len(table) + runs))
         if "inputs" not in roles:
-            for name, reason in input_columns(table, numbers, times, trials).items():
+            driving = input_columns(table, numbers, times, trials)
+            for name, reason in (common_inputs(table, driving, numbers) if is_given else driving).items():
                 inputs += take([name], reason)
+            switches = [name for name in free if table.is_switch(name)]
+            changing = [name for name in switches if any(np.ptp(readable(table, name)[rows]) > 0 for rows in trials)]
+            inputs += take(changing, "its words are 1 and 0")
     notes = [f"columns left out, as they number the rows: {', '.join(indices)}"] if indices else []
     notes += [f"{name}: empty cells are amounts of zero" for name in inputs if np.isnan(readable(table, name)).any()]
     notes += map(note_on_pulses, pulsed_inputs(table, inputs, trials))
@@ -234,14 +240,13 @@ def _label_column(table: Table, roles: Roles, role: Literal["object", "trial", "
 
 
 def _named_columns(table: Table, roles: Reading) -> list[str]:
-    """Return the columns whose roles are given, each as often as it has one."""
+    """Return the columns whose roles are given, each as often as it has one; a property may name the objects."""
     given = roles.get("properties")
     named = [name for role in _LABELS if (name := _label_column(table, roles, role)) is not None]
     for names in (roles.get("states") or (), roles.get("inputs") or (), [*(roles.get("noise_columns") or {}).values()]):
         named += dict.fromkeys(_found(table, names))
-    owner = _label_column(table, roles, "object")  # May be a property, too
     properties = _found(table, given) if given is not None and _names_columns(table, given) else ()
-    return named + [name for name in properties if name != owner]
+    return named + [name for name in properties if name != _label_column(table, roles, "object")]
 
 
 def _found(table: Table, names: Any) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -31,6 +32,7 @@ from commonlaw.trials.reading import Reading, Restarts, WrittenReading, checked,
 from commonlaw.trials.recognition import (
     OBJECT,
     TIME,
+    TRIAL,
     input_values,
     is_called,
     quantity,
@@ -93,6 +95,43 @@ def _times_across(table: Table, wide: bool | str | None) -> Table | None:
     roles: WrittenReading = {**table.roles, "object": name, "time": "time", "states": [state]}
     units = {**long.units, "time": unit} if numbers else long.units
     return replace(long, units=units, roles=roles, notes=(*table.notes, note))
+
+
+_RUN = re.compile(rf"(.+?)(((?<![^\W_])({'|'.join(sorted(TRIAL))})\s*)?#?\d{{1,4}})", re.IGNORECASE)
+"""A name and its run: ``Time (s) Run #1``, ``time_1``."""
+
+
+def _runs_across(table: Table) -> Table | None:
+    """Return a table that has a column of times for each run as one with the runs below each other; None if not so.
+
+    All columns are of a run, ``Run 1: Time`` or ``time_1``, each run has the same, and one of them is a time.
+    """
+    runs, units = dict[str, dict[str, str]](), dict[str, set[str]]()
+    for column in table.columns:
+        run, _, quantity_of_run = column.partition(":")
+        if not quantity_of_run and (match := _RUN.fullmatch(column)):
+            quantity_of_run, run = match[1], match[2]
+        name, unit = split_header(quantity_of_run.strip(" _,-"))
+        runs.setdefault(run.strip(), {})[name] = column
+        units.setdefault(name, set()).add(table.units.get(column, unit))
+    names = [*units]
+    times = [name for name in names if name == "t" or is_called(name, TIME)]
+    complete = len(runs) * len(names) == len(table.columns) and all(len(run) == len(names) for run in runs.values())
+    if not complete or len(runs) < 2 or len(names) < 2 or len(times) != 1 or any(len(of) > 1 for of in units.values()):
+        return None
+    columns = [run[times[0]] for run in runs.values()]
+    more = {name: np.concatenate([table.columns[run[name]] for run in runs.values()]) for name in names}
+    more["object"] = np.repeat(np.array([*runs], dtype=object), len(table))
+    long = _stacked(table, columns, (), more)
+    shown_runs = f"{counted(len(runs), 'run')}, {shown_columns([*runs])}"
+    long = replace(
+        long,
+        units={name: unit for name, of in units.items() if (unit := next(iter(of)))},
+        loose=frozenset(name for name in names if {run[name] for run in runs.values()} & table.loose),
+        roles={**table.roles, "object": "object"},
+        notes=(*table.notes, f"{table.source}: the columns are of {shown_runs}, each of an object"),
+    )
+    return long.taken(np.flatnonzero(np.any([long.encoded(name)[0] >= 0 for name in names], axis=0)))
 
 
 def _objects(table: Table, words: Sequence[str]) -> tuple[str, Column]:
@@ -364,8 +403,10 @@ def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, Co
     table = with_numbers(table, notation_of(reading))
     if table.facts:
         table = replace(table, facts=(), notes=(f"{table.source}: {'; '.join(table.facts)}", *table.notes))
-    if reading.get("time") not in table.columns and (across := _times_across(table, reading.get("wide"))) is not None:
-        table, reading = across, cast(Reading, {**across.roles, **reading, "wide": None})
+    if reading.get("time") not in table.columns:
+        across = _times_across(table, reading.get("wide")) or _runs_across(table)
+        if across is not None:
+            table, reading = across, cast(Reading, {**across.roles, **reading, "wide": None})
     time = time_of(table, reading)
     first = first_time(table, time)
     samples = _with_times(table.taken(np.arange(first, len(table))) if first else table, reading, time)

@@ -426,7 +426,10 @@ def normalized(properties: ObjectProperties) -> dict[str, dict[str, Property]]:
 
 
 def check_properties(properties: ObjectProperties, objects: Sequence[str], schema: Schema) -> None:
-    """Refuse properties of objects without trials, with the names of columns, or with values that cannot be used."""
+    """Refuse properties of objects without trials, with the names of columns, or with values that cannot be used.
+
+    A property that names the objects, such as a mass, has the name of their column.
+    """
     known_objects = {*objects}
     orphans = [name for name in properties if name not in known_objects]
     if orphans:
