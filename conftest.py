@@ -18,6 +18,7 @@ from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 
 import commonlaw as cl
 from commonlaw.cli import main
+from commonlaw.estimation import search
 from commonlaw.runtime.cluster import connected
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -54,6 +55,15 @@ def workers():
     """A client of two worker processes, for all tests of the group `cluster`, as they take seconds to start."""
     with connected("local:2") as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def few_starts() -> Iterator[None]:
+    """Few first values, for likelihoods of one maximum that is found from most of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, count in {"DRAWS": 16, "IMPROVED": 4, "FINISHED": 2}.items():
+            patch.setattr(search, name, count)
+        yield
 
 
 FAULTS = """
