@@ -18,6 +18,7 @@ from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 
 import commonlaw as cl
 from commonlaw.cli import main
+from commonlaw.estimation import search
 from commonlaw.runtime.cluster import connected
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -36,7 +37,9 @@ collect_ignore = {
 }.get(sys.platform, [])
 
 os.environ["COMMONLAW_CACHE"] = "off"  # What is tested is found, not remembered
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # Each of the processes that tests start would compile the package
+# Each worker, and each process that tests start, would compile all modules in each run
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # No time limits, as the machine may be busy
 settings.register_profile(
@@ -52,6 +55,15 @@ def workers():
     """A client of two worker processes, for all tests of the group `cluster`, as they take seconds to start."""
     with connected("local:2") as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def few_starts() -> Iterator[None]:
+    """Few first values, for likelihoods of one maximum that is found from most of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, count in {"DRAWS": 16, "IMPROVED": 4, "FINISHED": 2}.items():
+            patch.setattr(search, name, count)
+        yield
 
 
 FAULTS = """
@@ -132,7 +144,7 @@ def ball_drops_folder(pytestconfig: pytest.Config) -> Path:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items) -> None:
-    """Mark tests of the whole study as slow, and keep in one worker those that share the app or a fixture of a module.
+    """Mark tests of the whole study as slow; keep in one worker those that share the browser or a fixture of a module.
 
     Each worker would make that for itself.
     """
@@ -140,7 +152,7 @@ def pytest_collection_modifyitems(items) -> None:
         definitions = item._fixtureinfo.name2fixturedefs.values()
         if "finished_study" in item._fixtureinfo.name2fixturedefs:
             item.add_marker(pytest.mark.slow)
-        if "page" in item._fixtureinfo.name2fixturedefs:
+        if "browser" in item._fixtureinfo.name2fixturedefs and not item.get_closest_marker("xdist_group"):
             item.add_marker(pytest.mark.xdist_group("app"))
         if any(each.scope == "module" for each, *_ in definitions) and not item.get_closest_marker("xdist_group"):
             item.add_marker(pytest.mark.xdist_group(item.path.name))

@@ -31,7 +31,7 @@ class Ordinary:
             assert (abs(estimates - truth) < 4 * errors).all()
 
 
-GRAVITY, HOURS = 9.81, np.linspace(0, 20, 41)
+GRAVITY, HOURS = 9.81, np.linspace(0, 20, 26)
 BALLS = {"golf": (0.046, 0.05), "tennis": (0.058, 0.2), "whiffle": (0.024, 0.4)}
 STRAINS = {"WT": (0.8, 1.5), "mut": (0.5, 1.0)}
 RIGS, DAMPING = {"A": 4.0, "B": 6.0}, 0.2
@@ -39,11 +39,11 @@ RIGS, DAMPING = {"A": 4.0, "B": 6.0}, 0.2
 
 def drops() -> str:
     """Return balls with masses that fall under linear drag."""
-    random, times, rows = np.random.default_rng(0), np.linspace(0, 2.5, 26), list[str]()
+    random, times, rows = np.random.default_rng(0), np.linspace(0, 2.4, 17), list[str]()
     for ball, (mass, drag) in BALLS.items():
         for drop, speed in ((1, 0.0), (2, 6.0)):
             end = GRAVITY / drag
-            heights = 35 - end * times + (speed + end) / drag * -np.expm1(-drag * times) + random.normal(0, 0.01, 26)
+            heights = 35 - end * times + (speed + end) / drag * -np.expm1(-drag * times) + random.normal(0, 0.01, 17)
             rows += [f"{ball},{drop},{mass},{t:.2f},{x:.3f}" for t, x in zip(times, heights, strict=True)]
     return "\n".join(["Ball,Drop,Mass,t,Height", *rows])
 
@@ -52,7 +52,7 @@ def growth() -> dict[str, np.ndarray]:
     """Return optical densities of two replicates of each strain, by strain and replicate."""
     random = np.random.default_rng(0)
     return {
-        f"{strain}_{replicate}": K / (1 + (K / 0.05 - 1) * np.exp(-r * HOURS)) + random.normal(0, 0.003, 41)
+        f"{strain}_{replicate}": K / (1 + (K / 0.05 - 1) * np.exp(-r * HOURS)) + random.normal(0, 0.003, 26)
         for strain, (r, K) in STRAINS.items()
         for replicate in (1, 2)
     }
@@ -76,7 +76,7 @@ def growth_in_rows() -> str:
 
 def driven() -> str:
     """Return damped rigs at rest that are pushed by a force, which is switched on and off."""
-    random, t, rows = np.random.default_rng(0), np.linspace(0, 10, 51), list[str]()
+    random, t, rows = np.random.default_rng(0), np.linspace(0, 10, 41), list[str]()
 
     def step(since: np.ndarray, stiffness: float) -> np.ndarray:
         w = np.sqrt(stiffness - DAMPING**2)
@@ -85,9 +85,9 @@ def driven() -> str:
 
     for rig, stiffness in RIGS.items():
         for run, (on, off) in ((1, (1.0, 4.0)), (2, (2.0, 7.0))):
-            x = step(t - on, stiffness) - step(t - off, stiffness) + random.normal(0, 0.002, 51)
+            x = step(t - on, stiffness) - step(t - off, stiffness) + random.normal(0, 0.002, 41)
             F = np.where((t >= on) & (t < off), 1.0, 0.0)
-            rows += [f"{rig},{run},{i:.1f},{j:.4f},{force:g}" for i, j, force in zip(t, x, F, strict=True)]
+            rows += [f"{rig},{run},{i:.2f},{j:.4f},{force:g}" for i, j, force in zip(t, x, F, strict=True)]
     return "\n".join(["rig,run,t,x,F", *rows])
 
 

@@ -44,7 +44,6 @@ def table(tmp_path_factory):
 def test_from_a_table_to_a_law_and_what_to_take_away(page, app, table):
     page.open(app, table, "4 trials of 2 objects")
     assert "x" in page.text("counts")
-    assert page.serious() == {}
     page.choose("order", "2")
     page.choose("library", "poly:1")
     page.choose("hold_out", "trial")

@@ -31,18 +31,8 @@ def test_files_without_each_have_one_law_and_so_has_their_folder(run, done, tmp_
     for i in range(2):
         frame = cl.Trials.read(tmp_path / f"{i}.csv").to_frame()
         frame[["trial", "t", "x"]].to_csv(tmp_path / "runs" / f"ball{i}.csv", index=False)
-    code, out, _ = run(
-        "discover",
-        "runs/ball0.csv",
-        "runs/ball1.csv",
-        *QUICK,
-        "--set",
-        "solver=group-stlsq:1",
-        "--save",
-        "law.json",
-        "--save",
-        "page.html",
-    )
+    words = ("runs/ball0.csv", "runs/ball1.csv", *QUICK, "--set", "solver=group-stlsq:1")
+    code, out, _ = run("discover", *words, "--save", "law.json", "--save", "page.html")
     law = cl.Law.load(tmp_path / "law.json")
     assert (code, law.objects) == (0, ("ball0", "ball1"))
     assert out.startswith("4 trials of 2 objects")

@@ -8,6 +8,8 @@ import pytest
 import commonlaw as cl
 from tests.unit.decays import OTHER, SIGNAL, T, by_trial, trials_of
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 SATURATING = "x' = -k x; signal = c x (1 + x) + b; x(0) = 1"
 LINEAR = "x' = -k x; signal = c x + b; x(0) = 1"
 

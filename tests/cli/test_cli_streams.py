@@ -1,6 +1,7 @@
 """Folders and patterns of Parquet files in commands, gone through here file by file."""
 
 import json
+from shutil import copytree
 
 import pandas as pd
 import pytest
@@ -8,12 +9,19 @@ import pytest
 import commonlaw as cl
 
 
-@pytest.fixture(autouse=True)
-def _files(tmp_path):
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("streams")
     drops = cl.datasets.linear_drag(drag=(-0.2, -0.6), noise=0.001, trials=3)
     for name in drops.objects:
-        drops.select(object=name).to_parquet(tmp_path / f"{name}.parquet")
-    cl.fit("x'' = -g - c v", drops).save(tmp_path / "law.parquet")
+        drops.select(object=name).to_parquet(folder / f"{name}.parquet")
+    cl.fit("x'' = -g - c v", drops).save(folder / "law.parquet")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _files(folder, tmp_path):
+    copytree(folder, tmp_path, dirs_exist_ok=True)
 
 
 def test_a_pattern_is_a_stream(done, tmp_path):

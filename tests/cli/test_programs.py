@@ -1,9 +1,7 @@
-"""Programs of laws, from reports and from Python, run as they are; one in a process of its own."""
+"""Programs of laws, from reports and from Python, run as they are."""
 
 import html
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pandas as pd
@@ -66,15 +64,6 @@ def printed(tmp_path, monkeypatch, capsys):
     return run_here
 
 
-def printed_by_a_process(program, folder):
-    (folder / "program.py").write_text(program)
-    done = subprocess.run(
-        [sys.executable, "program.py"], cwd=folder, capture_output=True, text=True, timeout=120, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 @pytest.mark.parametrize("kind", HELD_OUT)
 def test_the_program_of_a_report_prints_its_law_and_verdict(run, done, printed, tmp_path, kind):
     frame, roles = TABLES[kind]
@@ -92,7 +81,7 @@ def test_the_program_of_a_report_prints_its_law_and_verdict(run, done, printed, 
     page = (tmp_path / "report.html").read_text()
     (program,) = re.findall(r"<code[^>]*>(import commonlaw as cl\n.*?)</code>", page, flags=re.DOTALL)
     program = html.unescape(re.sub("<[^>]*>", "", program))
-    out = printed_by_a_process(program, tmp_path) if kind == "guessed" else printed(program)
+    out = printed(program)
     assert str(cl.Law.load(tmp_path / "law.json")) in out
     assert html.escape(out.splitlines()[-1], quote=False) in page
 

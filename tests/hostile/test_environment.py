@@ -84,8 +84,7 @@ QUICK = ["--order", "2", "--library", "poly:1", "--set", "solver=group-stlsq:1.5
     ("words", "written"),
     [
         (["data", "export", "--save", f"{BYTES}.parquet"], f"{BYTES}.parquet"),
-        (["discover", *QUICK, "--save", f"{BYTES}.json", "--save", f"{BYTES}.svg"], f"{BYTES}.svg"),
-        (["report", *QUICK, "--save", f"{BYTES}.html"], f"{BYTES}.html"),
+        (["discover", *QUICK, *(f"--save={BYTES}.{kind}" for kind in ("json", "svg", "html"))], f"{BYTES}.html"),
         (["discover", *QUICK, "--each", "--save", f"{BYTES}-all.csv"], f"{BYTES}-all.csv"),
     ],
 )

@@ -77,8 +77,6 @@ def test_letters_that_an_encoding_lacks_are_shown_as_json_writes_them(folder: Pa
     assert "\\u65e5\\u672c \xb5\\ud83c\\udfc0 \u20ac" in ended.stdout.decode("cp1252")
 
 
-def test_json_is_the_same_in_every_encoding(folder: Path) -> None:
-    checks = (run(folder, "data check drops.csv --json", each).stdout.decode(each) for each in ("utf-8", "ascii"))
-    first, other = map(json.loads, checks)
-    assert other == first
-    assert first["trials"][0]["object"] == NAME
+def test_json_keeps_letters_that_an_encoding_lacks(folder: Path) -> None:
+    check = json.loads(run(folder, "data check drops.csv --json", "ascii").stdout.decode("ascii"))
+    assert check["trials"][0]["object"] == NAME

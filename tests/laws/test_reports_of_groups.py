@@ -7,6 +7,8 @@ import commonlaw as cl
 from commonlaw.plots.forecast import ForecastPanels
 from commonlaw.report import law_report, to_page
 from commonlaw.report.document import Table, Text
+from commonlaw.report.law_report import coefficients
+from commonlaw.summary import Summary
 from commonlaw.verdict import find
 
 TIMES = np.linspace(0, 3, 20)
@@ -27,7 +29,7 @@ def groups():
 
 
 def test_groups_of_objects_are_compared_in_a_table(groups):
-    blocks = [block for section in law_report(find(*groups)).sections for block in section.blocks]
+    blocks = coefficients(Summary(find(*groups)))
     (table,) = (b for b in blocks if isinstance(b, Table) and b.caption.startswith("Differences from kind a"))
     (row,) = table.frame.to_dict("records")
     assert (row["kind"], row["parameter"]) == ("b", "k")

@@ -16,6 +16,13 @@ def errors_of(fit):
     return np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
 
 
+def fitted(model, start, data):
+    """Return estimates and standard errors of least squares, from the true values."""
+    found = least_squares(lambda p: model(p) - data, start, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    variance = 2 * found.cost / (len(data) - len(start))
+    return found.x, np.sqrt(variance * np.diagonal(np.linalg.inv(found.jac.T @ found.jac)))
+
+
 def trials_of(samples, names=("y",), **schema):
     """Return trials of objects by name, each of times and values."""
     made = [cl.Trial(name, "1", t, np.asarray(y)) for name, (t, y) in samples.items()]

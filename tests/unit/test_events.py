@@ -3,11 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.optimize import least_squares
 
 import commonlaw as cl
 from commonlaw.law import from_json, to_json, to_latex, to_script
 from tests.refusals import refused
+from tests.unit.decays import fitted
+
+pytestmark = pytest.mark.usefixtures("few_starts")
 
 BALL = "x'' = -g; x < 0: x = 0, v = -c v"
 TIMES = np.linspace(0, 2, 60)
@@ -21,20 +23,6 @@ def heights(times, g, c, x, v):
             x, v, begin = 0.0, c * (g * (end - begin) - v), end
         result[i] = x + v * (time - begin) - g * (time - begin) ** 2 / 2
     return result
-
-
-def masses(times, rate, threshold, first):
-    """Return the masses of a cell that grows steadily and divides where it has a mass."""
-    cycle, begun = threshold / 2 / rate, (threshold - first) / rate
-    since = np.where(times <= begun, times + first / rate, threshold / 2 / rate + (times - begun) % cycle)
-    return rate * since
-
-
-def fitted(model, start, data):
-    """Return estimates and standard errors of least squares, from the true values."""
-    found = least_squares(lambda p: model(p) - data, start, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    variance = 2 * found.cost / (len(data) - len(start))
-    return found.x, np.sqrt(variance * np.diagonal(np.linalg.inv(found.jac.T @ found.jac)))
 
 
 def table(columns):
@@ -63,19 +51,6 @@ def test_a_ball_that_bounces_has_the_estimates_of_least_squares(ball):
     assert own == pytest.approx(errors, rel=1e-3)
 
 
-def test_cells_that_divide_have_the_estimates_of_least_squares():
-    times, truth = np.linspace(0, 10, 81), (0.5, 2.0, 1.3)
-    data = masses(times, *truth) + 0.03 * np.random.default_rng(3).standard_normal(len(times))
-    law = cl.fit("y' = k; y > top: y = y/2", trials({"A": (times, data)}))
-    own = [*law.params["estimate"], law.observation.estimated[0].value]
-    expected, errors = fitted(lambda p: masses(times, *p), own, data)
-    assert own == pytest.approx(expected, rel=1e-5)
-    assert law.params["standard error"].to_numpy() == pytest.approx(errors[:2], rel=1e-3)
-    # The likelihood jumps where a division moves over a sample; that of the true values is no larger
-    assert np.sum((masses(times, *own) - data) ** 2) <= np.sum((masses(times, *truth) - data) ** 2)
-    assert np.all(np.abs(np.subtract(own, truth)) < 4 * errors)
-
-
 def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_priors():
     random, times = np.random.default_rng(0), np.linspace(0, 12, 25)
 
@@ -93,25 +68,6 @@ def test_the_time_of_an_event_is_estimated_for_each_object_within_bounds_and_pri
     one, prior = measured.select(object="A"), {"tau": (6.0, 1e-4)}
     near = cl.fit("y' = -0.4 y; t > tau: y = y + 3; y(0) = 5; 5 < tau < 7", one, priors=prior)
     assert near.params.set_index("parameter")["estimate"]["tau"] == pytest.approx(6.0, abs=1e-2)
-
-
-def test_the_time_of_a_dose_is_found_from_poor_guesses():
-    """An early event explains the first samples at wrong values of the other parameters."""
-    times, random = np.linspace(0, 16, 40), np.random.default_rng(101)
-
-    def course(ka, ke, volume, tau):
-        def after(t):
-            return np.where(t > 0, 10 * ka / volume / (ka - ke) * (np.exp(-ke * t) - np.exp(-ka * t)), 0.0)
-
-        return after(times) + after(times - tau)
-
-    data = course(1.2, 0.25, 4.0, 5.3) + 0.02 * random.standard_normal(len(times))
-    model = "A' = -ka A; y' = ka A/V - ke y; A(0) = 10; y(0) = 0; t > tau: A = A + 10"
-    law = cl.fit(model, trials({"A": (times, data)}), guesses={"ka": 0.3, "ke": 1.0, "V": 16.0, "tau": 21.2})
-    expected, errors = fitted(lambda p: course(*p), [1.2, 0.25, 4.0, 5.3], data)
-    params = law.params.set_index("parameter")
-    assert params["estimate"][["ka", "ke", "V", "tau"]].tolist() == pytest.approx(expected, rel=1e-4)
-    assert params["standard error"][["ka", "ke", "V", "tau"]].tolist() == pytest.approx(errors, rel=0.02)
 
 
 def test_a_tank_that_overflows_has_a_state_for_it():

@@ -8,6 +8,8 @@ import commonlaw as cl
 from tests.refusals import refused
 from tests.unit.decays import T, assert_least_squares, errors_of, estimates, least, trials_of
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 
 def test_known_initial_values_of_a_measured_state():
     times = np.linspace(0.5, 6, 12)
