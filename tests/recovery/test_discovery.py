@@ -112,6 +112,7 @@ def test_one_forecast_that_diverges_does_not_decide_a_comparison():
     times = np.linspace(0, 1, 30)
     trials = cl.Trials.from_arrays([times] * 9, [a / (1 - a * times) for a in np.linspace(0.1, 0.9, 9)])
     model = cl.LawDiscovery(library="poly:2", order=1)
+    assert repr(model).startswith("LawDiscovery(order=1, library='poly:2', ")
     scores = []
     for text in ("x' = 1.13 x^2", "x' = 0.5"):
         model.law_ = cl.Law.from_text(text)

@@ -204,6 +204,8 @@ def test_options_that_cannot_be_are_refused_by_name(options, message):
 def test_unknown_names_and_columns_that_do_not_fit_are_refused():
     with refused("unknown-name", kind="data set", name="lorentz"):
         datasets.load("lorentz")
+    with refused("dataset-without-law", name="ball-drops"):
+        DATASETS["ball-drops"].truth()
     with refused("experiment-sizes", name="mass", sizes="3 radius, 2 mass"):
         datasets.reynolds_drag(radius=(0.1, 0.1, 0.2), mass=(1.0, 2.0))
     with refused("experiment-not-positive", name="density", value=0.0):

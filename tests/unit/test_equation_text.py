@@ -75,6 +75,9 @@ def test_names_that_are_no_words_stand_between_backticks():
         ("x' = " + "(" * 80 + "x" + ")" * 80, Diagnostic("equation-too-long", {"longest": 1000, "deepest": 60})),
         ("x' = a + bx", Diagnostic("term-twice", {"term": "1"})),
         ("x' = a x(t)", Diagnostic("equation-calls-variable", {"name": "x"})),
+        ("x' = a x(t - 3)", Diagnostic("equation-with-delay", {"name": "x"})),
+        ("x' = where(> 1, a, x)", "condition-syntax"),
+        ("x' = max(a, (x", "condition-syntax"),
         ("x' = a x + b x", Diagnostic("term-twice", {"term": "x"})),
         ("x = a", Diagnostic("observation-equation", {"state": "x"})),
         ("x' = -k x; s = c x", Diagnostic("observation-equation", {"text": "s = c x", "state": "s"})),
@@ -88,6 +91,12 @@ def test_names_that_are_no_words_stand_between_backticks():
 def test_what_cannot_be_read_is_refused_where_it_stands(text, message):
     with refused(message):
         read_equations(text, X)
+
+
+def test_switches_have_the_values_of_their_definition_whatever_names_are():
+    law = cl.Law.from_text("x' = max(x, `y (>0)`); z' = min(x + 1, z) - (z > `y (>0)`)", inputs=["y (>0)"])
+    points = np.array([[1.0, 3.0, 2.0], [4.0, 2.0, 5.0]])  # x, z, y (>0)
+    np.testing.assert_array_equal(law.rhs("object", points), [[2.0, 1.0], [5.0, 2.0]])
 
 
 def test_a_stated_law_has_the_numbers_of_its_text():

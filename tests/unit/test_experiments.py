@@ -203,6 +203,12 @@ def test_new_objects_have_coefficients_by_their_properties():
             Diagnostic("setting-too-small", {"name": "duration", "value": -1.0, "least": 0.0}),
         ),
         ({**THROWN, "object": "cube"}, Diagnostic("unknown-name", {"kind": "object of this law", "name": "cube"})),
+        ({**THROWN, "object": "ball", "object.mass": 1}, "setting-object-twice"),
+        ({**THROWN, "object.mass": 1}, Diagnostic("setting-without-properties", {"name": "object.mass"})),
+        ({**THROWN, "x": []}, Diagnostic("setting-empty", {"name": "x"})),
+        ({**THROWN, "x": np.inf}, Diagnostic("setting-not-finite", {"name": "x"})),
+        ({**THROWN, "samples": 2e6}, Diagnostic("experiment-too-many-samples", {"count": 2e6})),
+        ({"x": 1, "v": 0, "times": [[3, 1]]}, "experiment-times"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(vary, message):
@@ -210,10 +216,30 @@ def test_settings_that_cannot_be_are_refused(vary, message):
         cl.design(falling(), vary)
 
 
-def test_laws_that_know_no_errors_are_refused():
-    law = cl.Law.from_text("x'' = -g", {"g": 9.8})
-    with refused("uncertainty-unknown"):
-        cl.design(law, THROWN)
+DRIVEN = known("x' = a u", {"a": 1.0}, [[1.0]], inputs=("u",))
+
+
+@pytest.mark.parametrize(
+    ("laws", "about", "code"),
+    [
+        (cl.Law.from_text("x'' = -g", {"g": 9.8}), None, "uncertainty-unknown"),
+        (replace(falling(), uncertainty=replace(falling().uncertainty, noise=None)), None, "noise-unknown"),
+        (cl.Law.from_text("x[k+1] = a x", {"a": 0.9}), None, "discrete-between-samples"),
+        (DRIVEN, "x at t=1 from 1", "design-forecast-with-inputs"),
+        (known("x' = a x^2", {"a": 1.0}, [[1.0]]), "x at t=9 from 1", "design-forecast-diverges"),
+        ([], None, "design-without-laws"),
+    ],
+)
+def test_laws_whose_forecasts_have_no_errors_are_refused(laws, about, code):
+    names = laws.terms.variables.names[:-1] if laws else ()
+    with refused(code):
+        cl.design(laws, {"duration": 1, "rate": 5, **dict.fromkeys(names, 1)}, about=about)
+
+
+def test_a_coefficient_of_an_object_without_experiments_is_refused():
+    law = known("x'' = -g", {"g": 9.8}, [[1.0]], objects=("ball", "cube"))
+    with refused("unknown-name", name="cube"):
+        cl.design(law, {**THROWN, "object": "ball"}, about="g of cube")
 
 
 def test_a_design_shows_itself_in_a_notebook():
@@ -467,6 +493,11 @@ def test_starts_on_a_logarithmic_scale_are_off_by_shares():
         ({"cost": {"trial": "one"}}, "setting-negative"),
         ({"start_std": {"x": -1}}, Diagnostic("setting-negative", {"name": "the start of x is off by", "value": -1})),
         ({"start_std": {"y": 0}}, Diagnostic("unknown-name", {"name": "y"})),
+        ({"experiments": 0}, "design-count"),
+        ({"within": {"x": 3}}, Diagnostic("design-range", {"name": "x"})),
+        ({"about": " "}, "design-without-target"),
+        ({"about": "x at t=soon from 1, 2"}, "design-forecast-syntax"),
+        ({"about": "x at t=1 from 1, 2, 3"}, Diagnostic("design-forecast-numbers", {"given": 3})),
     ],
 )
 def test_errors_of_starts_and_prices_that_cannot_be_are_refused(given, message):

@@ -120,6 +120,7 @@ def test_a_coefficient_that_all_objects_have_in_common_is_that_of_a_fit_of_all_t
         ("y = c x (1 + x)", "no-equation"),
         ("x' = u - k x(t - d)", Diagnostic("equation-with-delay", {"name": "x"})),
         ("x' = -k x if x > 1", "condition-syntax"),
+        ("y = 2 x; x' = -k x; u' = -a u", Diagnostic("equation-of-input", {"name": "u"})),
     ],
 )
 def test_what_equations_cannot_say_is_refused_in_one_sentence(equations, message):

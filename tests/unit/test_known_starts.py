@@ -154,6 +154,7 @@ def test_starts_are_numbers_for_all_or_each_object_too(law, trials):
         (ONE, {"depot": "dos"}, {}, Diagnostic("unknown-name", {"kind": "property", "name": "dos"})),
         (ONE, {"depot": np.nan}, {}, Diagnostic("initial-value-not-finite", {"state": "depot", "object": "person 0"})),
         (ONE, {"depot": {"person 0": 1.0}}, {}, Diagnostic("initial-value-not-finite", {"object": "person 1"})),
+        (ONE, {"depot": 100.0}, {"guesses": {"k": 1.0}}, "guess-with-latent-states"),
         (ONE, {"depot": 100.0}, {"noise": {"depot": 1.0}}, Diagnostic("noise-of-latent", {"name": "depot"})),
         (ONE, {"depot": 100.0}, {"log_states": ["depot"]}, Diagnostic("log-states-latent", {"state": "depot"})),
         (ONE.replace("'", "''"), {"depot": 100.0}, {}, "latent-of-second-order"),

@@ -1,5 +1,6 @@
 """Laws: their text, right-hand sides, trajectories and files, the ranges that they know, and their comparison."""
 
+import json
 import re
 from dataclasses import fields, replace
 from functools import cache
@@ -28,6 +29,7 @@ from commonlaw.law import (
 from commonlaw.law.parameters import coefficient_units
 from commonlaw.law.provenance import Domain
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
+from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.verdict import find
 from tests.refusals import refused
@@ -247,6 +249,42 @@ def test_a_law_of_another_version_or_damaged_is_refused_with_its_file(drag, tmp_
         assert raised.value.diagnostic.where.endswith("law.json")
     with refused("file-missing", file="nowhere.json"):
         Law.load(tmp_path / "nowhere.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"other_laws": [{"support": [[9]]}]}, "law-average-terms"),
+        (
+            {"other_laws": [{"support": [[0]], "coefficients": {"heavy": [0], "light": [0]}}]},
+            "law-average-coefficients",
+        ),
+        ({"with_discrepancy": {"with_discrepancy": {}}}, "law-nested-discrepancy"),
+    ],
+)
+def test_laws_in_a_law_that_do_not_fit_are_refused(drag, change, code):
+    whole = json.loads(to_json(replace(drag, uncertainty=Uncertainty(other_laws=(PlausibleLaw(0.3, drag),)))))
+    known = {**whole, "other_laws": []}
+    if "other_laws" in change:
+        change = {"other_laws": [whole["other_laws"][0] | change["other_laws"][0]]}
+    else:
+        change = {"with_discrepancy": {**known, "with_discrepancy": known}}
+    with refused(code):
+        from_json(json.dumps(whole | change))
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"order": (1, 1)}, "order-of-states"),
+        ({"properties": {"cube": {"mass": 1.0}}}, "properties-of-others"),
+        ({"uncertainty": Uncertainty(error_model=ErrorModel(memory=-1.0))}, "law-error-not-positive"),
+    ],
+)
+def test_parts_that_do_not_make_a_law_are_refused(drag, change, code):
+    assert drag != "a law"
+    with refused(code):
+        replace(drag, **change)
 
 
 def test_trials_with_other_variables_are_refused(drag):

@@ -328,6 +328,8 @@ def test_earlier_names_of_members_warn_and_give_what_the_present_ones_do(drag):
         new = instead if instead.startswith("commonlaw.") else f"Law.{instead}"
         with pytest.warns(DeprecationWarning, match=re.escape(f"Law.{name} is deprecated; use {new}")):
             getattr(drag, name)
+    with pytest.warns(DeprecationWarning, match="Law.from_json"):
+        assert type(drag).from_json is from_json
     with pytest.warns(DeprecationWarning, match="Law.structure"):
         assert drag.structure() == drag.structure
     with pytest.warns(DeprecationWarning, match="Law.letter_values"):

@@ -7,6 +7,7 @@ from commonlaw.formulation import LeastSquaresProblem, explained, least_squares_
 from commonlaw.likelihood import Estimate, NotPositiveError, ObservationModel, TrajectoryModel, fit, linearize
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.fitting import eliminate_states
+from tests.refusals import refused
 from tests.unit.trajectories import DIFFICULT, difficult
 
 
@@ -110,6 +111,8 @@ def test_the_deviance_is_the_sum_of_squares_and_beyond_the_threshold_that_of_hub
     assert ObservationModel(noise).deviance(residuals) == pytest.approx(np.sum(sizes**2))
     expected = sum(s**2 if s <= 3 else 2 * 3 * s - 3**2 for s in sizes)
     assert ObservationModel(noise, 3.0).deviance(residuals) == pytest.approx(expected)
+    with refused("huber-threshold", value=0.0):
+        ObservationModel(noise, 0.0)
     np.testing.assert_allclose(
         ObservationModel(noise, 3.0).weights(residuals), np.array([[1, 0], [1, 1], [0.1, 0.75]]) / noise**2
     )

@@ -34,6 +34,7 @@ POINTS = np.random.default_rng(3).uniform(0.2, 2.0, (7, 3)) * np.array([1, -1, 1
         ("abs(v)*v", (("v1", 1), ("abs(v1)", 1))),
         ("(x/v)/(v/x)", (("v0", 2), ("v1", -2))),
         ("x**-1", (("v0", -1),)),
+        ("+x", (("v0", 1),)),
     ],
 )
 def test_a_text_is_read_as_powers_of_factors_in_one_form(text, term):
@@ -135,6 +136,8 @@ def test_latex(names, text, latex):
         ("1 + x/(2-2)", "division-by-zero"),
         ("x, v", Diagnostic("character-unknown", {"character": ","})),
         ("1 + sqrt(-1)*x", Diagnostic("number-too-large", {"number": "sqrt(-1)"})),
+        ("x/()", Diagnostic("not-an-expression", {"expression": "()"})),
+        ("x/" + "-" * 900 + "1", "term-too-deep"),
     ],
 )
 def test_what_is_not_a_term_is_refused_with_its_place_and_remedy(text, message):

@@ -1,6 +1,7 @@
 """Laws with observation equations, held against least squares of solutions in closed form."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 
 import commonlaw as cl
+from commonlaw.estimation import likelihood_profile
 from commonlaw.inference import bounds
 from commonlaw.law import from_json, to_json, to_latex
+from commonlaw.law.alignment import matched
 from tests.refusals import refused
 from tests.unit.decays import (
     OTHER,
@@ -287,12 +290,36 @@ def test_the_rate_of_a_signal_that_is_zero_is_not_identifiable():
         ("unknown-name", "x' = -k x; z = a x; y = x", {}),
         ("observation-of-discrete-time", "x[k+1] = r x; y = a x", {}),
         ("noise-not-positive", "x' = -k x; y = a x", {"noise": {"y": -1.0}}),
+        ("guess-out-of-bounds", "x' = -k x; y = a x", {"guesses": {"k": 0.0}}),
+        ("equation-without-column", "y' = -k y + w; w' = -c w", {"priors": {"k": (1, 0.1)}}),
+        ("initial-time-late", "x' = -k x; y = a x", {"initial_time": 99.0}),
         ("unknown-name", "x' = -k x; y = a x", {"noise": {"y": "lab"}}),
     ],
 )
 def test_what_cannot_be_fitted_is_refused_in_words(code, equations, settings):
     with refused(code):
         cl.fit(equations, trials_of({"A": (T, np.exp(-T) + 0.01)}), **settings)
+
+
+def test_what_laws_with_observations_cannot_do_is_refused(law):
+    stream, stated = cl.TrialStream(TRIALS.schema, lambda: TRIALS), cl.Law.from_text("signal[k+1] = r signal", {"r": 1})
+    measured = law.observation.measured
+    for code, call in {
+        "not-refined-file-by-file": lambda: cl.refine(law, stream),
+        "not-with-observation": lambda: cl.refine(law, TRIALS, input_interpolation="auto"),
+        "law-with-observation": lambda: matched(law, TRIALS),
+        "discrete-not-refined": lambda: cl.compare([stated, law], TRIALS),
+        "profile-without-equations": lambda: likelihood_profile(stated, TRIALS, "r"),
+        "limits-unsupported": lambda: bounds(stated, TRIALS),
+    }.items():
+        with refused(code):
+            call()
+    with refused("not-refined-file-by-file"):
+        cl.compare([law], stream)
+    schemas = [replace(measured, units={"signal": unit}) for unit in "Vm"]
+    laws = [replace(law, observation=replace(law.observation, measured=schema)) for schema in schemas]
+    with refused("laws-in-other-units"):
+        cl.compare(laws, TRIALS)
 
 
 def test_reports_and_figures_show_what_was_measured(law):

@@ -138,6 +138,15 @@ def test_the_profile_of_a_shared_parameter_is_that_of_all_objects():
         likelihood_profile(own, by_trial(24), "k", "A")
 
 
+def test_a_profile_without_known_noise_takes_that_of_the_residuals():
+    y = 2 * np.exp(-0.5 * T) + 0.05 * np.random.default_rng(0).standard_normal(len(T))
+    profile = likelihood_profile(cl.Law.from_text("y' = -k y", {"k": {"A": 0.4}}), trials_of({"A": (T, y)}, ["y"]), "k")
+    curves = np.exp(-np.outer(profile.values, T))
+    squares = y @ y - (curves @ y) ** 2 / np.sum(curves**2, axis=1)
+    least_squares = minimize(lambda k: y @ y - (np.exp(-k * T) @ y) ** 2 / np.sum(np.exp(-2 * k * T)), [0.5]).fun
+    assert profile.deviance == pytest.approx((squares / least_squares - 1) * (len(T) - 2), abs=1e-3)
+
+
 def test_objects_of_one_property_share_their_noise(tmp_path):
     t, random = np.linspace(0, 6, 25), np.random.default_rng(11)
     labs = {"A": ("fine", 0.01), "B": ("coarse", 0.1), "C": ("coarse", 0.1)}

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 import commonlaw as cl
 from commonlaw.law.parameters import standard_errors
 from commonlaw.trials import Trial
-from commonlaw.trials.transformations import with_logarithms
+from commonlaw.trials.transformations import with_logarithms, with_starts
 from tests.refusals import refused
 
 TIMES = np.array([0.0, 5.0, 12.0, 20.0, 35.0, 60.0, 90.0])
@@ -81,6 +81,14 @@ def test_a_value_that_is_missing_among_repeated_ones_does_not_count():
     np.testing.assert_array_equal(trial.counts, [[2, 1], [0, 2]])
     np.testing.assert_array_equal(trial.states, [[2, 5], [np.nan, 1.5]])
     np.testing.assert_array_equal(trial.rows(slice(1, None)).repeats.squares[:, 1], [0.5])
+
+
+def test_a_sample_that_was_not_repeated_has_one_measurement():
+    trials = cl.Trials.from_arrays([0, 0, 1.0, 2.0], [2.0, 4.0, 6.0, 8.0], names=["x"])
+    (more,) = cl.Law.from_text("x' = a", {"a": 2.0}).predict(trials, start=1, times=[0.5]).trials
+    np.testing.assert_array_equal(np.hstack([more.repeats.counts, more.repeats.squares]), [[2, 2], *[[1, 0]] * 3])
+    (latent,) = with_starts(trials, {"w": None})
+    np.testing.assert_array_equal(np.hstack([latent.repeats.counts, latent.repeats.squares])[0], [2, 1, 2, 0])
 
 
 def test_units_and_logarithms_scale_the_scatter_of_repeated_measurements():

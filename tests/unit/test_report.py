@@ -11,9 +11,11 @@ import pandas as pd
 import pytest
 
 from commonlaw import datasets
+from commonlaw.law import Law
 from commonlaw.plots import Figure, plot_trials
 from commonlaw.report import Block, Fold, Gallery, Picture, Report, Section, Table, Text, to_page
-from commonlaw.report.markup import formula, inline, markdown
+from commonlaw.report.markup import formula, inline, law_markdown, markdown
+from commonlaw.report.page import Page
 from tests.refusals import message, refused
 
 FRAME = pd.DataFrame({"ball": ["Golf <Ball>", None], "drag": [-0.123456789, np.nan], "printed": ["-0.120", ""]})
@@ -21,6 +23,23 @@ FRAME = pd.DataFrame({"ball": ["Golf <Ball>", None], "drag": [-0.123456789, np.n
 
 def heights() -> Figure:
     return plot_trials(datasets.linear_drag(noise=0.1, seed=1))
+
+
+def test_a_page_saves_and_shows_its_text(tmp_path):
+    page = Page("<p>a & b</p>")
+    page.save(tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text() == page.html
+    assert 'srcdoc="&lt;p&gt;a &amp; b' in page._repr_html_()
+    assert repr(page).startswith("<Page of 0.0 MB")
+
+
+def test_each_object_has_its_equations_where_terms_differ():
+    law = Law.from_text("height'' = -g - c height", {"g": 9.8, "c": {f"ball {i}": float(i) for i in range(8)}})
+    blocks = law_markdown(law).split("**")
+    assert blocks[1::2] == [f"ball {i}" for i in range(6)]
+    assert ["c &= 0" in blocks[2], "c &= 5" in blocks[12]] == [True, True]
+    assert r"\frac{\mathrm{d}^2\, \mathrm{height}}{\mathrm{d}t^2}" in blocks[2]
+    assert "2 more objects" in blocks[-1]
 
 
 def report_of(*blocks: Block) -> Report:

@@ -149,6 +149,7 @@ def test_the_form_is_fitted_again_to_what_follows_by_covariance():
     [
         (cl.Law.from_text("x' = a x", {"a": 1.0}), 2.0, "uncertainty-unknown"),
         (law_of("x' = a x", {"a": 1.0}, [0.1]), 0.0, message("simplify-tolerance", tolerance=0.0)),
+        (cl.Law.from_text("x' = a x", {"a": {"one": 1.0, "other": 0.0}}), 2.0, "simplify-own-terms"),
     ],
 )
 def test_what_cannot_be_simplified_is_refused(law, tolerance, expected):

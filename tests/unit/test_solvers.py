@@ -204,6 +204,8 @@ def test_constraints_that_do_not_fit_are_refused(matrix, right, expected):
 
 
 def test_a_wrapper_that_does_not_fit_is_refused():
+    with refused("importance-own-terms"):
+        STLSQ(shared=False, importance=Quantile(0.5))
     with refused("constraints-incomplete"):
         ConstrainedSolver(BestSubset(1), matrix=np.eye(1, 12))
     with refused("constraints-index", last=3):

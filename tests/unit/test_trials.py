@@ -112,6 +112,12 @@ def trials_of(*trials, **properties):
         (BALL, ([0, 1], [0, np.inf]), message("sample-not-finite", WHERE, quantity="state", place="sample 2, state 1")),
         (BALL, ([0], [0], [np.nan]), message("sample-not-finite", WHERE, quantity="input", place="sample 1, input 1")),
         (BALL, ([0, 1], [np.nan, 0]), message("first-sample-empty", WHERE)),
+        (partial(BALL, below=[[np.nan], [1.0]]), ([0, 1], [3.0, 2.0]), message("censored-shape", WHERE)),
+        (
+            partial(BALL, below=[[np.nan], [np.nan], [1.0]]),
+            ([0, 1, 1], [3.0, 2.0, np.nan]),
+            message("censored-replicates", WHERE, time=1.0),
+        ),
         (BALL, ([0, 1], ["a", "b"]), message("not-an-array", WHERE)),
         (BALL, ([[0, 1]], [0, 1]), message("array-dimensions", WHERE, dimensions=1)),
         (Schema, ((),), "no-state-named"),
@@ -262,3 +268,5 @@ def test_blanks_are_subtracted_at_their_times_and_between():
     np.testing.assert_allclose(trial.states[:, 0], 5.0 + times - [1.5, 2.5, 3.5])
     with refused("blanks-only"):
         plate.subtract_blanks("a", "b", "c")
+    with refused("blank-not-measured"):
+        Trials((ramp("a", states=2), BALL([0, 1], [[1.0, np.nan]] * 2)), Schema(("x", "y"))).subtract_blanks("ball")

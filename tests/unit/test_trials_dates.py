@@ -1,5 +1,7 @@
 """Dates in the column of times."""
 
+import datetime as dt
+
 import numpy as np
 import pandas as pd
 import polars as pl
@@ -80,6 +82,13 @@ def test_dates_count_from_one_origin_with_their_months_hours_and_zones():
 def test_what_is_no_date_is_refused_with_its_place(times, expected):
     with refused(expected):
         Trials.from_frame(frame(times))
+
+
+def test_times_of_the_day_and_durations_are_seconds():
+    for cells in ([dt.time(0, i) for i in range(4)], [dt.timedelta(minutes=i) for i in range(4)]):
+        assert Trials.from_frame(frame(pd.Series(cells, dtype=object)))[0].times.tolist() == [0, 60, 120, 180]
+    with refused("date-unreadable", row="row 4", cell="0:61:99"):
+        Trials.from_frame(frame(["0:00:00", "0:00:01", "0:00:02", "0:61:99"]))
 
 
 def test_a_stream_takes_no_dates(tmp_path):

@@ -55,6 +55,25 @@ def test_what_needs_trials_in_memory_refuses_a_stream_in_words(use, law):
         use(law, cl.TrialStream(law.schema, lambda: DROPS))
 
 
+@pytest.mark.parametrize(
+    ("code", "use"),
+    [
+        ("derivatives-of-stream", lambda stream: cl.discover(stream, order=2, x_dot={"x": "v"})),
+        ("known-of-stream", lambda stream: cl.discover(stream, order=2, known=lambda x: x)),
+        ("not-for-streams", lambda stream: cl.discover(stream, order=1, observe={"y": "2*x"})),
+        (
+            "not-refined-file-by-file",
+            lambda stream: cl.refine(cl.Law.from_text("x'' = -x/(1 + x/K)", {"K": 1}), stream),
+        ),
+        ("no-trial-fits", lambda stream: stream.select(object="Ball 1", trial=2)),
+    ],
+)
+def test_what_a_stream_cannot_be_used_for_is_refused(code, use):
+    trials = DROPS.with_trials([trial for trial in DROPS if (trial.object, trial.name) != ("Ball 1", "2")])
+    with refused(code):
+        use(cl.TrialStream(trials.schema, lambda: trials))
+
+
 def test_a_stream_has_what_it_has():
     stream = cl.TrialStream(cl.Schema(("x",)), lambda: ())
     assert not hasattr(stream, "objects")

@@ -231,6 +231,8 @@ def test_what_cannot_be_is_said():
         WeakForm(3)
     with refused("weak-radii"):
         WeakForm(radii=(1.0,))
+    with refused("weak-noise"):
+        WeakForm(noise=(-1.0,))
     line = Trials((Trial("it", "1", regular(60, 3.0), np.linspace(0, 1, 60)),), Schema(("x",)))
     with refused("term-not-finite", term="1/x", value="infinite", sample="1", where="it, trial 1"):
         WeakForm().rows(line[0], bound("terms:1/x", WeakForm(), line))

@@ -236,14 +236,11 @@ def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
 
 def converged(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
     """Return the fit after its trajectories have followed the coefficients until these converge."""
-    for _ in range(MAX_ROUNDS):
-        try:
-            refitted = fit_about(problem, fitted.model, followed(problem, fitted), fitted.model_error)
-        except NotPositiveError:
-            break
-        last, fitted = fitted, refitted
-        if abs(refitted.value - last.value) < CONVERGED:
-            break
+    with suppress(NotPositiveError):
+        for _ in range(MAX_ROUNDS):
+            last, fitted = fitted, fit_about(problem, fitted.model, followed(problem, fitted), fitted.model_error)
+            if abs(fitted.value - last.value) < CONVERGED:
+                break
     return fitted
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from numbers import Real
-from typing import TypeGuard
+from typing import TypeGuard, cast
 
 import numpy as np
 
@@ -380,10 +380,7 @@ class Experiment:
 
 
 def _number(settings: Mapping[str, Value], name: str, otherwise: float = 0.0) -> float:
-    value = settings.get(name, otherwise)
-    if not isinstance(value, Real):
-        raise CommonlawError("experiment-number", name=name, value=value)
-    return float(value)
+    return float(cast(float, settings.get(name, otherwise)))
 
 
 def _times(settings: Mapping[str, Value]) -> Floats:

@@ -73,8 +73,8 @@ def mixture_interval(
 def upper_bound(center: ArrayLike, scale: ArrayLike, degrees_of_freedom: ArrayLike, level: float) -> Floats:
     """Return what the size of a number stays below with this probability, by Student's t about an estimate.
 
-    >>> upper_bound([0.0, 5.0], 1.0, np.inf, 0.95).round(2).tolist()
-    [1.96, 6.64]
+    >>> [upper_bound([0.0, -5.0], scale, np.inf, 0.95).round(2).tolist() for scale in (1.0, 0.0)]
+    [[1.96, 6.64], [0.0, 5.0]]
     """
     reach = two_sided(level, degrees_of_freedom)
     middle, width, degrees = np.broadcast_arrays(np.asarray(center), np.asarray(scale), degrees_of_freedom)

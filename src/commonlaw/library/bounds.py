@@ -10,7 +10,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 
 _CALL = re.compile(r"(?<![\w`])(where|maximum|minimum|max|min)\s*(?=\()")
-_COMPARISON = re.compile(r"([<>])=?")
+_COMPARISON = re.compile(r"\s*([<>])=?\s*(?=[^`]*(?:`[^`]*`[^`]*)*$)")  # Not in a name between backticks
 _ASSIGNMENT = re.compile(r"(?<![<>])=")
 _BRANCH = re.compile(r"\b(?:if|else|and|or|not)\b|[<>]=?\s*$|[&|?]")
 _STEP = re.compile(r"step\([^()]*\)")
@@ -62,7 +62,7 @@ def _rewritten(text: str, whole: str) -> str:
         return rewritten
     steps = []
     for part, sign, right in zip(parts[::2], parts[1::2], parts[2::2], strict=False):
-        high, low = (part.strip(), right.strip()) if sign == ">" else (right.strip(), part.strip())
+        high, low = (part, right) if sign == ">" else (right, part)
         if not high or not low:
             raise CommonlawError("condition-syntax", expression=whole)
         below = "" if low == "0" else f" - {_factor(low)}"
@@ -115,7 +115,6 @@ def _closing(text: str, opening: int, whole: str) -> int:
     raise CommonlawError("condition-syntax", expression=whole)
 
 
-_SIGN = re.compile(r"\s*([<>])=?\s*")
 EVENT = re.compile(r"(?P<condition>(?:[^`:<>]|`[^`]*`)*+[<>](?:[^`:]|`[^`]*`)*+):(?P<changes>.*)")
 """A condition and what changes where it becomes true: ``x < 0: v = -c v``."""
 
@@ -149,7 +148,7 @@ def parts_of(texts: str | Sequence[str]) -> list[str]:
 
 def is_bound(part: str) -> bool:
     """Return whether a part of a text is a bound, and neither an equation nor an event."""
-    return _SIGN.search(part) is not None and not EVENT.fullmatch(part)
+    return _COMPARISON.search(part) is not None and not EVENT.fullmatch(part)
 
 
 def bounds_in(texts: str | Sequence[str]) -> tuple[Bound, ...]:
@@ -162,7 +161,7 @@ def bounds_in(texts: str | Sequence[str]) -> tuple[Bound, ...]:
 
 
 def _bound(text: str) -> Bound:
-    parts = _SIGN.split(text)
+    parts = _COMPARISON.split(text)
     numbers = [_number(part) for part in parts[::2]]
     names = [part for part, number in zip(parts[::2], numbers, strict=True) if number is None]
     one_way = len({*parts[1::2]}) == 1 and len(numbers) <= 3 and (len(numbers) < 3 or numbers[1] is None)

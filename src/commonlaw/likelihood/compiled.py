@@ -169,11 +169,11 @@ def triangles(
     factors, log_determinants = np.empty((len(meshes), size, size)), np.empty(len(meshes))
     free = np.ascontiguousarray(free, dtype=np.bool_)
     inside = (address(array) for array in (free, states, coefficients))
-    failed = library.commonlaw_linearize(
+    code = library.commonlaw_linearize(
         *(address(models), address(meshes), len(meshes), *inside, model_error, _VAGUENESS),
         *(address(factors), address(log_determinants)),
     )
-    _check(failed)
+    _check(code)
     return factors, log_determinants
 
 
@@ -218,8 +218,7 @@ def jacobians(
     shapes = (steps, width), (steps, width, width), (steps, width, width), (steps, width, int(free.sum()))
     outputs = [np.empty(shape) for shape in shapes]
     inside = (address(array) for array in (free, states, coefficients, *outputs))
-    if library.commonlaw_jacobians(packed.model, packed.meshes[index], *inside):
-        raise MemoryError
+    _check(library.commonlaw_jacobians(packed.model, packed.meshes[index], *inside))
     return Jacobians(*outputs)
 
 
@@ -243,19 +242,19 @@ def _whitened(
     basis, triangle = orthogonalized(columns, free, model)
     rows = np.column_stack([basis, target])
     states, result = contiguous(estimate.states[index]), np.empty(1)
-    failed = library.commonlaw_whiten(
+    code = library.commonlaw_whiten(
         *(packed.model, packed.meshes[index], address(states), model_error, _VAGUENESS),
         *(address(linear.start), address(linear.end), address(rows), rows.shape[1], address(result)),
     )
-    _check(failed)
+    _check(code)
     if not mesh.contiguous.all():
         rows = rows[np.repeat(mesh.contiguous, linear.defects.shape[1])]
     return rows, triangle, float(result[0])
 
 
-def _check(failed: int) -> None:
-    if failed:
-        raise NotPositiveError if failed == 2 else MemoryError  # As in the kernel
+def _check(code: int) -> None:
+    if code:
+        raise NotPositiveError if code == 2 else MemoryError  # As in the kernel
 
 
 def fit_each(
@@ -280,13 +279,12 @@ def fit_each(
     pointers, meshes = addresses(structures), np.concatenate([structure.words for structure in structures])
     free, errors = np.ascontiguousarray(support, dtype=np.bool_), np.array(model_errors, float)
     reached = np.empty((len(models), 2))
-    failed = library.commonlaw_fit(
+    code = library.commonlaw_fit(
         *(address(pointers), len(models), address(meshes), address(counts)),
         *(address(free), address(errors), len(errors), steps, GAIN, SHORTEST, _LEAST_NORM),
         *(address(whole), address(coefficients), address(reached)),
     )
-    if failed:
-        raise MemoryError
+    _check(code)
     lengths = [len(mesh) for model in models for mesh in model.meshes]
     parts = iter(np.split(whole, np.cumsum(lengths)[:-1]))
     return [

@@ -73,6 +73,9 @@ def test_properties_that_many_objects_have_in_common_divide_them_into_groups():
 def test_groups_that_cannot_be_compared_are_refused():
     with refused("contrast-groups", groups=1):
         cl.law.contrasts(law_of(RATES, np.full(7, 0.1), ["none"] * 7), "drug")
+    law = law_of(RATES, np.full(7, 0.1), DRUGS)
+    with refused("property-missing", object=law.objects[0]):
+        cl.law.contrasts(replace(law, properties={name: law.properties[name] for name in law.objects[1:]}), "drug")
     with refused("contrast-groups", groups=7):
         cl.law.contrasts(law_of(RATES, np.full(7, 0.1), [*"abcdefg"]), "drug")
     with refused("unknown-name"):

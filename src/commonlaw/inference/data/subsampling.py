@@ -83,12 +83,9 @@ def _evenly_spaced_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
     segments = list[Trial]()
     for trial in trials:
         count = -(-len(trial) // longest)
-        if count == 1:
-            segments.append(trial)
-            continue
         for first, stop in pairwise(len(trial) * i // count for i in range(count + 1)):
             name = f"{trial.name}, samples {first + 1} to {stop}"
-            segments.append(replace(trial.rows(slice(first, stop)), name=name))
+            segments.append(trial if count == 1 else replace(trial.rows(slice(first, stop)), name=name))
     count = max(1, int(share / np.mean([len(segment) for segment in segments])))
     return [segments[i] for i in evenly_spaced(len(segments), count)]
 

@@ -85,8 +85,6 @@ def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
 
     It does for exponential growth, for instance, from below the noise.
     """
-    if law.order == 0:
-        return False
     with suppress(CommonlawError):
         fitted = law.predict(trial, start="all", averaged=False).trajectories[0].states[0]
         return bool(np.all(np.abs(fitted - trial[0].states[0]) <= 3 * trial[0].std(noise)[0]))

@@ -5,6 +5,7 @@ the search, meshes are refined until the evidence does not depend on them.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from commonlaw.inference.fit.covariance import (
     residual_degrees_of_freedom,
     total_degrees_of_freedom,
 )
-from commonlaw.inference.fit.fit import Fit, Status
+from commonlaw.inference.fit.fit import Fit
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
 
 
@@ -32,26 +33,21 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     shared = any(fit.problem.fixed_at_pooled(index).any() for index in range(len(fit.estimates)))
     if fit.has_model_error or shared:
         return fit, True
-    before, moved = fit, np.inf
-    fit = _under_residual_noise(fit)
-    if fit.is_usable and np.any(_relative_residuals(fit) > fit.problem.models[0].observation.huber_threshold):
-        squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
-        if not squares.is_usable:
-            return before, False
-        worse = _minus_twice_log_likelihood(squares) - _minus_twice_log_likelihood(fit)
-        fit = squares if least_squares or worse < settings.VERY_STRONG else fit
-    if not fit.is_usable:
-        return before, False
-    while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
-        estimates = fit.problem.on_half_steps(fit.estimates)
-        finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
-        if not finer.is_usable:
-            break
-        moved = _moved(finer, fit.estimates)
-        fit = finer
-        if moved < settings.CONVERGED:
-            break
-    return (fit, True) if moved < settings.CONVERGED else (before, before.is_resolved)
+    before, is_fitted = fit, False
+    with suppress(NotPositiveError):
+        fit = _under_residual_noise(fit)
+        if np.any(_relative_residuals(fit) > fit.problem.models[0].observation.huber_threshold):
+            squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
+            worse = _minus_twice_log_likelihood(squares) - _minus_twice_log_likelihood(fit)
+            fit = squares if least_squares or worse < settings.VERY_STRONG else fit
+        is_fitted = True
+        while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
+            estimates = fit.problem.on_half_steps(fit.estimates)
+            finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
+            if _moved(finer, fit.estimates) < settings.CONVERGED:
+                return finer, True
+            fit = finer
+    return before, is_fitted and before.is_resolved
 
 
 def _minus_twice_log_likelihood(fit: Fit) -> float:
@@ -84,17 +80,16 @@ def _moved(fit: Fit, before: Sequence[Estimate]) -> float:
 
 
 def _fitted(fit: Fit) -> Fit:
-    """Return the fit iterated to `CONVERGED_NOISE` standard errors."""
+    """Return the fit iterated to `CONVERGED_NOISE` standard errors.
+
+    Raises `NotPositiveError` if the likelihood is not computable.
+    """
     for _ in range(settings.MAX_ITERATIONS):
         estimates = fit_each(fit.problem.models, fit.estimates, fit.supports, settings.FINAL_MODEL_ERRORS[-1:])
         if not all(np.isfinite(estimate.objective) for estimate in estimates):
-            return fit.but(Status.NOT_COMPUTABLE)
+            raise NotPositiveError
         fit, before = replace(fit, estimates=estimates), fit.estimates
-        try:
-            moved = _moved(fit, before)
-        except NotPositiveError:
-            return fit.but(Status.NOT_COMPUTABLE)
-        if moved < settings.CONVERGED_NOISE:
+        if _moved(fit, before) < settings.CONVERGED_NOISE:
             break
     return fit
 
@@ -108,8 +103,6 @@ def _under_residual_noise(fit: Fit) -> Fit:
     if problem.noise_given or problem.samples or problem.errors:
         return fit
     for _ in range(settings.MAX_ITERATIONS):
-        if not fit.is_usable:
-            break
         scale = residual_scale(fit)
         if np.abs(np.log(scale)).max() < settings.CONVERGED_NOISE:
             break

@@ -296,8 +296,6 @@ def with_forcing_step(pool: Pool, offered: Sequence[ParametricTerm]) -> Pool:
     named = [terms.names[k] for k in chosen if is_offered(k)]
     without = min((rival.score for rival in pool.rivals if rival.problem.solver is not None), default=None)
     more = np.inf if without is None else without - fit.score
-    why = f"latent forcing; without it -2 log evidence is {more:.3g} more"
-    step = Step(LATENT_STATE, ", ".join(named) or "none", why)
-    if not named:
-        step = Step(LATENT_STATE, "none", "no latent forcing increases the evidence")
-    return pool.with_best(replace(fit, steps=(step,)))
+    gain = f"latent forcing; without it -2 log evidence is {more:.3g} more"
+    why = gain if named else "no latent forcing increases the evidence"
+    return pool.with_best(replace(fit, steps=(Step(LATENT_STATE, ", ".join(named) or "none", why),)))
