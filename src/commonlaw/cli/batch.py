@@ -7,17 +7,11 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import click
 
-from commonlaw.cli.options import (
-    ReadFile,
-    as_one,
-    in_options,
-    is_of_kind,
-    option,
-)
+from commonlaw.cli.options import ReadFile, as_one, in_options, is_of_kind, option
 from commonlaw.cli.output import Artifacts, in_words, print_table, say
 from commonlaw.cli.question import Question
 from commonlaw.cli.results import Outputs
@@ -27,10 +21,6 @@ from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.runtime.shutdown import begun, end_with_parent
 from commonlaw.text import as_text, counted, shown
-
-if TYPE_CHECKING:
-    pass
-
 
 T = TypeVar("T")
 R = TypeVar("R")

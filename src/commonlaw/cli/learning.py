@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -24,15 +24,7 @@ from commonlaw.cli.options import (
 from commonlaw.cli.output import Artifacts, print_history, print_json, print_law, say
 from commonlaw.cli.question import Question, with_question, with_settings
 from commonlaw.cli.results import FitResult, Outputs, compared, find_law, load, over_table, print_compared, with_outputs
-from commonlaw.cli.source import (
-    WITH_LAW,
-    WITHOUT_LAW,
-    Source,
-    on_cluster_at,
-    stream_of,
-    with_cluster,
-    with_table,
-)
+from commonlaw.cli.source import WITH_LAW, WITHOUT_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.models import named_models
@@ -42,9 +34,6 @@ from commonlaw.text import number_or_text
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
-
-if TYPE_CHECKING:
-    pass
 
 
 @command
@@ -339,7 +328,6 @@ def models(names: tuple[str, ...]) -> None:
       commonlaw models logistic
       commonlaw fit mice.csv logistic:x=weight
     """
-
     for name in names:
         check_choice("named model", name, named_models)
     for name in names:

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from commonlaw.cli.options import (
-    Decorator,
-    ReadLaw,
-    as_one,
-    by_name,
-    is_of_kind,
-    numbers,
-    option,
-    pairs,
-    taking,
-)
+from commonlaw.cli.options import Decorator, ReadLaw, as_one, by_name, is_of_kind, numbers, option, pairs, taking
 from commonlaw.cli.output import Artifacts
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.arguments import RENAMED_ARGUMENTS

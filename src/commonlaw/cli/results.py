@@ -10,14 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from commonlaw.cli.options import AS_JSON, HISTORY, as_one, in_options, is_of_kind, saving
-from commonlaw.cli.output import (
-    Artifacts,
-    print_frame,
-    print_history,
-    print_json,
-    print_law,
-    say,
-)
+from commonlaw.cli.output import Artifacts, print_frame, print_history, print_json, print_law, say
 from commonlaw.cli.source import Source, few_trials, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json

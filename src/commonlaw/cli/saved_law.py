@@ -12,28 +12,10 @@ import click
 import numpy as np
 
 from commonlaw.cli.main import command, working
-from commonlaw.cli.options import (
-    AS_JSON,
-    HISTORY,
-    LAW_ARGUMENT,
-    ReadFile,
-    by_name,
-    is_of_kind,
-    numbers,
-    option,
-    saving,
-)
+from commonlaw.cli.options import AS_JSON, HISTORY, LAW_ARGUMENT, ReadFile, by_name, is_of_kind, numbers, option, saving
 from commonlaw.cli.output import Artifacts, print_frame, print_history, print_json, print_law, print_notes, say
 from commonlaw.cli.results import page
-from commonlaw.cli.source import (
-    WITH_LAW,
-    Source,
-    guesses,
-    on_cluster_at,
-    stream_of,
-    with_cluster,
-    with_table,
-)
+from commonlaw.cli.source import WITH_LAW, Source, guesses, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, average_law, relations_frame, select_objects, to_json, to_latex
 from commonlaw.law.alignment import has_bands, measured_schema
@@ -124,7 +106,6 @@ def explain(
       commonlaw explain law.json --property diameter,mass
       commonlaw explain law.json --properties balls.csv --save explained.json
     """
-
     law = Law.load(law_path)
     with working("Explaining ..."):
         if table:
@@ -470,7 +451,6 @@ def discrepancy(
       commonlaw discrepancy drops.csv law.json --of v --save discrepancy.png
       commonlaw discrepancy drops.csv law.json --of "abs(v)*diameter/1.5e-5" --times "v*abs(v)*diameter^2/mass"
     """
-
     law = Law.load(law_path)
     with working("Seeking a discrepancy ..."):
         trials = source.chosen(measured_schema(law))

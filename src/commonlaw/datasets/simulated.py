@@ -397,7 +397,6 @@ def _load_pairs(
         A whole number; or a NumPy generator of random numbers, which is drawn from pair by pair, run by run: first
         the start, then the noise.
     """
-
     rates = {"growth": growth, "predation": predation, "decline": decline, "reproduction": reproduction}
     times = sample_times(samples, rate)
 
@@ -459,7 +458,6 @@ def _load_lorenz(
         A whole number; or a NumPy generator of random numbers, which is drawn from system by system, run by run: first
         the start, then the noise.
     """
-
     times = sample_times(samples, rate)
 
     def path(name: str, s: float, r: float, b: float) -> Path:

@@ -12,13 +12,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.forecast import Forecast, Part
-from commonlaw.forecast.initial_state import (
-    FilteredStart,
-    StartedTrial,
-    begin,
-    model_error_std,
-    with_times,
-)
+from commonlaw.forecast.initial_state import FilteredStart, StartedTrial, begin, model_error_std, with_times
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.integration.vector_field import InputFunction

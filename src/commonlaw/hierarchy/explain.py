@@ -12,14 +12,7 @@ from scipy.linalg import block_diag
 from commonlaw.array_types import Floats, Indices
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 from commonlaw.hierarchy.random_effects import JITTER
-from commonlaw.hierarchy.relation import (
-    MAX_DENOMINATOR,
-    ONE_MORE,
-    PropertyTable,
-    Relation,
-    RelationKind,
-    exponent_sets,
-)
+from commonlaw.hierarchy.relation import MAX_DENOMINATOR, ONE_MORE, PropertyTable, Relation, RelationKind, exponent_sets
 
 _ODDS = {RelationKind.UNIVERSAL: 3.0, RelationKind.OWN: 1.0, RelationKind.POWER_LAW: 0.1, RelationKind.AFFINE: 0.1}
 """Prior odds of each kind: indistinguishable coefficients are rather universal. Irrelevant properties together have

@@ -3,18 +3,12 @@
 import numpy as np
 
 from commonlaw.law import Law
-from commonlaw.law.parameters import (
-    left_hand_sides,
-    named_parameters,
-    state_rates,
-)
+from commonlaw.law.parameters import left_hand_sides, named_parameters, state_rates
 from commonlaw.law.printing import latex_lefts, latex_structure
 from commonlaw.law.text import latex_left_hand_sides
 from commonlaw.library import Terms
 from commonlaw.library.notation import latex_name
-from commonlaw.plots.style import (
-    math,
-)
+from commonlaw.plots.style import math
 
 
 def term_labels(terms: Terms) -> list[str]:

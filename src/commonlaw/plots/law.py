@@ -23,23 +23,12 @@ from commonlaw.forecast import Forecast, fitted
 from commonlaw.hierarchy import informative
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import has_bands
-from commonlaw.law.parameters import (
-    equation_label,
-    left_hand_sides,
-    tabulated_parameters,
-)
+from commonlaw.law.parameters import equation_label, left_hand_sides, tabulated_parameters
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import MANY, with_error
 from commonlaw.library.notation import latex_name
 from commonlaw.plots.equations import equation_labels, equation_lines, parameter_label, term_labels
-from commonlaw.plots.forecast import (
-    draw_forecast,
-    forecast_grid,
-    forecast_keys,
-    of_objects,
-    omission,
-    representative,
-)
+from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys, of_objects, omission, representative
 from commonlaw.plots.style import (
     ABSENT,
     COLORS,

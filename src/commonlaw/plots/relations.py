@@ -13,10 +13,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
-from commonlaw.law.parameters import (
-    coefficient_units,
-    left_hand_sides,
-)
+from commonlaw.law.parameters import coefficient_units, left_hand_sides
 from commonlaw.law.printing import dependence
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import MANY
