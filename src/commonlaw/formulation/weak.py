@@ -161,9 +161,7 @@ def _interpolation(times: Floats, points: Floats, size: int) -> "csr_array":
     near = times[indices]
     middle, half = (near[:, [-1]] + near[:, [0]]) / 2, (near[:, [-1]] - near[:, [0]]) / 2
     powers = np.arange(min(9, size - 1) + 1)
-    samples, wanted = (
-        ((points_of_step - middle) / half)[:, :, np.newaxis] ** powers for points_of_step in (near, points)
-    )
+    samples, wanted = (((t - middle) / half)[:, :, np.newaxis] ** powers for t in (near, points))
     weights = wanted @ np.linalg.pinv(samples)
     columns = np.broadcast_to(indices[:, np.newaxis, :], weights.shape)
     starts = np.arange(0, weights.size + 1, size)
@@ -308,9 +306,7 @@ class WeakForm(AbstractFormulation):
 
     def __post_init__(self) -> None:
         check_order(self.order)
-        if self.radii is not None and not (
-            self.radii and all(np.isfinite(number) and number >= 2 for number in self.radii)
-        ):
+        if self.radii is not None and not (self.radii and all(np.isfinite(r) and r >= 2 for r in self.radii)):
             raise CommonlawError("weak-radii", radii=self.radii)
         if self.noise is not None and not all(np.isfinite(number) and number >= 0 for number in self.noise):
             raise CommonlawError("weak-noise", noise=self.noise)
