@@ -101,12 +101,13 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     for (above, below), equation, label in zip(panels.T, left_hand_sides(law), equation_labels(law), strict=True):
         rows = path[path["equation"] == equation]
         edges = _edges(rows, marks)
-        size, error, deviation = rows[["size", _ERROR, _DEVIATION]].to_numpy(dtype=np.float64).T
-        above.step(edges, _closed(size), where="post", color=COLORS[0])
-        below.step(edges, _closed(error), where="post", color=COLORS[1])
+        values = rows[["size", _ERROR, _DEVIATION]].to_numpy(dtype=np.float64)
+        size, error, deviation = np.vstack([values, values[-1]]).T  # The last once more, for the end of its interval
+        above.step(edges, size, where="post", color=COLORS[0])
+        below.step(edges, error, where="post", color=COLORS[1])
         # A band that went down to zero would have no end on a logarithmic axis
         low, high = np.maximum(error - deviation, error / 10), error + deviation
-        below.fill_between(edges, _closed(low), _closed(high), step="post", color=COLORS[1], alpha=0.2, linewidth=0)
+        below.fill_between(edges, low, high, step="post", color=COLORS[1], alpha=0.2, linewidth=0)
         for panel in (above, below):
             for i in np.flatnonzero(rows["chosen"]):
                 panel.axvspan(edges[i], edges[i + 1], color=COLORS[2], alpha=0.15, linewidth=0)
@@ -133,8 +134,3 @@ def _edges(path: "pd.DataFrame", marks: Mapping[str, float]) -> Floats:
     low, high = (inner.min(), inner.max()) if inner.size else (1.0, 1.0)
     margin = max((high / low) ** 0.08, 1.5)
     return np.array([*np.maximum(begins, low / margin), high * margin])
-
-
-def _closed(values: Floats) -> Floats:
-    """Return the values with the last once more, for the end of its interval."""
-    return np.append(values, values[-1])

@@ -110,9 +110,8 @@ def _coefficients(law: Law) -> Iterator[_RelatedCoefficient]:
     halves = reach * np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2))
     units, lefts, terms = coefficient_units(law), equation_labels(law), term_labels(law.terms)
     sides = left_hand_sides(law)
-    for i, ((j, k), relation) in enumerate(
-        zip(np.argwhere(law.support), law.uncertainty.explanation.relations, strict=True)
-    ):
+    pairs = zip(np.argwhere(law.support), law.uncertainty.explanation.relations, strict=True)
+    for i, ((j, k), relation) in enumerate(pairs):
         if relation is not None:
             known = [law.properties.get(name, {}) for name in law.objects]
             if not all({*relation.properties} <= attributes.keys() for attributes in known):
