@@ -114,11 +114,8 @@ def choices(case: Summary) -> Iterator[Block]:
     """Yield every choice on the way."""
     rows = [(step.stage, step.choice, case.words(step.reason)) for step in case.law.history]
     frame = pd.DataFrame(rows, columns=["stage", "choice", "reason"])
-    yield (
-        Table("history", "Choices in the search, with their reasons.", frame)
-        if rows
-        else Text("No history is recorded.")
-    )
+    history = Table("history", "Choices in the search, with their reasons.", frame)
+    yield history if rows else Text("No history is recorded.")
 
 
 def in_short(case: Summary) -> str:
@@ -238,11 +235,7 @@ def _errors(case: Summary) -> Iterator[Block]:
     if law.uncertainty.noise is not None:
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
         kinds = (("noise", law.uncertainty.noise), (f"autocorrelated errors ({time})", errors.correlated))
-        levels = [
-            f"{kind} of {levels_in_words(levels_of_kind, schema)}"
-            for kind, levels_of_kind in kinds
-            if levels_of_kind is not None
-        ]
+        levels = [f"{kind} of {levels_in_words(std, schema)}" for kind, std in kinds if std is not None]
         levels += [f"noise of {grown}" for grown in errors.heteroscedastic_in_words(schema.states).values()]
         yield Text(f"Measurement errors: {literal('; '.join(levels))}.")
     if errors.of_law:
@@ -387,15 +380,11 @@ def ranges(case: Summary) -> Iterator[Block]:
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
     columns = {**visited, "trial duration": (min(length), max(length))}
     units = units_with_rates(law) | {"trial duration": schema.units.get(schema.time, "")}
-    rows = [
-        {"": name, "from": low, "to": high, "unit": unit_text(units.get(name, "")) or None}
-        for name, (low, high) in columns.items()
-    ]
+    printed = {name: unit_text(units.get(name, "")) or None for name in columns}
+    rows = [{"": name, "from": low, "to": high, "unit": printed[name]} for name, (low, high) in columns.items()]
     learned = "The law was fitted in the ranges below and extrapolates outside them. "
     given = "The law was given and compared with trials in the ranges below. "
-    text = (learned if law.provenance.is_learned else given) + " ".join(
-        literal(sentence) for sentence in case.findings.sentences[:1]
-    )
+    text = (learned if law.provenance.is_learned else given) + " ".join(map(literal, case.findings.sentences[:1]))
     if law.provenance.is_learned and law.uncertainty.explanation is None and len(law.objects) > 1:
         text += " Other objects are forecast with the mean coefficients."
     yield Text(text)
@@ -557,24 +546,16 @@ def all_objects(case: Summary) -> Iterator[Block]:
     assert case.everything is not None
     law = case.everything.law
     yield Text(f"{'. '.join(said(case, score) for score in case.scores)}.")
-    yield from _forecasts(case.everything)
-    if len(law.objects) > MANY and law.support.any():
-        yield from _coefficients(law)
-
-
-def _forecasts(found: ManyFindings) -> Iterator[Block]:
-    relative = found.relative.replace(np.inf, np.nan).dropna()
-    name = found.errors.columns[0]
+    relative = case.everything.relative.replace(np.inf, np.nan).dropna()
     if len(relative) > MANY:
         caption = "Errors of the forecasts of objects, in units of the spread of the states: quantiles."
         yield Table("errors-of-all", caption, quantile_frame({"rms error": relative.to_numpy()}, "object"))
-    worst = found.relative.iloc[::-1][:10]
-    frame = pd.DataFrame({name: worst.index.astype(str), "rms error": worst.to_numpy()})
+    worst = case.everything.relative.iloc[::-1][:10]
+    frame = pd.DataFrame({case.everything.errors.columns[0]: worst.index.astype(str), "rms error": worst.to_numpy()})
     caption = f"The {counted(len(worst), 'object')} with the worst forecasts, in the same units."
     yield Table("worst", caption, frame)
-
-
-def _coefficients(law: Law) -> Iterator[Block]:
+    if len(law.objects) <= MANY or not law.support.any():
+        return
     if tables := spread_tables(law, 10, universal=False):  # What is universal is said above
         spread, farthest = tables
         yield Table("spread", "Coefficients of all objects: quantiles (letter values, Tukey 1977).", spread)
