@@ -48,9 +48,8 @@ def cell(value: object, digits: int) -> str:
     if not number:
         return text
     bound, sign, size, power = number.groups()
-    return (
-        (bound or "") + ("−" if sign else "") + size + (f" × 10{str(int(power)).translate(_RAISED)}" if power else "")
-    )
+    raised = f" × 10{str(int(power)).translate(_RAISED)}" if power else ""
+    return f"{bound or ''}{'−' if sign else ''}{size}{raised}"
 
 
 @dataclass(frozen=True, eq=False)
