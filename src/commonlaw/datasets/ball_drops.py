@@ -63,12 +63,9 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     """
     heights, balls = (_file(name, folder) for name in (_HEIGHTS, _BALLS))
     table = Trials.read(heights, trial="Drop #", time="Time", states="Height")
-    drops = tuple(
-        Trial(name, trial.name, trial.times, trial.states) for name in _NAMES for trial in table.of_object(name)
-    )
+    drops = tuple(Trial(name, drop.name, drop.times, drop.states) for name in _NAMES for drop in table.of_object(name))
     units = {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
-    listed = read_file(balls).decode()
-    rows = {name: values for name, *values in map(str.split, listed.splitlines())}
+    rows = {name: values for name, *values in map(str.split, read_file(balls).decode().splitlines())}
     properties = {}
     for name, short in _NAMES.items():
         weight, circumference = rows[short]

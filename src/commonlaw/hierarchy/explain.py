@@ -122,9 +122,8 @@ class RelationComparison:
         shapes = exponents @ (logs - logs.mean(axis=0)).T
 
         def scattered(rows: Indices | slice, scatter: float) -> CoefficientModel:
-            return CoefficientModel.powers(
-                shapes[rows], np.full((1, len(logs)), (scatter * self._unit) ** 2), self._sure
-            )
+            variances = np.full((1, len(logs)), (scatter * self._unit) ** 2)
+            return CoefficientModel.powers(shapes[rows], variances, self._sure)
 
         exact = CoefficientModel.powers(shapes, np.zeros((1, len(logs))), False)
         plain = self._scores(exact) + log_prior
@@ -182,9 +181,7 @@ class RelationComparison:
         others = JointModel.of(self.measured, models)
         # Relations times objects that are computed together take memory
         count, step = max(map(len, (tried.columns, tried.offsets))), max(1, 200_000 // len(self._points))
-        parts = [
-            log_evidence(others, self.index, tried.some(slice(begin, begin + step))) for begin in range(0, count, step)
-        ]
+        parts = [log_evidence(others, self.index, tried.some(slice(i, i + step))) for i in range(0, count, step)]
         return np.asarray(np.concatenate(parts))
 
 
@@ -258,8 +255,7 @@ def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -
     errors = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     lifted = covariances + JITTER * np.diag(errors**2)
     scaled = Estimates(estimates / units, lifted / np.outer(units, units), estimates / units)
-    choices = _most_probable(scaled, properties.varying)
-    return _explained(scaled, choices, properties.varying, units)
+    return _explained(scaled, _most_probable(scaled, properties.varying), properties.varying, units)
 
 
 def _most_probable(own: Estimates, properties: PropertyTable) -> list[RelationChoice]:
@@ -348,9 +344,8 @@ def _explained(
     for k, (choice, unit) in enumerate(zip(choices, units.tolist(), strict=True)):
         part = slice(first, first + choice.model.columns.shape[1])
         relation, turn = _in_given_units(choice, properties, factors[part], unit, signs[0, k])
-        relations.append(
-            replace(relation, errors=tuple(np.sqrt(np.diag(turn @ covariance[part, part] @ turn.T)).tolist()))
-        )
+        errors = np.sqrt(np.diag(turn @ covariance[part, part] @ turn.T))
+        relations.append(replace(relation, errors=tuple(errors.tolist())))
         turns.append(turn)
         first = part.stop
     whole = block_diag(*turns)
@@ -385,5 +380,4 @@ def _in_given_units(
     if model.in_logs:
         turn = sign * np.exp(factors) * turn
     known = turn[0] if model.in_logs else turn @ factors
-    typical = float(given[0, 0] / inner[0, 0])
-    return replace(relation, factors=tuple(known.tolist()), typical=typical), turn
+    return replace(relation, factors=tuple(known.tolist()), typical=float(given[0, 0] / inner[0, 0])), turn
