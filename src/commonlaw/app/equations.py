@@ -49,15 +49,8 @@ class Moved(msgspec.Struct, forbid_unknown_fields=True):
 def words(trials: Trials) -> list[str]:
     """Return what may stand in equations: states, rates, inputs, time, properties and functions."""
     schema = trials.schema
-    rates = [f"{name}'" for name in schema.states]
-    return [
-        *schema.states,
-        *rates,
-        *schema.inputs,
-        "t",
-        *property_names(trials.properties),
-        *(f"{f}(" for f in FUNCTIONS),
-    ]
+    measured = [*schema.states, *(f"{name}'" for name in schema.states), *schema.inputs]
+    return [*measured, "t", *property_names(trials.properties), *(f"{f}(" for f in FUNCTIONS)]
 
 
 def named(trials: Trials) -> list[dict[str, Any]]:

@@ -34,11 +34,7 @@ def finding_kinds(check: Report, table: Cells, row_indices: Sequence[Codes]) -> 
     labels = [(trial.object, trial.trial) for trial in check.trials]
     rows: dict[_Labels, Codes] = dict(zip(labels, row_indices, strict=True))
     return [
-        {
-            "text": text_in_page(text),
-            "count": len(same),
-            "cases": [_case(finding, table, rows) for finding in same[:12]],
-        }
+        {"text": text_in_page(text), "count": len(same), "cases": [_case(case, table, rows) for case in same[:12]]}
         for text, same in check.kinds().items()
     ]
 

@@ -170,11 +170,7 @@ def give(results: Sequence[FileResult], paths: Sequence[str]) -> None:
     import pandas as pd
 
     later = Artifacts()
-    rows = [
-        {"file": as_text(result.path), **row}
-        for result in results
-        for row in result.rows or [{"error": result.failure}]
-    ]
+    rows = [{"file": as_text(file.path), **row} for file in results for row in file.rows or [{"error": file.failure}]]
     later.save(paths, table=lambda: pd.DataFrame(rows, columns=COLUMNS))
     words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
     print_table(
@@ -203,10 +199,8 @@ def _found_in_file(piece: Piece) -> FileResult:
     training = source.select(trials)
     law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
     verdict = later.take("the forecast assessment failed", lambda: law.assess(trials, training), None)
-    summary: dict[str, object] = {
-        "verdict": verdict.sentences[0] if verdict else None,
-        "error": "; ".join(later.failures) or None,
-    }
+    summary: dict[str, object] = {"verdict": verdict.sentences[0] if verdict else None}
+    summary["error"] = "; ".join(later.failures) or None
     rows = coefficient_rows(law).to_dict(orient="records") or [{}]
     return FileResult(
         source.name,

@@ -31,7 +31,6 @@ from commonlaw.law.models import named_models
 from commonlaw.law.observation import ALL
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.text import number_or_text
-from commonlaw.trials import Trials
 from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
 
@@ -179,12 +178,8 @@ def fit(
         others = [rival] if rival else []
         trials = without_notes_on(doses, load(source, [equations], others, known, groups.values()))
         training = source.select(trials)
-        settings |= {
-            "initial_time": initial_time,
-            "doses": doses,
-            "shared": groups if any("=" in group for group in shared) else shared,
-        }
-        settings |= {"guesses": numbers("--guess", guesses) or None}
+        settings |= {"initial_time": initial_time, "doses": doses, "guesses": numbers("--guess", guesses) or None}
+        settings["shared"] = groups if any("=" in group for group in shared) else shared
         law = cl.fit(equations, training, initial_values=known, **settings, progress=show)
         later.save(outputs.save, law=law)
         learned = FitResult.check(law, source, trials, training, outputs.draws, later)
@@ -227,6 +222,8 @@ def compare(
       commonlaw compare cells.csv "x' = -k x; signal = c x; x(0) = 1" "x' = -k x^2; signal = c x; x(0) = 1"
     """
     import commonlaw as cl
+    from commonlaw.estimation.model import ModelText, read_model
+    from commonlaw.law.parse import read_equations
 
     if len({*laws}) < max(2, len(laws)):
         raise click.UsageError("give TABLE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
@@ -237,7 +234,10 @@ def compare(
         training = source.select(load(source, [*texts.values()], saved.values()))
         for text in texts.values():  # What cannot be read is refused before the others are fitted
             with _naming(text):
-                _check_readable(text, training)
+                if (model := ModelText.of(text)).is_plain:
+                    read_equations(text, training.schema)
+                else:
+                    read_model(model, training.schema, property_names(training.properties))
         fitted = {}
         for number, law in enumerate(laws):
             share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))
@@ -259,17 +259,6 @@ def compare(
             say(f"{grade}: {', '.join(names)}.")
         print_compared(frame if any(is_of_kind(law, "law") for law in laws) else frame.drop(columns="equations"))
     later.end(training.notes, silent=as_json)
-
-
-def _check_readable(equations: str, trials: Trials) -> None:
-    """Refuse equations, with observation equations or not, that cannot be read."""
-    from commonlaw.estimation.model import ModelText, read_model
-    from commonlaw.law.parse import read_equations
-
-    if (text := ModelText.of(equations)).is_plain:
-        read_equations(equations, trials.schema)
-    else:
-        read_model(text, trials.schema, property_names(trials.properties))
 
 
 @contextmanager

@@ -39,9 +39,8 @@ def _settings_help(function: str, options: type) -> dict[str, list[tuple[str, st
     for name, method in _methods().items():
         taken = {row for rows in rows_by_title.values() for row, _ in rows}
         if name != "trajectory-likelihood":
-            rows_by_title[f"Settings of --method {name}"] = [
-                row for row in _rows(method, function) if row[0] not in taken
-            ]
+            rows = [row for row in _rows(method, function) if row[0] not in taken]
+            rows_by_title[f"Settings of --method {name}"] = rows
     return {title: rows for title, rows in rows_by_title.items() if rows}
 
 

@@ -382,8 +382,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
                 say(f"\nResiduals of {state}, by object:\n")
                 print_frame(quantile_frame({name: rows[name].to_numpy() for name in columns}, "object"))
             say("\nThe largest:\n")
-            largest = of_files.objects.sort_values("RMS over noise", ascending=False, kind="stable")
-            print_frame(largest[:10])
+            print_frame(of_files.objects.sort_values("RMS over noise", ascending=False, kind="stable")[:10])
         later.end(silent=as_json)
         return
     with working("Checking ..."):
@@ -588,8 +587,7 @@ def design(
 
     laws = [cl.Law.load(path) for path in (law_path, *rivals)]
     with working("Looking for experiments ...") as show:
-        given = source.path or source.dataset
-        trials = source.chosen(laws[0].schema) if given else None
+        trials = source.chosen(laws[0].schema) if source.path or source.dataset else None
         plan = cl.design(
             laws,
             by_name("--vary", vary),

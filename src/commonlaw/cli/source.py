@@ -198,9 +198,7 @@ class Source:
             options["properties"] = list(options["properties"])
         schema = options.pop("schema", None)
         options = (read_schema(schema) if schema else {}) | options
-        attributes = {
-            attribute.name: options.pop(attribute.name) for attribute in fields(cls) if attribute.name in options
-        }
+        attributes = {member.name: options.pop(member.name) for member in fields(cls) if member.name in options}
         dataset = table.removeprefix(DATASET) if table and table.startswith(DATASET) else ""
         return cls(None if dataset else table, roles=options, dataset=dataset, **attributes)
 
@@ -252,8 +250,7 @@ class Source:
         given: dict[str, object] = {name: name in self.roles for name in _READING}
         given |= {"sheet": self.sheet, "clip": self.clip, **others}
         if refused := [name for name, value in given.items() if value]:
-            instead = "leave it out, or give single files"
-            raise click.UsageError(f"{', '.join(refused)} with a stream of files: {instead}")
+            raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out, or give single files")
         if not self.path:
             raise click.UsageError("give Parquet files, such as 'runs/*.parquet'")
 
@@ -529,9 +526,8 @@ def list_() -> None:
     from commonlaw.datasets import DATASETS
 
     for name, dataset in DATASETS.items():
-        options = ", ".join(
-            f"{parameter.name}={parameter.default}" for parameter in signature(dataset.load).parameters.values()
-        )
+        parameters = signature(dataset.load).parameters.values()
+        options = ", ".join(f"{parameter.name}={parameter.default}" for parameter in parameters)
         say(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
 
 
