@@ -97,17 +97,15 @@ class Search:
             if not self._spread:
                 raise CommonlawError("design-diverges")
             raise CommonlawError("design-too-expensive", budget=budget, cheapest=cheapest)
-        return self._exchanged(picked, progress) if len(picked) > 1 else picked
-
-    def _exchanged(self, candidates: list[Candidate], progress: Callable[[str], None]) -> list[Candidate]:
-        """Return experiments that tell together what these do, or more."""
+        if len(picked) == 1:
+            return picked
         progress("exchanging experiments")
-        before = candidates
-        for i in [i for _ in range(2) for i in range(len(candidates))]:
-            candidate = candidates[i]
-            best = self._best([*candidates[:i], None, *candidates[i + 1 :]], candidate.experiment.cost, candidate)
-            candidates = [*candidates[:i], best or candidate, *candidates[i + 1 :]]
-        return max(before, candidates, key=lambda chosen: self.aim.bits(_sum(self._evidences(chosen, _MAX_DRAWS))))
+        exchanged = picked
+        for i in [*range(len(picked))] * 2:
+            candidate = exchanged[i]
+            best = self._best([*exchanged[:i], None, *exchanged[i + 1 :]], candidate.experiment.cost, candidate)
+            exchanged = [*exchanged[:i], best or candidate, *exchanged[i + 1 :]]
+        return max(picked, exchanged, key=lambda chosen: self.aim.bits(self.evidence(chosen)))
 
     @cached_property
     def _spread(self) -> list[Candidate]:
