@@ -206,7 +206,6 @@ def _patterns(case: Summary) -> Iterator[Block]:
 
 
 def _discrepancy(case: Summary) -> Iterator[Block]:
-    """Yield the discrepancy, a function that objects share."""
     if len(case.law.objects) > 100:
         yield Text("A discrepancy shared by all objects was not estimated: there are many objects.")
         return
@@ -286,8 +285,18 @@ def coefficients(case: Summary) -> Iterator[Block]:
     if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
         caption = "Phase plane: flow, nullclines, where one state is constant, fixed points and fitted trajectories."
         yield Picture("phase-plane", caption, partial(plot_phase_plane, law, case.findings.fit))
-    if known:
-        yield from _contrasts(case)
+    for i, (name, (reference, *_)) in enumerate(comparable_groups(law).items() if known else ()):
+        title = f"Differences from {name} {reference}"
+        try:
+            frame = contrasts(law, name, reference)
+        except CommonlawError as error:
+            yield Text(f"{literal(title)}: {said(case, error)}.")
+            continue
+        if len(frame):
+            frame = frame.drop(columns="reference").dropna(axis=1, how="all")
+            frame.columns = [name if column == "value" else column for column in frame.columns]
+            caption = f"{literal(title)}, with 95 % intervals of Student's t that contain the scatter between objects."
+            yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
 
 
 def values(case: Summary) -> tuple[Block, ...]:
@@ -297,22 +306,6 @@ def values(case: Summary) -> tuple[Block, ...]:
     data = case.law.params.dropna(axis=1, how="all")
     table = Table("values", f"{parameters_caption(case.law)}.", frame, data=data)
     return (folded(table, "Coefficients by object"),)
-
-
-def _contrasts(case: Summary) -> Iterator[Block]:
-    """Yield how parameters differ between groups of objects, for each property that makes some."""
-    for i, (name, (reference, *_)) in enumerate(comparable_groups(case.law).items()):
-        title = f"Differences from {name} {reference}"
-        try:
-            frame = contrasts(case.law, name, reference)
-        except CommonlawError as error:
-            yield Text(f"{literal(title)}: {said(case, error)}.")
-            continue
-        if len(frame):
-            frame = frame.drop(columns="reference").dropna(axis=1, how="all")
-            frame.columns = [name if column == "value" else column for column in frame.columns]
-            caption = f"{literal(title)}, with 95 % intervals of Student's t that contain the scatter between objects."
-            yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
 
 
 def candidates(case: Summary) -> Iterator[Block]:
@@ -537,8 +530,7 @@ def law_report(
     for heading, part in (_PARTS if everything is None else {"All objects": all_objects, **_PARTS}).items():
         progress(heading.lower())
         sections.append(Section(part.__name__.replace("_", "-"), heading, tuple(part(case))))
-    below = (*values(case), Text(listed(others)))
-    return Report(title, summary, (*sections, again(case, command, table)), below)
+    return Report(title, summary, (*sections, again(case, command, table)), (*values(case), Text(listed(others))))
 
 
 def all_objects(case: Summary) -> Iterator[Block]:
