@@ -173,8 +173,7 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
         if law.uncertainty.explanation is None:
             raise CommonlawError("candidate-without-relations")
         trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.schema.states))))
-        trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})
-        law = with_objects_of(law, trials)[0]
+        law = with_objects_of(law, Trials((trial,), law.schema, {asked.object: dict(asked.properties)}))[0]
     object_index(law, asked.object)
     times = np.linspace(0.0, asked.duration, 600)
     forecast = forecast_from(law, asked.object, times, np.array(asked.start))

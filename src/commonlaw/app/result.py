@@ -231,12 +231,16 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         drawn = curves if whole else of_found.curves_of(law, few, view.is_fit, has_bands(law))
         score = "" if curves is None else summary.score(curves)
         views.append({"score": score, "curves": [] if drawn is None else [*_curves(drawn)]})
+    try:  # In parts, between which a line may break
+        formulas = [[formula(part) for part in parts] for parts in equation_parts(law)]
+    except CommonlawError:
+        formulas = []
     shown = {
         "size": candidate.size,
         "chosen": candidate.chosen,
         "evidence": candidate.evidence,
         "text": shown_equations(law),
-        "formula": _mathml(law),
+        "formula": formulas,
         "simpler": simpler_forms(law) if candidate.chosen else within_errors(law),
         "left": left_hand_sides(law),
         "equations": _editable(law),
@@ -252,14 +256,6 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "views": views,
     }
     return ShownLaw(candidate, shown)
-
-
-def _mathml(law: Law) -> list[list[str]]:
-    """Return the equations as MathML in parts, between which a line may break; nothing where they cannot be drawn."""
-    try:
-        return [[formula(part) for part in parts] for parts in equation_parts(law)]
-    except CommonlawError:
-        return []
 
 
 def _terms(law: Law, support: Bools) -> list[list[str]]:
