@@ -296,7 +296,6 @@ def _first_of(values: Floats) -> Floats:
 
 
 def _cell(sizes: Floats) -> Floats:
-    """Return the cell of each size."""
     with np.errstate(divide="ignore"):
         # Cells for each factor of two
         return np.asarray(np.maximum(np.floor(np.log2(sizes) * 16), (-(1 << 14))), dtype=np.int16)

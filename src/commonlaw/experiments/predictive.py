@@ -221,7 +221,6 @@ class Hypothesis:
     def _followed(
         self, trials: "Sequence[tuple[_Planned, str, Floats | None]]", slopes: bool = False, limit: float | None = None
     ) -> "list[_Followed]":
-        """Return trajectories of trials of objects at points."""
         if self.law.observation is not None:
             return [plan.observed_at(name, point, slopes, limit) for plan, name, point in trials]
         problems = [plan.problem(name, point) for plan, name, point in trials]
@@ -263,7 +262,6 @@ class _Planned:
     start_std: Floats
 
     def _coefficients(self, name: str, coefficients: Floats, point: Floats | None) -> Floats:
-        """Return the coefficients of an object at a point."""
         if point is None or self.experiment.properties:
             return coefficients
         result, unknowns = coefficients.copy(), point[: self.known.unknowns]
@@ -277,14 +275,12 @@ class _Planned:
         return result
 
     def problem(self, name: str, point: Floats | None) -> InitialValueProblem:
-        """Return the problem of one object at a point."""
         rates = self._own(name)
         rates = replace(rates, coefficients=self._coefficients(name, rates.coefficients, point))
         return InitialValueProblem(rates, self._shifted(point), self.times, name)
 
     @cached_property
     def _own(self) -> Callable[[str], VectorField]:
-        """The law of an object."""
         return cache(
             lambda name: replace(vector_field(self.law, name), free=self.law.support, inputs=self.experiment.inputs)
         )

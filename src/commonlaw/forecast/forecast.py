@@ -380,7 +380,6 @@ def squared_errors(forecast: Forecast) -> "pd.DataFrame":
 
 
 def _measured_at(again: Callable[[Sequence[Floats]], Forecast], measured: Trials, times: Sequence[Floats]) -> Forecast:
-    """Return a forecast at more times as measured."""
     return again(times).as_measured(measured)
 
 

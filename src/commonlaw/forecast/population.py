@@ -206,6 +206,5 @@ def _typical(law: Law, note: str) -> Population:
 
 
 def _in_unit(name: str, value: Property, given: Schema, wanted: Schema) -> float:
-    """Return a property in the unit of the law."""
     turn = Conversion.between(f"property {name!r}", given.units.get(name), wanted.units.get(name))
     return float(turn.scale * float(value) + turn.offset)

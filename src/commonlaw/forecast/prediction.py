@@ -241,7 +241,6 @@ class _Forecaster:
     limit: float | None = None
 
     def forecast(self) -> Forecast:
-        """Return the forecasts at the times of the trials."""
         trajectories = simulate(
             [self._problem(trial) for trial in self.started],
             method=self.method,

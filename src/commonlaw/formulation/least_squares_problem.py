@@ -89,7 +89,6 @@ class LeastSquaresProblem:
         return cls(factor, terms, rows)
 
     def __add__(self, other: "LeastSquaresProblem") -> "LeastSquaresProblem":
-        """Return the problem of both sets of rows."""
         return merge((self, other))
 
     @property

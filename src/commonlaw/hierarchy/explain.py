@@ -95,7 +95,6 @@ class RelationComparison:
 
     @cached_property
     def _scale(self) -> float:
-        """How large the coefficient is."""
         if self._sure:
             return float(np.exp(np.mean(np.log(abs(self._points)))))
         weights = 1 / self.deviations**2

@@ -250,8 +250,7 @@ def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float
 
 def trial_colors(trials: Trials) -> dict[str, str]:
     """Return a colour for each trial label."""
-    names = dict.fromkeys(trial.name for trial in trials)
-    return {name: COLORS[i % len(COLORS)] for i, name in enumerate(names)}
+    return {name: COLORS[i % len(COLORS)] for i, name in enumerate(dict.fromkeys(trial.name for trial in trials))}
 
 
 def forecast_keys(forecast: Forecast) -> list[Line2D]:
@@ -400,7 +399,6 @@ class ForecastPanels:
 
     @cached_property
     def _limits(self) -> list[tuple[Limits, Limits]]:
-        """The limits of the panels of each state and of its errors."""
         trials = self.forecast.trials
         states = range(len(trials.schema.states))
         return [limits_of([curve for name in trials.objects for curve in self._curves[name, j]]) for j in states]

@@ -285,11 +285,8 @@ class IntervalPanels:
         """Return the figure of a panel."""
         coefficient, named = self._dots.coefficients[panel], len(self.law.objects) <= MANY
         figure = Figure(figsize=(3.6, 0.8 + 0.2 * len(self.law.objects) if named else 2.8), layout="constrained")
-        axes = figure.add_subplot()
-        if named:
-            self._dots.draw_panel(axes, coefficient)
-        else:
-            _draw_in_order(axes, coefficient)
+        draw = self._dots.draw_panel if named else _draw_in_order
+        draw(figure.add_subplot(), coefficient)
         return frozen_layout(figure)
 
     @cached_property

@@ -102,7 +102,6 @@ def plot_relations(law: Law) -> Figure:
 
 
 def _coefficients(law: Law) -> Iterator[_RelatedCoefficient]:
-    """Yield the coefficients that have a relation."""
     if law.uncertainty.explanation is None:
         raise CommonlawError("relations-missing-to-draw")
     estimates = law.uncertainty.own_estimates(law.coefficients[:, law.support])
