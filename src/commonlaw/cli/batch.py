@@ -90,10 +90,9 @@ _BATCH_OPTIONS = (
     click.argument("more", nargs=-1, metavar="[MORE TABLES]...", type=ReadFile()),
     option(
         "--each",
-        "Find a law in each TABLE by itself, instead of one in a single TABLE, several at a time (--set "
-        "n_jobs=4); --save then writes one table (.csv, .parquet) with a row for each coefficient of each "
-        "file: its value, standard error, 95 % interval and unit, the verdict on the law, or what was wrong "
-        "with the file.",
+        "Find a law in each TABLE by itself, instead of one in a single TABLE, several at a time (--set n_jobs=4); "
+        "--save then writes one table (.csv, .parquet) with a row for each coefficient of each file: its value, "
+        "standard error, 95 % interval and unit, the verdict on the law, or what was wrong with the file.",
         group="Several files",
         is_flag=True,
     ),

@@ -114,13 +114,7 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
     group="Law",
 )
 @with_settings("fit")
-@option(
-    "--against LAW.json",
-    "",
-    group="Output",
-    type=ReadFile(),
-    replaced_by="write commonlaw compare TABLE LAW LAW afterwards",
-)
+@option("--against LAW.json", "", type=ReadFile(), replaced_by="write commonlaw compare TABLE LAW LAW afterwards")
 @with_outputs
 @with_cluster
 def fit(

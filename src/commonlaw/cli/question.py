@@ -101,10 +101,9 @@ def _read(options: type, texts: dict[str, list[str]], function: str = "discover"
 
 _METHOD = option(
     "--method",
-    "How the law is found: by the likelihood of whole trajectories, with standard errors; by regression "
-    "on estimated derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for "
-    "hundreds of objects with long trials derivative-regression, for --order 0 discrete-time-regression; "
-    "or the one whose settings are given]",
+    "How the law is found: by the likelihood of whole trajectories, with standard errors; by regression on estimated "
+    "derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for hundreds of objects with "
+    "long trials derivative-regression, for --order 0 discrete-time-regression; or the one whose settings are given]",
     group="Method",
     type=click.Choice(list(METHODS)),
 )

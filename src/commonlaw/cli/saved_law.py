@@ -180,10 +180,9 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
 
 
 class _FirstSamples(click.types.IntParamType):
-    """A number of first samples, or all."""
+    """A number of first samples, or ``"all"``."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a number, or ``"all"``."""
         return value if value == "all" else super().convert(value, param, ctx)
 
 
@@ -289,14 +288,12 @@ def predict(
         times = _times(trials, how["from_time"], until, step)
         forecast = law.predict(trials, times=times, return_std=bool(save) and has_bands(law), **how)
         errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")
+
+        def figure(plots: Any) -> Any:
+            return plots.plot_phase_plane(law, forecast) if phase_plane else plots.plot_forecast(forecast)
+
         later = Artifacts()
-        later.save(
-            save,
-            table=forecast.to_frame,
-            figure=lambda plots: (
-                plots.plot_phase_plane(law, forecast) if phase_plane else plots.plot_forecast(forecast)
-            ),
-        )
+        later.save(save, table=forecast.to_frame, figure=figure)
     if as_json:
         print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
     else:
@@ -463,11 +460,8 @@ def discrepancy(
         later = Artifacts()
         later.save(save, law=estimate.law, figure=lambda plots: plots.plot_discrepancy(estimate))
     if as_json:
-        frames = {
-            "function": estimate.to_frame(),
-            "terms": estimate.terms_frame(),
-            "compared": estimate.coordinates_frame(),
-        }
+        frames = {"function": estimate.to_frame(), "terms": estimate.terms_frame()}
+        frames["compared"] = estimate.coordinates_frame()
         document = {"claimed": estimate.claimed, "equation": estimate.equation, "coordinate": estimate.basis.coordinate}
         document |= {"times": estimate.basis.times, "evidence": estimate.evidence, "zero at": estimate.zero_at}
         document |= {"holds nothing of": list(estimate.holds_nothing_of), "shares": estimate.shares}

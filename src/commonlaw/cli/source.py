@@ -234,9 +234,7 @@ class Source:
 
     def chosen(self, schema: Schema | None = None) -> Trials:
         """Return what `select` does of the trials that `load` does; of a folder or a pattern no others are held."""
-        if self.is_stream:
-            return self.select(self.stream(schema)).read()
-        return self.select(self.load(schema))
+        return self.select(self.stream(schema)).read() if self.is_stream else self.select(self.load(schema))
 
     @property
     def is_stream(self) -> bool:
@@ -428,10 +426,9 @@ R = TypeVar("R")
 
 with_cluster = option(
     "--cluster ADDRESS",
-    "Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address "
-    "that its scheduler shows, or local:4 for four processes of this machine. They read the files "
-    "themselves, so name them as the workers see them. Without it a folder or a pattern of Parquet files "
-    "is gone through here, file by file.",
+    "Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address that its "
+    "scheduler shows, or local:4 for four processes of this machine. They read the files themselves, so name them as "
+    "the workers see them. Without it a folder or a pattern of Parquet files is gone through here, file by file.",
     group="Cluster",
 )
 """Adds the option to a command, which receives it as `cluster`."""

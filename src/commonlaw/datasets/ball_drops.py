@@ -12,10 +12,7 @@ from commonlaw.runtime.files import read_file
 from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.trials import Schema, Trial, Trials
 
-_SOURCE = (
-    "https://raw.githubusercontent.com/briandesilva/discovery-of-physics-from-data/"
-    "b79c34317f049c9b47aaf2cc4c54c5ec7219f3d7/data/"
-)
+_SOURCE = "https://raw.githubusercontent.com/briandesilva/discovery-of-physics-from-data/b79c34317f049c9b47aaf2cc4c54c5ec7219f3d7/data/"
 _HEIGHTS = "Ball_drops_data.xls"
 _BALLS = "balls.txt"
 _SHA256 = {

@@ -62,11 +62,8 @@ def measure(
         check_whole_number("seed", seed, 0)
     # Bytes: 2000 a trial, 32 a value
     size = trials * len(paths) * (2000 + 32 * len(times) * len(schema.states))
-    check_memory(
-        f"{counted(trials, 'trial')} of {counted(len(paths), 'object')}, {counted(len(times), 'sample')} each,",
-        size,
-        "take fewer",
-    )
+    what = f"{counted(trials, 'trial')} of {counted(len(paths), 'object')}, {counted(len(times), 'sample')} each,"
+    check_memory(what, size, "take fewer")
     source = np.random.default_rng(seed) if isinstance(seed, int | np.integer) else seed
     measured = [
         Trial(name, str(number), times, states + noise * source.standard_normal(states.shape))

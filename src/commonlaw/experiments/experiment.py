@@ -148,8 +148,7 @@ class Settings:
         result = np.clip(point + width * random.uniform(-1, 1, (count, len(point))), 0.0, 1.0)
         for j, name in enumerate(self.varied):
             if not isinstance(self.options[name], Range):
-                anew = random.uniform(size=count) < width
-                result[:, j] = np.where(anew, random.uniform(size=count), point[j])
+                result[:, j] = np.where(random.uniform(size=count) < width, random.uniform(size=count), point[j])
         return result
 
 
@@ -322,8 +321,7 @@ class Experiment:
 
     def until(self, time: float) -> "Experiment":
         """Return the same with the samples up to a time, of which two stay."""
-        count = max(2, int(np.searchsorted(self.times, time, side="right")))
-        return replace(self, times=self.times[:count])
+        return replace(self, times=self.times[: max(2, int(np.searchsorted(self.times, time, side="right")))])
 
     def repeated(self, times: int) -> "Experiment":
         """Return the same made so many times."""

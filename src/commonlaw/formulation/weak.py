@@ -135,8 +135,7 @@ def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
         bent = (even - np.linspace(even[0], even[-1], len(even)))[1:-1]
         gained = np.cumsum(dst(bent, type=1, norm="ortho") ** 2 - 2 * deviation**2)
         modes = max(modes, int(np.argmax(gained)) + 1)
-    radius = 2 * _WIDTH * last / (np.pi * modes)
-    return float(np.clip(radius, MIN_RADIUS, max(MIN_RADIUS, last / 4)))
+    return float(np.clip(2 * _WIDTH * last / (np.pi * modes), MIN_RADIUS, max(MIN_RADIUS, last / 4)))
 
 
 def _derivative(s: Floats, derivative: int) -> Floats:

@@ -202,14 +202,8 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
         initial_sensitivities = np.eye(len(states), len(structure.free) + len(states), len(structure.free)).ravel()
     terminal, occurred, events = _events(structure, variables)
     large = structure.sensitivities or parameters > 100  # These in heyoka's compact mode
-    stepper = heyoka.taylor_adaptive(
-        system,
-        np.zeros(len(states)),
-        tol=structure.tolerance,
-        compact_mode=large,
-        opt_level=1 if large else 0,
-        **events,
-    )
+    settings = {"tol": structure.tolerance, "compact_mode": large, "opt_level": int(large)}
+    stepper = heyoka.taylor_adaptive(system, np.zeros(len(states)), **settings, **events)
     return Compiled(stepper, len(states), constants, terminal, occurred, initial_sensitivities)
 
 

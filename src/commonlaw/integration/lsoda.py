@@ -40,7 +40,6 @@ class LsodaIntegrator(AbstractIntegrator):
     options: OutputOptions
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        """Return the trajectory of a problem."""
         options, vector_field, start, search = self.options, problem.field, problem.initial, None
         if options.events:
             functions = EventFunctions(options.events, vector_field)

@@ -95,8 +95,7 @@ class Table(_Named):
 
     def csv(self) -> bytes:
         """Return all cells as comma-separated values."""
-        data = self.frame if self.data is None else self.data
-        return data.to_csv(index=False, lineterminator="\n").encode()
+        return (self.frame if self.data is None else self.data).to_csv(index=False, lineterminator="\n").encode()
 
 
 @dataclass(frozen=True, eq=False)
