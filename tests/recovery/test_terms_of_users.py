@@ -118,11 +118,11 @@ def test_what_names_objects_stands_in_equations_and_explains_coefficients():
     times, random = np.linspace(0, 3, 40), np.random.default_rng(4)
     swings = {m: 0.1 * np.cos(np.sqrt(5 / m) * times) + 1e-3 * random.standard_normal(40) for m in (0.1, 0.2, 0.4)}
     frame = pd.concat([pd.DataFrame({"mass": m, "t": times, "x": x}) for m, x in swings.items()])
-    trials = Trials.from_frame(frame)
+    trials = Trials.from_frame(frame.rename(columns={"mass": "mass [kg]"}))
     law = cl.fit("x'' = -k/mass x", trials, shared=["k"], errors="white")
     k = law.params.query("parameter == 'k'").iloc[0]
     assert abs(k["estimate"] - 5) < 3 * k["standard error"] < 0.1
     assert [*coefficients_by_object(law)] == ["mass", "k"]
     explained = cl.fit("x'' = -a x", trials, errors="white").explain()
-    new = pd.DataFrame({"mass": 0.3, "t": times, "x": 0.1 * np.cos(np.sqrt(5 / 0.3) * times)})
+    new = pd.DataFrame({"mass [kg]": 0.3, "t": times, "x": 0.1 * np.cos(np.sqrt(5 / 0.3) * times)})
     assert explained.predict(Trials.from_frame(new, object="mass")).score() > 0.99

@@ -121,7 +121,7 @@ def test_counts_of_the_samples_of_each_trial_are_left_out(tmp_path):
 
 @pytest.mark.parametrize(
     ("header", "cells", "is_property"),
-    [("mass (g)", [50, 100, 200], True), ("length", [0.25, 0.5, 1], True), ("id", [50, 100, 200], False)],
+    [("mass (g)", [50, 100, 200], True), ("length_m", [0.25, 0.5, 1], True), ("r", [0.5, 1, 2], False)],
 )
 def test_a_quantity_that_names_objects_is_a_property_of_them(tmp_path, header, cells, is_property):
     trials = read(tmp_path, experiment(**{header: cells}))

@@ -79,7 +79,7 @@ def test_numbers_that_separate_repeated_times_name_objects_whatever_they_are_cal
     assert roles_of(frame) == ("c", "trial", "t", ("x",), (), set())
     assert roles_of(frame.sort_values(["t", "c"], ignore_index=True))[0] == "c"
     held = stacked([{"heat": 20.5 + 10 * i} for i in range(3)], x=decay)
-    assert roles_of(held.assign(pH=7.0 + held["heat"] // 30)) == ("heat", "trial", "t", ("x",), (), {"heat", "pH"})
+    assert roles_of(held.assign(pH=7.0 + held["heat"] // 30)) == ("heat", "trial", "t", ("x",), (), {"pH"})
     runs = stacked(pairs("heat", "run", firsts=(20.5, 31.0)), x=decay)
     assert roles_of(runs)[:2] == ("heat", "run")
     both = stacked(pairs("heat", "c", firsts=(20.5, 31.0), seconds=(1.5, 2.5)), x=decay)  # Neither alone does

@@ -49,15 +49,8 @@ class Moved(msgspec.Struct, forbid_unknown_fields=True):
 def words(trials: Trials) -> list[str]:
     """Return what may stand in equations: states, rates, inputs, time, properties and functions."""
     schema = trials.schema
-    rates = [f"{name}'" for name in schema.states]
-    return [
-        *schema.states,
-        *rates,
-        *schema.inputs,
-        "t",
-        *property_names(trials.properties),
-        *(f"{f}(" for f in FUNCTIONS),
-    ]
+    measured = [*schema.states, *(f"{name}'" for name in schema.states), *schema.inputs]
+    return [*measured, "t", *property_names(trials.properties), *(f"{f}(" for f in FUNCTIONS)]
 
 
 def named(trials: Trials) -> list[dict[str, Any]]:
@@ -126,7 +119,16 @@ def _read(table: Table, asked: bytes) -> tuple[Beginning, Trials, list[list[str]
         read_equations("; ".join(model_text.equations), trials.schema, properties=properties)  # Says what `fit` refuses
     begun = begin(model_text, trials, given, equations.initial_time)
     begun = replace(begun, problem=replace(begun.problem, tolerance=1e-5), first=_with_rates(begun))
-    return begun, trials, _formulas(begun)
+    model = begun.model
+    lefts = latex_left_hand_sides(model.schema.states, model.order)
+    others = written_of(model.text.observed, model.text.initial, model.text.events)
+    rows = latex_summands(model.text.equations, model.schema, model.variables, others)
+    lefts = (*lefts, *latex_observed(others))
+    try:
+        formulas = [[formula(part) for part in parts] for parts in parts_of(aligned(zip(lefts, rows, strict=True)))]
+    except CommonlawError:  # Some names cannot be drawn
+        formulas = []
+    return begun, trials, formulas
 
 
 def _with_rates(begun: Beginning) -> Floats:
@@ -143,18 +145,6 @@ def _with_rates(begun: Beginning) -> Floats:
                 if len(seen) > 1:
                     first[k] = np.polyfit(data.trial.times[seen], column[seen], 1)[0]
     return first
-
-
-def _formulas(begun: Beginning) -> list[list[str]]:
-    model = begun.model
-    lefts = latex_left_hand_sides(model.schema.states, model.order)
-    others = written_of(model.text.observed, model.text.initial, model.text.events)
-    rows = latex_summands(model.text.equations, model.schema, model.variables, others)
-    lefts = (*lefts, *latex_observed(others))
-    try:
-        return [[formula(part) for part in parts] for parts in parts_of(aligned(zip(lefts, rows, strict=True)))]
-    except CommonlawError:
-        return []
 
 
 def _followed(problem: Problem, unknowns: Floats, moved: Moved) -> list[tuple[int, list[list[float]]]]:

@@ -34,11 +34,7 @@ def finding_kinds(check: Report, table: Cells, row_indices: Sequence[Codes]) -> 
     labels = [(trial.object, trial.trial) for trial in check.trials]
     rows: dict[_Labels, Codes] = dict(zip(labels, row_indices, strict=True))
     return [
-        {
-            "text": text_in_page(text),
-            "count": len(same),
-            "cases": [_case(finding, table, rows) for finding in same[:12]],
-        }
+        {"text": text_in_page(text), "count": len(same), "cases": [_case(case, table, rows) for case in same[:12]]}
         for text, same in check.kinds().items()
     ]
 
@@ -177,8 +173,7 @@ def simulated(found: Found, asked: Sample) -> dict[str, Any]:
         if law.uncertainty.explanation is None:
             raise CommonlawError("candidate-without-relations")
         trial = Trial(asked.object, "1", np.zeros(1), np.zeros((1, len(law.schema.states))))
-        trials = Trials((trial,), law.schema, {asked.object: dict(asked.properties)})
-        law = with_objects_of(law, trials)[0]
+        law = with_objects_of(law, Trials((trial,), law.schema, {asked.object: dict(asked.properties)}))[0]
     object_index(law, asked.object)
     times = np.linspace(0.0, asked.duration, 600)
     forecast = forecast_from(law, asked.object, times, np.array(asked.start))

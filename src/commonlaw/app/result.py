@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 import pandas as pd
 
+from commonlaw import plots
 from commonlaw.app.question import MAX_DRAWN_TRIALS, message, text_in_page
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
@@ -29,16 +30,6 @@ from commonlaw.law.script import Source, to_script
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import quantities_by_object, readable, with_interval, with_unit
 from commonlaw.library import order_of_each
-from commonlaw.plots import (
-    Figure,
-    plot_coefficients,
-    plot_forecast,
-    plot_law,
-    plot_phase_plane,
-    plot_profile,
-    plot_residuals,
-    render,
-)
 from commonlaw.plots.style import thinned
 from commonlaw.report.markup import equation_parts, formula
 from commonlaw.runtime.progress import Stage
@@ -240,12 +231,16 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         drawn = curves if whole else of_found.curves_of(law, few, view.is_fit, has_bands(law))
         score = "" if curves is None else summary.score(curves)
         views.append({"score": score, "curves": [] if drawn is None else [*_curves(drawn)]})
+    try:  # In parts, between which a line may break
+        formulas = [[formula(part) for part in parts] for parts in equation_parts(law)]
+    except CommonlawError:
+        formulas = []
     shown = {
         "size": candidate.size,
         "chosen": candidate.chosen,
         "evidence": candidate.evidence,
         "text": shown_equations(law),
-        "formula": _mathml(law),
+        "formula": formulas,
         "simpler": simpler_forms(law) if candidate.chosen else within_errors(law),
         "left": left_hand_sides(law),
         "equations": _editable(law),
@@ -263,23 +258,13 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
     return ShownLaw(candidate, shown)
 
 
-def _mathml(law: Law) -> list[list[str]]:
-    """Return the equations as MathML in parts, between which a line may break; nothing where they cannot be drawn."""
-    try:
-        return [[formula(part) for part in parts] for parts in equation_parts(law)]
-    except CommonlawError:
-        return []
-
-
 def _terms(law: Law, support: Bools) -> list[list[str]]:
     return [[name for name, there in zip(law.terms.names, row, strict=True) if there] for row in support]
 
 
 def _table(frame: pd.DataFrame) -> dict[str, Any]:
     cells = readable(frame).to_numpy().tolist()
-    rows = [
-        [str(cell) if not isinstance(cell, float) else f"{cell:.4g}" * (cell == cell) for cell in row] for row in cells
-    ]
+    rows = [[f"{cell:.4g}" * (cell == cell) if isinstance(cell, float) else str(cell) for cell in row] for row in cells]
     return {"head": list(frame), "rows": rows}
 
 
@@ -319,9 +304,7 @@ def _curves(forecast: Forecast) -> Iterator[dict[str, Any]]:
         columns = [trial.states, trajectory.states[:, :states], *((None, None) if bands is None else bands[i])]
         yield {
             "t": numbers(trial.times[every]),
-            "states": [
-                [None if column is None else numbers(column[every, j]) for column in columns] for j in range(states)
-            ],
+            "states": [[None if part is None else numbers(part[every, j]) for part in columns] for j in range(states)],
         }
 
 
@@ -338,7 +321,7 @@ class _FigureKind(NamedTuple):
     """A kind of picture: title, what draws it of an object and a parameter, that as Python, and when it is there."""
 
     title: str
-    draw: Callable[[Found, str, str], Figure]
+    draw: Callable[[Found, str, str], plots.Figure]
     written: str
     is_there: Callable[[Law, Findings], bool] = lambda *_: True
     of_object: bool = False
@@ -348,42 +331,42 @@ class _FigureKind(NamedTuple):
 _FIGURES = {
     "law": _FigureKind(
         "Law with fit and coefficients",
-        lambda found, *_: plot_law(found.law, curves(found, found.findings.shown)),
+        lambda found, *_: plots.plot_law(found.law, curves(found, found.findings.shown)),
         "plot_law(law, trials)",
     ),
     "fit": _FigureKind(
         "Fitted curves and residuals",
-        lambda found, *_: plot_forecast(curves(found, found.findings.fit)),
+        lambda found, *_: plots.plot_forecast(curves(found, found.findings.fit)),
         "plot_forecast(law.predict(trials, start='all', return_std={bands}))",
     ),
     "forecast": _FigureKind(
         "Forecasts with bands",
-        lambda found, *_: plot_forecast(curves(found, found.findings.forecast)),
+        lambda found, *_: plots.plot_forecast(curves(found, found.findings.forecast)),
         "plot_forecast(law.predict({measured}, start={start}, return_std={bands}))",
         lambda _, findings: findings.forecast is not None,
     ),
     "residuals": _FigureKind(
         "Residuals: patterns, autocorrelation, quantiles",
-        lambda found, *_: plot_residuals(found.law.residuals(found.findings.training)),
+        lambda found, *_: plots.plot_residuals(found.law.residuals(found.findings.training)),
         "plot_residuals(law.residuals(trials))",
         lambda law, _: law.order != 0,
     ),
     "coefficients": _FigureKind(
         "Coefficients by object",
-        lambda found, *_: plot_coefficients(found.law, "support"),
+        lambda found, *_: plots.plot_coefficients(found.law, "support"),
         "plot_coefficients(law, 'support')",
         lambda law, _: shares_terms(law),
     ),
     "phase-plane": _FigureKind(
         "Phase plane with nullclines and fixed points",
-        lambda found, owner, _: plot_phase_plane(found.law, found.findings.training, owner),
+        lambda found, owner, _: plots.plot_phase_plane(found.law, found.findings.training, owner),
         "plot_phase_plane(law, trials, {object!r})",
         lambda law, _: has_phase_plane(law),
         of_object=True,
     ),
     "profile": _FigureKind(
         "Profile likelihood of a parameter",
-        lambda found, owner, name: plot_profile(found.law, found.findings.training, name, owner),
+        lambda found, owner, name: plots.plot_profile(found.law, found.findings.training, name, owner),
         "plot_profile(law, trials, {parameter!r}, {object!r})",
         lambda law, _: shares_terms(law) and law.order != 0 and bool(named_parameters(law).names),
         of_object=True,
@@ -418,7 +401,7 @@ def figure_file(
         return "\n".join(lines).encode()
     with one_draws:
         try:
-            return render(_FIGURES[kind].draw(found, owner, parameter), f".{ending}")
+            return plots.render(_FIGURES[kind].draw(found, owner, parameter), f".{ending}")
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             raise CommonlawError("figure-failed", figure=kind, reason=error) from None
 

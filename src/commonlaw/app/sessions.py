@@ -360,12 +360,11 @@ class SavedSessions:
 
 
 def _summary(key: str, session: Session) -> dict[str, Any]:
-    law = session.states[-1].law
     return {
         "key": key,
         "name": session.name,
         "saved": session.saved,
         "table": session.table.name,
-        "law": law is not None,
+        "law": session.states[-1].law is not None,
         "states": len(session.states),
     }

@@ -7,17 +7,11 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import click
 
-from commonlaw.cli.options import (
-    ReadFile,
-    as_one,
-    in_options,
-    is_of_kind,
-    option,
-)
+from commonlaw.cli.options import ReadFile, as_one, in_options, is_of_kind, option
 from commonlaw.cli.output import Artifacts, in_words, print_table, say
 from commonlaw.cli.question import Question
 from commonlaw.cli.results import Outputs
@@ -27,10 +21,6 @@ from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.runtime.shutdown import begun, end_with_parent
 from commonlaw.text import as_text, counted, shown
-
-if TYPE_CHECKING:
-    pass
-
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -100,10 +90,9 @@ _BATCH_OPTIONS = (
     click.argument("more", nargs=-1, metavar="[MORE TABLES]...", type=ReadFile()),
     option(
         "--each",
-        "Find a law in each TABLE by itself, instead of one in a single TABLE, several at a time (--set "
-        "n_jobs=4); --save then writes one table (.csv, .parquet) with a row for each coefficient of each "
-        "file: its value, standard error, 95 % interval and unit, the verdict on the law, or what was wrong "
-        "with the file.",
+        "Find a law in each TABLE by itself, instead of one in a single TABLE, several at a time (--set n_jobs=4); "
+        "--save then writes one table (.csv, .parquet) with a row for each coefficient of each file: its value, "
+        "standard error, 95 % interval and unit, the verdict on the law, or what was wrong with the file.",
         group="Several files",
         is_flag=True,
     ),
@@ -180,11 +169,7 @@ def give(results: Sequence[FileResult], paths: Sequence[str]) -> None:
     import pandas as pd
 
     later = Artifacts()
-    rows = [
-        {"file": as_text(result.path), **row}
-        for result in results
-        for row in result.rows or [{"error": result.failure}]
-    ]
+    rows = [{"file": as_text(file.path), **row} for file in results for row in file.rows or [{"error": file.failure}]]
     later.save(paths, table=lambda: pd.DataFrame(rows, columns=COLUMNS))
     words = {True: "can be used", False: "cannot be used", None: "could not be assessed"}
     print_table(
@@ -213,10 +198,8 @@ def _found_in_file(piece: Piece) -> FileResult:
     training = source.select(trials)
     law = question.explained(question.answer(training, lambda _: None), lambda _: None, later)
     verdict = later.take("the forecast assessment failed", lambda: law.assess(trials, training), None)
-    summary: dict[str, object] = {
-        "verdict": verdict.sentences[0] if verdict else None,
-        "error": "; ".join(later.failures) or None,
-    }
+    summary: dict[str, object] = {"verdict": verdict.sentences[0] if verdict else None}
+    summary["error"] = "; ".join(later.failures) or None
     rows = coefficient_rows(law).to_dict(orient="records") or [{}]
     return FileResult(
         source.name,

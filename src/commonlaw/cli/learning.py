@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -24,27 +24,15 @@ from commonlaw.cli.options import (
 from commonlaw.cli.output import Artifacts, print_history, print_json, print_law, say
 from commonlaw.cli.question import Question, with_question, with_settings
 from commonlaw.cli.results import FitResult, Outputs, compared, find_law, load, over_table, print_compared, with_outputs
-from commonlaw.cli.source import (
-    WITH_LAW,
-    WITHOUT_LAW,
-    Source,
-    on_cluster_at,
-    stream_of,
-    with_cluster,
-    with_table,
-)
+from commonlaw.cli.source import WITH_LAW, WITHOUT_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.models import named_models
 from commonlaw.law.observation import ALL
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.text import number_or_text
-from commonlaw.trials import Trials
 from commonlaw.trials.transformations import without_notes_on
 from commonlaw.trials.trial import property_names
-
-if TYPE_CHECKING:
-    pass
 
 
 @command
@@ -126,13 +114,7 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
     group="Law",
 )
 @with_settings("fit")
-@option(
-    "--against LAW.json",
-    "",
-    group="Output",
-    type=ReadFile(),
-    replaced_by="write commonlaw compare TABLE LAW LAW afterwards",
-)
+@option("--against LAW.json", "", type=ReadFile(), replaced_by="write commonlaw compare TABLE LAW LAW afterwards")
 @with_outputs
 @with_cluster
 def fit(
@@ -190,12 +172,8 @@ def fit(
         others = [rival] if rival else []
         trials = without_notes_on(doses, load(source, [equations], others, known, groups.values()))
         training = source.select(trials)
-        settings |= {
-            "initial_time": initial_time,
-            "doses": doses,
-            "shared": groups if any("=" in group for group in shared) else shared,
-        }
-        settings |= {"guesses": numbers("--guess", guesses) or None}
+        settings |= {"initial_time": initial_time, "doses": doses, "guesses": numbers("--guess", guesses) or None}
+        settings["shared"] = groups if any("=" in group for group in shared) else shared
         law = cl.fit(equations, training, initial_values=known, **settings, progress=show)
         later.save(outputs.save, law=law)
         learned = FitResult.check(law, source, trials, training, outputs.draws, later)
@@ -238,6 +216,8 @@ def compare(
       commonlaw compare cells.csv "x' = -k x; signal = c x; x(0) = 1" "x' = -k x^2; signal = c x; x(0) = 1"
     """
     import commonlaw as cl
+    from commonlaw.estimation.model import ModelText, read_model
+    from commonlaw.law.parse import read_equations
 
     if len({*laws}) < max(2, len(laws)):
         raise click.UsageError("give TABLE and two laws or more that differ: \"x'' = -g\" \"x'' = -g - c v\"")
@@ -248,7 +228,10 @@ def compare(
         training = source.select(load(source, [*texts.values()], saved.values()))
         for text in texts.values():  # What cannot be read is refused before the others are fitted
             with _naming(text):
-                _check_readable(text, training)
+                if (model := ModelText.of(text)).is_plain:
+                    read_equations(text, training.schema)
+                else:
+                    read_model(model, training.schema, property_names(training.properties))
         fitted = {}
         for number, law in enumerate(laws):
             share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))
@@ -270,17 +253,6 @@ def compare(
             say(f"{grade}: {', '.join(names)}.")
         print_compared(frame if any(is_of_kind(law, "law") for law in laws) else frame.drop(columns="equations"))
     later.end(training.notes, silent=as_json)
-
-
-def _check_readable(equations: str, trials: Trials) -> None:
-    """Refuse equations, with observation equations or not, that cannot be read."""
-    from commonlaw.estimation.model import ModelText, read_model
-    from commonlaw.law.parse import read_equations
-
-    if (text := ModelText.of(equations)).is_plain:
-        read_equations(equations, trials.schema)
-    else:
-        read_model(text, trials.schema, property_names(trials.properties))
 
 
 @contextmanager
@@ -339,7 +311,6 @@ def models(names: tuple[str, ...]) -> None:
       commonlaw models logistic
       commonlaw fit mice.csv logistic:x=weight
     """
-
     for name in names:
         check_choice("named model", name, named_models)
     for name in names:

@@ -130,8 +130,7 @@ def _lines(words: Callable[[], str]) -> Iterator[None]:
         while not ended.wait(INTERVAL):
             say(f"commonlaw: {words()}", err=True)
 
-    thread = Thread(target=tell, daemon=True)
-    thread.start()
+    Thread(target=tell, daemon=True).start()
     try:
         yield
     finally:

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from commonlaw.cli.options import (
-    Decorator,
-    ReadLaw,
-    as_one,
-    by_name,
-    is_of_kind,
-    numbers,
-    option,
-    pairs,
-    taking,
-)
+from commonlaw.cli.options import Decorator, ReadLaw, as_one, by_name, is_of_kind, numbers, option, pairs, taking
 from commonlaw.cli.output import Artifacts
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.runtime.arguments import RENAMED_ARGUMENTS
@@ -49,9 +39,8 @@ def _settings_help(function: str, options: type) -> dict[str, list[tuple[str, st
     for name, method in _methods().items():
         taken = {row for rows in rows_by_title.values() for row, _ in rows}
         if name != "trajectory-likelihood":
-            rows_by_title[f"Settings of --method {name}"] = [
-                row for row in _rows(method, function) if row[0] not in taken
-            ]
+            rows = [row for row in _rows(method, function) if row[0] not in taken]
+            rows_by_title[f"Settings of --method {name}"] = rows
     return {title: rows for title, rows in rows_by_title.items() if rows}
 
 
@@ -112,10 +101,9 @@ def _read(options: type, texts: dict[str, list[str]], function: str = "discover"
 
 _METHOD = option(
     "--method",
-    "How the law is found: by the likelihood of whole trajectories, with standard errors; by regression "
-    "on estimated derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for "
-    "hundreds of objects with long trials derivative-regression, for --order 0 discrete-time-regression; "
-    "or the one whose settings are given]",
+    "How the law is found: by the likelihood of whole trajectories, with standard errors; by regression on estimated "
+    "derivatives; in the weak form; in discrete time.  [default: trajectory-likelihood, for hundreds of objects with "
+    "long trials derivative-regression, for --order 0 discrete-time-regression; or the one whose settings are given]",
     group="Method",
     type=click.Choice(list(METHODS)),
 )

@@ -10,14 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from commonlaw.cli.options import AS_JSON, HISTORY, as_one, in_options, is_of_kind, saving
-from commonlaw.cli.output import (
-    Artifacts,
-    print_frame,
-    print_history,
-    print_json,
-    print_law,
-    say,
-)
+from commonlaw.cli.output import Artifacts, print_frame, print_history, print_json, print_law, say
 from commonlaw.cli.source import Source, few_trials, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
@@ -204,8 +197,7 @@ class FitResult:
             say(f"\n{summary.findings.verdict}")
         if len(candidates := summary.candidates):
             say("\nCandidate laws (* chosen):\n")
-            rank = candidates.groupby("equation").cumcount()
-            few = candidates[(rank < 4) | (candidates[""] == "*")]
+            few = candidates[(candidates.groupby("equation").cumcount() < 4) | (candidates[""] == "*")]
             print_frame(few)
             if len(few) < len(candidates):
                 say(f"\n{len(candidates) - len(few)} more with less support: commonlaw show LAW.json --history")
@@ -289,7 +281,6 @@ def find_law(
         find_all = partial(find_by_stream, law, source.held_out(trials), show, training)
         everything = later.take("the law was not checked", find_all, None)
         findings = Findings(law, few, few) if everything is None else replace(everything.few, law=everything.law)
-        program = source.program(training)
-        return FitResult(Summary(findings, everything, training), program), later
+        return FitResult(Summary(findings, everything, training), source.program(training)), later
     show("checking the law by forecasts of a few trials")
     return FitResult.check(law, source, few, few, outputs.draws, later, trials), later

@@ -12,28 +12,10 @@ import click
 import numpy as np
 
 from commonlaw.cli.main import command, working
-from commonlaw.cli.options import (
-    AS_JSON,
-    HISTORY,
-    LAW_ARGUMENT,
-    ReadFile,
-    by_name,
-    is_of_kind,
-    numbers,
-    option,
-    saving,
-)
+from commonlaw.cli.options import AS_JSON, HISTORY, LAW_ARGUMENT, ReadFile, by_name, is_of_kind, numbers, option, saving
 from commonlaw.cli.output import Artifacts, print_frame, print_history, print_json, print_law, print_notes, say
 from commonlaw.cli.results import page
-from commonlaw.cli.source import (
-    WITH_LAW,
-    Source,
-    guesses,
-    on_cluster_at,
-    stream_of,
-    with_cluster,
-    with_table,
-)
+from commonlaw.cli.source import WITH_LAW, Source, guesses, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, average_law, relations_frame, select_objects, to_json, to_latex
 from commonlaw.law.alignment import has_bands, measured_schema
@@ -124,7 +106,6 @@ def explain(
       commonlaw explain law.json --property diameter,mass
       commonlaw explain law.json --properties balls.csv --save explained.json
     """
-
     law = Law.load(law_path)
     with working("Explaining ..."):
         if table:
@@ -199,10 +180,9 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
 
 
 class _FirstSamples(click.types.IntParamType):
-    """A number of first samples, or all."""
+    """A number of first samples, or ``"all"``."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a number, or ``"all"``."""
         return value if value == "all" else super().convert(value, param, ctx)
 
 
@@ -308,14 +288,12 @@ def predict(
         times = _times(trials, how["from_time"], until, step)
         forecast = law.predict(trials, times=times, return_std=bool(save) and has_bands(law), **how)
         errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")
+
+        def figure(plots: Any) -> Any:
+            return plots.plot_phase_plane(law, forecast) if phase_plane else plots.plot_forecast(forecast)
+
         later = Artifacts()
-        later.save(
-            save,
-            table=forecast.to_frame,
-            figure=lambda plots: (
-                plots.plot_phase_plane(law, forecast) if phase_plane else plots.plot_forecast(forecast)
-            ),
-        )
+        later.save(save, table=forecast.to_frame, figure=figure)
     if as_json:
         print_json({"score": forecast.score(), "errors": errors.to_dict(orient="records")})
     else:
@@ -401,8 +379,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
                 say(f"\nResiduals of {state}, by object:\n")
                 print_frame(quantile_frame({name: rows[name].to_numpy() for name in columns}, "object"))
             say("\nThe largest:\n")
-            largest = of_files.objects.sort_values("RMS over noise", ascending=False, kind="stable")
-            print_frame(largest[:10])
+            print_frame(of_files.objects.sort_values("RMS over noise", ascending=False, kind="stable")[:10])
         later.end(silent=as_json)
         return
     with working("Checking ..."):
@@ -470,7 +447,6 @@ def discrepancy(
       commonlaw discrepancy drops.csv law.json --of v --save discrepancy.png
       commonlaw discrepancy drops.csv law.json --of "abs(v)*diameter/1.5e-5" --times "v*abs(v)*diameter^2/mass"
     """
-
     law = Law.load(law_path)
     with working("Seeking a discrepancy ..."):
         trials = source.chosen(measured_schema(law))
@@ -484,11 +460,8 @@ def discrepancy(
         later = Artifacts()
         later.save(save, law=estimate.law, figure=lambda plots: plots.plot_discrepancy(estimate))
     if as_json:
-        frames = {
-            "function": estimate.to_frame(),
-            "terms": estimate.terms_frame(),
-            "compared": estimate.coordinates_frame(),
-        }
+        frames = {"function": estimate.to_frame(), "terms": estimate.terms_frame()}
+        frames["compared"] = estimate.coordinates_frame()
         document = {"claimed": estimate.claimed, "equation": estimate.equation, "coordinate": estimate.basis.coordinate}
         document |= {"times": estimate.basis.times, "evidence": estimate.evidence, "zero at": estimate.zero_at}
         document |= {"holds nothing of": list(estimate.holds_nothing_of), "shares": estimate.shares}
@@ -608,8 +581,7 @@ def design(
 
     laws = [cl.Law.load(path) for path in (law_path, *rivals)]
     with working("Looking for experiments ...") as show:
-        given = source.path or source.dataset
-        trials = source.chosen(laws[0].schema) if given else None
+        trials = source.chosen(laws[0].schema) if source.path or source.dataset else None
         plan = cl.design(
             laws,
             by_name("--vary", vary),

@@ -198,9 +198,7 @@ class Source:
             options["properties"] = list(options["properties"])
         schema = options.pop("schema", None)
         options = (read_schema(schema) if schema else {}) | options
-        attributes = {
-            attribute.name: options.pop(attribute.name) for attribute in fields(cls) if attribute.name in options
-        }
+        attributes = {member.name: options.pop(member.name) for member in fields(cls) if member.name in options}
         dataset = table.removeprefix(DATASET) if table and table.startswith(DATASET) else ""
         return cls(None if dataset else table, roles=options, dataset=dataset, **attributes)
 
@@ -236,9 +234,7 @@ class Source:
 
     def chosen(self, schema: Schema | None = None) -> Trials:
         """Return what `select` does of the trials that `load` does; of a folder or a pattern no others are held."""
-        if self.is_stream:
-            return self.select(self.stream(schema)).read()
-        return self.select(self.load(schema))
+        return self.select(self.stream(schema)).read() if self.is_stream else self.select(self.load(schema))
 
     @property
     def is_stream(self) -> bool:
@@ -252,8 +248,7 @@ class Source:
         given: dict[str, object] = {name: name in self.roles for name in _READING}
         given |= {"sheet": self.sheet, "clip": self.clip, **others}
         if refused := [name for name, value in given.items() if value]:
-            instead = "leave it out, or give single files"
-            raise click.UsageError(f"{', '.join(refused)} with a stream of files: {instead}")
+            raise click.UsageError(f"{', '.join(refused)} with a stream of files: leave it out, or give single files")
         if not self.path:
             raise click.UsageError("give Parquet files, such as 'runs/*.parquet'")
 
@@ -431,10 +426,9 @@ R = TypeVar("R")
 
 with_cluster = option(
     "--cluster ADDRESS",
-    "Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address "
-    "that its scheduler shows, or local:4 for four processes of this machine. They read the files "
-    "themselves, so name them as the workers see them. Without it a folder or a pattern of Parquet files "
-    "is gone through here, file by file.",
+    "Have the workers of a dask cluster do the work: tcp://host:8786 or tls://host:8786, the address that its "
+    "scheduler shows, or local:4 for four processes of this machine. They read the files themselves, so name them as "
+    "the workers see them. Without it a folder or a pattern of Parquet files is gone through here, file by file.",
     group="Cluster",
 )
 """Adds the option to a command, which receives it as `cluster`."""
@@ -529,9 +523,8 @@ def list_() -> None:
     from commonlaw.datasets import DATASETS
 
     for name, dataset in DATASETS.items():
-        options = ", ".join(
-            f"{parameter.name}={parameter.default}" for parameter in signature(dataset.load).parameters.values()
-        )
+        parameters = signature(dataset.load).parameters.values()
+        options = ", ".join(f"{parameter.name}={parameter.default}" for parameter in parameters)
         say(f"{name}: {dataset.summary}\n    options: {options}\n    source: {dataset.citation}\n")
 
 

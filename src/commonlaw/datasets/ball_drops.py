@@ -12,10 +12,7 @@ from commonlaw.runtime.files import read_file
 from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.trials import Schema, Trial, Trials
 
-_SOURCE = (
-    "https://raw.githubusercontent.com/briandesilva/discovery-of-physics-from-data/"
-    "b79c34317f049c9b47aaf2cc4c54c5ec7219f3d7/data/"
-)
+_SOURCE = "https://raw.githubusercontent.com/briandesilva/discovery-of-physics-from-data/b79c34317f049c9b47aaf2cc4c54c5ec7219f3d7/data/"
 _HEIGHTS = "Ball_drops_data.xls"
 _BALLS = "balls.txt"
 _SHA256 = {
@@ -63,12 +60,9 @@ def _load(folder: str | os.PathLike[str] | None = None, clip: bool = True) -> Tr
     """
     heights, balls = (_file(name, folder) for name in (_HEIGHTS, _BALLS))
     table = Trials.read(heights, trial="Drop #", time="Time", states="Height")
-    drops = tuple(
-        Trial(name, trial.name, trial.times, trial.states) for name in _NAMES for trial in table.of_object(name)
-    )
+    drops = tuple(Trial(name, drop.name, drop.times, drop.states) for name in _NAMES for drop in table.of_object(name))
     units = {"x": "m", "t": "s", "radius": "m", "mass": "kg", "density": "kg/m^3"}
-    listed = read_file(balls).decode()
-    rows = {name: values for name, *values in map(str.split, listed.splitlines())}
+    rows = {name: values for name, *values in map(str.split, read_file(balls).decode().splitlines())}
     properties = {}
     for name, short in _NAMES.items():
         weight, circumference = rows[short]

@@ -62,11 +62,8 @@ def measure(
         check_whole_number("seed", seed, 0)
     # Bytes: 2000 a trial, 32 a value
     size = trials * len(paths) * (2000 + 32 * len(times) * len(schema.states))
-    check_memory(
-        f"{counted(trials, 'trial')} of {counted(len(paths), 'object')}, {counted(len(times), 'sample')} each,",
-        size,
-        "take fewer",
-    )
+    what = f"{counted(trials, 'trial')} of {counted(len(paths), 'object')}, {counted(len(times), 'sample')} each,"
+    check_memory(what, size, "take fewer")
     source = np.random.default_rng(seed) if isinstance(seed, int | np.integer) else seed
     measured = [
         Trial(name, str(number), times, states + noise * source.standard_normal(states.shape))
@@ -94,9 +91,8 @@ def numbers(name: str, values: PerObject, *, positive: bool = False) -> tuple[fl
         raise CommonlawError("experiment-empty", name=name)
     for number in result:
         if not np.isfinite(number) or (positive and number <= 0):
-            raise CommonlawError(
-                "experiment-not-positive", name=name, value=number, condition=" and positive" if positive else ""
-            )
+            condition = " and positive" if positive else ""
+            raise CommonlawError("experiment-not-positive", name=name, value=number, condition=condition)
     return result
 
 
@@ -143,8 +139,7 @@ def exact_law(
 
     variables = Variables((*schema.states, *rates), time=schema.time)
     parsed = Terms(variables, tuple(parse_term(term, variables) for term in terms))
-    values = np.array(list(coefficients.values()))
-    return Law(parsed, schema, 2 if rates else 1, tuple(coefficients), values)
+    return Law(parsed, schema, 2 if rates else 1, tuple(coefficients), np.array(list(coefficients.values())))
 
 
 _UNITS = {"x": "m", "t": "s"}
@@ -302,9 +297,7 @@ def _truth_of_spheres(radius: PerObject, mass: PerObject, viscosity: float, grav
         scale = -np.pi / 4 * density * size * viscosity / weight
         viscous, pressure = scale * sphere_drag.STOKES, scale * sphere_drag.PRESSURE * slope
         inertial = viscous * sphere_drag.INERTIA * slope**sphere_drag.EXPONENT
-        rows[name] = [
-            [gravity, viscous, inertial, *(pressure if ball_radius == size else 0.0 for ball_radius in radii)]
-        ]
+        rows[name] = [[gravity, viscous, inertial, *(pressure if r == size else 0.0 for r in radii)]]
     return exact_law(_SPHERES, terms, rows, rates=["v"])
 
 
@@ -397,7 +390,6 @@ def _load_pairs(
         A whole number; or a NumPy generator of random numbers, which is drawn from pair by pair, run by run: first
         the start, then the noise.
     """
-
     rates = {"growth": growth, "predation": predation, "decline": decline, "reproduction": reproduction}
     times = sample_times(samples, rate)
 
@@ -405,10 +397,8 @@ def _load_pairs(
         def field(y: Floats) -> Floats:
             return np.array([a * y[0] - b * y[0] * y[1], -c * y[1] + d * y[0] * y[1]])
 
-        equilibrium = np.array([c / d, a / b])
-        return lambda source: exact_trajectory(
-            field, equilibrium * np.exp(source.standard_normal((2,)) / 2), times, name
-        )
+        centre = np.array([c / d, a / b])
+        return lambda source: exact_trajectory(field, centre * np.exp(source.standard_normal((2,)) / 2), times, name)
 
     paths = {name: path(name, *row) for name, row in objects("Pair", positive=True, **rates).items()}
     return measure(paths, _PLANE, times, trials, noise, seed)
@@ -459,19 +449,15 @@ def _load_lorenz(
         A whole number; or a NumPy generator of random numbers, which is drawn from system by system, run by run: first
         the start, then the noise.
     """
-
-    times = sample_times(samples, rate)
+    times, middle = sample_times(samples, rate), np.array([-8.0, 8.0, 27.0])
 
     def path(name: str, s: float, r: float, b: float) -> Path:
         def field(y: Floats) -> Floats:
             return np.array([s * (y[1] - y[0]), y[0] * (r - y[2]) - y[1], y[0] * y[1] - b * y[2]])
 
-        return lambda source: exact_trajectory(
-            field, np.array([-8.0, 8.0, 27.0]) + source.standard_normal((3,)), times, name
-        )
+        return lambda source: exact_trajectory(field, middle + source.standard_normal((3,)), times, name)
 
-    systems = objects("System", sigma=sigma, rho=rho, beta=beta)
-    paths = {name: path(name, *row) for name, row in systems.items()}
+    paths = {name: path(name, *row) for name, row in objects("System", sigma=sigma, rho=rho, beta=beta).items()}
     return measure(paths, _SPACE, times, trials, noise, seed)
 
 

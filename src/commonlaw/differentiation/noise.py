@@ -105,9 +105,7 @@ def noise_degrees_of_freedom(samples: int) -> float:
     Of differences of second order, which most smooth states take: they are correlated, so that the estimate is worth
     half as many independent ones.
     """
-    if samples < MIN_SAMPLES:
-        return 0.0
-    return (samples - 2) / noise_correlation(2)
+    return 0.0 if samples < MIN_SAMPLES else (samples - 2) / noise_correlation(2)
 
 
 def differences(times: Floats, states: Floats, highest: int) -> Iterator[Floats]:

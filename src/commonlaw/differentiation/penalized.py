@@ -119,8 +119,7 @@ def smoothing_spline(steps: Floats, state: Floats, strength: float) -> tuple[Flo
     curvature = multipliers / strength
     slopes = np.diff(smoothed) / steps
     rate = slopes - steps * (2 * curvature[:-1] + curvature[1:]) / 6
-    last = slopes[-1] + steps[-1] * curvature[-2] / 6
-    return smoothed, np.append(rate, last), curvature
+    return smoothed, np.append(rate, slopes[-1] + steps[-1] * curvature[-2] / 6), curvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,10 +164,8 @@ def cross_validated(steps: Floats, state: Floats) -> float:
         from scipy.optimize import minimize_scalar
 
         systems, grid = _Systems.of(steps), _grid(len(state))
-        traces = _traces(steps.tobytes())
-        best = int(
-            np.argmin([_score(logarithm, systems, state, trace) for logarithm, trace in zip(grid, traces, strict=True)])
-        )
+        pairs = zip(grid, _traces(steps.tobytes()), strict=True)
+        best = int(np.argmin([_score(logarithm, systems, state, trace) for logarithm, trace in pairs]))
         bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
         result = float(np.exp(minimize_scalar(_score, bounds=bounds, args=(systems, state), method="bounded").x))
         while len(_strengths) >= 4096:  # Of some hundred bytes each

@@ -176,10 +176,7 @@ def _differences(times: Floats, values: Floats) -> tuple[dict[int, Floats], int,
 
 
 def _sizes(times: Floats, values: Floats, highest: int) -> dict[int, Floats]:
-    return {
-        k: np.abs(difference[:, 0])
-        for k, difference in enumerate(differences(times, values[:, np.newaxis], highest), 1)
-    }
+    return {k: np.abs(d[:, 0]) for k, d in enumerate(differences(times, values[:, np.newaxis], highest), 1)}
 
 
 def _scales(sizes: Floats, ordinary: Floats) -> Floats:

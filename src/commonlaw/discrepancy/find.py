@@ -68,12 +68,10 @@ class Setting(AbstractSetting):
 
     @property
     def variables(self) -> Variables:
-        """Those of the law."""
         return self.law.terms.variables
 
     @property
     def own(self) -> Bools:
-        """Which coefficients are to be found, shape (equations, terms)."""
         return np.asarray(self.law.support & self.problem.allowed)
 
     def directions(self, equation: int) -> tuple[tuple[str, ...], Floats]:
@@ -89,19 +87,15 @@ class Setting(AbstractSetting):
         return np.concatenate([np.gradient(part[:, 0], part[:, 1]) for part in parts])
 
     def annealed(self, model: FunctionModel) -> list[FunctionFit]:
-        """Return the fits at all model errors."""
         return annealed(self.problem, model)
 
     def converged(self, fitted: FunctionFit) -> FunctionFit:
-        """Return a fit after its trajectories have followed the coefficients until these converge."""
         return converged(self.problem, fitted)
 
     def value(self, alone: FunctionFit, model: FunctionModel) -> float:
         """Return the smaller value of the model error of the law alone and of none."""
         more = ((0, 0), (0, model.own.shape[1] - self.own.shape[1]))
-        estimates = tuple(
-            replace(estimate, coefficients=np.pad(estimate.coefficients, more)) for estimate in alone.estimates
-        )
+        estimates = tuple(replace(start, coefficients=np.pad(start.coefficients, more)) for start in alone.estimates)
         result = [np.inf]
         for model_error in {alone.model_error, NO_MODEL_ERROR}:
             with suppress(NotPositiveError):
@@ -109,23 +103,17 @@ class Setting(AbstractSetting):
         return min(result)
 
     def resolving(self, basis: SmoothBasis) -> "Setting":
-        """Return the setting with meshes that are fine enough for bumps."""
         problem, step = self.problem, np.quantile(self.visited.steps(self.visited.evaluate(basis.coordinate)), 0.95)
         while problem.points < MAX_MESH_POINTS[1] and step > basis.width * problem.points / 2:
             problem = problem.finer()
         return replace(self, problem=problem)
 
     def given_deviance(self) -> float:
-        """Return the deviance of the law's own trajectories."""
         none, errors = np.zeros_like(self.own), (*MODEL_ERRORS, *FINAL_MODEL_ERRORS)
         parts = zip(self.problem.models, self.problem.starts, self.law.coefficients, strict=True)
-        return sum(
-            fit(model, replace(start, coefficients=coefficients), none, errors).deviance
-            for model, start, coefficients in parts
-        )
+        return sum(fit(model, replace(start, coefficients=c), none, errors).deviance for model, start, c in parts)
 
     def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:
-        """Return the law with coefficients as they are with the function, and the law with the function as terms."""
         narrow, whole = select_objects(law, self.problem.trials.objects), _whole(law, self, found)
         in_law = np.zeros((len(law.schema.states), len(found.model.terms)), dtype=np.bool_)
         in_law[:, : len(self.law.terms)] = self.law.support
@@ -185,33 +173,26 @@ def descriptions(fitted: FunctionFit, basis: SmoothBasis, visited: Floats) -> tu
     for name, function in _FUNCTIONS:
         weights = np.linalg.lstsq(values, function(visited), rcond=1e-10)[0]
         column = rows.shared @ weights
-        size = np.sqrt(column @ column + sum(np.sum((name.across @ weights) ** 2) for name in rows.objects))
+        size = np.sqrt(column @ column + sum(np.sum((block.across @ weights) ** 2) for block in rows.objects))
         rests = [column, *(column - earlier * (earlier @ column) / (earlier @ earlier) for earlier in columns)]
         # Less than a thousandth is said by the law's own terms, or by a simpler function
         if min(np.linalg.norm(rest) for rest in rests) > 1e-3 * size:
             names.append(name)
             columns.append(column)
-    groups = [*((i,) for i in range(len(names))), *combinations(range(len(names)), 2)]
-    described = [
-        _described(fitted, basis, [names[i] for i in group], np.array([columns[i] for i in group]).T)
-        for group in groups
-    ]
-    return tuple(sorted(described, key=lambda description: -description.evidence)[:5])
-
-
-def _described(fitted: FunctionFit, basis: SmoothBasis, names: list[str], columns: Floats) -> Description:
-    rows = fitted.rows
-    factors, _, _, _ = np.linalg.lstsq(columns, rows.target, rcond=None)
-    squares = np.array(rows.rest + np.sum((rows.target - columns @ factors) ** 2))
-    penalty = len(names) * np.log(rows.numbers)
-    value = float(rows.deviance(squares, fitted.noise_measurements)) + penalty
-    variance = float(rows.variance(squares, fitted.noise_measurements))
-    errors = np.sqrt(variance) * np.linalg.norm(np.linalg.pinv(columns), axis=1)
     of = basis.coordinate if basis.coordinate.isidentifier() else f"({basis.coordinate})"
     front = "" if basis.times == "1" else f"{basis.times} "
-    texts = tuple((front + name.format(of)).removesuffix(" 1") for name in names)
-    evidence = fitted.posterior.value - value
-    return Description(texts, tuple(factors.tolist()), tuple(errors.tolist()), evidence)
+    result = list[Description]()
+    for group in [*((i,) for i in range(len(names))), *combinations(range(len(names)), 2)]:
+        design = np.array([columns[i] for i in group]).T
+        coefficients, _, _, _ = np.linalg.lstsq(design, rows.target, rcond=None)
+        squares = np.array(rows.rest + np.sum((rows.target - design @ coefficients) ** 2))
+        value = float(rows.deviance(squares, fitted.noise_measurements)) + len(group) * np.log(rows.numbers)
+        variance = float(rows.variance(squares, fitted.noise_measurements))
+        errors = np.sqrt(variance) * np.linalg.norm(np.linalg.pinv(design), axis=1)
+        texts = tuple((front + names[i].format(of)).removesuffix(" 1") for i in group)
+        evidence = fitted.posterior.value - value
+        result.append(Description(texts, tuple(coefficients.tolist()), tuple(errors.tolist()), evidence))
+    return tuple(sorted(result, key=lambda description: -description.evidence)[:5])
 
 
 def shares(
@@ -294,9 +275,7 @@ def discrepancy(
         evidence=evidence,
         shares=shares(setting.given_deviance(), alone, shared, fitted),
         descriptions=descriptions(fitted, basis, visited),
-        compared=tuple(
-            Compared(candidate.coordinate, sides[j], evidence + least - value) for value, candidate, j in listed
-        ),
+        compared=tuple(Compared(tried.coordinate, sides[j], evidence + least - value) for value, tried, j in listed),
     )
 
 

@@ -101,13 +101,9 @@ class Discrepancy(ShownInNotebooks, Generic[LawType]):
     def _finite(self, coordinate: ArrayLike) -> Floats:
         values = as_numbers(coordinate)
         if not np.isfinite(values).all():
-            wrong = values[~np.isfinite(values)].flat[0]
+            wrong, basis = values[~np.isfinite(values)].flat[0], self.basis
             raise CommonlawError(
-                "discrepancy-outside",
-                coordinate=self.basis.coordinate,
-                value=wrong,
-                low=self.basis.low,
-                high=self.basis.high,
+                "discrepancy-outside", coordinate=basis.coordinate, value=wrong, low=basis.low, high=basis.high
             )
         return values
 

@@ -72,7 +72,6 @@ class ObservedSetting(AbstractSetting):
 
     @property
     def variables(self) -> Variables:
-        """The variables of the law, and the properties that may be in functions."""
         known = self.law.terms.variables
         more = [name for name in self.visited.names if name not in known.names]
         return replace(known, parameters=(*known.parameters, *more))
@@ -84,7 +83,6 @@ class ObservedSetting(AbstractSetting):
         return np.asarray(self.law.support & np.array(unknown)[:, np.newaxis])
 
     def directions(self, equation: int) -> tuple[tuple[str, ...], Floats]:
-        """Return the derivatives of a rate by parameters."""
         begun, model, side = self.fitted.begun, self.fitted.begun.model, left_hand_sides(self.law)[equation]
         known = np.min(begun.unknowns.parameters, axis=0) < 0
         row = highest_columns(model.order, len(model.schema.states))[equation]
@@ -93,7 +91,6 @@ class ObservedSetting(AbstractSetting):
         return tuple(compress(names, ~known)), slopes[:, ~known]
 
     def rates(self, equation: int) -> Floats:
-        """Return the highest derivative of a state by the law."""
         model = self.fitted.begun.model
         row = highest_columns(model.order, len(model.schema.states))[equation]
         return np.asarray(model.rates.evaluate(self.points)[:, row])
@@ -170,17 +167,14 @@ class ObservedSetting(AbstractSetting):
         return [fitted]
 
     def value(self, alone: FunctionFit, model: FunctionModel) -> float:
-        """Return the value about the solutions of the law alone."""
         problem, unknowns = self._with_weights(model), self.fitted.optimum.unknowns
         return self._about(model, problem, np.append(unknowns, np.zeros(problem.unknowns - len(unknowns)))).value
 
     def given_deviance(self) -> float:
-        """Return the squares of residuals of the law as it was given."""
         residuals = untested(self.law, self.trials, measured_noise(self.fitted.law(())))[0]
         return float(sum(np.nansum(series**2) for series in residuals.standardized))
 
     def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:
-        """Return a law with coefficients as they are with the function, and the law with the function as terms."""
         begun, known, free, unknowns = self.fitted.begun, found.posterior, self._free, self._mean(found)
         factor = np.zeros((len(unknowns), len(known.weights)))
         factor[free], factor[begun.problem.unknowns :] = known.follow[0] @ known.shared_factor, known.shared_factor

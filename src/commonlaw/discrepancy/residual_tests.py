@@ -70,9 +70,7 @@ class AbstractPatterns(ShownInNotebooks):
             return "There are too few residuals to test."
         if not self.significant:
             return "The residuals look like white noise: no pattern is significant."
-        return "\n".join(
-            f"Residuals of {pattern.state}, {pattern.pattern}: {pattern.meaning}." for pattern in self.significant
-        )
+        return "\n".join(f"Residuals of {p.state}, {p.pattern}: {p.meaning}." for p in self.significant)
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,7 +296,6 @@ def _first_of(values: Floats) -> Floats:
 
 
 def _cell(sizes: Floats) -> Floats:
-    """Return the cell of each size."""
     with np.errstate(divide="ignore"):
         # Cells for each factor of two
         return np.asarray(np.maximum(np.floor(np.log2(sizes) * 16), (-(1 << 14))), dtype=np.int16)
@@ -365,8 +362,7 @@ def size_over_noise(count: int, squares: float, spent: float) -> tuple[float, fl
 def _of_state(names: Sequence[str], name: str, sums: StateSums, time: str, spent: float) -> Iterator[Tested]:
     ratio, p_value = size_over_noise(sums.count, float(sums.powers[1]), spent)
     larger = "lack of fit, or the noise is underestimated"
-    smaller = "the noise is overestimated"
-    yield ("RMS over noise", ratio, p_value, larger if ratio > 1 else smaller)
+    yield ("RMS over noise", ratio, p_value, larger if ratio > 1 else "the noise is overestimated")
     for variable, trend in sums.trends.items():
         yield _trend(trend, sums.count, variable, time)
     for earlier, (count, factor) in zip(names, sums.together, strict=False):

@@ -48,8 +48,7 @@ class Visited:
 
     def steps(self, values: Floats) -> Floats:
         """Return the sizes of the steps from sample to sample within trials."""
-        sizes = abs(np.diff(values))
-        return np.delete(sizes, np.array(self.begins[1:], dtype=int) - 1)
+        return np.delete(abs(np.diff(values)), np.array(self.begins[1:], dtype=int) - 1)
 
 
 class AbstractSetting(ABC):

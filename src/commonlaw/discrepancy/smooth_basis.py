@@ -131,9 +131,8 @@ def meaning(basis: SmoothBasis, samples: Sequence[Samples], zero_at: float | Non
     held = [k for k in range(count) if all(_is_said(sample.terms[:, k], part) for sample, part in pairs)]
     at = basis.values(np.array([0.0 if zero_at is None else zero_at]))
     there = (at @ weights.T)[0]
-    largest = np.abs(basis.values(np.concatenate([sample.coordinate for sample in samples])) @ weights.T).max(
-        initial=0.0
-    )
+    everywhere = np.concatenate([sample.coordinate for sample in samples])
+    largest = np.abs(basis.values(everywhere) @ weights.T).max(initial=0.0)
     if zero_at is None or not np.any(np.abs(there) > 0.05 * largest):
         return Meaning(constraints, None, tuple(held))
     from scipy.linalg import null_space

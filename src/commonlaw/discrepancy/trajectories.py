@@ -216,14 +216,8 @@ def annealed(problem: SearchProblem, model: FunctionModel) -> list[FunctionFit]:
     """Return the fits at all model errors, from large ones to none; raises `CommonlawError` if none can be computed."""
     # Smoothed measurements, with known coefficients and none of the others
     size, result = model.own.shape[1], list[FunctionFit]()
-    known = (
-        np.pad(np.nan_to_num(coefficients), ((0, 0), (0, size - coefficients.shape[1])))
-        for coefficients in problem.known
-    )
-    estimates = tuple(
-        replace(estimate, coefficients=coefficients)
-        for estimate, coefficients in zip(problem.starts, known, strict=True)
-    )
+    known = (np.pad(np.nan_to_num(c), ((0, 0), (0, size - c.shape[1]))) for c in problem.known)
+    estimates = tuple(replace(start, coefficients=c) for start, c in zip(problem.starts, known, strict=True))
     for model_error in ALL_MODEL_ERRORS:
         with suppress(NotPositiveError):
             first = fit_about(problem, model, estimates, model_error)
@@ -247,15 +241,13 @@ def converged(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
 def followed(problem: SearchProblem, fitted: FunctionFit) -> tuple[Estimate, ...]:
     """Return trajectories with the coefficients and weights of a fit."""
     model, errors = fitted.model, errors_to_fit(fitted.model_error)
-    none, result = np.zeros_like(model.own), []
-    pairs = zip(problem.models, fitted.estimates, fitted.posterior.coefficients, strict=True)
-    for trajectory, estimate, coefficients in pairs:
+    none, fits = np.zeros_like(model.own), []
+    triples = zip(problem.models, fitted.estimates, fitted.posterior.coefficients, strict=True)
+    for trajectory, estimate, coefficients in triples:
         changed = estimate.coefficients.copy()
         changed[model.own], changed[model.shared] = coefficients, fitted.posterior.weights
-        result.append(
-            fit(replace(trajectory, terms=model.terms), replace(estimate, coefficients=changed), none, errors)
-        )
-    return tuple(result)
+        fits.append(fit(replace(trajectory, terms=model.terms), replace(estimate, coefficients=changed), none, errors))
+    return tuple(fits)
 
 
 def fit_about(

@@ -38,9 +38,7 @@ class Quantity:
         parts = zip(self.values, self.slopes, evidence.estimates, strict=True)
         means = np.stack([value + estimates @ slopes for value, slopes, estimates in parts], axis=2)
         known = zip(self.slopes, evidence.covariances, strict=True)
-        within = np.stack(
-            [np.einsum("p,...pq,q->...", slopes, covariance, slopes) for slopes, covariance in known], axis=-1
-        )
+        within = np.stack([np.einsum("p,...pq,q->...", s, covariance, s) for s, covariance in known], axis=-1)
         weights = evidence.probabilities(prior)
         middle = np.sum(weights * means, axis=2, keepdims=True)
         variances = np.sum(weights * (within + (means - middle) ** 2), axis=2)
@@ -59,15 +57,13 @@ def quantity(text: str, hypotheses: Sequence[Hypothesis]) -> Quantity:
     match = forecast or coefficient
     if match is None:
         raise CommonlawError("design-without-target")
-    chosen, objects = match["object"], hypotheses[0].objects
-    if chosen is not None and chosen not in objects:
-        raise unknown("object of this law", chosen, objects)
-    names = objects if chosen is None else (chosen,)
+    chosen, first = match["object"], hypotheses[0]
+    if chosen is not None and chosen not in first.objects:
+        raise unknown("object of this law", chosen, first.objects)
+    names = first.objects if chosen is None else (chosen,)
     if forecast is None:
-        return _of_hypotheses(
-            text, (_coefficient(match["name"], hypotheses[0], hypothesis, names) for hypothesis in hypotheses)
-        )
-    return _of_hypotheses(text, (_forecast(match, hypothesis, names) for hypothesis in hypotheses))
+        return _of_hypotheses(text, (_coefficient(match["name"], first, model, names) for model in hypotheses))
+    return _of_hypotheses(text, (_forecast(match, model, names) for model in hypotheses))
 
 
 def coefficients(hypotheses: Sequence[Hypothesis]) -> list[Quantity]:
@@ -98,8 +94,7 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
     check_choice("coefficient of this law", name, named)
     columns = {term: k for k, term in enumerate(terms)}
     parts = [part._replace(term=columns.get(law.terms.names[part.term], -1)) for part in named[name].parts]
-    there = [part.term >= 0 and bool(each.law.support[part.equation, part.term]) for part in parts]
-    if not all(there):
+    if not all(part.term >= 0 and each.law.support[part.equation, part.term] for part in parts):
         return 0.0, np.zeros(each.unknowns)
     coefficient = named[name]._replace(parts=tuple(parts))
     values = each.law.coefficients[[object_index(each.law, owner) for owner in names]]
@@ -193,9 +188,6 @@ class Aim:
         if self.quantity is not None:
             now, then = self.quantity.std(self.prior), self.quantity.expected_std(self.prior, evidence)
             return float(np.log2(now / then)) if then > 0 else 0.0
-        nats = (
-            evidence.information_about_law(self.prior)
-            if self.of_law
-            else self.prior @ evidence.gain().mean(axis=(0, 2))
-        )
-        return float(nats / np.log(2))
+        if self.of_law:
+            return float(evidence.information_about_law(self.prior) / np.log(2))
+        return float(self.prior @ evidence.gain().mean(axis=(0, 2)) / np.log(2))

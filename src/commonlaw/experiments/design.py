@@ -26,7 +26,7 @@ from commonlaw.law.alignment import has_bands, matched, measured_schema
 from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
-from commonlaw.trials import Schema, Trials
+from commonlaw.trials import Trials
 
 
 def design(
@@ -115,7 +115,14 @@ def design(
         raise CommonlawError("design-count", count=experiments)
     if vary is not None and not isinstance(vary, Mapping):
         raise CommonlawError("design-trials-by-name")
-    plausible = _plausible([law] if isinstance(law, Law) else list(law))
+    laws = [law] if isinstance(law, Law) else list(law)
+    if not laws or not all(isinstance(model, Law) for model in laws):
+        raise CommonlawError("design-without-laws")
+    if any(_setting_of(model) != _setting_of(laws[0]) for model in laws[1:]):
+        raise CommonlawError("design-different-laws")
+    share = 1 / len(laws)
+    models = [model for candidate in laws for model in candidate.models]
+    plausible = tuple(PlausibleLaw(share * model.probability, model.law) for model in models)
     first, prior = plausible[0].law, np.array([model.probability for model in plausible])
     settings = Settings.of(first, vary or {}, usual(first, trials) if trials is not None else {})
     unit_costs = {"trial": 1.0} if cost is None else cost
@@ -189,20 +196,11 @@ def usual(law: Law, trials: Trials) -> dict[str, Options]:
             result[name] = (0.0,)
         elif name not in given:
             result[name] = _between(starts[:, j])
-    if schema.doses:
-        result |= _usual_doses(schema, trials)
-    else:
-        inputs = np.array([trial.inputs.mean(axis=0) for trial in trials])
-        result |= {name: _between(inputs[:, j]) for j, name in enumerate(schema.inputs)}
-    result["duration"] = (float(np.median([trial.times[-1] - trial.times[0] for trial in trials])),)
-    result["samples"] = (float(np.median([len(trial.measured()) for trial in trials])),)
-    return result
-
-
-def _usual_doses(schema: Schema, trials: Trials) -> dict[str, Options]:
-    """Return the amounts of doses, which stand in trials as large inputs for a moment, and when the first is given."""
-    result: dict[str, Options] = {}
     for j, name in enumerate(schema.inputs):
+        if not schema.doses:
+            result[name] = _between(np.array([trial.inputs.mean(axis=0)[j] for trial in trials]))
+            continue
+        # Doses stand in trials as large inputs for a moment
         dosed = [(trial, np.flatnonzero(trial.inputs[:, j])) for trial in trials]
         pulses = [(trial, given) for trial, given in dosed if len(given)]
         amounts = [trial.inputs[i, j] * (trial.times[i] - trial.times[i - 1]) for trial, given in pulses for i in given]
@@ -210,6 +208,8 @@ def _usual_doses(schema: Schema, trials: Trials) -> dict[str, Options]:
         if pulses:
             firsts = [trial.times[given[0] - 1] - trial.times[0] for trial, given in pulses]
             result[f"{name}.at"] = (float(np.median(firsts)),)
+    result["duration"] = (float(np.median([trial.times[-1] - trial.times[0] for trial in trials])),)
+    result["samples"] = (float(np.median([len(trial.measured()) for trial in trials])),)
     return result
 
 
@@ -220,16 +220,6 @@ def _between(values: Floats) -> Options:
         return (low,)
     first, last = (rounded_to(end, (high - low) / 10) for end in (low, high))
     return Range(first if first * low > 0 else low, last if last * high > 0 else high)
-
-
-def _plausible(laws: list[Law]) -> tuple[PlausibleLaw[Law], ...]:
-    """Return all that several laws could be, each of them as probable as another."""
-    if not laws or not all(isinstance(law, Law) for law in laws):
-        raise CommonlawError("design-without-laws")
-    if any(_setting_of(law) != _setting_of(laws[0]) for law in laws[1:]):
-        raise CommonlawError("design-different-laws")
-    share = 1 / len(laws)
-    return tuple(PlausibleLaw(share * model.probability, model.law) for law in laws for model in law.models)
 
 
 def _setting_of(law: Law) -> tuple[object, ...]:
@@ -249,10 +239,8 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> dict[str, Design]:
     if not has_bands(law) or law.order == 0 or not law.support.any():
         return {}
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
-    ranges = {
-        name: Range(*visited[name]) for name in law.schema.states if name in visited and np.ptp(visited[name]) > 0
-    }
-    vary: dict[str, Options] = {**usual(law, trials), **ranges}
+    spans = {name: Range(*visited[name]) for name in law.schema.states if name in visited and np.ptp(visited[name]) > 0}
+    vary: dict[str, Options] = {**usual(law, trials), **spans}
     result = dict[str, Design]()
     purposes = [("To find out which law is right", LAW)] if law.models[0].probability < SETTLED else []
     purposes.append(("To know all coefficients better", COEFFICIENTS))
@@ -267,7 +255,7 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> dict[str, Design]:
     for purpose, about in purposes:
         settings: dict[str, Any] = {"experiments": most, "about": about, "points": POINTS // 4}
         try:
-            result[purpose] = design(law, vary, within=ranges, progress=lambda _: None, **settings)
+            result[purpose] = design(law, vary, within=spans, progress=lambda _: None, **settings)
         except CommonlawError:  # Forecasts may diverge from everywhere
             continue
     return result

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from numbers import Real
-from typing import TypeGuard, cast
+from typing import cast
 
 import numpy as np
 
@@ -74,9 +74,7 @@ class Settings:
         given = {name: read(name, value) for name, value in vary.items()}
         schema, states = measured_schema(law), law.terms.variables.states
         details = ("at", "every") if schema.doses else ("shape", "period")
-        inputs = [
-            setting for signal in schema.inputs for setting in (signal, *(f"{signal}.{detail}" for detail in details))
-        ]
+        inputs = [name for u in schema.inputs for name in (u, *(f"{u}.{detail}" for detail in details))]
         for name in given:
             if name not in (*TIMING, *states, *inputs) and not (name.startswith("object.") and name != "object."):
                 raise unknown("setting of an experiment", name, (*states, *inputs, *TIMING, "object.<property>"))
@@ -151,8 +149,7 @@ class Settings:
         result = np.clip(point + width * random.uniform(-1, 1, (count, len(point))), 0.0, 1.0)
         for j, name in enumerate(self.varied):
             if not isinstance(self.options[name], Range):
-                anew = random.uniform(size=count) < width
-                result[:, j] = np.where(anew, random.uniform(size=count), point[j])
+                result[:, j] = np.where(random.uniform(size=count) < width, random.uniform(size=count), point[j])
         return result
 
 
@@ -182,7 +179,7 @@ def read(name: str, value: object) -> Options:
 
 def _range(name: str, low: object, high: object) -> Range:
     first, last = _plain(name, low), _plain(name, high)
-    if not (_is_number(first) and _is_number(last) and first < last):
+    if not (isinstance(first, float) and isinstance(last, float) and first < last):
         raise CommonlawError("setting-range", name=name, low=low, high=high)
     return Range(first, last)
 
@@ -206,13 +203,10 @@ def _is_in_words(name: str) -> bool:
     return name == "object" or name.endswith(".shape")
 
 
-def _is_number(value: Value) -> TypeGuard[float]:
-    return isinstance(value, float)
-
-
 def numbers_of(options: Options) -> tuple[float, ...]:
     """Return the ends of a range, or the numbers of a list."""
-    return (options.low, options.high) if isinstance(options, Range) else tuple(filter(_is_number, options))
+    listed = (options.low, options.high) if isinstance(options, Range) else options
+    return tuple(value for value in listed if isinstance(value, float))
 
 
 def _words_of(options: Options) -> tuple[str, ...]:
@@ -328,8 +322,7 @@ class Experiment:
 
     def until(self, time: float) -> "Experiment":
         """Return the same with the samples up to a time, of which two stay."""
-        count = max(2, int(np.searchsorted(self.times, time, side="right")))
-        return replace(self, times=self.times[:count])
+        return replace(self, times=self.times[: max(2, int(np.searchsorted(self.times, time, side="right")))])
 
     def repeated(self, times: int) -> "Experiment":
         """Return the same made so many times."""
@@ -338,9 +331,7 @@ class Experiment:
     @property
     def cost(self) -> float:
         """What all of its trials cost."""
-        numbers = {
-            name: setting for name, setting in self.settings.items() if isinstance(setting, float) and name != "repeats"
-        }
+        numbers = {key: value for key, value in self.settings.items() if isinstance(value, float) and key != "repeats"}
         numbers |= {"trial": 1.0, "sample": len(self.times), "duration": float(self.times[-1] - self.times[0])}
         per_object = sum(self.unit_costs.get(name, 0.0) * abs(setting) for name, setting in numbers.items())
         return self.repeats * sum(per_object + self.unit_costs.get(name, 0.0) for name in self.objects)
@@ -352,8 +343,7 @@ class Experiment:
         def valued(name: str, value: float) -> str:
             return f"{name} = {value:.3g} {units.get(name, '')}".rstrip()
 
-        chosen = self.settings.get("object")
-        who = "each object" if chosen == EACH else self.objects[0]
+        who = "each object" if self.settings.get("object") == EACH else self.objects[0]
         if self.properties:
             who = f"a new object with {', '.join(valued(*pair) for pair in self.properties.items())}"
         given, schema = given_starts(law), measured_schema(law)

@@ -42,8 +42,7 @@ class Forecasts:
         first = [by_object[0] for by_object in predicted if by_object is not None]
         states, times = measured_schema(law).measured, experiment.times
         shape = (len(first), -1, len(states))
-        count = len(first[0].mean) // len(states)
-        times = times[evenly_spaced(len(times), count)]
+        times = times[evenly_spaced(len(times), len(first[0].mean) // len(states))]
         total = [prediction.variances for prediction in first]
         means = np.array([prediction.mean for prediction in first]).reshape(shape)
         return cls(times, states, means, np.sqrt(total).reshape(shape), measured_schema(law).logarithmic)
@@ -147,12 +146,10 @@ class Design(ShownInNotebooks):
         sentences = []
         if self.aim.of_law or self.chance_now < SETTLED:
             sentences += self._of_laws()
-        if self.aim.quantity is not None:
-            now, then = self.aim.quantity.std(self.aim.prior), self.experiments[-1].std or 0.0
-            value = float(self.aim.prior @ self.aim.quantity.values)
-            sentences.append(
-                f"{self.aim.quantity.name} is {with_error(value, now)} now; its standard error is then {then:.2g}."
-            )
+        if (quantity := self.aim.quantity) is not None:
+            now, then = quantity.std(self.aim.prior), self.experiments[-1].std or 0.0
+            shown = with_error(float(self.aim.prior @ quantity.values), now)
+            sentences.append(f"{quantity.name} is {shown} now; its standard error is then {then:.2g}.")
         elif not self.aim.of_law:
             gains = [gain for gain in self.gains if gain.then < (1 - MIN_RELATIVE_GAIN) * gain.now][:3]
             parts = [f"{gain.name} from {gain.now:.2g} to {gain.then:.2g} {gain.unit}".rstrip() for gain in gains]

@@ -142,10 +142,8 @@ class Hypothesis:
     @cached_property
     def observed(self) -> Callable[[frozenset[str]], ObservedLaw | None]:
         """The law with its observation equations, if it has some, by the states (and rates) whose start is set."""
-        properties = property_names(self.law.properties)
-        return cache(
-            lambda chosen: None if self.law.observation is None else ObservedLaw.of(self.law, properties, None, chosen)
-        )
+        law, properties = self.law, property_names(self.law.properties)
+        return cache(lambda chosen: None if law.observation is None else ObservedLaw.of(law, properties, None, chosen))
 
     def within(self, experiments: Sequence[Experiment], limits: Mapping[str, Range]) -> list[Experiment]:
         """Return experiments that end where its forecasts leave the limits of states (and rates)."""
@@ -163,13 +161,10 @@ class Hypothesis:
     ) -> list[tuple[Gaussian, ...] | None]:
         """Return predictions of each experiment's trials; None where a state exceeds the limit, see `simulate`."""
         planned = [_planned(self, experiment) for experiment in experiments]
-        predicted = iter(
-            self._predictions([(plan, name, None) for plan in planned for name in plan.experiment.objects], limit)
-        )
+        trials = [(plan, name, None) for plan in planned for name in plan.experiment.objects]
+        predicted = iter(self._predictions(trials, limit))
         whole = [[next(predicted) for _ in plan.experiment.objects] for plan in planned]
-        return [
-            tuple(gaussian for gaussian in by_object if gaussian) if all(by_object) else None for by_object in whole
-        ]
+        return [tuple(filter(None, by_object)) if all(by_object) else None for by_object in whole]
 
     def simulated(self, experiment: Experiment, unknowns: Floats, limit: float | None) -> list[Simulated]:
         """Return predictions of an experiment at unknowns of draws, shape (draws, unknowns).
@@ -226,7 +221,6 @@ class Hypothesis:
     def _followed(
         self, trials: "Sequence[tuple[_Planned, str, Floats | None]]", slopes: bool = False, limit: float | None = None
     ) -> "list[_Followed]":
-        """Return trajectories of trials of objects at points."""
         if self.law.observation is not None:
             return [plan.observed_at(name, point, slopes, limit) for plan, name, point in trials]
         problems = [plan.problem(name, point) for plan, name, point in trials]
@@ -268,7 +262,6 @@ class _Planned:
     start_std: Floats
 
     def _coefficients(self, name: str, coefficients: Floats, point: Floats | None) -> Floats:
-        """Return the coefficients of an object at a point."""
         if point is None or self.experiment.properties:
             return coefficients
         result, unknowns = coefficients.copy(), point[: self.known.unknowns]
@@ -282,14 +275,12 @@ class _Planned:
         return result
 
     def problem(self, name: str, point: Floats | None) -> InitialValueProblem:
-        """Return the problem of one object at a point."""
         rates = self._own(name)
         rates = replace(rates, coefficients=self._coefficients(name, rates.coefficients, point))
         return InitialValueProblem(rates, self._shifted(point), self.times, name)
 
     @cached_property
     def _own(self) -> Callable[[str], VectorField]:
-        """The law of an object."""
         return cache(
             lambda name: replace(vector_field(self.law, name), free=self.law.support, inputs=self.experiment.inputs)
         )
@@ -378,14 +369,13 @@ def _planned(known: Hypothesis, experiment: Experiment) -> _Planned:
         trials = Trials((trial,), replace(law.schema, noise_columns={}), {name: experiment.properties})
         law, _ = with_objects_of(law, trials)
     observed = known.observed(frozenset(experiment.settings) & frozenset(law.terms.variables.states))
-    if observed is not None:
-        return _Planned(
-            known, experiment, law, times, observed, *observed.beginning(experiment.start, experiment.start_std)
-        )
     start, std, logs = experiment.start.copy(), experiment.start_std.copy(), [*law.terms.variables.logarithmic_columns]
-    std[logs] /= start[logs]
-    start[logs] = np.log(start[logs])
-    return _Planned(known, experiment, law, times, None, start, std)
+    if observed is not None:
+        start, std = observed.beginning(start, std)
+    else:
+        std[logs] /= start[logs]
+        start[logs] = np.log(start[logs])
+    return _Planned(known, experiment, law, times, observed, start, std)
 
 
 def _noise(law: Law, times: Floats, states: Floats, by_start: Floats) -> tuple[Floats, Floats | None]:

@@ -86,8 +86,7 @@ class Search:
         picked: list[Candidate] = []
         for step in range(count):
             progress(f"looking for experiment {step + 1}")
-            remaining = budget - sum(candidate.experiment.cost for candidate in picked)
-            best = self._best([*picked, None], remaining)
+            best = self._best([*picked, None], budget - sum(candidate.experiment.cost for candidate in picked))
             if best is None:
                 break
             picked.append(best)
@@ -98,17 +97,15 @@ class Search:
             if not self._spread:
                 raise CommonlawError("design-diverges")
             raise CommonlawError("design-too-expensive", budget=budget, cheapest=cheapest)
-        return self._exchanged(picked, progress) if len(picked) > 1 else picked
-
-    def _exchanged(self, candidates: list[Candidate], progress: Callable[[str], None]) -> list[Candidate]:
-        """Return experiments that tell together what these do, or more."""
+        if len(picked) == 1:
+            return picked
         progress("exchanging experiments")
-        before = candidates
-        for i in [i for _ in range(2) for i in range(len(candidates))]:
-            candidate = candidates[i]
-            best = self._best([*candidates[:i], None, *candidates[i + 1 :]], candidate.experiment.cost, candidate)
-            candidates = [*candidates[:i], best or candidate, *candidates[i + 1 :]]
-        return max(before, candidates, key=lambda chosen: self.aim.bits(_sum(self._evidences(chosen, _MAX_DRAWS))))
+        exchanged = picked
+        for i in [*range(len(picked))] * 2:
+            candidate = exchanged[i]
+            best = self._best([*exchanged[:i], None, *exchanged[i + 1 :]], candidate.experiment.cost, candidate)
+            exchanged = [*exchanged[:i], best or candidate, *exchanged[i + 1 :]]
+        return max(picked, exchanged, key=lambda chosen: self.aim.bits(self.evidence(chosen)))
 
     @cached_property
     def _spread(self) -> list[Candidate]:
@@ -189,20 +186,15 @@ class Search:
         return _sum(self._evidences(chosen, draws))
 
     def _evidences(self, chosen: Chosen, draws: int) -> list[Evidence]:
-        return [
-            self._evidence_of(candidate, draws, place)
-            for place, candidate in enumerate(chosen)
-            if candidate is not None
-        ]
+        return [self._evidence_of(candidate, draws, i) for i, candidate in enumerate(chosen) if candidate is not None]
 
     def _evidence_of(self, each: Candidate, count: int, place: int) -> Evidence:
         """Return the evidence of an experiment, with so many draws, in its place among others."""
         if each.simulated:
             return self._simulated(each.experiment, count, place)
         draws = self._draws(count, place)
-        return _sum(
-            Evidence.of(trial, draw) for trial, draw in zip(zip(*each.predicted, strict=True), draws, strict=False)
-        )
+        pairs = zip(zip(*each.predicted, strict=True), draws, strict=False)
+        return _sum(Evidence.of(trial, draw) for trial, draw in pairs)
 
     @cached_property
     def _simulated(self) -> Callable[[Experiment, int, int], Evidence]:
@@ -234,10 +226,8 @@ class Search:
     def _draws(self, count: int, place: int) -> list[Draws]:
         """Return draws for every trial of an experiment, of which each object makes one at most."""
         sizes = [hypothesis.unknowns for hypothesis in self.hypotheses]
-        objects, per_law = range(len(self.settings.objects)), -(-count // len(sizes))
-        return [
-            Draws.of(sizes, MAX_MEASUREMENTS, per_law, (self.seed, count), place * len(objects) + i) for i in objects
-        ]
+        trials, per_law = range(len(self.settings.objects)), -(-count // len(sizes))
+        return [Draws.of(sizes, MAX_MEASUREMENTS, per_law, (self.seed, count), place * len(trials) + i) for i in trials]
 
     def repeats(self, chosen: Sequence[Candidate]) -> int | None:
         """Return how often all must be made for a chance that counts as settled; None if `MAX_REPEATS` do not do."""

@@ -190,8 +190,7 @@ class Forecast(ShownInNotebooks):
         for trial, forecast, (low, high), ahead in zip(self.trials, self._states(), bands, self.ahead, strict=True):
             for j, name in enumerate(schema.states):
                 part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times, "state": name}
-                part |= {"forecast": forecast[:, j]}
-                part |= {"low": low[:, j], "high": high[:, j]}
+                part |= {"forecast": forecast[:, j], "low": low[:, j], "high": high[:, j]}
                 parts.append(pd.DataFrame(part)[ahead])
         return pd.concat(parts, ignore_index=True)
 
@@ -204,10 +203,8 @@ class Forecast(ShownInNotebooks):
         scales = [part.forecast._scales(measured) for part in parts]
         centers = [part.forecast._states() for part in parts]
         known = [part.forecast.degrees_of_freedom for part in parts]
-        states = len(self.trials.schema.states)
-        degrees = np.array([np.full(states, np.inf) if freedom is None else freedom for freedom in known])[
-            :, np.newaxis, :
-        ]
+        unlimited = np.full(len(self.trials.schema.states), np.inf)
+        degrees = np.array([unlimited if freedom is None else freedom for freedom in known])[:, np.newaxis]
         return tuple(
             mixture_interval(
                 np.array([part.weights[i] for part in parts]).reshape(-1, 1, 1),
@@ -248,9 +245,8 @@ class Forecast(ShownInNotebooks):
             pairs = zip(self.followed.measurement_std(white), self._states(), strict=True)
             return tuple(std * np.where(columns, states, 1.0) for std, states in pairs)
         errors = self.error_model.white_std if white else self.error_model.measurement_std
-        return tuple(
-            errors(states, trial.std(self.noise)) for trial, states in zip(self.trials, self._states(), strict=True)
-        )
+        forecast = zip(self.trials, self._states(), strict=True)
+        return tuple(errors(states, trial.std(self.noise)) for trial, states in forecast)
 
     def as_measured(self, measured: Trials) -> "Forecast":
         """Return the forecast of measured trials from this one, which has logarithms of some of their states."""
@@ -263,9 +259,7 @@ class Forecast(ShownInNotebooks):
         return replace(
             self,
             trials=as_measured(self.trials, measured),
-            trajectories=tuple(
-                replace(trajectory, states=x) for trajectory, x in zip(self.trajectories, states, strict=True)
-            ),
+            trajectories=tuple(replace(path, states=x) for path, x in zip(self.trajectories, states, strict=True)),
             std=std,
             at_more_times=None if again is None else partial(_measured_at, again, measured),
             followed=self,
@@ -386,7 +380,6 @@ def squared_errors(forecast: Forecast) -> "pd.DataFrame":
 
 
 def _measured_at(again: Callable[[Sequence[Floats]], Forecast], measured: Trials, times: Sequence[Floats]) -> Forecast:
-    """Return a forecast at more times as measured."""
     return again(times).as_measured(measured)
 
 

@@ -127,8 +127,7 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
             covariance = transition @ covariance @ transition.T + more
             variances.append(np.diag(covariance)[:width])
         followed = np.logical_and.accumulate(np.append(True, finite))[:, np.newaxis]
-        std = np.sqrt(np.where(followed, variances, np.inf))[::MESH_POINTS]
-        return np.where(np.isnan(states), np.nan, std)
+        return np.where(np.isnan(states), np.nan, np.sqrt(np.where(followed, variances, np.inf))[::MESH_POINTS])
 
 
 MIN_SAMPLES = 5
@@ -139,11 +138,9 @@ class _AtFirstSample:
     """A start at the first sample of a forecast, whose trajectory lacks nothing."""
 
     def followed_by(self, trajectory: Trajectory, _: Floats) -> Trajectory:
-        """Return the trajectory from this start."""
         return trajectory
 
     def std_followed_by(self, std: Floats, _: Floats) -> Floats:
-        """Return the standard deviations of a forecast from this start."""
         return std
 
 
@@ -417,9 +414,8 @@ def begin(
         raise CommonlawError("forecast-no-trial", reason=why)
     notes = [f"trials not forecast {why.sentence(marked)}"] if lost else []
     starts = [started.start for started in result if rate_names(law)]
-    unknown = [
-        begins.samples.label for begins in starts if isinstance(begins, MeasuredStart) and len(begins.samples) == 1
-    ]
+    measured_starts = [start for start in starts if isinstance(start, MeasuredStart)]
+    unknown = [start.samples.label for start in measured_starts if len(start.samples) == 1]
     if unknown:
         notes.append(f"rates not identifiable from one sample were set to zero, without a band: {'; '.join(unknown)}")
     # Trials that are forecast as they are stay the same
@@ -474,7 +470,6 @@ def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
     more = (0, between.sum()), (0, 0)
     states, below = (np.pad(values, more, constant_values=np.nan)[order] for values in (trial.states, trial.below))
     noise = [np.interp(grid[order], trial.times, column, right=np.nan) for column in trial.noise.T]
-    rows = np.flatnonzero(order < len(trial))
     return replace(
         trial,
         times=grid[order],
@@ -482,7 +477,7 @@ def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
         below=below,
         inputs=inputs.at(grid[order]),
         noise=np.stack(noise, axis=1),
-        repeats=trial.repeats and trial.repeats.placed(rows, len(grid)),
+        repeats=trial.repeats and trial.repeats.placed(np.flatnonzero(order < len(trial)), len(grid)),
     )
 
 

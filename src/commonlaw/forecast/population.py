@@ -114,10 +114,7 @@ def _drawn(law: Law, name: str, trials: Trials) -> Population:
         return _typical(law, f"{name} is not in the law: it has the mean coefficients of the others{why}")
     explanation, values = law.uncertainty.explanation, trials.properties.get(name, {})
     assert explanation is not None
-    given = {
-        attribute: _in_unit(attribute, values[attribute], trials.schema, law.schema)
-        for attribute in explanation.properties
-    }
+    given = {key: _in_unit(key, values[key], trials.schema, law.schema) for key in explanation.properties}
     coefficients, indices = law.coefficients[0].copy(), np.argwhere(law.support)
     covariance = explanation.covariance
     turn, scatter = np.zeros((len(indices), len(covariance))), np.zeros(len(indices))
@@ -149,18 +146,14 @@ def _with_properties(law: Law, name: str, trials: Trials, drawn: Population) -> 
         for attribute in names:
             if not isinstance(given.get(attribute), float):
                 raise CommonlawError("property-missing", object=name, property=attribute)
-        values = {
-            attribute: np.asarray(_in_unit(attribute, given[attribute], trials.schema, law.schema))
-            for attribute in names
-        }
+        values = {key: np.asarray(_in_unit(key, given[key], trials.schema, law.schema)) for key in names}
         coefficients[place] = product.value(values)
         taken += [attribute for attribute in names if attribute not in taken]
         if covariances is not None:
             covariances = covariances.copy()
             covariances[places.index(place)] = covariances[:, places.index(place)] = 0.0
-    return Population(
-        coefficients, covariances, f"{drawn.note}, and its own {' and '.join(taken)}" if taken else drawn.note
-    )
+    note = f"{drawn.note}, and its own {' and '.join(taken)}" if taken else drawn.note
+    return Population(coefficients, covariances, note)
 
 
 def _moments(relation: Relation, value: float) -> tuple[float, float, float]:
@@ -213,6 +206,5 @@ def _typical(law: Law, note: str) -> Population:
 
 
 def _in_unit(name: str, value: Property, given: Schema, wanted: Schema) -> float:
-    """Return a property in the unit of the law."""
     turn = Conversion.between(f"property {name!r}", given.units.get(name), wanted.units.get(name))
     return float(turn.scale * float(value) + turn.offset)

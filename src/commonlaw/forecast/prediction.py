@@ -12,13 +12,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast.forecast import Forecast, Part
-from commonlaw.forecast.initial_state import (
-    FilteredStart,
-    StartedTrial,
-    begin,
-    model_error_std,
-    with_times,
-)
+from commonlaw.forecast.initial_state import FilteredStart, StartedTrial, begin, model_error_std, with_times
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.integration.vector_field import InputFunction
@@ -247,7 +241,6 @@ class _Forecaster:
     limit: float | None = None
 
     def forecast(self) -> Forecast:
-        """Return the forecasts at the times of the trials."""
         trajectories = simulate(
             [self._problem(trial) for trial in self.started],
             method=self.method,
@@ -258,21 +251,17 @@ class _Forecaster:
         known = self.law.uncertainty
         # The derivatives have done their work, and are many times larger than the states
         lighter = [replace(trajectory, sensitivities=None) for trajectory in trajectories]
+        pairs = zip(self.started, lighter, strict=True)
         return Forecast(
             self.trials,
-            tuple(
-                started.start.followed_by(trajectory, started.trial.times)
-                for started, trajectory in zip(self.started, lighter, strict=True)
-            ),
+            tuple(begun.start.followed_by(path, begun.trial.times) for begun, path in pairs),
             self._std(trajectories) if self.return_std else None,
             known.noise if self.return_std else None,
             self.from_time,
             known.error_model,
             None if self.law.order == 0 else self.at_more_times,
             degrees_of_freedom=known.degrees_of_freedom,
-            horizons=tuple(
-                np.maximum(0.0, started.trial.times - started.start.known_until) for started in self.started
-            ),
+            horizons=tuple(np.maximum(0.0, begun.trial.times - begun.start.known_until) for begun in self.started),
             interval_inflation=known.interval_inflation,
         )
 
@@ -374,20 +363,15 @@ def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
     solution = replace(law, uncertainty=replace(law.uncertainty, error_model=WHITE_NOISE))
     return_std = return_std and not errors.of_law
     fit = solution.predict(trials, start="all", return_std=return_std, averaged=False)
-    if (
-        law.uncertainty.noise is None
-        or law.schema.logarithmic
-        or not (errors.heteroscedastic or errors.correlated is not None)
-    ):
+    noise, is_plain = law.uncertainty.noise, not errors.heteroscedastic and errors.correlated is None
+    if noise is None or law.schema.logarithmic or is_plain:
         return fit
     # Errors that grow with the states are known once these are
-    deviations = [
-        errors.measurement_std(
-            np.nan_to_num(curve.states[:, : len(law.schema.states)]), trial.std(law.uncertainty.noise)
-        )
-        for trial, curve in zip(fit.trials, fit.trajectories, strict=True)
-    ]
-    weighted = tuple(replace(trial, noise=std) for trial, std in zip(fit.trials, deviations, strict=True))
+    curves = [np.nan_to_num(trajectory.states[:, : len(law.schema.states)]) for trajectory in fit.trajectories]
+    weighted = tuple(
+        replace(trial, noise=errors.measurement_std(curve, trial.std(noise)))
+        for trial, curve in zip(fit.trials, curves, strict=True)
+    )
     names = {name: f"standard deviation of {name}" for name in law.schema.states} | dict(trials.schema.noise_columns)
     trials = replace(trials, trials=weighted, schema=replace(trials.schema, noise_columns=names))
     return solution.predict(trials, start="all", return_std=return_std, averaged=False)

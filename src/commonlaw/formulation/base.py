@@ -81,9 +81,9 @@ class AbstractSampledForm(AbstractFormulation):
         return _below(values), _below(targets)
 
     @property
-    @abstractmethod
     def takes_missing(self) -> bool:
         """Whether states may be missing (NaN) in a trial."""
+        return False
 
     def rows(self, trial: Trial, terms: Terms) -> tuple[Floats, Floats]:
         self._check(trial, terms)

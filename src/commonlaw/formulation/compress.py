@@ -78,11 +78,8 @@ class CompressedTrials:
     def subtract(self, coefficients: Floats) -> "CompressedTrials":
         """Return the problems with targets that coefficients, shape (objects, equations, terms), do not explain."""
         pairs = zip(self.groups, coefficients, strict=True)
-        groups = tuple(
-            tuple(tuple(block.subtract(solution) for block in trial) for trial in of_object)
-            for of_object, solution in pairs
-        )
-        return replace(self, groups=groups)
+        groups = (tuple(tuple(part.subtract(c) for part in trial) for trial in trials) for trials, c in pairs)
+        return replace(self, groups=tuple(groups))
 
     @cached_property
     def problems(self) -> tuple[LeastSquaresProblem, ...]:
@@ -162,9 +159,8 @@ def some_trials(trials: Trials, objects: Sequence[str]) -> tuple[tuple[Trial, ..
 
 def refuse_vanishing_states(trials: Trials) -> None:
     """Refuse states that are so small that their powers vanish."""
-    sizes = np.fmax.reduce(
-        [[max(high, -low) for low, high in map(value_range, _columns(some))] for some in _in_order(trials, 1)]
-    )
+    parts = map(_columns, _in_order(trials, 1))
+    sizes = np.fmax.reduce([[max(high, -low) for low, high in map(value_range, columns)] for columns in parts])
     for state, size in zip(trials.schema.states, sizes, strict=True):
         if 0 < size < 1e-50:  # The square of the cube of what is larger is still a number
             raise CommonlawError("state-too-large", state=state, size=size)
@@ -180,6 +176,5 @@ def refuse_constant_states(extremes: dict[str, Floats], schema: Schema) -> None:
             if still:
                 ways = ["leave the object out"] if len(extremes) > 1 else []
                 ways += ["take the column as a property instead of a state"] if len(schema.states) > 1 else []
-                raise CommonlawError(
-                    "state-constant-of-object", state=state, name=name, remedies=ways or ["measure it while it changes"]
-                )
+                ways = ways or ["measure it while it changes"]
+                raise CommonlawError("state-constant-of-object", state=state, name=name, remedies=ways)

@@ -22,9 +22,8 @@ def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = Fa
     inner, residual = np.einsum("opt,op->ot", rest, rest[..., -1]), after[:, -1:]
     clear = after > near * before
     clear[:, inside] = False
-    reductions = np.where(
-        clear, np.divide(inner**2, after, out=np.zeros_like(inner), where=clear), residual if bound else 0.0
-    )
+    lowered = np.divide(inner**2, after, out=np.zeros_like(inner), where=clear)
+    reductions = np.where(clear, lowered, residual if bound else 0.0)
     return np.asarray(np.append(reductions[:, :-1].sum(axis=0), residual.sum()))
 
 
@@ -90,7 +89,6 @@ class LeastSquaresProblem:
         return cls(factor, terms, rows)
 
     def __add__(self, other: "LeastSquaresProblem") -> "LeastSquaresProblem":
-        """Return the problem of both sets of rows."""
         return merge((self, other))
 
     @property

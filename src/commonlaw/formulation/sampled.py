@@ -88,10 +88,6 @@ class DiscreteForm(AbstractSampledForm):
     ('n[k+1] = 0.8 n',)
     """
 
-    @property
-    def takes_missing(self) -> bool:
-        return False
-
     def span(self, trial: Trial) -> tuple[int, int]:
         if len(trial) < 2:
             raise CommonlawError("discrete-one-sample", where=trial.label)
@@ -123,10 +119,6 @@ class GivenForm(AbstractSampledForm):
     """Rows of ``x' = f(x)``, one for each sample of a trial, with derivatives that are given."""
 
     derivatives: TrialDerivatives
-
-    @property
-    def takes_missing(self) -> bool:
-        return False
 
     def span(self, trial: Trial) -> tuple[int, int]:
         return 0, len(trial)

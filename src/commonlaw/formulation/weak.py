@@ -135,8 +135,7 @@ def corner_radius(times: Floats, states: Floats, noise: Floats) -> float:
         bent = (even - np.linspace(even[0], even[-1], len(even)))[1:-1]
         gained = np.cumsum(dst(bent, type=1, norm="ortho") ** 2 - 2 * deviation**2)
         modes = max(modes, int(np.argmax(gained)) + 1)
-    radius = 2 * _WIDTH * last / (np.pi * modes)
-    return float(np.clip(radius, MIN_RADIUS, max(MIN_RADIUS, last / 4)))
+    return float(np.clip(2 * _WIDTH * last / (np.pi * modes), MIN_RADIUS, max(MIN_RADIUS, last / 4)))
 
 
 def _derivative(s: Floats, derivative: int) -> Floats:
@@ -161,9 +160,7 @@ def _interpolation(times: Floats, points: Floats, size: int) -> "csr_array":
     near = times[indices]
     middle, half = (near[:, [-1]] + near[:, [0]]) / 2, (near[:, [-1]] - near[:, [0]]) / 2
     powers = np.arange(min(9, size - 1) + 1)
-    samples, wanted = (
-        ((points_of_step - middle) / half)[:, :, np.newaxis] ** powers for points_of_step in (near, points)
-    )
+    samples, wanted = (((t - middle) / half)[:, :, np.newaxis] ** powers for t in (near, points))
     weights = wanted @ np.linalg.pinv(samples)
     columns = np.broadcast_to(indices[:, np.newaxis, :], weights.shape)
     starts = np.arange(0, weights.size + 1, size)
@@ -308,9 +305,7 @@ class WeakForm(AbstractFormulation):
 
     def __post_init__(self) -> None:
         check_order(self.order)
-        if self.radii is not None and not (
-            self.radii and all(np.isfinite(number) and number >= 2 for number in self.radii)
-        ):
+        if self.radii is not None and not (self.radii and all(np.isfinite(r) and r >= 2 for r in self.radii)):
             raise CommonlawError("weak-radii", radii=self.radii)
         if self.noise is not None and not all(np.isfinite(number) and number >= 0 for number in self.noise):
             raise CommonlawError("weak-noise", noise=self.noise)

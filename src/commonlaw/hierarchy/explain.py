@@ -12,14 +12,7 @@ from scipy.linalg import block_diag
 from commonlaw.array_types import Floats, Indices
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 from commonlaw.hierarchy.random_effects import JITTER
-from commonlaw.hierarchy.relation import (
-    MAX_DENOMINATOR,
-    ONE_MORE,
-    PropertyTable,
-    Relation,
-    RelationKind,
-    exponent_sets,
-)
+from commonlaw.hierarchy.relation import MAX_DENOMINATOR, ONE_MORE, PropertyTable, Relation, RelationKind, exponent_sets
 
 _ODDS = {RelationKind.UNIVERSAL: 3.0, RelationKind.OWN: 1.0, RelationKind.POWER_LAW: 0.1, RelationKind.AFFINE: 0.1}
 """Prior odds of each kind: indistinguishable coefficients are rather universal. Irrelevant properties together have
@@ -102,7 +95,6 @@ class RelationComparison:
 
     @cached_property
     def _scale(self) -> float:
-        """How large the coefficient is."""
         if self._sure:
             return float(np.exp(np.mean(np.log(abs(self._points)))))
         weights = 1 / self.deviations**2
@@ -129,9 +121,8 @@ class RelationComparison:
         shapes = exponents @ (logs - logs.mean(axis=0)).T
 
         def scattered(rows: Indices | slice, scatter: float) -> CoefficientModel:
-            return CoefficientModel.powers(
-                shapes[rows], np.full((1, len(logs)), (scatter * self._unit) ** 2), self._sure
-            )
+            variances = np.full((1, len(logs)), (scatter * self._unit) ** 2)
+            return CoefficientModel.powers(shapes[rows], variances, self._sure)
 
         exact = CoefficientModel.powers(shapes, np.zeros((1, len(logs))), False)
         plain = self._scores(exact) + log_prior
@@ -189,9 +180,7 @@ class RelationComparison:
         others = JointModel.of(self.measured, models)
         # Relations times objects that are computed together take memory
         count, step = max(map(len, (tried.columns, tried.offsets))), max(1, 200_000 // len(self._points))
-        parts = [
-            log_evidence(others, self.index, tried.some(slice(begin, begin + step))) for begin in range(0, count, step)
-        ]
+        parts = [log_evidence(others, self.index, tried.some(slice(i, i + step))) for i in range(0, count, step)]
         return np.asarray(np.concatenate(parts))
 
 
@@ -265,8 +254,7 @@ def explain(estimates: Floats, covariances: Floats, properties: PropertyTable) -
     errors = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     lifted = covariances + JITTER * np.diag(errors**2)
     scaled = Estimates(estimates / units, lifted / np.outer(units, units), estimates / units)
-    choices = _most_probable(scaled, properties.varying)
-    return _explained(scaled, choices, properties.varying, units)
+    return _explained(scaled, _most_probable(scaled, properties.varying), properties.varying, units)
 
 
 def _most_probable(own: Estimates, properties: PropertyTable) -> list[RelationChoice]:
@@ -355,9 +343,8 @@ def _explained(
     for k, (choice, unit) in enumerate(zip(choices, units.tolist(), strict=True)):
         part = slice(first, first + choice.model.columns.shape[1])
         relation, turn = _in_given_units(choice, properties, factors[part], unit, signs[0, k])
-        relations.append(
-            replace(relation, errors=tuple(np.sqrt(np.diag(turn @ covariance[part, part] @ turn.T)).tolist()))
-        )
+        errors = np.sqrt(np.diag(turn @ covariance[part, part] @ turn.T))
+        relations.append(replace(relation, errors=tuple(errors.tolist())))
         turns.append(turn)
         first = part.stop
     whole = block_diag(*turns)
@@ -392,5 +379,4 @@ def _in_given_units(
     if model.in_logs:
         turn = sign * np.exp(factors) * turn
     known = turn[0] if model.in_logs else turn @ factors
-    typical = float(given[0, 0] / inner[0, 0])
-    return replace(relation, factors=tuple(known.tolist()), typical=typical), turn
+    return replace(relation, factors=tuple(known.tolist()), typical=float(given[0, 0] / inner[0, 0])), turn

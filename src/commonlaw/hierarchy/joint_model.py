@@ -47,8 +47,7 @@ class CoefficientModel:
     @property
     def alone(self) -> "CoefficientModel":
         """The same as the only one of several models."""
-        parts = {name: getattr(self, name)[np.newaxis] for name in ("columns", "offsets", "variances")}
-        return replace(self, **parts)
+        return replace(self, **{name: getattr(self, name)[np.newaxis] for name in ("columns", "offsets", "variances")})
 
     def some(self, index: int | slice) -> "CoefficientModel":
         """Return one of several models, or some of them."""
@@ -181,8 +180,7 @@ def log_evidence(others: JointModel, index: int, tried: CoefficientModel) -> Flo
     total[:, count:, count:] = np.matmul(weighted.swapaxes(1, 2), tried.columns * information[:, np.newaxis])
     total[:, count:, count:] += np.diag(tried.precision)
 
-    models = max(len(pull), len(weighted))
-    sides = np.empty((models, count + width))
+    sides = np.empty((max(len(pull), len(weighted)), count + width))
     sides[:, :count] = np.einsum("okq,okl,ol->q", design, precisions, known) + (residuals - lost * pull) @ shared
     sides[:, count:] = np.sum(weighted * pull[..., np.newaxis], axis=1)
     factors = np.matmul(np.linalg.inv(total), sides[..., np.newaxis])[..., 0]

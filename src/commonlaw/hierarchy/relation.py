@@ -149,15 +149,11 @@ class Dimensions:
         dimension = self.coefficients[index]
         if dimension is None:
             return np.zeros(len(exponents))
-        known = np.array([name in self.properties for name in names], dtype=np.bool_)
-        used = np.array([self.properties.get(name, np.zeros_like(dimension)) for name in names]).reshape(
-            len(names), len(dimension)
-        )
+        known, none = np.array([name in self.properties for name in names], dtype=np.bool_), np.zeros_like(dimension)
+        used = np.array([self.properties.get(name, none) for name in names]).reshape(len(names), len(dimension))
         rest = dimension - exponents @ used
-        constant = (
-            np.any([_same(rest, constant) for constant in self.constants], axis=0) if len(self.constants) else False
-        )
-        odds = np.where(_same(rest, np.zeros_like(dimension)), np.log(10), np.where(constant, np.log(3), 0.0))
+        constant = np.any([_same(rest, constant) for constant in self.constants], axis=0)
+        odds = np.where(_same(rest, none), np.log(10), np.where(constant, np.log(3), 0.0))
         return np.where((exponents[:, ~known] != 0).any(axis=1), 0.0, odds)
 
 
@@ -207,11 +203,7 @@ CONSTANTS = {
 
 def dimensions_of(coefficients: Sequence[str | None], properties: Mapping[str, str]) -> Dimensions:
     """Return the base dimensions of coefficients and of properties, by the texts of their units."""
-    units = [
-        *(coefficient for coefficient in coefficients if coefficient is not None),
-        *properties.values(),
-        *CONSTANTS.values(),
-    ]
+    units = [*filter(None, coefficients), *properties.values(), *CONSTANTS.values()]
     bases = sorted({base for unit in units for base in parse_unit(unit).dimensionality})
 
     def powers(unit: str) -> Floats:
@@ -268,11 +260,7 @@ def units_of_coefficients(
         _units_over(terms, support, schema, order, plain | given)
         for given in ({}, added, *({name: unit} for name, unit in some.items()))
     )
-    return {
-        key: unit
-        for key, unit in units.items()
-        if all(alternative.get(key, together.get(key)) == unit for alternative in alone)
-    }
+    return {key: unit for key, unit in units.items() if all(case.get(key, together.get(key)) == unit for case in alone)}
 
 
 def _units_over(

@@ -12,7 +12,7 @@ import heyoka
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.diagnostics import Outcome
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.integration.problem import (
     MAX_RELATIVE_STATE,
     AbstractIntegrator,
@@ -22,7 +22,6 @@ from commonlaw.integration.problem import (
     Trajectory,
     diverged,
     largest_state,
-    not_integrated,
     occurrences,
     step_limit,
 )
@@ -192,9 +191,7 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
         if i not in structure.inside:
             sums[equation].append(heyoka.par[i] * terms[index])
     highest = [heyoka.sum(summands) if summands else heyoka.expression(0.0) for summands in sums]
-    highest = [
-        derivative / natural[j] if j in structure.logarithmic else derivative for j, derivative in enumerate(highest)
-    ]
+    highest = [rate / natural[j] if j in structure.logarithmic else rate for j, rate in enumerate(highest)]
     rates = [*highest, *(highest[j] for j in structure.second)]
     for j, rate in zip(structure.second, states[structure.equations :], strict=True):
         rates[j] = rate
@@ -205,14 +202,8 @@ def compiled(structure: Structure, _thread: int) -> Compiled:
         initial_sensitivities = np.eye(len(states), len(structure.free) + len(states), len(structure.free)).ravel()
     terminal, occurred, events = _events(structure, variables)
     large = structure.sensitivities or parameters > 100  # These in heyoka's compact mode
-    stepper = heyoka.taylor_adaptive(
-        system,
-        np.zeros(len(states)),
-        tol=structure.tolerance,
-        compact_mode=large,
-        opt_level=1 if large else 0,
-        **events,
-    )
+    settings = {"tol": structure.tolerance, "compact_mode": large, "opt_level": int(large)}
+    stepper = heyoka.taylor_adaptive(system, np.zeros(len(states)), **settings, **events)
     return Compiled(stepper, len(states), constants, terminal, occurred, initial_sensitivities)
 
 
@@ -266,9 +257,7 @@ class HeyokaIntegrator(AbstractIntegrator):
             rows = np.full((len(problem.times), path.rows.shape[1]), np.nan)
             reached, states = len(path.rows), np.abs(path.rows[:, :width])
             # Most states are small relative to the initial ones: then rates are not needed
-            if self.options.limit is not None or not states.max() <= MAX_RELATIVE_STATE * np.max(
-                np.abs(problem.initial)
-            ):
+            if self.options.limit is not None or not states.max() <= MAX_RELATIVE_STATE * np.abs(problem.initial).max():
                 within = (states <= largest_state(problem, self.options)).all(axis=1)
                 reached = int(np.logical_and.accumulate(within).sum())
             rows[:reached] = path.rows[:reached]
@@ -277,7 +266,7 @@ class HeyokaIntegrator(AbstractIntegrator):
                 last = rows[reached - 1], float(problem.times[reached - 1])
                 ended, outcome = _divergence(self.compiled, problem, self.options, *last)
             elif ended is not None and path.failure:
-                outcome = not_integrated(ended, path.failure, problem.where)
+                outcome = note("not-integrated", problem.where, time=ended, reason=path.failure)
         occurred = [occurrence for occurrence in path.occurred if ended is None or occurrence[1] <= ended]
         sensitivities = rows[:, width:].reshape(len(rows), width, -1) if self.options.sensitivities else None
         events = occurrences(self.options.events, occurred, width)
@@ -318,9 +307,8 @@ def _propagate(law: Compiled, problem: InitialValueProblem, options: OutputOptio
     if options.dense:
         result, _, _, _, output, _ = stepper.propagate_until(times[-1], max_steps=most, c_output=True)
         done = result == heyoka.taylor_outcome.time_limit
-        rows = (
-            np.empty((0, len(row))) if output is None else output(times if done else times[times <= output.bounds[1]])
-        )
+        wanted = times if done or output is None else times[times <= output.bounds[1]]
+        rows = np.empty((0, len(row))) if output is None else output(wanted)
         states = _dense(output, row, law.width)
     else:
         result, rows = _rows(law, problem, options)
@@ -354,9 +342,8 @@ def _rows(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -
             result, rows = heyoka.taylor_outcome.time_limit, np.concatenate([rows, stepper.state[np.newaxis]])
         parts.append(rows[1 : 1 + len(wanted)])
         remaining, reached = remaining - steps, reached + len(parts[-1])
-        continues = (
-            remaining > 0 and result == heyoka.taylor_outcome.step_limit and not _has_diverged(law, problem, options)
-        )
+        at_limit = remaining > 0 and result == heyoka.taylor_outcome.step_limit
+        continues = at_limit and not _has_diverged(law, problem, options)
         if not continues and (result != heyoka.taylor_outcome.time_limit or stop == times[-1]):
             return result, np.concatenate(parts)
 
@@ -387,4 +374,4 @@ def _divergence(
         time = float(law.stepper.time)
         if peak > limit:
             return time, diverged(time, f"a state reached {peak:.3g}", problem.where)
-    return time, not_integrated(time, _NOT_FINITE, problem.where)
+    return time, note("not-integrated", problem.where, time=time, reason=_NOT_FINITE)

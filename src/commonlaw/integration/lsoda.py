@@ -40,7 +40,6 @@ class LsodaIntegrator(AbstractIntegrator):
     options: OutputOptions
 
     def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        """Return the trajectory of a problem."""
         options, vector_field, start, search = self.options, problem.field, problem.initial, None
         if options.events:
             functions = EventFunctions(options.events, vector_field)
@@ -56,8 +55,7 @@ class LsodaIntegrator(AbstractIntegrator):
             start = np.concatenate([start, np.eye(width, len(scale), len(scale) - width).T.ravel() * size])
         arguments = rhs, start, problem.times, options.tolerance, problem.where, width
         result = solve(*arguments, search, options.dense, problem.stops, options.limit)
-        crossings = search.crossings if search else []
-        result = replace(result, events=occurrences(options.events, crossings, width))
+        result = replace(result, events=occurrences(options.events, search.crossings if search else [], width))
         if not options.sensitivities:
             return result
         slopes = result.states[:, width:].reshape(-1, len(scale), width).swapaxes(1, 2) / scale
@@ -118,8 +116,7 @@ class _EventSearch:
                 if self.functions.events[i].sign * now[i] >= 0:
                     met.append((int(i), *self._crossing(interpolant, int(i), float(t), width)))
             self.last, self.time = np.where(now == 0, self.last, now), float(t)
-        stops = [t for i, t, _ in met if self.functions.events[i].terminal]
-        end = min(stops, default=None)
+        end = min((t for i, t, _ in met if self.functions.events[i].terminal), default=None)
         self.crossings += [crossing for crossing in met if end is None or crossing[1] <= end]
         return end
 
@@ -161,16 +158,14 @@ def solve(
     with np.errstate(all="ignore"):
         if not np.all(np.isfinite(rhs.derivatives(times[0], start))):
             ended = float(times[0])
-            return Trajectory(
-                times, states, diverged(ended, "the law is not finite there", where), ended, dense=dense_output
-            )
+            outcome = diverged(ended, "the law is not finite there", where)
+            return Trajectory(times, states, outcome, ended, dense=dense_output)
         size = state_scale(start[:width], lambda t, _: rhs.derivatives(t, start)[:width], times)
         # Not solve_ivp: it counts an initial state on the level of an event as a crossing, misses two crossings in one
         # step, has no limit of steps before a blow-up, and returns infinite states as a success
         stops = times[-1:] if stops is None else stops
-        scale = ABSOLUTE_TOLERANCE * _size_reached(
-            rhs, start, times[0], min(times[1], stops[0]), tolerance, size, width
-        )
+        first, largest = min(times[1], stops[0]), MAX_RELATIVE_STATE * size if limit is None else limit
+        scale = ABSOLUTE_TOLERANCE * _size_reached(rhs, start, times[0], first, tolerance, size, width)
         steps = _steps(rhs, start, times[0], stops, tolerance, tolerance * scale)
         reached, stop, how, why = 1, None, "ends", f"{step_limit(stops)} steps were not enough"
         least, mark = 1e-6 * (times[-1] - times[0]), -np.inf
@@ -182,9 +177,7 @@ def solve(
                 mark = solver.t
             before = solver.t
             with quiet(UserWarning):
-                bad = solver.step() or _divergence(
-                    solver.y[:width], MAX_RELATIVE_STATE * size if limit is None else limit
-                )
+                bad = solver.step() or _divergence(solver.y[:width], largest)
             if bad:
                 how, why = "ran away", bad
                 break

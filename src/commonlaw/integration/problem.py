@@ -272,8 +272,3 @@ def largest_state(problem: InitialValueProblem, options: OutputOptions) -> float
     if options.limit is not None:
         return options.limit
     return MAX_RELATIVE_STATE * state_scale(problem.initial, problem.field, problem.times)
-
-
-def not_integrated(time: float, why: str, where: str) -> Outcome:
-    """Return the outcome of a trajectory that an integrator could not complete."""
-    return note("not-integrated", where, time=time, reason=why)

@@ -107,8 +107,7 @@ def shoot(
     states = np.full((len(times), len(initial)), np.nan)
     states[0] = initial
     library = kernel()
-    width = len(parameters) + len(initial)
-    slopes = np.full((len(times), len(initial), width), np.nan) if derivatives else None
+    slopes = np.full((len(times), len(initial), len(parameters) + len(initial)), np.nan) if derivatives else None
     if library is None:
         return _by_scipy(program, parameters, times, sizes, inputs, states, slopes, tolerance)
     values, times = (np.ascontiguousarray(array, dtype=np.float64) for array in (parameters, times))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -122,7 +123,7 @@ def simulate_each(
     points = sum(len(problem.times) + 10 * (len(problem.stops) - 1) for problem in problems)
     if method == "auto" and not options.sensitivities and points < _FEW_POINTS:
         method = "scipy"
-    choices: dict[tuple[int, Order, int, bytes], _Choice] = {}
+    choices: dict[tuple[int, Order, int, bytes], Callable[[InitialValueProblem], Trajectory]] = {}
     what = f"integrating {len(problems)} trajectories"
     for problem in announced(problems, what, "take fewer trials or a shorter time"):
         vector_field = problem.field
@@ -130,8 +131,8 @@ def simulate_each(
         powers = 0 if vector_field.inputs is None else vector_field.inputs.powers
         key = (id(vector_field.terms), vector_field.order, powers, masks)
         if key not in choices:
-            choices[key] = _choice(vector_field, method, options)
-        yield choices[key].integrate(problem)
+            choices[key] = _integrator(vector_field, method, options)
+        yield choices[key](problem)
 
 
 def integrate(
@@ -177,38 +178,25 @@ def integrate(
     return solve(RightHandSide(field, jacobian), initial, times, relative_tolerance, where, len(initial))
 
 
-@dataclass(frozen=True)
-class _Choice:
-    """The integrator of a law, a second one for incomplete problems, and why it is not the first choice."""
-
-    first: AbstractIntegrator
-    second: Callable[[], AbstractIntegrator] | None = None
-    reason: str = ""
-
-    def integrate(self, problem: InitialValueProblem) -> Trajectory:
-        trajectory = self.first.integrate(problem)
-        outcome, reason = trajectory.outcome, self.reason
-        if self.second is not None and outcome is not None and outcome.kind is OutcomeKind.NOT_INTEGRATED:
-            trajectory, reason = self.second().integrate(problem), f"heyoka stopped, {outcome.text}"
-        return replace(trajectory, method=f"{trajectory.method} ({reason})") if reason else trajectory
-
-
-def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _Choice:
-    """Return the integrator of a law.
+def _integrator(
+    vector_field: VectorField, method: str, options: OutputOptions
+) -> Callable[[InitialValueProblem], Trajectory]:
+    """Return what integrates a law.
 
     Raises `CommonlawError` if the requested method does not apply.
     """
     if vector_field.order == 0:
-        return _Choice(Iteration(options))
+        return Iteration(options).integrate
 
-    def lsoda() -> AbstractIntegrator:
+    def lsoda(problem: InitialValueProblem, why_not_first: str = "") -> Trajectory:
         # The import of scipy.integrate takes longer than the compilation of a law
         from commonlaw.integration.lsoda import LsodaIntegrator
 
-        return LsodaIntegrator(options)
+        trajectory = LsodaIntegrator(options).integrate(problem)
+        return replace(trajectory, method=f"{trajectory.method} ({why_not_first})") if why_not_first else trajectory
 
     if method == "scipy":
-        return _Choice(lsoda())
+        return lsoda
     if vector_field.terms.variables.inputs and options.dense:
         reason = "the law has inputs, and states between the times are wanted"
     elif find_spec("heyoka") is None:
@@ -216,10 +204,18 @@ def _choice(vector_field: VectorField, method: str, options: OutputOptions) -> _
     else:
         from commonlaw.integration.heyoka import HeyokaIntegrator, UnsupportedError
 
+        def heyoka(problem: InitialValueProblem) -> Trajectory:
+            trajectory = compiled.integrate(problem)
+            outcome = trajectory.outcome
+            if method == "auto" and outcome is not None and outcome.kind is OutcomeKind.NOT_INTEGRATED:
+                return lsoda(problem, f"heyoka stopped, {outcome.text}")
+            return trajectory
+
         try:
-            return _Choice(HeyokaIntegrator.of(vector_field, options), lsoda if method == "auto" else None)
+            compiled = HeyokaIntegrator.of(vector_field, options)
+            return heyoka
         except UnsupportedError as error:
             reason = str(error)
     if method == "heyoka":
         raise CommonlawError("heyoka-failed", reason=reason)
-    return _Choice(lsoda(), reason=reason)
+    return partial(lsoda, why_not_first=reason)

@@ -67,9 +67,8 @@ class Inputs:
         knots, coefficients, largest = list[Floats](), list[Floats](), float(np.finfo(float).tiny)
 
         def values(shares: Floats) -> Floats:
-            return function((starts[:, np.newaxis] + shares * widths[:, np.newaxis]).ravel()).reshape(
-                len(starts), len(shares), -1
-            )
+            times = starts[:, np.newaxis] + shares * widths[:, np.newaxis]
+            return function(times.ravel()).reshape(*times.shape, -1)
 
         compared = np.array([0.03, 0.5, 0.97])
         for halving in range(41):  # Down to rounding

@@ -13,13 +13,7 @@ except ValueError as error:
     raise CommonlawError("matplotlib-failed", error=error) from None
 
 from commonlaw.plots.forecast import ForecastPanels, plot_design, plot_forecast, plot_trials
-from commonlaw.plots.law import (
-    IntervalPanels,
-    plot_coefficients,
-    plot_intervals,
-    plot_law,
-    plot_profile,
-)
+from commonlaw.plots.law import IntervalPanels, plot_coefficients, plot_intervals, plot_law, plot_profile
 from commonlaw.plots.library import plot_library, plot_path
 from commonlaw.plots.phase_plane import plot_phase_plane
 from commonlaw.plots.relations import plot_relations

@@ -3,18 +3,12 @@
 import numpy as np
 
 from commonlaw.law import Law
-from commonlaw.law.parameters import (
-    left_hand_sides,
-    named_parameters,
-    state_rates,
-)
+from commonlaw.law.parameters import left_hand_sides, named_parameters, state_rates
 from commonlaw.law.printing import latex_lefts, latex_structure
 from commonlaw.law.text import latex_left_hand_sides
 from commonlaw.library import Terms
 from commonlaw.library.notation import latex_name
-from commonlaw.plots.style import (
-    math,
-)
+from commonlaw.plots.style import math
 
 
 def term_labels(terms: Terms) -> list[str]:
@@ -78,10 +72,7 @@ def _factor_and_parameters(law: Law, equation: int, term: int) -> tuple[float, s
 def _summands(law: Law, j: int) -> list[tuple[str, str]]:
     """Return sign and text of each summand of equation j."""
     if law.provenance.equations:
-        return [
-            ("$-$" if summand.negative else "$+$", math(summand.name, summand.name))
-            for summand in latex_structure(law)[j]
-        ]
+        return [("$-$" if part.negative else "$+$", math(part.name, part.name)) for part in latex_structure(law)[j]]
     summands, labels, one = [], term_labels(law.terms), len(law.objects) == 1
     for k in np.flatnonzero(law.support[j] & law.terms.is_factor):
         value, names = (law.coefficients[0, j, k], "") if one else _factor_and_parameters(law, j, int(k))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import compress, product
 from textwrap import shorten
 from typing import Any
 
@@ -66,8 +66,7 @@ def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> F
     names = representative(forecast) if objects is None else objects
     shown = of_objects(forecast, names)
     columns, height = forecast_grid(shown)
-    size = fitting(1.4 + 2.4 * max(columns, 2), 1 + height)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=fitting(1.4 + 2.4 * max(columns, 2), 1 + height), layout="constrained")
     draw_forecast(figure, figure.add_gridspec(1, 1)[0], shown, columns)
     add_legend(figure, forecast_keys(shown), "above", "" if objects else omission(forecast, names))
     return frozen_layout(figure)
@@ -129,7 +128,7 @@ def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, column
         # As years are long, more labels would run into each other
         below.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         # Panels of one state share their axes, so those of the first object speak for the others in the line
-        for panel, what in ((above, schema.states[j]), (below, difference_of(forecast))):
+        for panel, what in ((above, schema.states[j]), (below, "residual" if forecast.is_fit else "error")):
             panel.tick_params(labelleft=column < states)
             if column < states:
                 panel.set_ylabel(axis_label(what, schema.units.get(schema.states[j], "")))
@@ -249,15 +248,9 @@ def limits_of(curves: Sequence[Curve]) -> tuple[tuple[float, float], tuple[float
     return (low - span / 20, high + span / 20), (-bound, bound)
 
 
-def difference_of(forecast: Forecast) -> str:
-    """Return what the lower panels show."""
-    return "residual" if forecast.is_fit else "error"
-
-
 def trial_colors(trials: Trials) -> dict[str, str]:
     """Return a colour for each trial label."""
-    names = dict.fromkeys(trial.name for trial in trials)
-    return {name: COLORS[i % len(COLORS)] for i, name in enumerate(names)}
+    return {name: COLORS[i % len(COLORS)] for i, name in enumerate(dict.fromkeys(trial.name for trial in trials))}
 
 
 def forecast_keys(forecast: Forecast) -> list[Line2D]:
@@ -280,31 +273,25 @@ def of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
     if list(objects) == list(forecast.trials.objects):
         return forecast
     trials = forecast.trials.select(object=objects if isinstance(objects, str) else list(objects))
-    kept = [i for i, trial in enumerate(forecast.trials) if trial.object in trials.objects]
-    std = None if forecast.std is None else tuple(forecast.std[i] for i in kept)
-    again, followed = forecast.at_more_times, forecast.followed
+    kept, again = [trial.object in trials.objects for trial in forecast.trials], forecast.at_more_times
 
     def at_more_times(times: Sequence[Floats]) -> Forecast:
-        by_index = dict(zip(kept, times, strict=True))
+        by_index = dict(zip(np.flatnonzero(kept).tolist(), times, strict=True))
         assert again is not None
-        return of_objects(again([by_index.get(i, np.empty(0)) for i in range(len(forecast.trials))]), objects)
+        return of_objects(again([by_index.get(i, np.empty(0)) for i in range(len(kept))]), objects)
 
-    trajectories = tuple(forecast.trajectories[i] for i in kept)
-    more = None if again is None else at_more_times
-    followed = None if followed is None else of_objects(followed, objects)
-    parts = tuple(
-        part._replace(forecast=of_objects(part.forecast, objects), weights=tuple(part.weights[i] for i in kept))
-        for part in forecast.parts
-    )
     return replace(
         forecast,
         trials=trials,
-        trajectories=trajectories,
-        std=std,
-        at_more_times=more,
-        followed=followed,
-        parts=parts,
-        horizons=tuple(forecast.horizons[i] for i in kept) if forecast.horizons else (),
+        trajectories=tuple(compress(forecast.trajectories, kept)),
+        std=None if forecast.std is None else tuple(compress(forecast.std, kept)),
+        at_more_times=None if again is None else at_more_times,
+        followed=None if forecast.followed is None else of_objects(forecast.followed, objects),
+        parts=tuple(
+            part._replace(forecast=of_objects(part.forecast, objects), weights=tuple(compress(part.weights, kept)))
+            for part in forecast.parts
+        ),
+        horizons=tuple(compress(forecast.horizons, kept)),
     )
 
 
@@ -318,8 +305,7 @@ def plot_design(design: Design) -> Figure:
     """
     drawn, laws, schema = design.experiments[:4], design.laws[:4], measured_schema(design.laws[0].law)
     states = drawn[0].forecasts.states
-    size = fitting(max(5.4, 3.4 * len(states)), 0.8 + 2.5 * len(drawn))
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=fitting(max(5.4, 3.4 * len(states)), 0.8 + 2.5 * len(drawn)), layout="constrained")
     panels = figure.subplots(len(drawn), len(states), squeeze=False)
     for i, planned in enumerate(drawn):
         for j, name in enumerate(states):
@@ -330,10 +316,8 @@ def plot_design(design: Design) -> Figure:
         panels[i, 0].set_title(plain(f"{i + 1}. {planned.text}", 60 * len(states)), loc="left", fontsize=9)
     for panel in panels[-1]:
         panel.set_xlabel(axis_label(schema.time, schema.units.get(schema.time, "")))
-    keys = [
-        key(plain(f"{'; '.join(model.law.structure)}  ({model.probability:.2f})", 60), **_look(k))
-        for k, model in enumerate(laws)
-    ]
+    texts = [f"{'; '.join(model.law.structure)}  ({model.probability:.2f})" for model in laws]
+    keys = [key(plain(text, 60), **_look(k)) for k, text in enumerate(texts)]
     figure.legend(handles=keys, loc="outside upper left")
     return frozen_layout(figure)
 
@@ -365,7 +349,7 @@ class ForecastPanels:
     def draw(self, name: str) -> Figure:
         """Return the figure of one object."""
         schema = self.forecast.trials.schema
-        states, lower = schema.states, difference_of(self.forecast)
+        states, lower = schema.states, "residual" if self.forecast.is_fit else "error"
         foot = 0.5  # Inches, of the labels below all panels
         height = 2.3 * len(states) + foot
         figure = Figure(figsize=(3.6, height))
@@ -399,16 +383,13 @@ class ForecastPanels:
             panel.text(column + 0.03, top + 0.05, shorten(in_line(name), 24, placeholder=" …"), fontsize=7, va="top")
             for j in states:
                 # Draw a state of an object into the unit square right of and below a corner
-                curves = self._curves[name, j]
-                limits = self._limits[j][0]
-                corner = (column, top + j)
-                (begin, end), (low, high) = self._times, limits
-                for curve in curves:
+                (begin, end), (low, high) = self._times, self._limits[j][0]
+                for curve in self._curves[name, j]:
                     every = thinned(len(curve.times), 15)
                     measured = (curve.times[every], curve.measured[every], ".")
                     for times, values, style in (measured, (curve.at, np.clip(curve.forecast, low, high), "-")):
-                        across = corner[0] + 0.95 * (times - begin) / (end - begin)
-                        down = corner[1] + 0.97 - 0.7 * (values - low) / (high - low)
+                        across = column + 0.95 * (times - begin) / (end - begin)
+                        down = top + j + 0.97 - 0.7 * (values - low) / (high - low)
                         panel.plot(across, down, style, color=curve.color, linewidth=0.7, markersize=1.5)
         return figure
 
@@ -418,12 +399,9 @@ class ForecastPanels:
 
     @cached_property
     def _limits(self) -> list[tuple[Limits, Limits]]:
-        """The limits of the panels of each state and of its errors."""
         trials = self.forecast.trials
-        return [
-            limits_of([curve for name in trials.objects for curve in self._curves[name, j]])
-            for j in range(len(trials.schema.states))
-        ]
+        states = range(len(trials.schema.states))
+        return [limits_of([curve for name in trials.objects for curve in self._curves[name, j]]) for j in states]
 
     @cached_property
     def _times(self) -> Limits:
@@ -465,13 +443,8 @@ def plot_trials(
     for panel, name in zip(panels, states, strict=True):
         column, unit = schema.states.index(name), schema.units.get(name, "")
         for trial in chosen:
-            panel.plot(
-                trial.times,
-                trial.states[:, column],
-                dashes.get(trial.name, "-"),
-                markevery=max(1, len(trial) // 12),
-                **look[trial.object],
-            )
+            dash, every = dashes.get(trial.name, "-"), max(1, len(trial) // 12)
+            panel.plot(trial.times, trial.states[:, column], dash, markevery=every, **look[trial.object])
         for i, curve in enumerate(references.values()):
             panel.plot(*map(np.asarray, curve), **_reference(i))
         panel.set_ylabel(axis_label(name, unit))

@@ -23,23 +23,12 @@ from commonlaw.forecast import Forecast, fitted
 from commonlaw.hierarchy import informative
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import has_bands
-from commonlaw.law.parameters import (
-    equation_label,
-    left_hand_sides,
-    tabulated_parameters,
-)
+from commonlaw.law.parameters import equation_label, left_hand_sides, tabulated_parameters
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import MANY, with_error
 from commonlaw.library.notation import latex_name
 from commonlaw.plots.equations import equation_labels, equation_lines, parameter_label, term_labels
-from commonlaw.plots.forecast import (
-    draw_forecast,
-    forecast_grid,
-    forecast_keys,
-    of_objects,
-    omission,
-    representative,
-)
+from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys, of_objects, omission, representative
 from commonlaw.plots.style import (
     ABSENT,
     COLORS,
@@ -184,12 +173,9 @@ class DotPlot:
 
     def keys(self) -> list[Line2D]:
         """Return what belongs into the legend."""
-        learned, known = (
-            key("estimate", **_DOT),
-            any(np.isfinite(coefficient.true).any() for coefficient in self.coefficients),
-        )
+        known = [key("true", **_OPEN)] if any(np.isfinite(dot.true).any() for dot in self.coefficients) else []
         bars = [] if self.law.uncertainty.covariance is None else [key("95 % interval", color=COLORS[0])]
-        return [learned, *bars, *([key("true", **_OPEN)] if known else [])] if known or bars else []
+        return [key("estimate", **_DOT), *bars, *known] if known or bars else []
 
     def draw_panel(self, panel: Axes, each: Coefficient) -> None:
         """Draw a coefficient of several objects."""
@@ -206,9 +192,7 @@ class DotPlot:
         panel.set_xlabel(each.label)
 
     def _draw_lines(self, index: SubplotSpec) -> None:
-        groups = [
-            [coefficient for coefficient in self.coefficients if coefficient.equation == j] for j in range(self.lines)
-        ]
+        groups = [[dot for dot in self.coefficients if dot.equation == j] for j in range(self.lines)]
         ratios = [1 + len(group) for group in groups]
         panels = index.subgridspec(self.lines, 1, height_ratios=ratios).subplots(sharex=True, squeeze=False)[:, 0]
         for panel, group, label in zip(panels, groups, equation_labels(self.law), strict=True):
@@ -301,11 +285,8 @@ class IntervalPanels:
         """Return the figure of a panel."""
         coefficient, named = self._dots.coefficients[panel], len(self.law.objects) <= MANY
         figure = Figure(figsize=(3.6, 0.8 + 0.2 * len(self.law.objects) if named else 2.8), layout="constrained")
-        axes = figure.add_subplot()
-        if named:
-            self._dots.draw_panel(axes, coefficient)
-        else:
-            _draw_in_order(axes, coefficient)
+        draw = self._dots.draw_panel if named else _draw_in_order
+        draw(figure.add_subplot(), coefficient)
         return frozen_layout(figure)
 
     @cached_property
@@ -490,8 +471,7 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
     low, high, limit = profile.values[0], profile.values[-1], float(two_sided(0.95)) ** 2
     fine = np.linspace(low, high, 200)
     panel.axhline(limit, color=GREY, linewidth=0.8)
-    ends = np.clip(profile.interval, low, high)
-    panel.axvspan(*ends, color=COLORS[0], alpha=0.12, linewidth=0)
+    panel.axvspan(*np.clip(profile.interval, low, high), color=COLORS[0], alpha=0.12, linewidth=0)
     panel.plot(fine, ((fine - profile.estimate) / profile.error) ** 2, color=GREY, linestyle="--")
     panel.plot(profile.values, profile.deviance, color=COLORS[0], marker="o")
     panel.axvline(profile.estimate, color=COLORS[0], linestyle=":")

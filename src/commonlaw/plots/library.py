@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from commonlaw.array_types import Floats
 from commonlaw.formulation import StrongForm
 from commonlaw.law import Law
 from commonlaw.law.parameters import left_hand_sides
@@ -32,7 +31,6 @@ from commonlaw.trials import Trial
 from commonlaw.trials.headers import parse_unit
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pint
 
 
@@ -100,13 +98,19 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     panels = figure.subplots(2, columns, sharex="col", sharey="row", squeeze=False)
     for (above, below), equation, label in zip(panels.T, left_hand_sides(law), equation_labels(law), strict=True):
         rows = path[path["equation"] == equation]
-        edges = _edges(rows, marks)
-        size, error, deviation = rows[["size", _ERROR, _DEVIATION]].to_numpy(dtype=np.float64).T
-        above.step(edges, _closed(size), where="post", color=COLORS[0])
-        below.step(edges, _closed(error), where="post", color=COLORS[1])
+        # Where the intervals begin, and where the last is cut off, all above zero
+        begins = rows["from"].to_numpy(dtype=np.float64)
+        inner = np.array([*begins[begins > 0], *marks.values()])
+        low, high = (inner.min(), inner.max()) if inner.size else (1.0, 1.0)
+        margin = max((high / low) ** 0.08, 1.5)
+        edges = np.array([*np.maximum(begins, low / margin), high * margin])
+        values = rows[["size", _ERROR, _DEVIATION]].to_numpy(dtype=np.float64)
+        size, error, deviation = np.vstack([values, values[-1]]).T  # The last once more, for the end of its interval
+        above.step(edges, size, where="post", color=COLORS[0])
+        below.step(edges, error, where="post", color=COLORS[1])
         # A band that went down to zero would have no end on a logarithmic axis
         low, high = np.maximum(error - deviation, error / 10), error + deviation
-        below.fill_between(edges, _closed(low), _closed(high), step="post", color=COLORS[1], alpha=0.2, linewidth=0)
+        below.fill_between(edges, low, high, step="post", color=COLORS[1], alpha=0.2, linewidth=0)
         for panel in (above, below):
             for i in np.flatnonzero(rows["chosen"]):
                 panel.axvspan(edges[i], edges[i + 1], color=COLORS[2], alpha=0.15, linewidth=0)
@@ -124,17 +128,3 @@ def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str
     lines = [key(plain(name, 40), color="black", linestyle=dash) for name, dash in lined]
     add_legend(figure, [chosen, *lines], "above")
     return frozen_layout(figure)
-
-
-def _edges(path: "pd.DataFrame", marks: Mapping[str, float]) -> Floats:
-    """Return where the intervals begin, and where the last is cut off, shape (intervals + 1,); all above zero."""
-    begins = path["from"].to_numpy(dtype=np.float64)
-    inner = np.array([*begins[begins > 0], *marks.values()])
-    low, high = (inner.min(), inner.max()) if inner.size else (1.0, 1.0)
-    margin = max((high / low) ** 0.08, 1.5)
-    return np.array([*np.maximum(begins, low / margin), high * margin])
-
-
-def _closed(values: Floats) -> Floats:
-    """Return the values with the last once more, for the end of its interval."""
-    return np.append(values, values[-1])

@@ -77,7 +77,13 @@ def plot_phase_plane(
         (trial.object, path[:, :2], trial.states[:, columns] if len(columns) == 2 else np.empty((0, 2)))
         for trial, path in zip(forecast.trials, solved, strict=True)
     ]
-    low, high = _window(np.concatenate([points for _, *both in curves for points in both]))
+    drawn = np.concatenate([points for _, *both in curves for points in both])
+    drawn = drawn[np.isfinite(drawn).all(axis=1)]
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    margin = 0.15 * np.where(high > low, high - low, np.maximum(np.abs(high), 1.0))
+    # States that are nowhere negative have a boundary at zero, where fixed points often are
+    low = np.where((low >= 0) & (low < high), np.minimum(low - margin, -0.25 * margin), low - margin)
+    high = high + margin
     names = law.schema.states if states == 2 else (law.schema.states[0], rate_names(law)[0])
     labels = [math(latex_name(name), name) for name in names]
     titles = {objects[0]: "all objects"} if shared else {owner: plain(owner, 60) for owner in objects}
@@ -128,13 +134,3 @@ def _rates(law: Law, owner: str, inputs: Sequence[float], points: Floats) -> Flo
     with np.errstate(all="ignore"):
         rates = law.rhs(owner, values)
     return rates if rates.shape[1] == 2 else np.column_stack([points[:, 1], rates[:, 0]])
-
-
-def _window(points: Floats) -> tuple[Floats, Floats]:
-    """Return the corners of what is shown, a margin about the points."""
-    seen = points[np.isfinite(points).all(axis=1)]
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    margin = 0.15 * np.where(high > low, high - low, np.maximum(np.abs(high), 1.0))
-    # States that are nowhere negative have a boundary at zero, where fixed points often are
-    low = np.where((low >= 0) & (low < high), np.minimum(low - margin, -0.25 * margin), low - margin)
-    return low, high + margin

@@ -13,10 +13,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law
-from commonlaw.law.parameters import (
-    coefficient_units,
-    left_hand_sides,
-)
+from commonlaw.law.parameters import coefficient_units, left_hand_sides
 from commonlaw.law.printing import dependence
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import MANY
@@ -105,7 +102,6 @@ def plot_relations(law: Law) -> Figure:
 
 
 def _coefficients(law: Law) -> Iterator[_RelatedCoefficient]:
-    """Yield the coefficients that have a relation."""
     if law.uncertainty.explanation is None:
         raise CommonlawError("relations-missing-to-draw")
     estimates = law.uncertainty.own_estimates(law.coefficients[:, law.support])
@@ -113,9 +109,8 @@ def _coefficients(law: Law) -> Iterator[_RelatedCoefficient]:
     halves = reach * np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2))
     units, lefts, terms = coefficient_units(law), equation_labels(law), term_labels(law.terms)
     sides = left_hand_sides(law)
-    for i, ((j, k), relation) in enumerate(
-        zip(np.argwhere(law.support), law.uncertainty.explanation.relations, strict=True)
-    ):
+    pairs = zip(np.argwhere(law.support), law.uncertainty.explanation.relations, strict=True)
+    for i, ((j, k), relation) in enumerate(pairs):
         if relation is not None:
             known = [law.properties.get(name, {}) for name in law.objects]
             if not all({*relation.properties} <= attributes.keys() for attributes in known):

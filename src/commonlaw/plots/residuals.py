@@ -95,13 +95,10 @@ def _panels(residuals: Residuals, j: int) -> list[tuple[str, Callable[[Axes], No
         label = plain(f"residual of {schema.states[following]} / noise")
         caption = f"Against the residuals of {schema.states[following]}."
         result.append((caption, partial(_against, values=whole[:, following], own=whole[:, j], label=label)))
-    chance = "Autocorrelation by lag in samples; 95 % of white noise lies in the grey range."
-    quantiles = "Normal quantile plot; the line is that of normal errors."
-    return [
-        *result,
-        (chance, partial(_memory, residuals=residuals, j=j)),
-        (quantiles, partial(_quantiles, own=whole[:, j])),
-    ]
+    caption = "Autocorrelation by lag in samples; 95 % of white noise lies in the grey range."
+    result.append((caption, partial(_memory, residuals=residuals, j=j)))
+    caption = "Normal quantile plot; the line is that of normal errors."
+    return [*result, (caption, partial(_quantiles, own=whole[:, j]))]
 
 
 def _against(panel: Axes, values: Floats, own: Floats, label: str) -> None:

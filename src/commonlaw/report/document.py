@@ -48,9 +48,8 @@ def cell(value: object, digits: int) -> str:
     if not number:
         return text
     bound, sign, size, power = number.groups()
-    return (
-        (bound or "") + ("−" if sign else "") + size + (f" × 10{str(int(power)).translate(_RAISED)}" if power else "")
-    )
+    raised = f" × 10{str(int(power)).translate(_RAISED)}" if power else ""
+    return f"{bound or ''}{'−' if sign else ''}{size}{raised}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +95,7 @@ class Table(_Named):
 
     def csv(self) -> bytes:
         """Return all cells as comma-separated values."""
-        data = self.frame if self.data is None else self.data
-        return data.to_csv(index=False, lineterminator="\n").encode()
+        return (self.frame if self.data is None else self.data).to_csv(index=False, lineterminator="\n").encode()
 
 
 @dataclass(frozen=True, eq=False)

@@ -114,11 +114,8 @@ def choices(case: Summary) -> Iterator[Block]:
     """Yield every choice on the way."""
     rows = [(step.stage, step.choice, case.words(step.reason)) for step in case.law.history]
     frame = pd.DataFrame(rows, columns=["stage", "choice", "reason"])
-    yield (
-        Table("history", "Choices in the search, with their reasons.", frame)
-        if rows
-        else Text("No history is recorded.")
-    )
+    history = Table("history", "Choices in the search, with their reasons.", frame)
+    yield history if rows else Text("No history is recorded.")
 
 
 def in_short(case: Summary) -> str:
@@ -209,7 +206,6 @@ def _patterns(case: Summary) -> Iterator[Block]:
 
 
 def _discrepancy(case: Summary) -> Iterator[Block]:
-    """Yield the discrepancy, a function that objects share."""
     if len(case.law.objects) > 100:
         yield Text("A discrepancy shared by all objects was not estimated: there are many objects.")
         return
@@ -238,11 +234,7 @@ def _errors(case: Summary) -> Iterator[Block]:
     if law.uncertainty.noise is not None:
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
         kinds = (("noise", law.uncertainty.noise), (f"autocorrelated errors ({time})", errors.correlated))
-        levels = [
-            f"{kind} of {levels_in_words(levels_of_kind, schema)}"
-            for kind, levels_of_kind in kinds
-            if levels_of_kind is not None
-        ]
+        levels = [f"{kind} of {levels_in_words(std, schema)}" for kind, std in kinds if std is not None]
         levels += [f"noise of {grown}" for grown in errors.heteroscedastic_in_words(schema.states).values()]
         yield Text(f"Measurement errors: {literal('; '.join(levels))}.")
     if errors.of_law:
@@ -293,8 +285,18 @@ def coefficients(case: Summary) -> Iterator[Block]:
     if case.findings.fit is not None and has_phase_plane(law) and not depends_on(law, *law.schema.inputs):
         caption = "Phase plane: flow, nullclines, where one state is constant, fixed points and fitted trajectories."
         yield Picture("phase-plane", caption, partial(plot_phase_plane, law, case.findings.fit))
-    if known:
-        yield from _contrasts(case)
+    for i, (name, (reference, *_)) in enumerate(comparable_groups(law).items() if known else ()):
+        title = f"Differences from {name} {reference}"
+        try:
+            frame = contrasts(law, name, reference)
+        except CommonlawError as error:
+            yield Text(f"{literal(title)}: {said(case, error)}.")
+            continue
+        if len(frame):
+            frame = frame.drop(columns="reference").dropna(axis=1, how="all")
+            frame.columns = [name if column == "value" else column for column in frame.columns]
+            caption = f"{literal(title)}, with 95 % intervals of Student's t that contain the scatter between objects."
+            yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
 
 
 def values(case: Summary) -> tuple[Block, ...]:
@@ -304,22 +306,6 @@ def values(case: Summary) -> tuple[Block, ...]:
     data = case.law.params.dropna(axis=1, how="all")
     table = Table("values", f"{parameters_caption(case.law)}.", frame, data=data)
     return (folded(table, "Coefficients by object"),)
-
-
-def _contrasts(case: Summary) -> Iterator[Block]:
-    """Yield how parameters differ between groups of objects, for each property that makes some."""
-    for i, (name, (reference, *_)) in enumerate(comparable_groups(case.law).items()):
-        title = f"Differences from {name} {reference}"
-        try:
-            frame = contrasts(case.law, name, reference)
-        except CommonlawError as error:
-            yield Text(f"{literal(title)}: {said(case, error)}.")
-            continue
-        if len(frame):
-            frame = frame.drop(columns="reference").dropna(axis=1, how="all")
-            frame.columns = [name if column == "value" else column for column in frame.columns]
-            caption = f"{literal(title)}, with 95 % intervals of Student's t that contain the scatter between objects."
-            yield folded(Table(f"contrasts-{i + 1}", caption, frame), title)
 
 
 def candidates(case: Summary) -> Iterator[Block]:
@@ -387,15 +373,11 @@ def ranges(case: Summary) -> Iterator[Block]:
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
     columns = {**visited, "trial duration": (min(length), max(length))}
     units = units_with_rates(law) | {"trial duration": schema.units.get(schema.time, "")}
-    rows = [
-        {"": name, "from": low, "to": high, "unit": unit_text(units.get(name, "")) or None}
-        for name, (low, high) in columns.items()
-    ]
+    printed = {name: unit_text(units.get(name, "")) or None for name in columns}
+    rows = [{"": name, "from": low, "to": high, "unit": printed[name]} for name, (low, high) in columns.items()]
     learned = "The law was fitted in the ranges below and extrapolates outside them. "
     given = "The law was given and compared with trials in the ranges below. "
-    text = (learned if law.provenance.is_learned else given) + " ".join(
-        literal(sentence) for sentence in case.findings.sentences[:1]
-    )
+    text = (learned if law.provenance.is_learned else given) + " ".join(map(literal, case.findings.sentences[:1]))
     if law.provenance.is_learned and law.uncertainty.explanation is None and len(law.objects) > 1:
         text += " Other objects are forecast with the mean coefficients."
     yield Text(text)
@@ -548,8 +530,7 @@ def law_report(
     for heading, part in (_PARTS if everything is None else {"All objects": all_objects, **_PARTS}).items():
         progress(heading.lower())
         sections.append(Section(part.__name__.replace("_", "-"), heading, tuple(part(case))))
-    below = (*values(case), Text(listed(others)))
-    return Report(title, summary, (*sections, again(case, command, table)), below)
+    return Report(title, summary, (*sections, again(case, command, table)), (*values(case), Text(listed(others))))
 
 
 def all_objects(case: Summary) -> Iterator[Block]:
@@ -557,24 +538,16 @@ def all_objects(case: Summary) -> Iterator[Block]:
     assert case.everything is not None
     law = case.everything.law
     yield Text(f"{'. '.join(said(case, score) for score in case.scores)}.")
-    yield from _forecasts(case.everything)
-    if len(law.objects) > MANY and law.support.any():
-        yield from _coefficients(law)
-
-
-def _forecasts(found: ManyFindings) -> Iterator[Block]:
-    relative = found.relative.replace(np.inf, np.nan).dropna()
-    name = found.errors.columns[0]
+    relative = case.everything.relative.replace(np.inf, np.nan).dropna()
     if len(relative) > MANY:
         caption = "Errors of the forecasts of objects, in units of the spread of the states: quantiles."
         yield Table("errors-of-all", caption, quantile_frame({"rms error": relative.to_numpy()}, "object"))
-    worst = found.relative.iloc[::-1][:10]
-    frame = pd.DataFrame({name: worst.index.astype(str), "rms error": worst.to_numpy()})
+    worst = case.everything.relative.iloc[::-1][:10]
+    frame = pd.DataFrame({case.everything.errors.columns[0]: worst.index.astype(str), "rms error": worst.to_numpy()})
     caption = f"The {counted(len(worst), 'object')} with the worst forecasts, in the same units."
     yield Table("worst", caption, frame)
-
-
-def _coefficients(law: Law) -> Iterator[Block]:
+    if len(law.objects) <= MANY or not law.support.any():
+        return
     if tables := spread_tables(law, 10, universal=False):  # What is universal is said above
         spread, farthest = tables
         yield Table("spread", "Coefficients of all objects: quantiles (letter values, Tukey 1977).", spread)

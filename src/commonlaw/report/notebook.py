@@ -79,9 +79,8 @@ def _page(title: str, sentences: Sequence[str], of_table: str, table: pd.DataFra
 
 def _table(frame: pd.DataFrame, rows: int = 10) -> str:
     more = f"<p>... and {len(frame) - rows} more rows</p>" if len(frame) > rows else ""
-    return (
-        str(readable(frame.head(rows)).to_html(index=False, na_rep="", float_format="{:.4g}".format, border=0)) + more
-    )
+    html = readable(frame.head(rows)).to_html(index=False, na_rep="", float_format="{:.4g}".format, border=0)
+    return f"{html}{more}"
 
 
 def _drawn(draw: Callable[[], Figure]) -> str:

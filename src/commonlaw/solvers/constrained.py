@@ -121,10 +121,9 @@ def constrained_least_squares(problems: Problems, support: Bools, target: int, m
 
 def _check(matrix: Floats, right: Floats, support: Bools) -> None:
     if np.shape(matrix) != (len(right), support.size):
-        objects, terms = support.shape
-        shape, count, size = np.shape(matrix), len(right), support.size
+        (objects, terms), shape = support.shape, np.shape(matrix)
         raise CommonlawError(
-            "constraints-shape", shape=shape, objects=objects, terms=terms, constraints=count, columns=size
+            "constraints-shape", shape=shape, objects=objects, terms=terms, constraints=len(right), columns=support.size
         )
     values = _unit_rows(matrix, right)[0]
     if np.linalg.matrix_rank(values, tol=_RANK * max(values.shape)) < len(values):

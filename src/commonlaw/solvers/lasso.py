@@ -66,9 +66,7 @@ class Lasso(AbstractSolver):
         # Larger penalties come first: the minimum of each is where the search for the next begins
         penalties = sorted({*_PENALTIES[min(wanted) < _PENALTIES], *wanted}, reverse=True)
         by_group = [self._candidates(group, target, allowed, penalties) for group in groups(problems, self.shared)]
-        by_penalty = {
-            of_objects[0].hyperparameter: Candidate.join(of_objects) for of_objects in zip(*by_group, strict=True)
-        }
+        by_penalty = {parts[0].hyperparameter: Candidate.join(parts) for parts in zip(*by_group, strict=True)}
         path = tuple(by_penalty[value] for value in wanted)
         return each_support_once(path) if values is None else path
 

@@ -1,7 +1,9 @@
 """Sequentially thresholded least squares, for each object or for all, and the importance of a term over objects."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -135,41 +137,31 @@ class STLSQ(AbstractSolver):
             raise CommonlawError("importance-own-terms", importance=self.importance)
 
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
-        fits = [_Fits(group, target, self.ridge) for group in groups(problems, self.shared)]
+        parts = [self._thresholded(group, target, allowed) for group in groups(problems, self.shared)]
+        return threshold_path(lambda threshold: Candidate.join([part(threshold) for part in parts]), values)
+
+    def _thresholded(self, problems: Problems, target: int, allowed: Bools) -> Callable[[float], Candidate]:
+        """Return the candidate of objects that share a support, by its threshold."""
+        norms = np.array([problem.norms for problem in problems])
+
+        @cache  # Thresholds have most of their supports in common
+        def fitted(mask: bytes) -> Floats:
+            terms = np.frombuffer(mask, dtype=np.bool_)
+            return np.array([problem.least_squares(terms, target, self.ridge) for problem in problems])
 
         def candidate_at(threshold: float) -> Candidate:
-            return Candidate.join([self._threshold(fit, allowed, threshold) for fit in fits])
+            support, largest, smallest, converged = allowed, 0.0, np.inf, False
+            for _ in range(self.max_iterations):
+                magnitudes = np.abs(fitted(support.tobytes()))
+                values = self.importance.measure(magnitudes * norms if self.normalize else magnitudes)
+                largest = values[support].max(initial=0.0) if support.any() else largest
+                kept = support & (values >= threshold)
+                smallest = min(smallest, values[kept].min(initial=np.inf))
+                converged = bool(np.array_equal(kept, support))
+                if converged:
+                    break
+                support = kept
+            supports, coefficients = np.repeat(support[np.newaxis], len(problems), axis=0), fitted(support.tobytes())
+            return Candidate(supports, coefficients, threshold, False, converged, float(largest), float(smallest))
 
-        return threshold_path(candidate_at, values)
-
-    def _threshold(self, fits: "_Fits", allowed: Bools, threshold: float) -> Candidate:
-        support, largest, smallest, converged = allowed, 0.0, np.inf, False
-        for _ in range(self.max_iterations):
-            magnitudes = np.abs(fits.coefficients(support))
-            values = self.importance.measure(magnitudes * fits.norms if self.normalize else magnitudes)
-            largest = values[support].max(initial=0.0) if support.any() else largest
-            kept = support & (values >= threshold)
-            smallest = min(smallest, values[kept].min(initial=np.inf))
-            converged = bool(np.array_equal(kept, support))
-            if converged:
-                break
-            support = kept
-        supports, coefficients = np.repeat(support[np.newaxis], len(fits.problems), axis=0), fits.coefficients(support)
-        return Candidate(supports, coefficients, threshold, False, converged, float(largest), float(smallest))
-
-
-class _Fits:
-    """Least squares of some objects, each support once."""
-
-    def __init__(self, problems: Problems, target: int, ridge: float) -> None:
-        self.problems, self.target, self.ridge = problems, target, ridge
-        self.norms = np.array([problem.norms for problem in problems])
-        self._known: dict[bytes, Floats] = {}
-
-    def coefficients(self, support: Bools) -> Floats:
-        """Return the coefficients of a support, shape (terms,), for each object, shape (objects, terms)."""
-        key = support.tobytes()
-        if key not in self._known:
-            solved = [problem.least_squares(support, self.target, self.ridge) for problem in self.problems]
-            self._known[key] = np.array(solved)
-        return self._known[key]
+        return candidate_at

@@ -163,8 +163,7 @@ class _Search:
 
     def run(self, nodes: int) -> Subset:
         """Search depth first, through at most so many nodes."""
-        root = _Node(self.best[:0], self.problem.entering, self.problem.leaving, self.problem.rest)
-        waiting = [root]
+        waiting = [_Node(self.best[:0], self.problem.entering, self.problem.leaving, self.problem.rest)]
         for _ in range(nodes):
             if not waiting:
                 break
@@ -200,8 +199,7 @@ class _Search:
         if node.bound + cheapest >= self._bar:
             return []
         if min(need, surplus) <= 2:
-            chosen = _best_of_few(node, need, surplus)
-            self._accept(iter([np.concatenate([node.inside, chosen])]))
+            self._accept(iter([np.concatenate([node.inside, _best_of_few(node, need, surplus)])]))
             return []
         top = int(np.argmax(costs))
         inside = np.append(node.inside, open_[top])

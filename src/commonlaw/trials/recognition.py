@@ -275,10 +275,9 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
 
 
 def is_quantity(table: Table, name: str) -> bool:
-    """Say whether the numbers in a column are measured, and no labels: they have a unit, or one is a fraction."""
-    values = readable(table, name)
+    """Say whether the numbers in a column are measured, and no labels, as they have a unit."""
     has_unit = name in table.units or bool(units_in_names([name]))
-    return bool(np.isfinite(values).all()) and (has_unit or bool(np.any(values % 1)))
+    return has_unit and bool(np.isfinite(readable(table, name)).all())
 
 
 def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Codes) -> list[str]:
