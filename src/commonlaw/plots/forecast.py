@@ -128,10 +128,11 @@ def draw_forecast(figure: Figure, index: SubplotSpec, forecast: Forecast, column
         # As years are long, more labels would run into each other
         below.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         # Panels of one state share their axes, so those of the first object speak for the others in the line
-        for panel, what in ((above, schema.states[j]), (below, "residual" if forecast.is_fit else "error")):
+        what = "residual" if forecast.is_fit else "error"
+        for panel, text, width in ((above, schema.states[j], 20), (below, what, 13)):
             panel.tick_params(labelleft=column < states)
             if column < states:
-                panel.set_ylabel(axis_label(what, schema.units.get(schema.states[j], "")))
+                panel.set_ylabel(axis_label(text, schema.units.get(schema.states[j], ""), width))
     for alike in pairs.values():
         limits = limits_of([curve for pair in alike for curve in pair.curves])
         for panel, limit in zip((alike[0].above, alike[0].below), limits, strict=True):
@@ -358,9 +359,10 @@ class ForecastPanels:
         for j, state in enumerate(states):
             pair = Pair(panels[2 * j], panels[2 * j + 1], self._curves[name, j])
             draw_pair(pair, 40)
-            for panel, limits, what in zip((pair.above, pair.below), self._limits[j], (state, lower), strict=True):
+            labels = (pair.above, state, 20), (pair.below, lower, 13)
+            for limits, (panel, what, width) in zip(self._limits[j], labels, strict=True):
                 panel.set_ylim(*limits)
-                panel.set_ylabel(axis_label(what, schema.units.get(state, "")))
+                panel.set_ylabel(axis_label(what, schema.units.get(state, ""), width))
             draw_bands(pair)
         panels[-1].set_xlim(*self._times)
         panels[-1].xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))

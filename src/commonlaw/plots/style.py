@@ -146,13 +146,13 @@ def powers_of_ten(text: str) -> str:
     return raised.replace("-", "−")
 
 
-def axis_label(name: str, unit: str = "") -> str:
-    """Return a name with its unit, if it has one.
+def axis_label(name: str, unit: str = "", width: int = 60) -> str:
+    """Return a name with its unit, if it has one, in lines of at most so many characters.
 
     >>> axis_label("x", "m"), axis_label("count")
     ('x (m)', 'count')
     """
-    return plain(f"{name} ({unit_text(unit)})" if unit else name, 60)
+    return plain(f"{name} ({unit_text(unit)})" if unit else name, width)
 
 
 def fitting(width: float, height: float) -> tuple[float, float]:
