@@ -51,9 +51,6 @@ if TYPE_CHECKING:
 _ENDINGS = frozenset([".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".xlsx", ".xls", ".ods", ".gz", ".bz2", ".xz"])
 """Of files of tables in a folder."""
 
-_LAYOUT_ROWS = 1000
-"""Of a sheet, from which its header is found."""
-
 Rows = list[tuple[int, list[Any]]]
 """Numbers, from the header's, and cells of rows that are not empty."""
 
@@ -87,7 +84,8 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
         raise CommonlawError("workbook-empty", where=source, part="sheet" if wanted else "workbook")
     layouts = dict[str, Layout]()
     for name, rows in chosen.items():
-        first_rows = [Row(number, number, [*map(label, cells)]) for number, cells in rows[:_LAYOUT_ROWS]]
+        # The header is among the first rows
+        first_rows = [Row(number, number, [*map(label, cells)]) for number, cells in rows[:1000]]
         layouts[name] = layout_of(first_rows, [])
     headers = {name: " | ".join(map(str.strip, layout.header)).rstrip(" |") for name, layout in layouts.items()}
     titles = max((layout.header for layout in layouts.values()), key=lambda header: len("".join(header)))
