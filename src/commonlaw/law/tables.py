@@ -270,7 +270,6 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
                 rows.append([label, *(cells.get(parameter, Written()) for parameter in parameters.names)])
     heads = [law.schema.object, *starmap(with_unit, coefficient_names(law))]
     frame = pd.DataFrame(rows, columns=heads, dtype=object)
-    # Objects may be named by a property
     return frame.loc[:, [True, *(name != law.schema.object for name in parameters.names)]]
 
 

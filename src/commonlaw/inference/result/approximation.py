@@ -145,9 +145,8 @@ def _residuals_of_trials(fit: Fit) -> list[Series]:
 
 def _constants(trials: Trials) -> list[Series]:
     """Return the deviations from the mean of each trial, state by state."""
-    counts = [np.isfinite(trial.states).sum(axis=0, keepdims=True) for trial in trials]
-    pairs = zip(trials, counts, strict=True)
-    return _deviations(trials, [np.nansum(trial.states, axis=0) / np.maximum(count, 1) for trial, count in pairs])
+    columns = ([column[np.isfinite(column)] for column in trial.states.T] for trial in trials)
+    return _deviations(trials, [np.array([[column.sum() / max(len(column), 1) for column in row]]) for row in columns])
 
 
 def _deviations(trials: Trials, references: Iterable[Floats]) -> list[Series]:
