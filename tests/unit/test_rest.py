@@ -52,24 +52,73 @@ def test_where_all_objects_rest_none_is_left_out():
     assert objects_at_rest(cl.Trials.from_arrays([TIMES] * 3, states, object=["A", "B", "C"])) == ()
 
 
-def tracked(across, count=2):
-    """Damped oscillations x of some trials, with what was measured across."""
+def test_a_small_oscillation_of_few_samples_a_period_counts():
+    """Differences of neighbours are then as large as those of white noise."""
+    times = np.arange(14.0)
+    generator = np.random.default_rng(2)
+    grown = [100 / (1 + 40 * np.exp(-rate * times)) for rate in (0.8, 0.9, 1.0)]
+    states = [*grown, 2 + 1.5 * np.sin(2 * np.pi * times / 4.6)]
+    noisy = [curve[:, np.newaxis] + 0.1 * generator.standard_normal((14, 1)) for curve in states]
+    trials = cl.Trials.from_arrays([times] * 4, noisy, object=["A", "B", "C", "small"])
+    assert objects_at_rest(trials) == ()
+
+
+def tracked(across, count=2, names=("x", "z", "y"), digits=2):
+    """Damped rotations x and z of some trials, with what was measured across, rounded."""
     generator = np.random.default_rng(5)
     states = [
-        np.column_stack([np.exp(-0.1 * TIMES) * np.cos(2 * TIMES + k), across(TIMES, generator)]) for k in range(count)
+        np.column_stack(
+            [
+                *(np.exp(-0.1 * TIMES) * turn(2 * TIMES + k) for turn in (np.cos, np.sin)[: len(names) - 1]),
+                across(TIMES, generator),
+            ]
+        )
+        for k in range(count)
     ]
-    noise = 0.002 * generator.standard_normal((count, len(TIMES), 2))
-    return cl.Trials.from_arrays([TIMES] * count, [*(states + noise)], names=["x", "y"])
+    noisy = np.array(states) + 0.002 * generator.standard_normal((count, len(TIMES), len(names)))
+    noisy[:, :, -1] = noisy[:, :, -1].round(digits)
+    return cl.Trials.from_arrays([TIMES] * count, [*noisy], names=names)
 
 
 def test_a_state_that_never_changes_is_left_out_of_a_law_that_takes_tables_with_it():
-    trials = tracked(lambda t, _: np.full_like(t, 0.3))
-    law = cl.discover(trials, order=2, library="poly:1")
-    assert law.structure == ("x'' = a x + b v",)
+    trials = tracked(lambda t, _: np.full_like(t, 0.305))
+    assert states_at_rest(trials) == ("y",)
+    law = cl.discover(trials, order=1, library="poly:1", method=cl.DerivativeRegression(solver="stlsq:0.01"))
+    assert law.structure == ("x' = a x + b z", "z' = c x + d z")
     assert "states-at-rest" in {diagnostic.code for diagnostic in law.diagnostics}
     again = cl.law.from_json(cl.law.to_json(law))
-    assert again.predict(trials).score() > 0.99
-    assert cl.refine(again, trials).provenance.domain.constant == ("y",)
+    refined = cl.refine(again, trials, errors="white")
+    assert refined.predict(trials).score() > 0.99
+    assert refined.provenance.domain.constant == ("y",)
+
+
+def test_one_of_two_states_and_one_that_exceeds_its_resolution_are_kept():
+    assert states_at_rest(tracked(lambda t, _: np.full_like(t, 0.305), names=("x", "y"))) == ()
+    assert states_at_rest(tracked(lambda t, _: np.full_like(t, 0.305), digits=3)) == ()
+
+
+def test_a_predator_of_few_samples_is_kept():
+    """Lotka-Volterra, five samples a period, the predator measured later."""
+    times = np.arange(15.0)
+    law = cl.Law.from_text("x' = 1.4 x - 0.09 x y; y' = -1.2 y + 0.06 x y")
+    (curve,) = law.simulate(times, [6.0, 8.0]).values()
+    states = curve.states * (1 + 0.03 * np.random.default_rng(3).standard_normal((15, 2)))
+    states[:2, 1] = np.nan
+    trials = cl.Trials.from_arrays(times, states.round(2), names=["x", "y"])
+    assert states_at_rest(trials) == ()
+    other = np.column_stack([states.round(2), np.linspace(0, 1, 15) ** 2])
+    assert states_at_rest(cl.Trials.from_arrays(times, other, names=["x", "y", "z"])) == ()
+
+
+def test_known_noise_is_what_a_state_may_scatter_by():
+    generator = np.random.default_rng(1)
+    y = 0.3 + 0.002 * np.clip(generator.standard_normal(40), -1.4, 1.4)
+    states = np.column_stack([np.cos(TIMES), np.sin(TIMES), y])
+    noise = np.full_like(states, 0.002)
+    kept, dropped = (
+        cl.Trials.from_arrays(TIMES, states, names=["x", "z", "y"], noise=given) for given in (None, noise)
+    )
+    assert (states_at_rest(kept), states_at_rest(dropped)) == ((), ("y",))
 
 
 @pytest.mark.parametrize(

@@ -446,7 +446,7 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     known = {name: values[np.isfinite(values)] for name, values in cells.items()}
     spans = {name: float(np.ptp(values)) or 1.0 if len(values) else 1.0 for name, values in known.items()}
     digits = {name: last_digit(values) / spans[name] for name, values in cells.items()}
-    noise = {name: _noise(values, trials) / spans[name] for name, values in cells.items()}
+    noise = {name: difference_noise([values[rows] for rows in trials]) / spans[name] for name, values in cells.items()}
     # Estimates of white noise are alike by all orders of differences that leave nothing of a course
     white = [name for name in names if noise[name][2:].max() < 1.5 * noise[name][2:].min()]
     reasons = dict[str, str]()
@@ -571,7 +571,7 @@ def last_digit(values: Floats) -> float:
     return 0.0
 
 
-def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:
+def difference_noise(runs: Sequence[Floats]) -> Floats:
     """Return the standard deviation of noise of evenly spaced values by differences of neighbours of orders 2 to 8.
 
     The difference of order m of white noise of variance s^2 has variance (2m choose m) s^2; of a smooth course high
@@ -579,7 +579,7 @@ def _noise(values: Floats, trials: Sequence[Codes]) -> Floats:
     """
     result = np.full(7, np.inf)
     for i, order in enumerate(range(2, 9)):
-        parts = np.concatenate([np.diff(values[rows], order) for rows in trials])
+        parts = np.concatenate([np.diff(values, order) for values in runs])
         parts = parts[np.isfinite(parts)]
         if len(parts) > order:
             result[i] = np.sqrt(np.mean(parts**2) / comb(2 * order, order))

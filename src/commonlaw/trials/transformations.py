@@ -12,8 +12,8 @@ from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.text import shown
 from commonlaw.trials.headers import find_name
-from commonlaw.trials.recognition import is_amount, note_on_pulses
-from commonlaw.trials.trial import Schema, Start, Trial, property_names
+from commonlaw.trials.recognition import difference_noise, is_amount, last_digit, note_on_pulses
+from commonlaw.trials.trial import Schema, Start, Trial, property_names, pure_error
 from commonlaw.trials.trials import Trials
 from commonlaw.trials.units import Conversion, converted, mapped, with_converted_properties
 
@@ -297,6 +297,12 @@ def without_notes_on(doses: Sequence[str], trials: Trials) -> Trials:
     return replace(trials, notes=tuple(note for note in trials.notes if note not in answered))
 
 
+MAX_RANGE_AT_REST = 3.0
+"""Of a state that is constant, relative to its resolution or to noise known from elsewhere."""
+MAX_STD_AT_REST = 2.0
+"""Of an object that is constant, relative to the noise of all."""
+_MIN_STATES_WITH_REST = 3
+"""The fewest states of which one may be left out."""
 _MIN_DIFFERENCES = 10
 """Differences of neighbouring samples by which a state at rest is known."""
 
@@ -305,41 +311,52 @@ def objects_at_rest(trials: Trials) -> tuple[str, ...]:
     """Return the objects whose states stay constant within their noise while those of others change, with no input.
 
     Differences d of neighbouring samples and deviations e from the mean of a trial are those of white noise alone (von
-    Neumann 1941): sum d^2 / sum e^2 = 2 with a standard deviation of 2 / sqrt(n), of n differences; and the variance is
-    less than a hundredth of the mean of all objects.
+    Neumann 1941): sum d^2 / sum e^2 = 2 with a standard deviation of 2 / sqrt(n), of n differences; the variance is
+    less than a hundredth of the mean of all objects; and the standard deviation is at most `MAX_STD_AT_REST` times the
+    median noise of the objects, or the resolution.
     """
-    names = trials.objects
-    count, differences, deviations = np.zeros((3, len(names), len(trials.schema.states)))
+    names, states = trials.objects, len(trials.schema.states)
+    count, differences, deviations, noise = np.zeros((4, len(names), states))
     driven = np.zeros(len(names), dtype=np.bool_)
     for o, name in enumerate(names):
-        inputs = np.concatenate([trial.inputs for trial in trials.of_object(name)])
+        trials_of_object = trials.of_object(name)
+        inputs = np.concatenate([trial.inputs for trial in trials_of_object])
         driven[o] = (inputs != inputs[0]).any()
-        sums = [_sums_of_squares(trial) for trial in trials.of_object(name)]
+        sums = [_sums_of_squares(trial) for trial in trials_of_object]
         count[o], differences[o], deviations[o] = np.sum(sums, axis=0)
+        noise[o] = [
+            difference_noise([trial.states[np.isfinite(trial.states[:, j]), j] for trial in trials_of_object]).min()
+            for j in range(states)
+        ]
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = deviations / count
     counted = np.where(count >= _MIN_DIFFERENCES, variance, np.nan)
     if np.isnan(counted).all(axis=0).any():
         return ()
-    is_small = variance < 0.01 * np.nanmean(counted, axis=0)
+    resolution = [last_digit(np.concatenate([trial.states[:, j] for trial in trials])) for j in range(states)]
+    level = np.maximum(MAX_STD_AT_REST * np.median(noise, axis=0), resolution)
+    is_small = (variance < 0.01 * np.nanmean(counted, axis=0)) & (variance <= level**2)
     at_rest = (_is_white(count, differences, deviations) & is_small).all(axis=1) & ~driven
     return tuple(name for name, rests in zip(names, at_rest, strict=True) if rests)
 
 
 def states_at_rest(trials: Trials) -> tuple[str, ...]:
-    """Return the states that stay constant within their noise in all trials while others change.
+    """Return the states, of three or more, that stay constant within their noise in all trials while others change.
 
-    Differences of neighbouring samples and deviations from the mean of all trials are those of white noise alone, as in
-    `objects_at_rest`, and the linear regression on all other states and inputs is not significant (F test at 1 %).
+    Their range is at most `MAX_RANGE_AT_REST` times their resolution or known noise: differences of neighbouring
+    samples cannot show it, as those of an oscillation of few samples a period are as large as those of noise. These
+    and deviations from the mean of all trials are those of white noise alone, as in `objects_at_rest`, and the linear
+    regression on all other states and inputs is not significant (F test at 1 %).
     """
     from scipy.stats import f
 
     values = np.concatenate([trial.states for trial in trials])
-    if values.shape[1] == 1 or np.isnan(values).all(axis=0).any():
+    if values.shape[1] < _MIN_STATES_WITH_REST or np.isnan(values).all(axis=0).any():
         return ()
+    ranges, levels = np.nanmax(values, axis=0) - np.nanmin(values, axis=0), _known_levels(trials, values)
     sums = np.sum([_sums_of_squares(trial, np.nanmean(values, axis=0)) for trial in trials], axis=0)
     at_rest, inputs = list[str](), np.concatenate([trial.inputs for trial in trials])
-    for j in np.flatnonzero(_is_white(*sums)):
+    for j in np.flatnonzero(_is_white(*sums) & (ranges <= MAX_RANGE_AT_REST * levels * (1 + 1e-9))):
         rows = np.column_stack([np.ones(len(values)), np.delete(values, j, axis=1), inputs, values[:, j]])
         rows = rows[np.isfinite(rows).all(axis=1)]
         rows = rows / np.maximum(np.abs(rows).max(axis=0, initial=0.0), np.finfo(float).tiny)
@@ -353,6 +370,15 @@ def states_at_rest(trials: Trials) -> tuple[str, ...]:
         ):
             at_rest.append(trials.schema.states[j])
     return tuple(at_rest) if len(at_rest) < values.shape[1] else ()
+
+
+def _known_levels(trials: Trials, values: Floats) -> Floats:
+    """Return the largest of resolution, given noise and that of repeated measurements of each state, shape (d,)."""
+    squares, freedom = pure_error([trial.repeats for trial in trials], values.shape[1])
+    std = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
+    known = np.array([np.nanmedian(column) if np.isfinite(column).any() else 0.0 for column in std.T])
+    resolution = np.array([last_digit(column) for column in values.T])
+    return np.asarray(np.max([resolution, known, np.sqrt(squares / np.maximum(freedom, 1))], axis=0))
 
 
 def _sums_of_squares(trial: Trial, mean: Floats | None = None) -> Floats:
