@@ -157,8 +157,7 @@ def parameters_caption(law: Law) -> str:
     """Return what the table of parameters shows."""
     if law.uncertainty.covariance is None:
         return "Coefficients"
-    averaged = ", averaged over the plausible laws" if law.uncertainty.other_laws else ""
-    return f"Coefficients ± standard errors, with 95 % intervals{averaged}"
+    return "Coefficients ± standard errors, with 95 % intervals"
 
 
 def parameter_table(law: Law) -> pd.DataFrame:

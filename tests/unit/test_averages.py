@@ -1,5 +1,6 @@
 """What a law says together with what else it could be."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,9 @@ import commonlaw as cl
 from commonlaw.law import Law, PlausibleLaw, Uncertainty, average_law, from_json, pool_objects, select_objects, to_json
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.quantiles import mixture_interval, two_sided
-from commonlaw.law.tables import interval_frame
+from commonlaw.law.tables import coefficient_rows, coefficients_by_object, interval_frame
+from commonlaw.plots.law import DotPlot
+from commonlaw.summary import parameter_table
 from tests.refusals import refused
 
 TIMES = np.linspace(0.0, 2.0, 9)
@@ -75,16 +78,51 @@ def test_few_degrees_of_freedom_make_intervals_wider_by_students_quantile():
     assert two_sided(0.95, np.array([5.0, np.inf])).tolist() == pytest.approx([t.ppf(0.975, 5), norm.ppf(0.975)])
 
 
-def test_the_table_has_averaged_intervals_and_beside_them_those_given_the_terms(law):
-    row, saved = law.params.iloc[0], interval_frame(law).iloc[0]
-    given = law.conf_int(averaged=False).iloc[0]
+def test_averaged_intervals_have_columns_by_name_after_those_given_the_terms(law):
+    row, saved, averaged = law.params.iloc[0], interval_frame(law).iloc[0], law.conf_int(averaged=True).iloc[0]
+    names = [f"{end} averaged over plausible laws" for end in ("low", "high")]
     assert (saved["low"], saved["high"]) == (row["low"], row["high"])
-    assert (saved["low given these terms"], saved["high given these terms"]) == (given["low"], given["high"])
-    assert given["high"] == pytest.approx(-1.0 + norm.ppf(0.975) * 0.01)
+    assert tuple(saved[names]) == (averaged["low"], averaged["high"])
     weights = np.array([0.7, 0.3])
-    assert weights @ norm.cdf((row["low"] - np.array([-1.0, -1.4])) / 0.01) == pytest.approx(0.025)
-    assert weights @ norm.cdf((row["high"] - np.array([-1.0, -1.4])) / 0.01) == pytest.approx(0.975)
-    assert "low given these terms" not in interval_frame(law_of(-1.0, 0.0))
+    assert weights @ norm.cdf((averaged["low"] - np.array([-1.0, -1.4])) / 0.01) == pytest.approx(0.025)
+    assert weights @ norm.cdf((averaged["high"] - np.array([-1.0, -1.4])) / 0.01) == pytest.approx(0.975)
+    assert names[0] not in interval_frame(law_of(-1.0, 0.0))
+
+
+@pytest.fixture
+def doubtful():
+    """A law that, with a probability of 0.3, lacks its constant; Student's t with 7 degrees of freedom."""
+
+    def few(law):
+        return replace(law, uncertainty=replace(law.uncertainty, degrees_of_freedom=np.array([7.0])))
+
+    cup = ("cup",)
+    without = few(law_of(-1.4, 0.0, objects=cup))
+    return with_other_laws(few(law_of(-1.0, 0.5, objects=cup)), (PlausibleLaw(0.3, without),))
+
+
+def _numbers(cell):
+    """Return the numbers of ``1.2 ± 0.3`` and, on the next line, ``0.6 to 1.8``."""
+    return [float(number) for number in re.findall(r"-?\d+\.\d+", str(cell))]
+
+
+def test_every_table_has_the_interval_that_belongs_to_the_standard_error(doubtful):
+    assert doubtful.conf_int(averaged=True)["low"].max() == 0.0
+    document = {"coefficient": "estimate"}
+    frames = [doubtful.params, doubtful.conf_int(), interval_frame(doubtful).rename(columns=document)]
+    frames.append(coefficient_rows(doubtful).rename(columns={"value": "estimate"}))
+    frames.append(parameter_table(doubtful).rename(columns=lambda name: name.removeprefix("95 % ")))
+    rows = [row for frame in frames for row in frame[["estimate", "standard error", "low", "high"]].values.tolist()]
+    cells = coefficients_by_object(doubtful).iloc[0, 1:]
+    rows += [_numbers(cell) for cell in cells]
+    printed = doubtful.summary().split("\n\n")[-1].splitlines()
+    rows += [_numbers(line)[:4] for line in printed[1:3]]
+    dots = DotPlot(doubtful).coefficients
+    rows += [[dot.learned[0], dot.errors[0], dot.low[0], dot.high[0]] for dot in dots]
+    assert len(rows) == 2 * 8
+    for estimate, error, low, high in rows:
+        assert low < estimate < high
+        assert (high - low) / 2 == pytest.approx(t.ppf(0.975, 7) * error, rel=0.05)
 
 
 def test_draws_come_from_every_law_by_its_probability(law):

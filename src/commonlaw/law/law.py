@@ -233,8 +233,8 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
 
         Columns: object, equation, term, parameter, estimate, standard error, low, high and unit; for terms chosen by
         evidence also the inclusion probability. Parameters have their names in `structure`; a parameter of given
-        equations has its first term. Intervals are averaged over `models`, see `conf_int`. Unknown values are NaN or
-        empty.
+        equations has its first term. Standard errors and intervals are conditional on the terms of this law.
+        Unknown values are NaN or empty.
 
         See Also
         --------
@@ -251,12 +251,13 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         return cast("pd.DataFrame", _call("law.tables:parameter_frame", self))
 
-    def conf_int(self, level: float = 0.95, averaged: bool = True) -> "pd.DataFrame":
-        """Return `params` with intervals of another level, or conditional on the terms of this law.
+    def conf_int(self, level: float = 0.95, averaged: bool = False) -> "pd.DataFrame":
+        """Return `params` with intervals of another level, or averaged over `models`.
 
-        In the average over `models` a coefficient is zero where its term is absent, so that the interval of a doubtful
-        term tends to include zero. Quantiles are those of Student's t distribution with the degrees of freedom of the
-        noise estimate.
+        By default intervals are conditional on the terms of this law, as the standard errors are. In the average over
+        `models` a coefficient is zero where its term is absent, so that the interval of a doubtful term tends to
+        include zero, and may not contain the estimate. Quantiles are those of Student's t distribution with the degrees
+        of freedom of the noise estimate.
 
         Raises `CommonlawError` if the covariance is not known, or the level is not between 0 and 1.
         """

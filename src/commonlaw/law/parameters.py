@@ -100,14 +100,14 @@ class Parameters:
             units.append(f"{reduce(mul, powers):~P}" if len(powers) == len(definition.parts) else None)
         return tuple(units)
 
-    def intervals(self, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
-        """Return the ends of intervals, each of shape (objects, parameters); NaN where unknown.
+    def intervals(self, level: float = 0.95, averaged: bool = False) -> tuple[Floats, Floats]:
+        """Return the ends of intervals given the terms, each of shape (objects, parameters); NaN where unknown.
 
-        Those of ratios are Fieller's, see `propagated`.
+        Those of ratios are Fieller's, see `propagated`; averaged ones are those of `coefficient_intervals`.
         """
         j, k = self.places
         if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
-            low, high = coefficient_intervals(self.law, level)
+            low, high = coefficient_intervals(self.law, level, averaged)
             return low[:, j, k], high[:, j, k]
         reach = self.law.uncertainty.reach(len(self.law.schema.states), level)[j]
         low, high = self.values - self.errors * reach, self.values + self.errors * reach
@@ -184,7 +184,7 @@ def standard_errors(law: Law) -> Floats:
     return errors
 
 
-def coefficient_intervals(law: Law, level: float = 0.95, averaged: bool = True) -> tuple[Floats, Floats]:
+def coefficient_intervals(law: Law, level: float = 0.95, averaged: bool = False) -> tuple[Floats, Floats]:
     """Return the ends of the coefficients' intervals, each of shape (objects, equations, terms), see `Law.conf_int`.
 
     NaN for terms that an object does not have.

@@ -60,7 +60,7 @@ def readable(frame: pd.DataFrame) -> pd.DataFrame:
     return shown
 
 
-def parameter_frame(law: Law, level: float = 0.95, averaged: bool = True) -> pd.DataFrame:
+def parameter_frame(law: Law, level: float = 0.95, averaged: bool = False) -> pd.DataFrame:
     """Return `Law.params` with intervals of a level, see `Law.conf_int`."""
     parameters, is_given = tabulated_parameters(law), bool(law.provenance.equations)
     low, high = parameters.intervals(level, averaged)
@@ -139,15 +139,14 @@ def to_frame(law: Law, errors: bool = False) -> pd.DataFrame:
     return pd.DataFrame(values, index=pd.Index(law.objects, name="object"), columns=columns)
 
 
-def interval_frame(law: Law, level: float = 0.95, averaged: bool = True) -> pd.DataFrame:
-    """Return `Law.conf_int` with stable names of columns, averaged over models and given these terms."""
-    intervals = law.conf_int(level, averaged)
-    by_name, ends = bool(law.provenance.equations), ["low", "high"]
-    if averaged and law.uncertainty.other_laws and not by_name:
-        alone = law.conf_int(level, averaged=False)
-        after = [*intervals.columns].index("high") + 1
-        for i, end in enumerate(ends):
-            intervals.insert(after + i, f"{end} given these terms", alone[end])
+def interval_frame(law: Law, level: float = 0.95) -> pd.DataFrame:
+    """Return `Law.conf_int` with stable names of columns, followed by the intervals averaged over `Law.models`."""
+    intervals = law.conf_int(level)
+    by_name = bool(law.provenance.equations)
+    if law.uncertainty.other_laws and not by_name:
+        averaged, after = law.conf_int(level, averaged=True), [*intervals.columns].index("high") + 1
+        for i, end in enumerate(("low", "high")):
+            intervals.insert(after + i, f"{end} averaged over plausible laws", averaged[end])
     intervals["unit"] = intervals.pop("unit")
     intervals = intervals.drop(columns=["equation", "term"] if by_name else ["parameter"])
     saved = {"estimate": "coefficient", "inclusion probability": "term probability"}

@@ -255,16 +255,12 @@ def coefficients(case: Summary) -> Iterator[Block]:
     if not law.support.any():
         yield Text("The law has no term: all rates are zero.")
         return
-    others = len(law.uncertainty.other_laws)
     text = "Their standard errors are unknown."
     if known and case.findings.is_exact:
-        holds = "" if others else ", if the law holds"
-        text = f"95 % intervals contain the true coefficient with a probability of 95 %{holds}."
+        text = "95 % intervals contain the true coefficient with a probability of 95 %, if the law holds."
     elif known:
         text = "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals "
         text += "reflect sampling error only."
-    if known and others:
-        text += f" They are averaged over the law and {counted(others, 'other plausible law')}."
     yield Text(text)
     pairs = zip(coefficient_names(law), named_parameters(law).errors.T, strict=True)
     if given := [name for (name, _), errors in pairs if known and not errors.any()]:
