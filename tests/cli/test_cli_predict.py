@@ -103,6 +103,12 @@ def test_times_without_end_are_refused(run, options, message):
     assert (code, message in err) == (1, True), err
 
 
+@pytest.mark.usefixtures("tank")
+@pytest.mark.parametrize("options", [["--until", "0"], ["--from", "12", "--until", "11"]])
+def test_an_end_before_the_beginning_is_refused(run, options):
+    assert run("predict", "tank.csv", "law.json", *options)[0] == 2
+
+
 @pytest.fixture
 def table(tmp_path):
     """Three objects that decay, twice each."""
@@ -160,8 +166,10 @@ def test_the_figure_of_a_forecast_may_be_its_phase_plane(run, done, tmp_path):
     assert all(f"<!-- {each} -->" in drawn for each in ("Pair 1", "Pair 5", "saddle", "centre of its linearization"))
     cl.datasets.lorenz().until(1.0).to_csv(tmp_path / "lorenz.csv")
     cl.datasets.truth_of("lorenz").save("lorenz.json")
-    _, _, err = run("predict", "lorenz.csv", "lorenz.json", "--phase-plane", "--save", "none.svg")
-    assert "none.svg was not made: the law has the states x, y, z" in err
+    code, _, err = run("predict", "lorenz.csv", "lorenz.json", "--phase-plane", "--save", "none.svg")
+    assert (code, "none.svg was not made: the law has the states x, y, z" in err) == (1, True)
+    assert run("predict", "lorenz.csv", "lorenz.json", "--phase-plane")[0] == 2
+    assert not (tmp_path / "none.svg").exists()
 
 
 @pytest.mark.usefixtures("table")

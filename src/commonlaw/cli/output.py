@@ -199,8 +199,8 @@ def in_words(error: Exception) -> str:
 class Artifacts:
     """The steps that follow a result, and what became of them.
 
-    A file is written as soon as its content is there. A step that fails, whatever the reason, is remembered, and the
-    others are taken all the same, so that what was found in minutes is printed and saved.
+    A file is written as soon as its content is there. A step that fails, whatever the reason, does not stop the others,
+    so that what was found in minutes is printed and saved; without a file that was asked for the command then fails.
     """
 
     def __init__(self) -> None:
@@ -216,10 +216,12 @@ class Artifacts:
             self.failures.append(f"{failure}: {in_words(error)}")
         return otherwise
 
-    def write(self, path: str, content: Callable[[], bytes | None]) -> None:
-        """Write a file; a content of None is none, for which there are words already."""
-        made = self.take(f"{path} was not made", content, None)
-        if made is None:
+    def write(self, path: str, content: Callable[[], bytes]) -> None:
+        """Write a file."""
+        try:
+            made = content()
+        except Exception as error:  # As in `take`
+            self._unwritten.append(f"{path} was not made: {in_words(error)}")
             return
         try:
             write_whole(path, made)
@@ -232,11 +234,14 @@ class Artifacts:
         """Write a law; one whose JSON would be too large becomes a Parquet file in the same folder."""
         from commonlaw.law.io import law_file
 
-        name, content = self.take(f"{path} was not made", lambda: law_file(law, path), ("", b""))
-        if name:
-            self.write(name, lambda: content)
+        try:
+            name, content = law_file(law, path)
+        except Exception as error:  # As in `take`
+            self._unwritten.append(f"{path} was not made: {in_words(error)}")
+            return
+        self.write(name, lambda: content)
         message = f"{path} is too large for JSON: the law is saved in {name}; use that file"
-        if name not in ("", path) and message not in self.failures:
+        if name != path and message not in self.failures:
             self.failures.append(message)
 
     def save(
@@ -244,13 +249,15 @@ class Artifacts:
         paths: Iterable[str],
         *,
         law: "Law | None" = None,
-        figure: "Callable[[ModuleType], Figure | None] | None" = None,
+        figure: "Callable[[ModuleType], Figure] | None" = None,
         table: "Callable[[], pd.DataFrame] | None" = None,
         report: Callable[[], bytes] | None = None,
     ) -> None:
         """Write files, each with what its ending says if that is given; figures by a function of the room of plots."""
 
-        def content(path: str) -> bytes | None:
+        given = {"program": law, "figure": figure, "report": report, "table": table}
+
+        def content(path: str) -> bytes:
             if law is not None and is_of_kind(path, "program"):
                 from commonlaw.law.export import exported
 
@@ -258,12 +265,10 @@ class Artifacts:
             if figure is not None and is_of_kind(path, "figure"):
                 from commonlaw import plots
 
-                made = figure(plots)
-                return None if made is None else plots.render(made, path)
+                return plots.render(figure(plots), path)
             if report is not None and is_of_kind(path, "report"):
                 return report()
-            if table is None or not is_of_kind(path, "table"):
-                return None
+            assert table is not None
             frame, file = table(), BytesIO()
             write = frame.to_csv if path.lower().endswith(".csv") else frame.to_parquet
             write(file, index=False)
@@ -272,13 +277,13 @@ class Artifacts:
         for path in paths:
             if law is not None and is_of_kind(path, "law"):
                 self.write_law(path, law)
-            else:
+            elif any(part is not None and is_of_kind(path, kind) for kind, part in given.items()):
                 self.write(path, partial(content, path))
 
     def end(self, notes: Iterable[object] = (), *, silent: bool = False, reasons: Sequence[str] = ()) -> None:
         """Say which files were written, unless silent, then the notes and what failed.
 
-        Refuse to end well where a file could not be written, or for other reasons.
+        Refuse to end well where a file could not be made or written, or for other reasons.
         """
         for path in () if silent else self.written:
             say(f"Wrote {path}")

@@ -180,10 +180,13 @@ class FitResult:
         program = source.program(stream or trials) if source.path else ""
         return cls(Summary(findings, stream=stream, truth=truth), program)
 
-    def figure(self, plots: Any) -> "Figure | None":
-        """Return a figure of the law and its fit, or else its forecasts, if there are any."""
+    def figure(self, plots: Any) -> "Figure":
+        """Return a figure of the law and its fit, or else its forecasts; raise `CommonlawError` if there are none."""
         findings = self.summary.findings
-        return plots.plot_law(findings.law, findings.shown, truth=self.summary.truth) if findings.shown else None
+        if findings.shown is None:
+            raise CommonlawError("curves-missing", reasons=findings.failures or ["the law was not checked"])
+        figure: Figure = plots.plot_law(findings.law, findings.shown, truth=self.summary.truth)
+        return figure
 
     def show(self) -> None:
         """Print the law, how well it forecasts, and the most probable candidates."""

@@ -173,10 +173,9 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
             program = source.program(trials) if source.path else ""
             made = partial(page, find(law, trials, source.select(trials)), program, show)
         later.save(save, report=made)
-    written = {*save} <= {*later.written}
-    if not written:
+    if not {*save} <= {*later.written}:
         say(str(law))
-    later.end(guessed, reasons=() if written else later.failures)
+    later.end(guessed)
 
 
 class _FirstSamples(click.types.IntParamType):
@@ -283,6 +282,8 @@ def predict(
         return
     if folder:
         raise click.UsageError("--folder is for a folder or a pattern of Parquet files: use --save")
+    if phase_plane and not any(is_of_kind(path, "figure") for path in save):
+        raise click.UsageError("--phase-plane is drawn into a figure: give a file for it, such as --save plane.png")
     with working("Forecasting ..."):
         trials = source.select(_with_properties(source, law))
         times = _times(trials, how["from_time"], until, step)
@@ -327,6 +328,8 @@ def _times(trials: Trials, first: float | None, until: float | None, step: float
     first = min(trial.times[0] for trial in trials) if first is None else first
     last = max(trial.times[-1] for trial in trials)
     span = (last if until is None else until) - first
+    if until is not None and span <= 0:
+        raise click.UsageError(f"--until {until:g} is not after {first:g}, where forecasts begin: give a later time")
     if until is step is None or span <= 0:
         return []
     step = step or span / 100

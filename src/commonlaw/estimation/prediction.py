@@ -159,6 +159,7 @@ def predict_observed(
     start: int | Literal["all"] | None = None,
     from_time: float | None = None,
     return_std: bool = False,
+    tolerance: float = 1e-8,
     input_interpolation: str | None = None,
     discrepancy: bool = False,
 ) -> Forecast:
@@ -186,7 +187,7 @@ def predict_observed(
     observed = ObservedLaw.of(law, property_names(trials.properties), input_interpolation)
     more = np.zeros(0) if times is None else np.atleast_1d(np.asarray(times, dtype=np.float64))
     shown = with_noise(with_logarithms(trials, observation.measured.logarithmic), observation.noise_of)
-    curves = [_Curve.of(observed, trials, trial, start, from_time) for trial in shown]
+    curves = [_Curve.of(observed, trials, trial, start, from_time, tolerance) for trial in shown]
     points = shown.with_trials([_with_times(trial, more) for trial in shown])
     forecast = _forecast(observation, points, curves, from_time, return_std)
     return forecast.as_measured(trials) if observation.measured.logarithmic else forecast
@@ -250,6 +251,7 @@ class _Curve:
         trial: Trial,
         start: int | Literal["all"] | None,
         from_time: float | None,
+        tolerance: float,
     ) -> "_Curve":
         """Return the curve whose initial values have the largest likelihood at the parameters of a law.
 
@@ -297,7 +299,7 @@ class _Curve:
         shifted = tuple(NormalPrior.of(index, *prior) for index, prior in known.items())
         initial = np.where(seen.initial < 0, -1, np.arange(model.width) + count)
         both = replace(seen, parameter=np.arange(count), initial=initial)
-        problem = observed.problem((both,), len(unknowns), shifted)
+        problem = replace(observed.problem((both,), len(unknowns), shifted), tolerance=tolerance)
         rows = problem.information(unknowns, noise)
         inverse = np.asarray(np.linalg.pinv(rows[:, free].T @ rows[:, free]), dtype=np.float64)
         sensitivity = -inverse @ rows[:, free].T @ rows[:, fixed]
@@ -331,14 +333,12 @@ def simulate_observed(
     tolerance: float,
     doses: Mapping[str, Mapping[float, float]] | None,
     inputs: Any,
-    method: str,
     **settings: Any,
 ) -> dict[str, Trajectory]:
     """Integrate a law with the events of its observation for every object, see `Law.simulate`."""
     trajectories = dict[str, Trajectory]()
-    if method not in ("auto", "scipy") or any(settings.values()):
-        refused = [name for name, value in settings.items() if value]
-        raise CommonlawError("simulate-with-events", settings=refused or [f"method={method!r}"])
+    if refused := [name for name, value in settings.items() if value]:
+        raise CommonlawError("simulate-with-events", settings=refused)
     observed = ObservedLaw.of(law, ())
     for name, problem in initial_value_problems(law, times, initial, doses, inputs, tolerance).items():
         driven, count = problem.field.inputs, len(law.schema.inputs)

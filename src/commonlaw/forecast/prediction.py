@@ -58,6 +58,8 @@ def initial_value_problems(
     pulses = inputs_of_doses(grid, [(doses or {}).get(name, {}) for name in law.schema.doses])
     if inputs is None and law.schema.inputs != law.schema.doses:
         raise CommonlawError("simulate-with-inputs", names=law.schema.inputs)
+    if inputs is not None and law.schema.inputs == law.schema.doses and not isinstance(inputs, Mapping):
+        raise CommonlawError("option-without-effect", option="inputs=...", kind="a law without inputs")
     driven = pulses if inputs is None else _given_inputs(law, grid, inputs, pulses, tolerance)
     problems = {}
     for name, start in starts.items():

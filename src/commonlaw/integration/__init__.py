@@ -1,11 +1,12 @@
 """Numerical integration of vector fields: initial value problems, events, trajectories, sensitivities, divergence."""
 
 from commonlaw.integration.problem import Event, InitialValueProblem, Occurrences, OutputOptions, Trajectory
-from commonlaw.integration.simulation import integrate, simulate, simulate_each
+from commonlaw.integration.simulation import METHODS, integrate, simulate, simulate_each
 from commonlaw.integration.vector_field import BETWEEN, Inputs, LinearizedField, VectorField, runge_kutta_step
 
 __all__ = [
     "BETWEEN",
+    "METHODS",
     "Event",
     "InitialValueProblem",
     "Inputs",

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -164,7 +165,7 @@ class OutputOptions:
     limit: float | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.tolerance < 1:
+        if not isinstance(self.tolerance, Real) or not 0 < self.tolerance < 1:
             raise CommonlawError("tolerance-range", tolerance=self.tolerance)
 
 

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, same_content
 from commonlaw.diagnostics import Outcome
-from commonlaw.errors import CommonlawError, unknown
-from commonlaw.integration import Event, Trajectory
+from commonlaw.errors import CommonlawError, check_choice, unknown
+from commonlaw.integration import BETWEEN, METHODS, Event, OutputOptions, Trajectory
 from commonlaw.law import text
 from commonlaw.law.deprecated import DeprecatedClassMembers, Structure, deprecated_member
 from commonlaw.law.observation import Observation
@@ -23,9 +23,9 @@ from commonlaw.law.parse import Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
-from commonlaw.library import Order, Terms, with_rates
+from commonlaw.library import Order, Terms, highest_order, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
-from commonlaw.runtime.arguments import with_renamed_arguments
+from commonlaw.runtime.arguments import check_whole_number, with_renamed_arguments
 from commonlaw.runtime.files import read_file, write_whole
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
@@ -424,11 +424,13 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
             Other inputs: values at the times, shape (n,) or (n, inputs), interpolated as in the training data; a
             function of time; or either by name: ``{"voltage": lambda t: np.sin(t), "load": 2.0}``.
         """
-        how = {"method": method, "tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
+        how = {"tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
         how |= {"inputs": inputs, "sensitivities": sensitivities}
-        has_events = self.observation is not None and self.observation.events
-        function = "estimation:simulate_observed" if has_events else "forecast:simulate_law"
-        return cast(dict[str, Trajectory], _call(function, self, times, initial, **how))
+        has_events = self.observation is not None and bool(self.observation.events)
+        self._check_integration(method, tolerance, by_shooting=has_events)
+        if has_events:
+            return cast(dict[str, Trajectory], _call("estimation:simulate_observed", self, times, initial, **how))
+        return cast(dict[str, Trajectory], _call("forecast:simulate_law", self, times, initial, method=method, **how))
 
     @with_renamed_arguments
     def predict(
@@ -441,15 +443,15 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return_std: bool = False,
         method: str = "auto",
         tolerance: float = 1e-8,
-        seed: int = 0,
+        seed: int | None = None,
         input_interpolation: str | None = None,
         discrepancy: bool = False,
         averaged: bool = True,
     ) -> "Forecast":
         """Forecast each trial from its initial state, estimated from its first samples.
 
-        Raises `CommonlawError` if the variables do not match the law, an initial state cannot be fitted, or the law
-        lacks the covariance, noise or discrepancy that an option needs.
+        Raises `CommonlawError` if the variables do not match the law, an initial state cannot be fitted, the law lacks
+        the covariance, noise or discrepancy that an option needs, or an option has no effect for a law of its kind.
 
         Parameters
         ----------
@@ -469,12 +471,14 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return_std
             Whether to compute intervals, from the covariances of coefficients and initial state to first order.
         method, tolerance
-            See `commonlaw.integration.simulate`.
+            See `commonlaw.integration.simulate`. Laws with observation equations, and in discrete time, have a method
+            of their own; laws in discrete time are exact within any tolerance.
         seed
-            Of the simulated noise from which the error of estimated initial rates follows.
+            Of the simulated noise from which the error of estimated initial rates follows, by default 0; for states of
+            second order without observation equations.
         input_interpolation
-            The interpolation of inputs: ``"held"`` at the earlier value, ``"linear"`` or ``"cubic"``; default as the
-            law was learned.
+            The interpolation of inputs in continuous time: ``"held"`` at the earlier value, ``"linear"`` or
+            ``"cubic"``; default as the law was learned.
         discrepancy
             Whether to include the discrepancy that was found with the law, see `discrepancy`.
         averaged
@@ -488,13 +492,30 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         """
         if start not in (None, "all") and (not isinstance(start, Integral) or start < 1):
             raise CommonlawError("forecast-start", start=start)
+        self._check_integration(method, tolerance, by_shooting=self.observation is not None)
+        check_whole_number("seed", seed, 0, optional=True)
+        if seed is not None and (self.observation is not None or highest_order(self.order) != 2):
+            raise CommonlawError("option-without-effect", option=f"seed={seed}", kind="this law, which draws no noise")
+        if input_interpolation is not None:
+            check_choice("interpolation of inputs between samples", input_interpolation, BETWEEN)
+            if self.order == 0 or not self.schema.inputs:
+                kind = "a law in discrete time" if self.order == 0 else "a law without inputs"
+                option = f"input_interpolation={input_interpolation!r}"
+                raise CommonlawError("option-without-effect", option=option, kind=kind)
         options = {"times": times, "start": start, "from_time": from_time, "return_std": return_std}
-        options |= {"input_interpolation": input_interpolation}
-        how = {"method": method, "tolerance": tolerance, "seed": seed, "discrepancy": discrepancy, "averaged": averaged}
-        if self.observation is not None:
-            options["discrepancy"] = discrepancy
+        options |= {"input_interpolation": input_interpolation, "tolerance": tolerance, "discrepancy": discrepancy}
+        if self.observation is not None:  # Without plausible other laws, so that an average is the law itself
             return cast("Forecast", _call("estimation:predict_observed", self, trials, **options))
-        return cast("Forecast", _call("forecast:predict", self, trials, **options, **how))
+        options |= {"method": method, "seed": seed or 0, "averaged": averaged}
+        return cast("Forecast", _call("forecast:predict", self, trials, **options))
+
+    def _check_integration(self, method: str, tolerance: float, by_shooting: bool) -> None:
+        """Refuse a tolerance out of range, and a method that does not integrate this law."""
+        OutputOptions(tolerance)
+        check_choice("method of integration", method, METHODS)
+        if method != "auto" and (by_shooting or self.order == 0):
+            kind = "a law in discrete time" if self.order == 0 else "a law with observation equations"
+            raise CommonlawError("option-without-effect", option=f"method={method!r}", kind=kind)
 
     # Comparison with measurements
 

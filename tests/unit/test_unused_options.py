@@ -1,0 +1,112 @@
+"""Options of forecasts and simulations: each is used, or refused by name."""
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.law import Law, Uncertainty
+from tests.refusals import refused
+
+TIMES = np.linspace(0.0, 4.0, 9)
+
+
+def _trials(states, **names):
+    return cl.Trials.from_arrays(TIMES, states, names=["x"], **names)
+
+
+@pytest.fixture(scope="module")
+def decay():
+    """A law with an observation equation, and its trials."""
+    trials = cl.Trials.from_arrays(TIMES, 2 * np.exp(-0.5 * TIMES) + 0.01 * np.cos(9 * TIMES), names=["y"])
+    return cl.fit("x' = -k x; x(0) = 1; y = c x", trials), trials
+
+
+@pytest.fixture(scope="module")
+def reset():
+    """A law with an event, which halves the state at 1.5, and its trials."""
+    signal = np.where(TIMES <= 1.5, 1.0, 0.5) * np.exp(-0.5 * TIMES) + 0.002 * np.cos(9 * TIMES)
+    return cl.fit("x' = -k x; t > 1.5: x = x/2; x(0) = 1", _trials(signal))
+
+
+KINDS = {
+    "first order": (Law.from_text("x' = -0.5 x"), _trials(np.exp(-0.5 * TIMES))),
+    "second order": (Law.from_text("x'' = -x"), _trials(np.cos(TIMES))),
+    "discrete time": (Law.from_text("x[k+1] = 0.8 x"), _trials(0.8 ** np.arange(9.0))),
+}
+
+
+@pytest.fixture(params=[*KINDS, "observation"])
+def case(request, decay):
+    return decay if request.param == "observation" else KINDS[request.param]
+
+
+@pytest.mark.parametrize("option", [{"method": "nonsense"}, {"input_interpolation": "nonsense"}])
+def test_forecasts_of_every_law_refuse_a_choice_that_is_not_offered(case, option):
+    with refused("unknown-name"):
+        case[0].predict(case[1], **option)
+
+
+@pytest.mark.parametrize("tolerance", [-1, 0.0, 1.0, np.nan, "small"])
+def test_every_law_refuses_a_tolerance_out_of_range(case, tolerance):
+    with refused("tolerance-range"):
+        case[0].predict(case[1], tolerance=tolerance)
+    with refused("tolerance-range"):
+        case[0].simulate(TIMES, np.ones(len(case[0].terms.variables.states)), tolerance=tolerance)
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, "1"])
+def test_forecasts_of_every_law_refuse_a_seed_that_is_no_whole_number(case, seed):
+    with refused("whole-number", name="seed"):
+        case[0].predict(case[1], seed=seed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "option"),
+    [
+        ("observation", {"method": "scipy"}),
+        ("observation", {"seed": 0}),
+        ("observation", {"input_interpolation": "held"}),
+        ("discrete time", {"method": "scipy"}),
+        ("discrete time", {"seed": 3}),
+        ("discrete time", {"input_interpolation": "held"}),
+        ("first order", {"seed": 3}),
+        ("second order", {"input_interpolation": "linear"}),
+    ],
+)
+def test_an_option_without_effect_is_refused_by_name(decay, kind, option):
+    law, trials = decay if kind == "observation" else KINDS[kind]
+    ((name, value),) = option.items()
+    with refused("option-without-effect", option=f"{name}={value!r}"):
+        law.predict(trials, **option)
+
+
+def test_simulations_refuse_options_without_effect(reset):
+    for law in (reset, KINDS["discrete time"][0]):
+        with refused("option-without-effect", option="method='scipy'"):
+            law.simulate(TIMES, [1.0], method="scipy")
+        with refused("unknown-name"):
+            law.simulate(TIMES, [1.0], method="nonsense")
+        with refused("option-without-effect", option="inputs=..."):
+            law.simulate(TIMES, [1.0], inputs=2.0)
+
+
+def test_the_tolerance_is_that_of_forecasts_with_observation_equations(decay):
+    law, trials = decay
+    exact, coarse = (law.predict(trials, tolerance=tolerance).trajectories[0].states for tolerance in (1e-11, 1e-2))
+    difference = np.abs(exact - coarse).max()
+    assert 1e-8 < difference < 0.05
+
+
+def test_a_seed_changes_the_error_of_estimated_rates():
+    law, trials = KINDS["second order"]
+    uncertainty = Uncertainty(np.full((1, 1, 1), 1e-4), noise=np.array([0.01]))
+    noisy = Law(law.terms, law.schema, law.order, law.objects, law.coefficients, uncertainty)
+    stds = [noisy.predict(trials, start=1, return_std=True, seed=seed).std[0][-1, 0] for seed in (0, 1, 0)]
+    assert stds[0] == stds[2]
+    assert stds[0] == pytest.approx(noisy.predict(trials, start=1, return_std=True).std[0][-1, 0], rel=1e-12)
+
+
+def test_an_average_over_one_law_is_the_law(decay):
+    law, trials = decay
+    states = [law.predict(trials, averaged=averaged).trajectories[0].states for averaged in (True, False)]
+    np.testing.assert_array_equal(*states)
