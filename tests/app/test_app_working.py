@@ -1,11 +1,15 @@
 """Work goes on in a process of its own: what it makes and says is taken in, and its end is told, however it comes."""
 
 import os
+import signal
 import sys
+import threading
 import time
 import warnings
+from functools import partial
 
 import psutil
+import pytest
 
 from commonlaw.app.working import Work, prepare
 from commonlaw.errors import CommonlawError
@@ -58,6 +62,63 @@ def test_what_was_made_stays_when_work_fails_or_its_process_dies():
         assert work.state()["failure"] == state["failure"]
     assert failed.made == died.made  # A process that has ended its work does the next
     assert not psutil.pid_exists(died.made)
+
+
+def divides(_):
+    yield os.getpid()
+    yield 1 / (os.getpid() - os.getpid())
+
+
+def breaks(*_):
+    raise LookupError("on arrival")
+
+
+class Breaking:
+    """What can be sent, but not received."""
+
+    def __reduce__(self):
+        return breaks, ()
+
+
+def sends(make, _):
+    yield os.getpid()
+    yield make()
+
+
+def is_killed(_):
+    yield os.getpid()
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def runs_out(_):
+    yield os.getpid()
+    raise MemoryError
+
+
+@pytest.mark.parametrize(
+    ("task", "made", "code", "word"),
+    [
+        (divides, 1, "work-failed", "ZeroDivisionError"),
+        (partial(sends, Breaking), 1, "work-failed", "LookupError"),
+        (partial(sends, threading.Lock), 1, "work-failed", "TypeError"),
+        (threading.Lock().__enter__, 0, "work-failed", "TypeError"),
+        (runs_out, 1, "work-out-of-memory", "memory"),
+        (is_killed, 1, "work-ended", "code -9"),
+    ],
+)
+def test_whatever_fails_is_shown_within_two_seconds(task, made, code, word):
+    work = Work(task)
+    until = time.monotonic() + 60
+    while work.times_made < made and time.monotonic() < until:
+        time.sleep(0.01)
+    began = time.monotonic()
+    while work.is_running and time.monotonic() < until:
+        time.sleep(0.01)
+    state = work.state()
+    assert (state["running"], state["made"]) == (False, made)
+    assert time.monotonic() - began < 2
+    assert word in state["failure"]
+    assert state["failure"].endswith(f"[{code}]")
 
 
 def test_work_that_is_closed_is_gone_without_a_trace():

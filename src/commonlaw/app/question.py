@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping
 from functools import reduce
 from pathlib import Path
+from traceback import extract_tb
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import msgspec
@@ -83,6 +84,16 @@ def message(error: CommonlawError) -> str:
     """Return an error in the words of the page, with its code, which the page shows as a link to its explanation."""
     sentence = error.sentence(in_page)
     return f"{sentence} [{error.code}]" if error.explained == error.code else sentence
+
+
+def fault(error: Exception) -> CommonlawError:
+    """Return what the page is sent of an exception that is no refusal: a fault of commonlaw, with its line."""
+    if isinstance(error, MemoryError):
+        return CommonlawError("work-out-of-memory")
+    package = str(Path(__file__).parents[1])
+    frames = [frame for frame in extract_tb(error.__traceback__) if frame.filename.startswith(package)]
+    place = f"{Path(frames[-1].filename).name}, line {frames[-1].lineno}"
+    return CommonlawError("work-failed", kind=type(error).__name__, error=str(error)[:200], place=place)
 
 
 def settings_form(options: type = FitOptions) -> list[dict[str, Any]]:

@@ -23,7 +23,7 @@ from starlette.routing import Route
 from commonlaw.app.access import TooLargeError, TooSlowError
 from commonlaw.app.equations import Asked, solved
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
-from commonlaw.app.question import Columns, Question, message, named, settings_form, text_in_page
+from commonlaw.app.question import Columns, Question, fault, message, named, settings_form, text_in_page
 from commonlaw.app.result import Found, Groups, compared, compared_groups, curves, figure_file, one_draws
 from commonlaw.app.sessions import Named, SavedSessions, Search, Sessions
 from commonlaw.app.working import prepare
@@ -101,6 +101,8 @@ def application(sessions: Sessions) -> Starlette:
                 return _json({"error": "the file came to a stop on its way: open it again"}, 408)
             except ClientDisconnect:  # The answer has no receiver
                 return Response(status_code=408)
+            except Exception as error:
+                return _json({"error": message(fault(error))}, 500)
 
         return answering
 

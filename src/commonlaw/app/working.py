@@ -1,9 +1,7 @@
 """Work in processes of its own: the page stays alive, and what is cancelled ends at once."""
 
-import pickle
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
@@ -13,7 +11,7 @@ from threading import Lock, Thread
 from time import time
 from typing import Any, Generic, TypeVar
 
-from commonlaw.app.question import message, text_in_page
+from commonlaw.app.question import fault, message, text_in_page
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.shutdown import begun, end_with_parent
 
@@ -115,23 +113,25 @@ class Work(Generic[T]):
             return {"running": self.is_running, "failure": self.failure} | steps
 
     def _listen(self) -> None:
-        with suppress(OSError):  # what has ended already takes no task
+        try:
             self._connection.send(self.task)
-        while self.is_running:
-            try:
-                kind, value = self._connection.recv()
-            except (EOFError, OSError, pickle.UnpicklingError):
-                self._is_process_intact = False
-                self._process.join(_SECONDS_TO_END)
-                code = self._process.exitcode
-                kind, value = "end", f"the work ended by itself, with code {code}: there may be too little memory"
-            self._take(kind, value)
+            while self.is_running:
+                self._take(*self._connection.recv())
+        except (EOFError, OSError):  # The process has ended
+            self._process.join(_SECONDS_TO_END)
+            self._fail(CommonlawError("work-ended", code=self._process.exitcode))
+        except Exception as error:  # The task cannot be sent, or what was sent cannot be read
+            self._fail(fault(error))
         if self._is_process_intact and _READY.keep((self._process, self._connection)):
             return
         self._connection.close()
         self._process.join(_SECONDS_TO_END)
         self._process.kill()
         self._process.join()
+
+    def _fail(self, error: CommonlawError) -> None:
+        self._is_process_intact = False
+        self._take("end", message(error))
 
     def _take(self, kind: str, value: Any) -> None:
         with self._lock:
@@ -174,6 +174,8 @@ def _do(task: Task[Any], connection: Connection) -> None:
             failure = ""
         except CommonlawError as error:
             failure = message(error)
-        except MemoryError:
-            failure = "there is not enough memory for this: take fewer trials or a smaller library"
+        except ConnectionError:  # the app has ended
+            raise
+        except Exception as error:  # Also what cannot be sent
+            failure = message(fault(error))
     connection.send(("end", failure))

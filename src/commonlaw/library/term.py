@@ -299,6 +299,9 @@ class Fraction(str):
         result.above, result.below, result.form = above, below, form
         return result
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return Fraction, (str(self), self.above, self.below, self.form)
+
     def over(self, above: str) -> str:
         """Return the fraction of another numerator, ``(a s + b s^2)/(K + s)``."""
         return self.form.format(above, self.below)

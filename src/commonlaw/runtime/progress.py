@@ -35,6 +35,9 @@ class Stage(str):
         stage.done = done
         return stage
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return Stage, (str(self), self.done)
+
 
 def part(progress: ProgressCallback, begin: float, end: float) -> ProgressCallback:
     """Return what takes the steps of a part of some work, from one share of it to another.
