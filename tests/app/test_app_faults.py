@@ -10,7 +10,7 @@ import commonlaw as cl
 from tests.in_browser import Page
 from tests.served import served
 
-PLANTED = '''
+PLANTED = """
 import os, signal
 from commonlaw.app import preview, sessions
 
@@ -28,7 +28,7 @@ def answer(question, table, known, show):
     yield fails() if table.name == "raises.csv" else Breaking()
 
 sessions.answer, preview.sample_table = answer, fails
-'''
+"""
 """What Python loads before the app: searches that raise, send what cannot be received, or are killed."""
 
 
