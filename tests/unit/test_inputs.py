@@ -356,20 +356,20 @@ def test_a_trial_begins_at_a_dose_before_its_first_measurement():
         frame.t.to_numpy(), frame.conc.to_numpy(), inputs=frame.dose.to_numpy(), names=["conc", "dose"]
     )
 
-    def left(p):
-        k, volume, first = p
-        begun = (first + 100 / volume) * np.exp(-k * times)
+    def residuals(p):
+        k, volume = p
         later = np.where(times > 5, 50 / volume * np.exp(-k * np.maximum(times - 5, 0)), 0)
-        return np.append(first, begun + later - conc)
+        return 100 / volume * np.exp(-k * times) + later - conc
 
-    k, volume, _ = least_squares(left, [0.3, 10.0, 0.0], xtol=1e-12, ftol=1e-12).x
+    k, volume = least_squares(residuals, [0.3, 10.0], xtol=1e-12, ftol=1e-12).x
     for trials in (of_table, of_arrays):
-        law = cl.fit(INJECTED, trials, doses="dose", **WHITE)
+        law = cl.fit(INJECTED, trials, doses="dose")
         values = dict(zip(named_parameters(law).names, named_parameters(law).values[0], strict=True))
-        assert values["V"] == pytest.approx(volume, rel=5e-3)
-        assert values["k"] == pytest.approx(k, rel=5e-3)
+        assert values["V"] == pytest.approx(volume, rel=1e-3)
+        assert values["k"] == pytest.approx(k, rel=1e-3)
+        assert law.observation.estimated == ()
         forecast = law.predict(trials, start="all")
-        assert forecast.trials[0].times[0] == 0
+        assert (forecast.trials[0].times[0], forecast.trajectories[0].states[0, 0]) == (0, 0)
     assert len(of_table[0].rows(slice(1, None)).earlier) == 0
 
 
@@ -382,11 +382,35 @@ def test_an_object_without_a_dose_is_refused_and_no_parameter_is_infinite():
         cl.fit(INJECTED, trials, doses="dose", **WHITE)
 
 
-def test_a_dose_before_several_states_were_measured_asks_for_their_values():
-    frame, *_ = dosed_before_measured()
-    trials = cl.Trials.from_frame(frame.assign(y=frame["conc"]), time="t", states=["conc", "y"], inputs=["dose"])
-    with refused("doses-before-start", time=0.0):
-        cl.fit("conc' = -k conc + dose/V; y' = conc - y", trials, doses="dose", **WHITE)
+def test_all_states_are_zero_before_a_first_dose_but_those_that_are_measured_there():
+    """A depot without a column, and a blood level that is zero, or that a row measures."""
+    times, (ka, volume, k) = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 7.0, 11.0, 16.0]), (1.1, 9.0, 0.2)
+    absorbed = 100 / volume * ka / (ka - k) * (np.exp(-k * times) - np.exp(-ka * times))
+    noise = 0.02 * np.random.default_rng(2).standard_normal(len(times))
+    dose = 100.0 * (times == 0)
+    for before in (0.0, 3.0):
+        conc = absorbed + before * np.exp(-k * times) + noise
+        conc[0] = conc[0] if before else np.nan
+        trials = cl.Trials.from_arrays(times, conc, inputs=dose, names=["conc", "dose"])
+        law = cl.fit(SWALLOWED, trials, doses="dose")
+        parameters = named_parameters(law)
+        assert (np.abs(parameters.values[0] - [ka, volume, k]) < 3 * parameters.errors[0]).all()
+        assert [estimate.name for estimate in law.observation.estimated] == ["conc(0)"] * bool(before)
+        assert all(estimate.value == pytest.approx(before, abs=0.1) for estimate in law.observation.estimated)
+        again = from_json(to_json(law)).predict(trials)
+        assert again.trajectories[0].states[0, 0] == pytest.approx(before, abs=0.1)
+    with refused("free-start-with-dose", state="depot"):
+        cl.fit(SWALLOWED, trials, doses="dose", initial_values={"depot": "free"})
+
+
+def test_a_law_of_measured_starts_forecasts_a_trial_that_begins_with_a_dose_from_zero(injected):
+    values, _, law = injected
+    (volume, k), (frame, times, _) = values[0], dosed_before_measured()
+    new = cl.Trials.from_frame(frame.assign(object="a"), object="object", time="t", states=["conc"], inputs=["dose"])
+    (trajectory,) = law.predict(new).trajectories
+    first = times[times < 5]
+    found = np.interp(first, trajectory.times, trajectory.states[:, 0])
+    np.testing.assert_allclose(found, 100 / volume * np.exp(-k * first), rtol=0.05)
 
 
 def test_a_dose_may_have_a_row_of_its_own_at_the_time_of_a_measurement():

@@ -27,6 +27,7 @@ from commonlaw.trials.reading import Reading, WrittenReading
 from commonlaw.trials.recognition import quantity
 from commonlaw.trials.roles import ROLES, ColumnRoles, named_roles
 from commonlaw.trials.tables import column_roles_of, rows_of
+from commonlaw.trials.transformations import with_doses
 
 if TYPE_CHECKING:
     from commonlaw.discovery import TrajectoryLikelihood
@@ -276,7 +277,7 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
                 guesses[name] = float(f"{value:.6g}")
         groups = {name: by for name, by in self.shared.items() if name not in self.fixed}
         shared = tuple(groups) if {*groups.values()} <= {ALL} else groups
-        is_model = needs_model(text, trials, self.initial, shared, self.priors)
+        is_model = needs_model(text, with_doses(trials, self.doses), self.initial, shared, self.priors)
         return fit(
             self.written,
             trials,

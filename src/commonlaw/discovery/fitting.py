@@ -16,7 +16,7 @@ from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.beginning import InitialGiven, begin
+from commonlaw.estimation.beginning import FREE, InitialGiven, begin
 from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import refine
@@ -137,8 +137,8 @@ def fit(
         Time of the initial values, such as that of an injection, if it precedes the first sample.
     doses
         Inputs that are amounts added at once, at the times of their rows and after the measurements there; zero
-        elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A trial whose first dose is before
-        its first measurement begins there, and the state counts as measured there: zero.
+        elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A trial that begins with a dose is
+        zero before it, ``x(0) = 0``, in all states that were not measured there.
     shared
         Parameters that all objects share, ``shared="k2"``; the others are object-specific. The shared value is the mean
         over objects weighted by their information (generalized least squares), a joint fit to first order. A mapping
@@ -226,8 +226,10 @@ def fit(
     whole = equations if isinstance(equations, str) else "; ".join(equations)
     asked_of = {"observe": observe, "doses": doses, **model_settings, **changed}
     calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
-    jointly = partial(_of_model, model, with_doses(trials, doses), calls, model_settings | {"shared": groups}, changed)
-    if needs_model(model, trials, initial_values or {}, shared, priors) or any(
+    dosed = with_doses(trials, doses)
+    _refuse_free_starts(dosed, [name for name, start in (initial_values or {}).items() if start in (None, FREE)])
+    jointly = partial(_of_model, model, dosed, calls, model_settings | {"shared": groups}, changed)
+    if needs_model(model, dosed, initial_values or {}, shared, priors) or any(
         isinstance(v, str) for v in (noise or {}).values()
     ):
         if called:
@@ -334,6 +336,18 @@ def fit(
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors)
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
+
+
+def _refuse_free_starts(trials: Trials, states: Sequence[str]) -> None:
+    """Refuse free initial values of states that are zero before the first dose of a trial."""
+    for trial in trials:
+        measured = {
+            name for name, value in zip(trials.schema.states, trial.states[0], strict=True) if np.isfinite(value)
+        }
+        if trial.begins_with_dose and (zero := [name for name in states if name not in measured]):
+            raise CommonlawError(
+                "free-start-with-dose", trial=trial.label, state=zero[0], start=f"{zero[0]}(0) = {zero[0]}0"
+            )
 
 
 def _of_model(

@@ -17,6 +17,7 @@ from commonlaw.law.law import object_index, shares_terms
 from commonlaw.law.observation import ALL, OBJECT, TRIAL, Restrictions
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library.bounds import bounds_in, limits_of
+from commonlaw.library.equation import split_equations
 from commonlaw.library.sizes import likely_sizes
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
@@ -38,7 +39,10 @@ def needs_model(
     shared: Sequence[str] | Mapping[str, str],
     priors: Mapping[str, tuple[float, float]] | None,
 ) -> bool:
-    """Return whether equations are to be fitted as a model: what `commonlaw.refine` fits has none of these."""
+    """Return whether equations are to be fitted as a model: what `commonlaw.refine` fits has none of these.
+
+    Doses are in the trials as `with_doses` adds them.
+    """
     names = property_names(trials.properties)
     special = any(
         name in trials.schema.states
@@ -49,7 +53,10 @@ def needs_model(
     )
     censored = any(np.isfinite(trial.below).any() for trial in trials)
     sparse = has_sparse_states(tuple(trials), trials.schema)
-    return bool(not text.is_plain or special or censored or sparse or priors or isinstance(shared, Mapping))
+    if not text.is_plain or special or censored or sparse or priors or isinstance(shared, Mapping):
+        return True
+    latent = {equation.state for equation in split_equations(text.equations)} - {*trials.schema.states, *initial_values}
+    return any(trial.begins_with_dose and (latent or np.isnan(trial.states[0]).any()) for trial in trials)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +122,7 @@ def begin(
     properties, shared, priors = property_names(trials.properties), shared or {}, priors or {}
     model = read_model(with_initial(text, initial_values, trials), trials.schema, properties)
     for j, state in enumerate(model.schema.states):
-        is_free = model.initial[j] is None and j not in model.known
+        is_free = any(j in model.free_in(trial) for trial in trials)
         # Nothing is said of it, and no observation equation may determine it
         if is_free and state not in (*model.observables, *initial_values) and not model.text.observed:
             raise CommonlawError("equation-without-column", name=state)
@@ -194,7 +201,7 @@ def _unknowns(model: Model, trials: Trials, properties: Sequence[str], shared: M
         result.parameters.append(indices)
         result.values.append(values)
     for trial in trials:
-        determined = model.free_of(trial.object)
+        determined = model.free_in(trial)
         indices = [
             result.add(f"{name}(0)", f"{name}(0) of {trial.label}") if j in determined else -1
             for j, name in enumerate(model.variables.states)
@@ -300,8 +307,11 @@ def _sizes(
     span = max(trial.times[-1] - trial.times[0] for trial in problem.trials) or 1.0
     known[columns[model.variables.time]] = max(float(np.abs(trial.times).max()) for trial in problem.trials) or 1.0
     for i, name in enumerate(model.schema.inputs):
-        values = np.concatenate([trial.inputs[:, model.column[i]] for trial in trials])
-        known[columns[name]] = float(np.abs(values).max(initial=0.0)) or 1.0
+        signals = [(trial.times, np.abs(trial.inputs[:, model.column[i]])) for trial in trials]
+        largest = max(signal.max(initial=0.0) for _, signal in signals)
+        if model.schema.inputs[model.column[i]] in model.schema.doses:  # Over the trial, not in the moment of the dose
+            largest = max(np.trapezoid(signal, times) for times, signal in signals) / span
+        known[columns[name]] = float(largest) or 1.0
     for i, name in enumerate(model.parameters):
         pairs = zip(unknowns.parameters, unknowns.values, strict=True)
         known_values = [values[i] for indices, values in pairs if indices[i] < 0]

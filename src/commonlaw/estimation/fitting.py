@@ -260,6 +260,7 @@ class Fitted:
                 Step("event" if ": " in line else "start" if "(0) = " in line else "parameters", line, "as given")
                 for line in observation.lines[len(model.text.observed) :]
             ),
+            *self._zeros_before_doses(),
             Step(
                 "fit",
                 f"-log L = {-optimum.log_likelihood:.6g}",
@@ -286,6 +287,14 @@ class Fitted:
             properties=properties,
             observation=observation,
         )
+
+    def _zeros_before_doses(self) -> Iterator[Step]:
+        """Yield the states that are zero before the first dose of some trials, if there are any."""
+        model, trials = self.begun.model, self.begun.trials
+        zero = {j for trial in trials for j in {*model.free_of(trial.object)} - {*model.free_in(trial)}}
+        if zero:
+            names = ", ".join(f"{model.variables.states[j]} = 0" for j in sorted(zero))
+            yield Step("start", names, "before the first dose, in trials that begin with one")
 
     def _outcomes(self) -> Iterator[Outcome]:
         """Yield notes on parameters at bounds or without limits, and on what the model does not fit."""

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
 from commonlaw.library.notation import quoted
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
-from commonlaw.trials import Schema
+from commonlaw.trials import Schema, Trial
 
 _NAME = r"`(?:[^`]|``)+`|[^\W\d]\w*"
 _DELAYED = re.compile(rf"(?P<name>{_NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{_NAME})\s*\)")
@@ -167,6 +168,18 @@ class Model:
         """Return the states and rates, by index, whose initial values each trial of an object determines."""
         known = self.initial_of(owner)
         return [j for j, start in enumerate(self.initial) if start is None and np.isnan(known[j])]
+
+    def free_in(self, trial: Trial) -> list[int]:
+        """Return the same in a trial: before a first dose all are zero but those that were measured with it."""
+        free = self.free_of(trial.object)
+        if not trial.begins_with_dose:
+            return free
+        measured = np.isfinite(trial.states[0]) | np.isfinite(trial.below[0])
+        outputs = compress(self.expressions[self.width :], measured)
+        columns = {column for output in outputs for column in columns_in(output)}
+        count = len(self.schema.states)  # A rate is measured where its state is
+        states = [*range(count), *with_rates(self.order, count).tolist()]
+        return [j for j in free if columns & {j, states[j]}]
 
     def with_terms(self, equation: int, functions: Mapping[str, str], properties: Sequence[str]) -> "Model":
         """Return the model with functions in one equation, by the names of their weights.

@@ -267,7 +267,7 @@ class _Curve:
         chosen = [named.names.index(model.parameters[i]) for i in inner]
         covariance = np.zeros((count, count))
         covariance[np.ix_(inner, inner)] = np.nan_to_num(named.covariance[index])[np.ix_(chosen, chosen)]
-        free = [*of_trial, *(count + j for j in model.free_of(trial.object))]
+        free = [*of_trial, *(count + j for j in model.free_in(trial))]
         place = {index: k for k, index in enumerate(free)}
         indices = [place.get(index, -1) for index in range(count + model.width)]
         whole = TrialData.of(trial, model, observation.initial_time, indices[:count], values.tolist(), indices[count:])

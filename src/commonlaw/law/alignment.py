@@ -20,6 +20,7 @@ from commonlaw.trials.transformations import (
     with_doses,
     with_property_inputs,
     with_starts,
+    with_zeros_before_doses,
     without_objects,
     without_rates,
     without_states,
@@ -40,7 +41,7 @@ def matched(
     What has no unit there or in the law is taken as it is. Left out are rates of the law's states and objects at rest
     that the law left out. Latent states come with their initial values, and doses as they are added. Properties may be
     inputs of the law; only with `inputs` "any" may the trials have other inputs. Columns are states, unless what
-    `observed` them is known.
+    `observed` them is known; as states they are zero before a first dose.
 
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
@@ -67,6 +68,8 @@ def matched(
     units = {name: unit for name, unit in schema.units.items() if name in used}
     units |= {trials.schema.time: schema.units[schema.time]} if schema.time in schema.units else {}
     converted = with_doses(in_units(trials, units), schema.doses)
+    if not observed:
+        converted = with_zeros_before_doses(converted)
     return with_starts(converted, starts, schema.initial_time)
 
 

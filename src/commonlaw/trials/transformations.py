@@ -243,8 +243,8 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
     """Return trials in which some inputs, amounts at samples, are what is added in the moment after these.
 
     There an input rises and falls on straight lines over two further samples, at which nothing was measured. The
-    integral is the amount. A trial whose first dose is before its first measurement begins there, with a state of zero
-    as if it had been measured. All inputs must be doses, and every object must have one.
+    integral is the amount. A trial whose first dose is before its first measurement begins there. All inputs must be
+    doses, and every object must have one.
     """
     new = [name for name in doses if name not in trials.schema.doses]
     if not new:
@@ -258,13 +258,12 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
     for trial in trials:
         if len(trial.earlier):  # It begins at its first dose
             times, count = trial.earlier[:, 0], len(trial.earlier) + len(trial)
-            if len(trials.schema.measured) > 1:
-                states = trials.schema.measured
-                raise CommonlawError("doses-before-start", where=trial.label, time=times[0], states=states)
             samples = _among(trial, np.arange(len(times), count), count)
-            samples["states"][0, 0], samples["noise"][0] = 0.0, trial.noise[0]
             times, inputs = np.append(times, trial.times), np.concatenate([trial.earlier[:, 1:], trial.inputs])
-            trial = replace(trial, times=times, inputs=inputs, earlier=np.empty((0, 0)), **samples)
+            arrays = {"times": times, "inputs": inputs, "earlier": np.empty((0, 0)), **samples}
+            trial = replace(trial, **arrays, begins_with_dose=True)
+        elif trial.inputs[0].any():
+            trial = replace(trial, begins_with_dose=True)
         begun.append(trial)
     for owner in trials.objects:
         if not any(trial.inputs[:-1].any() for trial in begun if trial.object == owner):
@@ -280,6 +279,25 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
         samples = _among(trial, np.flatnonzero(order < len(trial)), len(times))
         changed.append(replace(trial, times=times[order], inputs=inputs[order], **samples))
     return replace(without_notes_on(doses, trials), trials=tuple(changed), schema=schema)
+
+
+def with_zeros_before_doses(trials: Trials) -> Trials:
+    """Return trials whose states are zero, as if measured, in first samples with a dose where they were not measured.
+
+    So take them laws whose initial states are estimated from measurements.
+    """
+    if not any(trial.begins_with_dose and np.isnan(trial.states[0]).any() for trial in trials):
+        return trials
+    changed = []
+    for trial in trials:
+        states, noise = trial.states.copy(), trial.noise.copy()
+        zero = np.flatnonzero(np.isnan(states[0]) & np.isnan(trial.below[0]) & trial.begins_with_dose)
+        states[0, zero], noise[0, zero] = (
+            0.0,
+            trial.noise[np.isfinite(states).argmax(axis=0), np.arange(len(states.T))][zero],
+        )
+        changed.append(replace(trial, states=states, noise=noise))
+    return trials.with_trials(changed)
 
 
 def refuse_amounts(trials: Trials) -> None:

@@ -214,6 +214,8 @@ class Trial:
         Times and inputs before the first sample, from the first nonzero input on, shape (m, 1 + inputs).
     below
         Limits of quantification, shape (n, states), of left-censored values, whose state is NaN; NaN elsewhere.
+    begins_with_dose
+        Whether a dose is given at the first sample: states that were not measured there are zero before it.
     """
 
     object: str
@@ -225,6 +227,7 @@ class Trial:
     repeats: Repeats | None = None
     earlier: Floats = field(default_factory=lambda: np.empty((0, 0)))
     below: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    begins_with_dose: bool = False
 
     def __post_init__(self) -> None:
         for name in ("object", "name"):
@@ -300,7 +303,9 @@ class Trial:
         parts = {name: getattr(self, name)[chosen] for name in _ARRAYS}
         repeats = None if self.repeats is None else self.repeats.taken(chosen)
         is_whole = len(parts["times"]) > 0 and parts["times"][0] == self.times[0]
-        return replace(self, **parts, repeats=repeats, earlier=self.earlier if is_whole else np.empty((0, 0)))
+        earlier = self.earlier if is_whole else np.empty((0, 0))
+        begins_with_dose = self.begins_with_dose and is_whole
+        return replace(self, **parts, repeats=repeats, earlier=earlier, begins_with_dose=begins_with_dose)
 
     def std(self, typical: Floats) -> Floats:
         """Return the standard deviation of each state, shape (n, states).
@@ -372,7 +377,8 @@ class Trial:
                 )
         if self.below.shape != self.states.shape or np.any(np.isfinite(self.below) & np.isfinite(self.states)):
             raise CommonlawError("censored-shape", where=self.label)
-        if self.states.shape[1] and np.isnan(self.states[0]).all() and np.isnan(self.below[0]).all():
+        is_empty = self.states.shape[1] and np.isnan(self.states[0]).all() and np.isnan(self.below[0]).all()
+        if is_empty and not self.begins_with_dose:
             raise CommonlawError("first-sample-empty", where=self.label)
         steps = np.diff(self.times)
         steps = steps[steps != 0]
