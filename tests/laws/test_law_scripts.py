@@ -58,6 +58,9 @@ def test_a_saved_law_keeps_its_program(drops):
 def test_names_of_earlier_versions_in_a_recorded_call_become_the_present_ones():
     call = "cl.discover(trials, method=cl.DerivativeRegression(solver=cl.STLSQ(threshold=0.05)))"
     assert rewritten(call) == call.replace("cl.STLSQ", "cl.solvers.STLSQ")
+    call = """cl.fit("x' = -k", trials, starts={'x': 1}, starts_at=0, universal=('k',), errors='walk')"""
+    now = """cl.fit("x' = -k", trials, initial_values={'x': 1}, initial_time=0, shared=('k',), errors='random-walk')"""
+    assert rewritten(call) == now
 
 
 def test_a_law_of_unknown_making_is_fitted():

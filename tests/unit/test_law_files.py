@@ -287,8 +287,7 @@ def test_inflation_of_intervals_is_read_by_its_name_until_version_5():
     text = to_json(law).replace('"version": 6', '"version": 5').replace('"interval_inflation"', '"widening"')
     again = from_json(text)
     assert again.uncertainty.interval_inflation.factors.tolist() == [1.0, 3.0]
-    with pytest.warns(DeprecationWarning, match=r"Uncertainty\.widening is deprecated"):
-        assert again.uncertainty.widening.horizons.tolist() == [0.5, 1.0]
+    assert again.uncertainty.interval_inflation.horizons.tolist() == [0.5, 1.0]
 
 
 def test_a_factor_of_all_intervals_becomes_an_inflation_at_every_horizon():

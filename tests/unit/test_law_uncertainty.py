@@ -2,9 +2,7 @@
 
 import json
 import math
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -26,7 +24,6 @@ from commonlaw.law import (
     to_json,
     to_latex,
 )
-from commonlaw.law.deprecated import DEPRECATED
 from commonlaw.law.objects import of_all_objects
 from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.tables import readable
@@ -319,31 +316,6 @@ def test_tables_that_are_read_have_the_digits_that_mean_something():
     )
     assert shown.loc[0].tolist() == ["x", "0.4471", "0.0051", "0.4370", "< 1e-9", ""]
     assert shown.loc[1].tolist() == ["1", "12350", "680", "11020", "0.1235", "1"]
-
-
-def test_earlier_names_of_members_warn_and_give_what_the_present_ones_do(drag):
-    for name, now in DEPRECATED.items():
-        instead = now if isinstance(now, str) else now[0]
-        assert name not in dir(type(drag))
-        new = instead if instead.startswith("commonlaw.") else f"Law.{instead}"
-        with pytest.warns(DeprecationWarning, match=re.escape(f"Law.{name} is deprecated; use {new}")):
-            getattr(drag, name)
-    with pytest.warns(DeprecationWarning, match="Law.from_json"):
-        assert type(drag).from_json is from_json
-    with pytest.warns(DeprecationWarning, match="Law.structure"):
-        assert drag.structure() == drag.structure
-    with pytest.warns(DeprecationWarning, match="Law.letter_values"):
-        np.testing.assert_array_equal(drag.letter_values()[0], named_parameters(drag).values)
-    with pytest.warns(DeprecationWarning, match="Law.draws"):
-        assert drag.draws(count=3).equals(drag.sample(3))
-    with pytest.warns(DeprecationWarning, match="Law.intervals"):
-        np.testing.assert_array_equal(drag.intervals(0.9)["coefficient"], drag.conf_int(0.9)["estimate"])
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        _ = drag.nothing
-    listed = re.findall(
-        r"^\| `Law\.(\w+)`", (Path(__file__).parents[2] / "docs" / "stability.md").read_text(), re.MULTILINE
-    )
-    assert listed == [*DEPRECATED]
 
 
 def test_the_covariance_of_parameters_is_that_of_their_standard_errors(drag):

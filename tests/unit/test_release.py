@@ -111,13 +111,6 @@ def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
         attrgetter("no_such_name")(commonlaw)
 
 
-def test_names_of_the_last_release_say_where_they_are_now() -> None:
-    for old, new in vars(commonlaw)["RENAMED"].items():
-        assert old not in dir(commonlaw)
-        with pytest.warns(DeprecationWarning, match=new):
-            assert attrgetter(old)(commonlaw) is attrgetter(new)(commonlaw)
-
-
 SOURCES = Path(commonlaw.__file__).parent
 
 CHANGES_DISK = {

@@ -114,19 +114,6 @@ def test_an_unknown_name_is_answered_with_the_nearest_or_all_known_ones(kind, na
     assert sentence in str(unknown(kind, name, known))
 
 
-def test_names_of_the_last_release_are_deprecated():
-    trials = cl.datasets.linear_drag(noise=0.001)
-    with pytest.warns(DeprecationWarning, match="use shared"):
-        old = cl.fit("x'' = -g - c v", trials, errors="white", **{"universal": "g"})
-    new = cl.fit("x'' = -g - c v", trials, shared="g", errors="white")
-    np.testing.assert_array_equal(old.coefficients, new.coefficients)
-    assert "shared=('g',)" in old.provenance.calls[0]
-    with pytest.warns(DeprecationWarning, match="use log_states"):
-        assert cl.TrajectoryLikelihood(**{"positive": ["x"]}) == cl.TrajectoryLikelihood(log_states=["x"])
-    with pytest.warns(DeprecationWarning, match="use 'random-walk'"):
-        assert FitOptions(errors="walk").errors == "random-walk"
-
-
 FUNCTIONS = {"fit": cl.fit, "refine": cl.refine, "compare": cl.compare}
 
 

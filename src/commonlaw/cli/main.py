@@ -6,7 +6,7 @@ Its codes are 0 for done, 1 for could not (the reason on stderr), 2 for wrong us
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
@@ -28,7 +28,6 @@ from commonlaw.cli.options import (
     dialect,
     in_options,
     in_order,
-    is_of_kind,
     option,
 )
 from commonlaw.cli.output import changing_line, say, standard_streams
@@ -36,64 +35,6 @@ from commonlaw.diagnostics import meaning, notes, reference, sentences
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.progress import Elapsed, ProgressCallback
 from commonlaw.runtime.shutdown import end_at_once
-
-_SPELLINGS = {
-    "--plot": "--save",
-    "--out": "--save",
-    "--universal": "--shared",
-    "predict --input-between": "--input-interpolation",
-    "fit --start": "--initial-value",
-    "fit --starts-at": "--initial-time",
-    "predict --start": "--initial-samples",
-    "design --against": "--rival",
-    "show --object": "--select",
-    "report --law": "",
-    "--dataset": "dataset:",
-    "--partial-pooling": "--set partial_pooling=true",
-    "--no-partial-pooling": "--set partial_pooling=false",
-    "--workers": "--set n_jobs=",
-    "--jobs": "--set n_jobs=",
-    "--resamples": "--set n_resamples=",
-    "--radius": "--set radii=",
-    "--positive": "--set log_states=",
-    "--input-between": "--set input_interpolation=",
-    "--unmeasured": "--set latent_states=",
-} | {
-    f"--{name.replace('_', '-')}": f"--set {name}="
-    for name in (
-        "errors", "huber_threshold", "covariance", "seed", "solver", "rule", "scoring", "differentiation",
-        "library_states", "trim",
-    )
-}  # fmt: skip
-"""Options of the last release, of one command or of all, and what is written now; nothing for what is an argument."""
-
-
-def current(command: str, args: Sequence[str], options: Sequence[str]) -> list[str]:
-    """Return the words that a command of this name is given, in the spelling of now if it has these options."""
-    result, rest = list[str](), iter(args)
-    for word in rest:
-        if word == "--":
-            return [*result, word, *rest]
-        name, given, value = word.partition("=")
-        spelling = _SPELLINGS.get(f"{command} {name}", _SPELLINGS.get(name))
-        new, _, setting = (spelling or "").partition(" ")
-        if spelling is None or name in options or new not in ("", "dataset:", *options):
-            result.append(word)
-            continue
-        if spelling[-1:] in ("=", ":") and not given:
-            value = next(rest, "")
-        if new == "dataset:":
-            result.insert(0, new + value)
-            shown = f"{new}{value} in place of TABLE"
-        elif setting:
-            result += [new, setting + value]
-            shown = f"{new} {setting}{value}"
-        else:
-            result += [new] * bool(new) + [value] * bool(given)
-            shown = new or "the law after TABLE"
-        say(f"commonlaw: {name} is deprecated: write {shown}", err=True)
-    return result
-
 
 INTERVAL = 10.0
 """Seconds between lines where there is no terminal to show a line that changes."""
@@ -168,7 +109,7 @@ class Command(click.Command):
 
     An option counts each time that it is given, or is refused where it has one value; so is what is no text. Files
     that are to be written and cannot be, or are read too, are refused before anything is done. The help lists everyday
-    options by their headings, ``--help-all`` all of them. What it is given may be written as in the last release.
+    options by their headings, ``--help-all`` all of them.
     """
 
     def __init__(self, *args: Any, **settings: Any) -> None:
@@ -186,12 +127,6 @@ class Command(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments; an option of one value that is given twice is wrong usage."""
-        for name in ("-v", "--verbose"):
-            if name in args:
-                say(f"commonlaw: {name} after the command is deprecated: write commonlaw -v {self.name} ...", err=True)
-                say_every_step(ctx)
-                args = [argument for argument in args if argument != name]
-        args = current(str(self.name), args, [name for param in self.params for name in param.opts])
         given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
         for param, count in given.items():
             if isinstance(param, click.Option) and count > 1 and not (param.multiple or param.count or param.is_eager):
@@ -268,17 +203,6 @@ class _Commands(Commands):
         command = getattr(import_module(f"commonlaw.cli.{_MODULES[cmd_name]}"), cmd_name)
         assert isinstance(command, click.Command)
         return command
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that is named, and its words; a report without a law is one of `discover`."""
-        name, *rest = args
-        if name == "report" and not any(word.startswith(("-h", "--help")) or is_of_kind(word, "law") for word in rest):
-            say("commonlaw: report without a law is deprecated: write discover ... --save report.html", err=True)
-            page = [] if any(word.endswith(".html") for word in rest) else ["--save", "report.html"]
-            args = ["discover", *rest, *page]
-        return super().resolve_command(ctx, args)
 
 
 @click.command(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})

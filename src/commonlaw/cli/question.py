@@ -10,7 +10,6 @@ import click
 from commonlaw.cli.options import Decorator, ReadLaw, as_one, by_name, is_of_kind, numbers, option, pairs, taking
 from commonlaw.cli.output import Artifacts
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.runtime.arguments import RENAMED_ARGUMENTS
 from commonlaw.runtime.fit_options import FitOptions, read_settings, setting_rows, settings_of, shown_value
 
 if TYPE_CHECKING:
@@ -76,7 +75,7 @@ def given_settings(values: dict[str, Any], function: str) -> dict[str, list[str]
         if about.everyday and (texts := values.pop(name)):
             result[name] = list(texts)
     for name, text in pairs("--set", values.pop("settings")):
-        result.setdefault(RENAMED_ARGUMENTS.get(name, name), []).append(text)
+        result.setdefault(name, []).append(text)
     return result
 
 

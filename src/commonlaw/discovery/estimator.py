@@ -40,7 +40,6 @@ from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, CappedLibrary, Order, one_order, order_of_each, parse_library
 from commonlaw.library.libraries import LibraryGiven
-from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.runtime.parallel import one_blas_thread
@@ -92,7 +91,6 @@ class LawDiscovery:
 
     law_: Law
 
-    @with_renamed_arguments
     def __init__(
         self,
         order: AskedOrder = "auto",
@@ -379,7 +377,6 @@ def _once(trials: Trials) -> tuple[Trials, tuple[Outcome, ...]]:
     return trials.with_trials([trial.measured() for trial in kept]), tuple(outcomes)
 
 
-@with_renamed_arguments
 def discover(
     trials: Trials | TrialStream | Any,
     order: AskedOrder = "auto",

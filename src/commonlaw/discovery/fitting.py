@@ -38,7 +38,6 @@ from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import split_equations
 from commonlaw.library.functions import functions_in
-from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
@@ -67,7 +66,6 @@ _OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
 """Stages of a history that say which errors a law has besides white noise."""
 
 
-@with_renamed_arguments
 def fit(
     equations: str | Sequence[str],
     trials: Trials | TrialStream | Any,

@@ -11,7 +11,6 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Outcome
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration import Trajectory
-from commonlaw.law.deprecated import renamed
 from commonlaw.law.quantiles import mixture_interval
 from commonlaw.law.uncertainty import IntervalInflation
 from commonlaw.likelihood import WHITE_NOISE, ErrorModel
@@ -99,7 +98,6 @@ class Forecast(ShownInNotebooks):
     horizons: tuple[Floats, ...] = ()
     interval_inflation: IntervalInflation | None = None
     latent: tuple[Floats, ...] = ()
-    widening = renamed("Forecast", "widening", "interval_inflation")
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""

@@ -17,7 +17,6 @@ from commonlaw.diagnostics import Outcome
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.integration import BETWEEN, METHODS, Event, OutputOptions, Trajectory
 from commonlaw.law import text
-from commonlaw.law.deprecated import DeprecatedClassMembers, Structure, deprecated_member
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
@@ -25,7 +24,7 @@ from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, highest_order, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
-from commonlaw.runtime.arguments import check_whole_number, with_renamed_arguments
+from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.runtime.files import read_file, write_whole
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
+class Law(ShownInNotebooks):
     """Differential equations that several objects share, with object-specific coefficients.
 
     ``x_j' = sum_k c_ojk phi_k(x, u, t)`` for object o, or ``x_j''`` in equations of second order. A law is immutable;
@@ -148,11 +147,6 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
     def __hash__(self) -> int:
         return hash((self.objects, self.schema.states, self.order, self.coefficients.shape))
 
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            return deprecated_member(self, name)
-
     @cached_property
     def _indices(self) -> dict[str, int]:
         return {name: index for index, name in enumerate(self.objects)}
@@ -169,12 +163,12 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
         return np.asarray(np.any(self.coefficients != 0, axis=0))
 
     @cached_property
-    def structure(self) -> Structure:
+    def structure(self) -> tuple[str, ...]:
         """Equations with names for the parameters: ``x'' = a + b v``; given equations as they were written.
 
         Known shared coefficients are numbers: ``x'' = -9.81 + a v``.
         """
-        return Structure(_call("law.printing:structure", self))
+        return tuple(_call("law.printing:structure", self))
 
     def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:
         """Return the equations of one object as text: ``x'' = -9.34 ± 0.12 + (0.047 ± 0.010) v``.
@@ -432,7 +426,6 @@ class Law(ShownInNotebooks, metaclass=DeprecatedClassMembers):
             return cast(dict[str, Trajectory], _call("estimation:simulate_observed", self, times, initial, **how))
         return cast(dict[str, Trajectory], _call("forecast:simulate_law", self, times, initial, method=method, **how))
 
-    @with_renamed_arguments
     def predict(
         self,
         trials: Trials,

@@ -27,6 +27,30 @@ SETTINGS = ("differentiation", "discovery", "formulation", "library", "solvers")
 LEFT_OUT = "# A recorded step is left out here: it is no call of commonlaw with plain values"
 
 
+_MOVED = {
+    "differentiation": "CenteredDifference FiniteDifference ForwardDifference MedianFilter RobustSpline SavitzkyGolay "
+    "SmoothedDifference SmoothingSpline SpectralDerivative TotalVariationDerivative WienerFilter",
+    "formulation": "DiscreteForm StrongForm WeakForm",
+    "library": "AutoLibrary ConstantLibrary ExpressionLibrary FourierLibrary ParametricLibrary PolynomialLibrary "
+    "RatioLibrary RationalLibrary",
+    "solvers": "BestSubset ConstrainedSolver Lasso SR3 STLSQ StepwiseSelection",
+}
+_RENAMED = {name: f"{module}.{name}" for module, names in _MOVED.items() for name in names.split()}
+_RENAMED |= {"FamilyLibrary": "library.ParametricLibrary"}
+"""Classes that calls of version 0.1 recorded by other names, and their names now."""
+
+_RENAMED_ARGUMENTS = {
+    "input_between": "input_interpolation",
+    "latent": "latent_states",
+    "positive": "log_states",
+    "starts": "initial_values",
+    "starts_at": "initial_time",
+    "universal": "shared",
+    "unmeasured": "latent_states",
+}
+_RENAMED_ERRORS = {"correlated": "autocorrelated", "force": "gp-forcing", "walk": "random-walk"}
+
+
 class _NotOnListError(ValueError):
     """What was parsed is nothing that a program may hold."""
 
@@ -67,13 +91,19 @@ def rewritten(text: str) -> str | None:
 
 
 class _PresentNames(ast.NodeTransformer):
-    """Replaces public names of earlier versions, which laws have recorded, by the present ones."""
+    """Replaces the names of earlier versions that saved laws have recorded."""
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         self.generic_visit(node)
-        renamed: Mapping[str, str] = resolve_name("commonlaw:RENAMED")
-        if isinstance(node.value, ast.Name) and node.value.id == "cl" and node.attr in renamed:
-            return ast.parse(f"cl.{renamed[node.attr]}", mode="eval").body
+        if isinstance(node.value, ast.Name) and node.value.id == "cl" and node.attr in _RENAMED:
+            return ast.parse(f"cl.{_RENAMED[node.attr]}", mode="eval").body
+        return node
+
+    def visit_keyword(self, node: ast.keyword) -> ast.keyword:
+        self.generic_visit(node)
+        node.arg = node.arg and _RENAMED_ARGUMENTS.get(node.arg, node.arg)
+        if node.arg == "errors" and isinstance(node.value, ast.Constant):
+            node.value.value = _RENAMED_ERRORS.get(str(node.value.value), node.value.value)
         return node
 
 

@@ -5,7 +5,6 @@ from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from commonlaw.array_types import Floats
-from commonlaw.law.deprecated import renamed, warn_deprecated
 from commonlaw.law.text import coefficient_table, with_error
 from commonlaw.trials import Trials
 
@@ -23,12 +22,6 @@ class Replacement(NamedTuple):
     error: float
     form: str
     off: float
-
-    @property
-    def letter(self) -> str:
-        """Deprecated name of `parameter`."""
-        warn_deprecated("Replacement.letter", "Replacement.parameter", stacklevel=2)
-        return self.parameter
 
     def __str__(self) -> str:
         number = with_error(self.estimate, self.error)
@@ -62,7 +55,6 @@ class Simplification(Generic[LawType]):
     parameters: tuple[str, ...]
     values: Floats
     errors: Floats
-    letters = renamed("Simplification", "letters", "parameters")
 
     @property
     def p_value(self) -> float:

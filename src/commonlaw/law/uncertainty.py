@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.law.deprecated import renamed
 from commonlaw.law.quantiles import two_sided
 from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Heteroscedastic
 
@@ -181,7 +180,6 @@ class Uncertainty:
     interval_inflation: IntervalInflation | None = None
     explanation: Explanation | None = None
     other_laws: tuple[PlausibleLaw[Any], ...] = ()
-    widening = renamed("Uncertainty", "widening", "interval_inflation")
 
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).

@@ -1,12 +1,10 @@
 """Checks of arguments, and the short texts that stand for them."""
 
 import inspect
-import warnings
 from collections.abc import Callable, Mapping
-from functools import wraps
 from math import inf, isfinite, nan
 from numbers import Integral, Real
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from commonlaw.errors import CommonlawError, check_choice
 
@@ -38,41 +36,6 @@ def check_number(name: str, value: object, least: float, *, above: bool = False,
 
 
 T = TypeVar("T")
-P = ParamSpec("P")
-
-RENAMED_ARGUMENTS = {
-    "input_between": "input_interpolation",
-    "latent": "latent_states",
-    "positive": "log_states",
-    "starts": "initial_values",
-    "starts_at": "initial_time",
-    "universal": "shared",
-    "unmeasured": "latent_states",
-}
-"""Names of arguments in the last release, and their names now."""
-
-_RENAMED_ERRORS = {"correlated": "autocorrelated", "force": "gp-forcing", "walk": "random-walk"}
-
-
-def with_renamed_arguments(function: Callable[P, T]) -> Callable[P, T]:
-    """Accept arguments, and kinds of errors, by their names in the last release, which are deprecated."""
-
-    @wraps(function)
-    def wrapped(*args: P.args, **given: P.kwargs) -> T:
-        for name in given.keys() & RENAMED_ARGUMENTS:
-            given[RENAMED_ARGUMENTS[name]] = given.pop(name)
-            _warn(f"the argument {name} is deprecated; use {RENAMED_ARGUMENTS[name]}")
-        if isinstance(errors := given.get("errors"), str) and errors in _RENAMED_ERRORS:
-            given["errors"] = _RENAMED_ERRORS[errors]
-            _warn(f"errors={errors!r} is deprecated; use {given['errors']!r}")
-        return function(*args, **given)
-
-    return wrapped
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, DeprecationWarning, stacklevel=3)
-
 
 _WORDS: Mapping[str, object] = {"True": True, "False": False, "None": None}
 

@@ -13,7 +13,7 @@ from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin
 
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.runtime.arguments import check_whole_number, with_renamed_arguments
+from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.runtime.parallel import check_n_jobs
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _number(name: str, text: str) -> float:
 
 
 def documented(cls: type[T]) -> type[T]:
-    """Write the settings of a dataclass into its docstring, and accept their names in the last release."""
+    """Write the settings of a dataclass into its docstring."""
     lines = list[str]()
     for name, (attribute, about) in settings_of(cls).items():
         choices = "".join(f" ``{value!r}``: {meaning}." for value, meaning in about.choices.items())
@@ -145,7 +145,6 @@ def documented(cls: type[T]) -> type[T]:
         lines += [name, *(f"    {line}" for line in wrap(f"{about.text}{choices}{default}", 112))]
     if cls.__doc__:
         cls.__doc__ = cleandoc(cls.__doc__).replace("{parameters}", "\n".join(lines))
-    type.__setattr__(cls, "__init__", with_renamed_arguments(cls.__init__))
     return cls
 
 

@@ -22,7 +22,6 @@ from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched, measured_schema
 from commonlaw.library import parse_terms
 from commonlaw.likelihood import ERRORS
-from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, changed_settings, check_settings
 from commonlaw.runtime.parallel import in_parallel, threads
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-@with_renamed_arguments
 def compare(
     laws: Mapping[str, Law] | Sequence[Law],
     trials: Trials | TrialStream,

@@ -36,7 +36,6 @@ from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
-from commonlaw.runtime.arguments import with_renamed_arguments
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
@@ -56,7 +55,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-@with_renamed_arguments
 def refine(
     law: Law,
     trials: Trials | TrialStream,
