@@ -31,7 +31,8 @@ _SHORT_TIME = _vocabulary("t s h d min k n step steps iteration generation tick 
 """What a time is called, too, and other quantities as well: taken where no other column is a time, if it increases."""
 SEPARATE = _vocabulary(
     "subject patient participant person individual animal mouse rat ball well vial tube flask colony strain sample "
-    "specimen plant tree chick bird fish dog child infant replicate rep repeat repetition trial run"
+    "specimen plant tree chick bird fish dog child infant replicate rep repeat repetition trial run cup mug bottle "
+    "beaker motor engine pump battery"
 )
 """What does not act on others of its kind."""
 OBJECT = SEPARATE | _vocabulary("object id body particle cell device board rig unit site station tank name")
@@ -351,9 +352,10 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
     """Say whether a column of text or whole numbers has the same cell in several rows, as names of objects do.
 
     What changes while times increase throughout the table is a remark, unless it is called a name and its rows follow
-    each other.
+    each other, or is text where whose cell changes the measurements begin anew, see `_begins_anew`.
     """
-    if table.is_numeric(name):
+    is_text = not table.is_numeric(name)
+    if not is_text:
         values = readable(table, name)
         if not np.array_equal(values, np.round(values)) or (
             not is_called(name, OBJECT | TRIAL | _ROW_NUMBER) and (not _counts(table, name))
@@ -367,7 +369,73 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
         return False
     if len(labels) == 1 or not (np.diff(times) > 0).all():
         return True
-    return is_called(name, OBJECT | TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1
+    if is_called(name, OBJECT | TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1:
+        return True
+    return is_text and _begins_anew(table, codes, times)
+
+
+_MIN_JUMP = 3.0
+"""Of what is measured where a label changes, relative to the root mean square of steps at the same label."""
+_MIN_GAP = 1.5
+"""Of a clock where a label changes, relative to nearly all steps at the same label."""
+_MIN_RUN = 3
+"""Mean number of rows of the same label that follow each other; of fewer, a logger takes turns."""
+
+
+def _begins_anew(table: Table, codes: Codes, times: Floats) -> bool:
+    """Say whether a clock that increases throughout goes over several objects, whose labels are codes, shape (n,).
+
+    There is a gap of the clock wherever the label changes; or, nearly everywhere there, a column of numbers jumps to
+    where it returns from in the rows of the next label. What changes in a single object, such as a phase of heating,
+    does neither. Where a logger takes turns, rows of three or more labels are nearer to those of the same label.
+    """
+    changes = np.diff(codes) != 0
+    steps = np.diff(times)
+    is_in_turns = len(codes) < _MIN_RUN * (np.sum(changes) + 1)
+    if not is_in_turns and steps[changes].min() > _MIN_GAP * np.quantile(steps[~changes], 0.9):
+        return True
+    if is_in_turns and codes.max() < 2:
+        return False
+    columns = [readable(table, name) for name in table.columns if table.is_numeric(name)]
+    parts = [(codes[known], values[known]) for values in columns if np.sum(known := np.isfinite(values)) > _MIN_RUN]
+    return any(_is_nearer_to_same(*part) if is_in_turns else _jumps_between(*part) for part in parts)
+
+
+def _is_nearer_to_same(codes: Codes, values: Floats) -> bool:
+    """Say whether values differ far less from those before of the same label than from those before of another."""
+    order, changes = np.argsort(codes, kind="stable"), np.diff(codes) != 0
+    same, others = np.diff(values[order])[np.diff(codes[order]) == 0], np.diff(values)[changes]
+    return bool(len(same) and len(others) and np.mean(others**2) > _MIN_JUMP**2 * np.mean(same**2))
+
+
+def _jumps_between(codes: Codes, values: Floats) -> bool:
+    """Say whether values jump where the label changes, and return from there, at three quarters of the changes."""
+    changes, steps = np.flatnonzero(np.diff(codes)), np.diff(values)
+    same = np.delete(steps, changes)
+    if not len(changes) or not len(same):
+        return False
+    runs = np.split(values, changes + 1)[1:]
+    returns = np.array([run.mean() - run[0] for run in runs])
+    far = np.abs(steps[changes]) > _MIN_JUMP * np.sqrt(np.mean(same**2))
+    return bool(np.mean(far & (steps[changes] * returns < 0)) >= 0.75)
+
+
+def runs_of_labels(codes: Codes, times: Floats) -> Codes:
+    """Return the number of the run of each row within those of its label, shape (n,), on a clock over several objects.
+
+    Zero throughout where the clock goes back, or some rows of the same label that follow each other are fewer than
+    three.
+    """
+    changes, steps = np.diff(codes) != 0, np.diff(times)
+    begins = np.append(0, np.flatnonzero(changes) + 1)
+    lengths = np.diff(np.append(begins, len(codes)))
+    if lengths.min() < _MIN_RUN or (steps < 0).any() or not (steps > 0)[~changes].all():
+        return np.zeros(len(codes), dtype=np.int64)
+    order = np.argsort(codes[begins], kind="stable")
+    _, first, counts = np.unique(codes[begins][order], return_index=True, return_counts=True)
+    number = np.empty_like(begins)
+    number[order] = np.arange(len(begins)) - np.repeat(first, counts)
+    return np.repeat(number, lengths)
 
 
 def _holds_clocks(table: Table, name: str) -> bool:

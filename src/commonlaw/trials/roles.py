@@ -28,6 +28,7 @@ from commonlaw.trials.recognition import (
     pulsed_inputs,
     readable,
     record_columns,
+    runs_of_labels,
     shown_columns,
     time_column,
     trial_column,
@@ -219,7 +220,7 @@ def _labels(
     if trial is None and guess and roles.get("trial") != "":
         others = [name for name in free if name != owner]
         trial = trial_column(table, times, others, owners, named=owner is not None)
-    runs = one if trial is None else object_codes(table, trial, "trial")[0]
+    runs = runs_of_labels(owners, times) if trial is None else object_codes(table, trial, "trial")[0]
     if is_guessed and not increase_within(owners * len(table) + runs, times):
         owner = ", ".join(joint_objects(table, times, [name for name in free if name != trial], runs)) or owner
         owners = owners if owner is None else object_codes(table.joined(owner), owner)[0]

@@ -36,6 +36,8 @@ from commonlaw.trials.recognition import (
     input_values,
     is_called,
     quantity,
+    readable,
+    runs_of_labels,
     shown_columns,
     unit_in_name,
     units_in_names,
@@ -477,6 +479,10 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
         raise CommonlawError("object-column-and-name", where=table.source, column=columns.object)
     owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or table.label)
     runs, labels, spelled_runs = _labels(table, columns.trial, "trial", "1")
+    if columns.trial is None:
+        runs = runs_of_labels(owners, readable(table, columns.time))
+        labels = [str(number + 1) for number in range(runs.max(initial=0) + 1)]
+        spelled_runs = (f"a trial begins wherever the name in {columns.object} changes",) if len(labels) > 1 else ()
     if columns.properties is None:
         known = given_properties(roles["properties"], columns.object or "object", objects)
     else:
