@@ -6,6 +6,9 @@ from difflib import get_close_matches
 from commonlaw.diagnostics import Diagnostic, Dialect
 from commonlaw.text import in_line
 
+_LONGEST = 100
+"""Characters of an unknown name that a message shows and a suggestion is looked for."""
+
 
 class CommonlawError(ValueError):
     """Input that cannot be used; the message says in one line what is wrong, where, and what to do.
@@ -87,9 +90,10 @@ def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:
     """
     names = [str(known_name) for known_name in known]
     folded = {known_name.casefold(): known_name for known_name in reversed(names)}
-    near = get_close_matches(str(name).casefold(), folded, n=1, cutoff=0.6)
+    shown = name if len(name := str(name)) <= _LONGEST else f"{name[:_LONGEST]}..."
+    near = get_close_matches(shown.casefold(), folded, n=1, cutoff=0.6)
     hint = f"did you mean {folded[near[0]]!r}? " if near else ""
-    return CommonlawError("unknown-name", kind=kind, name=str(name), hint=hint, known=names or ["none"])
+    return CommonlawError("unknown-name", kind=kind, name=shown, hint=hint, known=names or ["none"])
 
 
 def check_choice(name: str, value: object, choices: Iterable[object]) -> None:

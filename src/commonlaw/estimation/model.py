@@ -18,18 +18,17 @@ from commonlaw.library import Order, Variables, highest_columns, one_order, with
 from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of, split_outside, with_steps
 from commonlaw.library.equation import DERIVATIVE, split_equations
 from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
-from commonlaw.library.notation import quoted
+from commonlaw.library.notation import NAME, quoted, unquoted
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
 from commonlaw.trials import Schema, Trial
 
-_NAME = r"`(?:[^`]|``)+`|[^\W\d]\w*"
-_DELAYED = re.compile(rf"(?P<name>{_NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{_NAME})\s*\)")
+_DELAYED = re.compile(rf"(?P<name>{NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{NAME})\s*\)|`(?:[^`]|``)+`")
 _NAMED = re.compile(r"`((?:[^`]|``)+?)(\(t - (?:`(?:[^`]|``)+`|\w+)\))`")
 _CALLED = re.compile(rf"{_DELAYED.pattern}|(?P<step>step)\s*\(")
-_INITIAL = re.compile(rf"(?P<name>{_NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)")
-_OBSERVED = re.compile(rf"(?P<name>{_NAME})\s*=(?P<right>.*)")
-_CHANGED = re.compile(rf"(?P<name>{_NAME})(?P<rate>'?)\s*=(?P<right>.+)")
+_INITIAL = re.compile(rf"(?P<name>{NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)", re.DOTALL)
+_OBSERVED = re.compile(rf"(?P<name>{NAME})\s*=(?P<right>.*)", re.DOTALL)
+_CHANGED = re.compile(rf"(?P<name>{NAME})(?P<rate>'?)\s*=(?P<right>.+)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -59,14 +58,14 @@ class ModelText:
                 changes = events.setdefault(match["condition"].strip(), {})
                 for change in split_outside(match["changes"]):
                     changed = _CHANGED.fullmatch(with_steps(change.strip()))
-                    name = _plain(changed["name"]) + changed["rate"] if changed else ""
+                    name = unquoted(changed["name"]) + changed["rate"] if changed else ""
                     if changed is None or name in changes:
                         raise CommonlawError("equation-event-syntax", text=part)
                     changes[name] = changed["right"].strip()
             elif match := _INITIAL.fullmatch(part):
-                known[_plain(match["name"]) + (match["rate"] or "")] = match["right"].strip()
+                known[unquoted(match["name"]) + (match["rate"] or "")] = match["right"].strip()
             elif match := _OBSERVED.fullmatch(part):
-                observed[_plain(match["name"])] = match["right"].strip()
+                observed[unquoted(match["name"])] = match["right"].strip()
             else:
                 equations.append(part)
         return cls(tuple(equations), observed, known, bounds_in(bounds), events)
@@ -75,12 +74,9 @@ class ModelText:
     def is_plain(self) -> bool:
         """Whether there are differential equations and bounds alone, without delays, switches and events."""
         calls = (match for text in self.equations for match in _CALLED.finditer(text))
-        special = any(match["step"] or match["name"] == "step" or match["name"] not in FUNCTIONS for match in calls)
+        names = (match["step"] or match["name"] for match in calls)
+        special = any(name == "step" or (name and name not in FUNCTIONS) for name in names)
         return not (self.observed or self.initial or self.events or special)
-
-
-def _plain(name: str) -> str:
-    return name[1:-1].replace("``", "`") if name.startswith("`") else name
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,8 +267,8 @@ def _steady_inputs(written: set[str], measured: Schema) -> dict[str, str]:
     for assignment in (match["inputs"] or "" if match else "").split(","):
         if assignment.strip():
             name, _, value = (part.strip() for part in assignment.partition("="))
-            check_choice("input", _plain(name), measured.inputs)
-            given[_plain(name)] = value
+            check_choice("input", unquoted(name), measured.inputs)
+            given[unquoted(name)] = value
     return given
 
 
@@ -287,7 +283,9 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     delays = list[tuple[str, str, str]]()
 
     def delayed(match: re.Match[str]) -> str:
-        name, delay = _plain(match["name"]), _plain(match["delay"])
+        if not match["name"]:
+            return match[0]
+        name, delay = unquoted(match["name"]), unquoted(match["delay"])
         if name in FUNCTIONS and name not in measured.inputs:
             return match[0]
         if name not in measured.inputs:
@@ -297,9 +295,13 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
             delays.append((whole, name, delay))
         return f"`{whole}`"
 
+    def plain(name: re.Match[str]) -> str:
+        is_column = unquoted(name[0]) in (*measured.states, *measured.inputs)
+        return name[0] if is_column else f"{quoted(unquoted(f'`{name[1]}`'))}{name[2]}"
+
     # Those of a law have delayed inputs by their names
-    plain = (_NAMED.sub(lambda name: f"{quoted(name[1])}{name[2]}", equation) for equation in text.equations)
-    equations = tuple(_DELAYED.sub(delayed, equation) for equation in plain)
+    undelayed = (_NAMED.sub(plain, equation) for equation in text.equations)
+    equations = tuple(_DELAYED.sub(delayed, equation) for equation in undelayed)
     text = replace(text, equations=equations)
     parsed = split_equations(equations)
     states = tuple(equation.state for equation in parsed)

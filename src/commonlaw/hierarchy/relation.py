@@ -13,7 +13,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.library import Order, Terms, order_of_each, term_unit, units_of_parameters, with_rates
 from commonlaw.trials import Schema
-from commonlaw.trials.headers import parse_unit, registry
+from commonlaw.trials.headers import known_unit, parse_unit, registry
 
 if TYPE_CHECKING:
     import pint
@@ -250,7 +250,9 @@ def units_of_coefficients(
     the same comes out whatever takes its place. Variables that are added have one unit.
     """
     measured = (*schema.states, *schema.inputs, schema.time)
-    known = {name: parse_unit(schema.units[name]) for name in measured if name in schema.units}
+    # A text that is no unit, as in the file of a law, is shown and not computed with
+    parsed = {name: known_unit(text or "1") for name, text in schema.units.items() if name in measured}
+    known = {name: unit for name, unit in parsed.items() if unit is not None}
     if not known:
         return {}
     plain = {name: known.get(name, registry().dimensionless) for name in measured}

@@ -40,8 +40,8 @@ VERSION = 6
 _LARGEST = float(np.sqrt(np.finfo(np.float64).max))
 """Of a number in a file: deviances, covariances and lengths of vectors take squares, and that of a larger one, 1.3e154,
 is infinite. No law of measurements comes near it."""
-_CALL = re.compile(r"(?<![\w`])([^\W\d]\w*)\(")
-"""The name of a function in an expression."""
+_CALL = re.compile(r"`(?:[^`]|``)+`|(?<!\w)([^\W\d]\w*)\(")
+"""The name of a function in an expression; nothing in a name between backticks is one."""
 _FRACTION = re.compile(r"-?\d+(/\d+)?", re.ASCII)
 """As fractions are written; what else Python reads as one, 1e999999999, may take all memory."""
 
@@ -216,7 +216,9 @@ def _alternative(value: Any) -> Any:
 
 def to_json(law: Law) -> str:
     """Return the law as JSON in a versioned schema, with terms as expressions such as ``x**2*v``."""
-    return msgspec.json.format(msgspec.json.encode(document_of(law), enc_hook=_plain), indent=1).decode() + "\n"
+    document = document_of(law)
+    check_numbers(msgspec.to_builtins(document, enc_hook=_plain))
+    return msgspec.json.format(msgspec.json.encode(document, enc_hook=_plain), indent=1).decode() + "\n"
 
 
 def document_of(law: Law) -> LawDocument:
@@ -394,7 +396,7 @@ def _read_other(saved: OtherDocument, law: Law) -> Law:
 
 def _read_law(document: LawDocument, functions: tuple[Function, ...]) -> Law:
     schema, known = document.schema, (*FUNCTIONS, *(function.name for function in functions))
-    if missing := {name for text in document.terms for name in _CALL.findall(text)} - {*known}:
+    if missing := {name for text in document.terms for name in _CALL.findall(text)} - {"", *known}:
         raise CommonlawError("functions-missing", names=sorted(missing))
     variables = Variables(
         (*schema.states, *document.rates),

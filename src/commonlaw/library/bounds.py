@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 
@@ -15,6 +16,8 @@ _ASSIGNMENT = re.compile(r"(?<![<>])=")
 _BRANCH = re.compile(r"\b(?:if|else|and|or|not)\b|[<>]=?\s*$|[&|?]")
 _STEP = re.compile(r"step\([^()]*\)")
 _SIMPLE = re.compile(r"[\w.]+|`[^`]+`")
+_QUOTED = re.compile(r"`(?:[^`]|``)+`")
+_SEPARATOR = re.compile(r"[;\n]")
 
 
 def with_steps(equation: str) -> str:
@@ -28,6 +31,22 @@ def with_steps(equation: str) -> str:
     >>> with_steps("x' = max(x, 0) + where(x > 1, c, 0)")
     "x' = (step(x)*x) + (step(x - 1)*c)"
     """
+    text, names = _numbered(equation)
+    return _restored(_with_steps(text), names)
+
+
+def _numbered(text: str) -> tuple[str, list[str]]:
+    """Return a text with numbers in place of the names between backticks, so that nothing in these is read."""
+    names = _QUOTED.findall(text)
+    numbers = count()
+    return _QUOTED.sub(lambda _: f"`{next(numbers)}`", text), names
+
+
+def _restored(text: str, names: Sequence[str]) -> str:
+    return _QUOTED.sub(lambda match: names[int(match[0][1:-1])], text)
+
+
+def _with_steps(equation: str) -> str:
     assignment = _ASSIGNMENT.search(equation)
     if assignment is None or not (_CALL.search(equation) or _COMPARISON.search(equation)):
         return equation
@@ -115,7 +134,7 @@ def _closing(text: str, opening: int, whole: str) -> int:
     raise CommonlawError("condition-syntax", expression=whole)
 
 
-EVENT = re.compile(r"(?P<condition>(?:[^`:<>]|`[^`]*`)*+[<>](?:[^`:]|`[^`]*`)*+):(?P<changes>.*)")
+EVENT = re.compile(r"(?P<condition>(?:[^`:<>]|`[^`]*`)*+[<>](?:[^`:]|`[^`]*`)*+):(?P<changes>.*)", re.DOTALL)
 """A condition and what changes where it becomes true: ``x < 0: v = -c v``."""
 
 
@@ -142,7 +161,10 @@ def limits_of(name: str, bounds: Sequence[Bound]) -> tuple[float, float]:
 def parts_of(texts: str | Sequence[str]) -> list[str]:
     """Return equations, without switches, bounds and events, between semicolons or lines of a text or several."""
     listed = [texts] if isinstance(texts, str) else texts
-    parts = [part.strip() for text in listed for part in re.split(r"[;\n]", text) if part.strip()]
+    parts = list[str]()
+    for text in listed:
+        numbered, names = _numbered(text)
+        parts += [_restored(part.strip(), names) for part in _SEPARATOR.split(numbered) if part.strip()]
     return [part if EVENT.fullmatch(part) else with_steps(part) for part in parts]
 
 

@@ -11,22 +11,23 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.bounds import EVENT, is_bound, parts_of
 from commonlaw.library.expansion import NotAFactorError, Product, multiplied_out
-from commonlaw.library.grammar import FUNCTIONS, MAX_CHARACTERS, MAX_DEPTH, OTHER_NAMES, read, with_names, write
-from commonlaw.library.notation import expression_latex, quoted
+from commonlaw.library.grammar import FUNCTIONS, MAX_CHARACTERS, MAX_DEPTH, OTHER_NAMES, length, read, with_names, write
+from commonlaw.library.notation import NAME, expression_latex, quoted, unquoted
 from commonlaw.library.term import Term, parse_term
 from commonlaw.library.variables import Variables
 
-_NAME = r"`(?:[^`]|``)+`|[^\W\d]\w*"
+_SIDES = re.compile(r"(?P<left>(?:`(?:[^`]|``)+`|[^=])*+)=(?P<right>.*)", re.DOTALL)
 _LEFT = re.compile(
-    rf"(?P<primed>{_NAME})\s*(?P<primes>'+)|(?P<next>{_NAME})\s*\[\s*[kn]\s*\+\s*1\s*\]"
-    rf"|d\s*(?P<first>{_NAME})\s*/\s*d\s*\w+|d\s*\^?\s*2\s*(?P<second>{_NAME})\s*/\s*d\s*[^\W\d]+\s*\^?\s*2"
+    rf"(?P<primed>{NAME})\s*(?P<primes>'+)|(?P<next>{NAME})\s*\[\s*[kn]\s*\+\s*1\s*\]"
+    rf"|d\s*(?P<first>{NAME})\s*/\s*d\s*\w+|d\s*\^?\s*2\s*(?P<second>{NAME})\s*/\s*d\s*[^\W\d]+\s*\^?\s*2"
 )
 _TOKEN = re.compile(
-    rf"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{_NAME})(?P<mark>'|\[[kn]\])?"
+    rf"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{NAME})(?P<mark>'|\[[kn]\])?"
     r"|(?P<sign>\*\*|[-+*/^(),])|(?P<bad>\S))"
 )
 DERIVATIVE = re.compile(r"'\s*=|/\s*d\s*\w+\s*=|\]\s*=")
 _DELAYED = re.compile(r"\(\s*(?:t|time)\s*-")
+_OPENED = re.compile(r"\s*\(")
 _LETTER = re.compile(r"[^\W\d_](?:_?\w)?")
 """What is a coefficient before a parenthesis, and not the name of a function."""
 
@@ -111,11 +112,11 @@ class Equation:
         parts = [[match[0][: -len(match[0].lstrip())], match[0].lstrip()] for match in tokens]
         for i, match in enumerate(tokens):
             name = match["name"]
-            if not name or match["mark"] or _unquoted(name) not in write:
+            if not name or match["mark"] or unquoted(name) not in write:
                 continue
             before, after = (tokens[j]["sign"] if 0 <= j < len(tokens) else "" for j in (i - 1, i + 1))
             begins = i == 0 or (i == 1 and before == "-")
-            negative, number = write[_unquoted(name)](not (begins and after in ("", "+", "-")))
+            negative, number = write[unquoted(name)](not (begins and after in ("", "+", "-")))
             if negative and after not in ("^", "**") and before in ("+", "-", ""):
                 if before:
                     parts[i - 1][1] = "-" if before == "+" else "+" if i > 1 else ""
@@ -196,15 +197,16 @@ def only_product(coefficients: Sequence[tuple[str, int]]) -> Diagnostic:
 def _left(text: str) -> Equation:
     if EVENT.fullmatch(text):
         raise CommonlawError("equation-with-event", text=text)
-    left_side, sign, _ = text.partition("=")
-    match = _LEFT.fullmatch(left_side.strip())
-    if sign and re.fullmatch(r"\w+|`[^`]+`", name := left_side.strip()):
-        raise CommonlawError("observation-equation", text=text, state=name)
-    if not sign or match is None or len(match["primes"] or "") > 2:
+    sides = _SIDES.fullmatch(text)
+    left_side = sides["left"].strip() if sides else ""
+    if re.fullmatch(NAME, left_side):
+        raise CommonlawError("observation-equation", text=text, state=left_side)
+    match = _LEFT.fullmatch(left_side)
+    if sides is None or match is None or len(match["primes"] or "") > 2:
         raise CommonlawError("equation-syntax", text=text)
     order = len(match["primes"] or "") or {"next": 0, "first": 1, "second": 2}[str(match.lastgroup)]
     name = next(match[group] for group in ("primed", "next", "first", "second") if match[group])
-    return Equation(text, _unquoted(name), order, len(left_side) + 1)
+    return Equation(text, unquoted(name), order, sides.start("right"))
 
 
 class _Reader:
@@ -212,15 +214,18 @@ class _Reader:
 
     def __init__(self, equation: Equation, variables: Variables, meanings: Meanings) -> None:
         self.equation, self.variables, self.meanings = equation, variables, meanings
+        self._check(length(equation.text) <= MAX_CHARACTERS)
         self.tokens = [*self._tokens(), _Token("end", "", len(equation.text))]
         names = [token.text for token in self.tokens if token.kind == "name" and token.text not in variables.names]
         self.coefficients = tuple(dict.fromkeys(names))
         self.names = (*variables.names, *self.coefficients)
         self.parameters = len(self.coefficients) + len(variables.parameters)
-        if len(equation.text) > MAX_CHARACTERS or sum(token.kind == "(" for token in self.tokens) > MAX_DEPTH:
-            raise CommonlawError(
-                "equation-too-long", text=equation.text[:57], longest=MAX_CHARACTERS, deepest=MAX_DEPTH
-            )
+        self._check(sum(token.kind == "(" for token in self.tokens) <= MAX_DEPTH)
+
+    def _check(self, is_short: bool) -> None:
+        if not is_short:
+            text = self.equation.text[:57]
+            raise CommonlawError("equation-too-long", text=text, longest=MAX_CHARACTERS, deepest=MAX_DEPTH)
 
     def summands(self) -> tuple[Summand, ...]:
         first = len(self.variables.names)
@@ -318,13 +323,14 @@ class _Reader:
             if kind == "bad" or (token.text == "," and not self.variables.functions):
                 self._fail(token, Diagnostic("equation-character", {"character": token.text}))
             if kind == "name":
-                token = self._named(token, match["mark"], text[match.end() :])
+                token = self._named(token, match["mark"], match.end())
             yield token
             position = match.end()
 
-    def _named(self, token: _Token, mark: str | None, rest: str) -> _Token:
-        """Return a variable, a coefficient or a function by its name, the mark behind it, and what follows."""
-        name = _unquoted(token.text)
+    def _named(self, token: _Token, mark: str | None, end: int) -> _Token:
+        """Return a variable, a coefficient or a function by its name, the mark behind it, and where that ends."""
+        name, text = unquoted(token.text), self.equation.text
+        is_called = _OPENED.match(text, end)
         if name in self.meanings.unclear and name == token.text and not mark:
             self._fail(token, self.meanings.unclear[name])
         if mark == "'":
@@ -332,22 +338,22 @@ class _Reader:
                 self._fail(token, Diagnostic("rate-unknown", {"name": name}))
             return _Token("name", self.meanings.rates[name], token.position)
         if name in self.variables.names:
-            if _DELAYED.match(rest):
+            if _DELAYED.match(text, end):
                 self._fail(token, Diagnostic("equation-with-delay", {"name": name}))
-            if rest.startswith("("):
+            if text.startswith("(", end):
                 self._fail(token, Diagnostic("equation-calls-variable", {"name": name}))
         elif not token.text.startswith("`"):
-            if name in self.variables.arities and rest.lstrip().startswith("("):
+            if name in self.variables.arities and is_called:
                 return _Token("function", name, token.position)
             if name in (*FUNCTIONS, *OTHER_NAMES):
-                if not rest.lstrip().startswith("("):
+                if not is_called:
                     self._fail(token, Diagnostic("function-not-called", {"name": name}))
                 return _Token("function", OTHER_NAMES.get(name, name), token.position)
             if name in self.meanings.others:
                 return _Token("name", self.meanings.others[name], token.position)
             if name in CONSTANTS:
                 return _Token("number", repr(CONSTANTS[name]), token.position)
-            if rest.startswith("(") and not _LETTER.fullmatch(name):
+            if text.startswith("(", end) and not _LETTER.fullmatch(name):
                 self._fail(token, unknown("function", name, (*FUNCTIONS, *self.variables.arities)).diagnostic)
         return _Token("name", name, token.position)
 
@@ -366,7 +372,3 @@ def _addend(text: str, factor: float) -> str:
     """Return a product as it stands in a sum, with its sign."""
     size = repr(abs(factor)).removesuffix(".0")
     return ("-" if factor < 0 else "+") + (text if size == "1" else size if text == "1" else f"{size}*{text}")
-
-
-def _unquoted(name: str) -> str:
-    return name[1:-1].replace("``", "`") if name.startswith("`") else name

@@ -63,6 +63,7 @@ _TOKEN = re.compile(
     r"`(?P<quoted>(?:[^`]|``)+)`|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
     r"|(?P<function>[^\W\d]\w*)(?=\s*\()|(?P<name>[^\W\d]\w*)|(?P<power>\^)|(?P<bad>[^\s+\-*/().])"
 )
+_NAMED = re.compile(r"`(?:[^`]|``)+`|[^\W\d]\w*")
 _COLUMN = re.compile(r"(?<![^\W\d])v(\d+)(?![\w(])")
 
 
@@ -84,8 +85,8 @@ def read(text: str, names: Sequence[str], parameters: int = 0, functions: Mappin
     `functions` are the numbers of arguments of other functions than `FUNCTIONS` by their names.
     """
     shown = text if len(text) <= 60 else f"{text[:57]}..."
-    if len(text) > MAX_CHARACTERS:
-        raise CommonlawError("term-too-long", term=shown, characters=len(text), limit=MAX_CHARACTERS)
+    if (characters := length(text)) > MAX_CHARACTERS:
+        raise CommonlawError("term-too-long", term=shown, characters=characters, limit=MAX_CHARACTERS)
     try:
         code = _TOKEN.sub(lambda token: _translated(token, names, functions), text).strip()
         tree = ast.parse(code, mode="eval").body
@@ -101,6 +102,15 @@ def read(text: str, names: Sequence[str], parameters: int = 0, functions: Mappin
     except (RecursionError, MemoryError):
         raise CommonlawError("term-too-deep", term=shown) from None
     return tree
+
+
+def length(text: str) -> int:
+    """Return the number of characters of an expression, in which a name counts as one.
+
+    >>> length("`wind speed` + 2*height")
+    7
+    """
+    return len(_NAMED.sub("v", text))
 
 
 def write(tree: ast.expr) -> str:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 
 _WORD = re.compile(r"[^\W\d]\w*")
+NAME = rf"`(?:[^`]|``)+`|{_WORD.pattern}"
+"""A name in an expression, see `quoted`."""
 _GREEK = re.compile(
     "alpha|beta|(var)?epsilon|zeta|eta|iota|kappa|mu|nu|rho|tau|chi|[Gg]amma|[Dd]elta|[Tt]heta|[Ll]ambda|[Xx]i|[Pp]i"
     "|[Ss]igma|[Uu]psilon|(var)?[Pp]hi|[Pp]si|[Oo]mega"
@@ -30,6 +32,15 @@ def quoted(name: str) -> str:
     ('v_x', '`wind speed`')
     """
     return name if _WORD.fullmatch(name) else "`" + name.replace("`", "``") + "`"
+
+
+def unquoted(text: str) -> str:
+    """Return the name that an expression holds, the inverse of `quoted`.
+
+    >>> unquoted("v_x"), unquoted("`wind speed`")
+    ('v_x', 'wind speed')
+    """
+    return text[1:-1].replace("``", "`") if text.startswith("`") else text
 
 
 def powered(name: str, power: int, sign: str = "^") -> str:
