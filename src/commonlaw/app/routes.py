@@ -210,6 +210,8 @@ def _workbook(found: Found, _: Source | None) -> bytes:
         if shares_terms(law):
             _wide(law).to_excel(book, sheet_name="objects")
         coefficient_rows(law).to_excel(book, sheet_name="coefficients", index=False)
+        for cell in (cell for sheet in book.sheets.values() for row in sheet.iter_rows() for cell in row):
+            cell.data_type = "s" if cell.data_type == "f" else cell.data_type  # A name that begins with =
     return content.getvalue()
 
 

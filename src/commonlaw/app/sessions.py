@@ -13,13 +13,13 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from commonlaw.app.question import Columns, Question, Table
+from commonlaw.app.question import Columns, Question, Table, message, named
 from commonlaw.app.result import Found, ShownLaw, of_terms, results, support_of
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
 from commonlaw.law import from_json, to_json
 from commonlaw.law.law import shares_terms
-from commonlaw.runtime.files import make_folder, read_file, read_json, remove_file, write_whole
+from commonlaw.runtime.files import make_folder, one_writer, read_file, read_json, remove_file, write_whole
 from commonlaw.runtime.fit_options import FitOptions, read_settings
 from commonlaw.runtime.progress import part
 
@@ -231,6 +231,8 @@ class Sessions:
 FOLDER = "COMMONLAW_SESSIONS"
 """Environment variable that names the folder of sessions; by default that of the user's data."""
 _KEY = re.compile("[0-9a-f]{16}")
+LARGEST_SESSION = 2**28
+"""Bytes of a session: four times those of a request, as a table in JSON takes a third more, and laws come with it."""
 
 
 class State(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -265,6 +267,7 @@ class SavedSessions:
 
     def __init__(self) -> None:
         self._deleted = dict[str, bytes]()
+        self._summaries = dict[tuple[str, tuple[int, int]], dict[str, Any]]()
 
     @property
     def folder(self) -> Path:
@@ -276,36 +279,46 @@ class SavedSessions:
         return user_data_path("commonlaw", appauthor=False) / "sessions"
 
     def listed(self) -> list[dict[str, Any]]:
-        """Return a summary of each session, the latest first; files that are damaged are left out."""
+        """Return a summary of each session, the latest first; of one that cannot be opened the reason."""
         result = []
         for path in self.folder.glob("*.json") if self.folder.is_dir() else ():
             if _KEY.fullmatch(path.stem):
                 try:
-                    result.append(_summary(path.stem, self._read(path.stem)))
-                except CommonlawError:
+                    state = path.stat()
+                    mark = state.st_mtime_ns, state.st_size
+                    if (path.stem, mark) not in self._summaries:  # A large session takes seconds to read
+                        self._summaries[path.stem, mark] = _summary(path.stem, self._read(path.stem))
+                    result.append(self._summaries[path.stem, mark])
+                except FileNotFoundError:  # It was deleted meanwhile
                     continue
+                except CommonlawError as error:
+                    result.append({"key": path.stem, "name": path.name, "saved": "", "problem": message(error)})
         return sorted(result, key=lambda summary: str(summary["saved"]), reverse=True)
 
     def save(self, asked: Named, sessions: Sessions) -> dict[str, Any]:
         """Save a session, or another state of it, and return its summary.
 
-        Raises `CommonlawError` if its name is empty, its table is gone, or the file cannot be written.
+        Raises `CommonlawError` if its name is empty, its table is gone, or the file could not be written or opened.
         """
         name = " ".join(asked.name.split())[:80]
         if not name:
             raise CommonlawError("session-without-name")
         search = None if asked.search is None else sessions.searches.get(asked.search)
         made = None if search is None or search.made is None else to_json(search.made.law)
+        if made is not None:
+            from_json(made)
         # The key of a table is that of one app
         question = None if search is None else msgspec.structs.replace(search.question, table="")
-        state = State(asked.columns, question, made)
+        state, table = State(asked.columns, question, made), sessions.tables.get(asked.table)
         key = asked.key or token_hex(8)
-        states = () if asked.key is None else self._read(key).states
-        is_same = bool(states) and (states[-1].columns, states[-1].question) == (state.columns, question)
-        # An undo returns to the states before, of which 20 are kept
-        states = (*states[:-1], state) if is_same else (*states, state)[-20:]
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        return self._write(key, Session(name, now, sessions.tables.get(asked.table), states))
+        make_folder(self.folder, private=True)
+        with one_writer(self.folder):
+            states = () if asked.key is None else self._read(key).states
+            is_same = bool(states) and (states[-1].columns, states[-1].question) == (state.columns, question)
+            # An undo returns to the states before, of which 20 are kept
+            states = (*states[:-1], state) if is_same else (*states, state)[-20:]
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            return self._write(key, Session(name, now, table, states))
 
     def resume(self, key: str, sessions: Sessions) -> dict[str, Any]:
         """Open the present state of a session, and return where the page goes on."""
@@ -322,40 +335,56 @@ class SavedSessions:
 
         Raises `CommonlawError` if there is none.
         """
-        session = self._read(key)
-        if len(session.states) < 2:
-            raise CommonlawError("session-at-first-state")
-        self._write(key, msgspec.structs.replace(session, states=session.states[:-1]))
+        with one_writer(self._file(key).parent):
+            session = self._read(key)
+            if len(session.states) < 2:
+                raise CommonlawError("session-at-first-state")
+            self._write(key, msgspec.structs.replace(session, states=session.states[:-1]))
         return self.resume(key, sessions)
 
     def delete(self, key: str) -> None:
         """Delete a session; `restore` brings it back."""
-        self._deleted[key] = read_file(self._path(key))
-        remove_file(self._path(key))
+        path = self._file(key)
+        with one_writer(path.parent):
+            self._deleted[key] = read_file(path)
+            remove_file(path)
 
     def restore(self, key: str) -> None:
         """Bring a session back that was deleted since the app began."""
         if key not in self._deleted:
             raise CommonlawError("session-gone", part="session")
-        write_whole(self._path(key), self._deleted.pop(key))
+        write_whole(self._path(key), self._deleted[key], mode=0o600)
+        del self._deleted[key]
 
     def _path(self, key: str) -> Path:
         if not _KEY.fullmatch(key):
             raise CommonlawError("session-gone", part="session")
         return self.folder / f"{key}.json"
 
-    def _read(self, key: str) -> Session:
+    def _file(self, key: str) -> Path:
         path = self._path(key)
         if not path.is_file():
             raise CommonlawError("session-gone", part="session")
-        result = read_json(read_file(path), Session)
+        return path
+
+    def _read(self, key: str) -> Session:
+        result = read_json(read_file(self._file(key)), Session, LARGEST_SESSION)
         if not result.states:
             raise CommonlawError("session-gone", part="session")
-        return result
+        # Of a path the last part, as of a table that the page sends
+        name = named(result.table.name, b"").name
+        return msgspec.structs.replace(result, table=msgspec.structs.replace(result.table, name=name))
 
     def _write(self, key: str, session: Session) -> dict[str, Any]:
-        make_folder(self.folder, private=True)
-        write_whole(self._path(key), msgspec.json.encode(session))
+        """Write a session, if it can be read again."""
+        content = msgspec.json.encode(session)
+        try:
+            is_same = read_json(content, Session, LARGEST_SESSION) == session
+        except CommonlawError as error:
+            raise CommonlawError("session-not-saved", reason=error) from None
+        if not is_same:
+            raise CommonlawError("session-not-saved", reason="it would differ")
+        write_whole(self._path(key), content, mode=0o600)
         return _summary(key, session)
 
 

@@ -71,8 +71,8 @@ def readable(calls: Sequence[str], fallback: str) -> Iterator[str]:
         yield f"law = {fallback}"
 
 
-def rewritten(text: str) -> str | None:
-    """Return a recorded call as it may stand in a program, nothing if it may not.
+def rewritten(text: str, check: Callable[[ast.expr], None] | None = None) -> str | None:
+    """Return a recorded call as it may stand in a program, nothing if it may not: by default one that makes a law.
 
     >>> rewritten("cl.discover(trials,order = 2)  # and"), rewritten("cl.discover(trials); print(1)")
     ('cl.discover(trials, order=2)', None)
@@ -84,7 +84,7 @@ def rewritten(text: str) -> str | None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Of escapes in texts that are no Python of ours
             tree = _PresentNames().visit(ast.parse(text, mode="eval").body)
-        _check_step(tree)
+        (check or _check_step)(tree)
         return ast.unparse(tree)
     except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError):
         return None
@@ -127,6 +127,19 @@ def _check_step(tree: ast.expr) -> None:
     if name == "law.explain" and any(map(_is_text, [*others, *(keyword.value for keyword in call.keywords)])):
         raise _NotOnListError  # The name of a file of properties: none but the user names files
     _check_arguments(resolve_name(function), others, call.keywords, 0)
+
+
+def _check_dataset(tree: ast.expr) -> None:
+    """Refuse all but a call that simulates a data set, with numbers as options."""
+    datasets: Mapping[str, Any] = resolve_name("commonlaw.datasets:DATASETS")
+    match tree:
+        case ast.Call(func=function, args=[ast.Constant(value=str() as name)], keywords=keywords) if name in datasets:
+            options = [keyword.value for keyword in keywords]
+        case _:
+            raise _NotOnListError
+    if ast.unparse(function) != "cl.datasets.load" or any(map(_is_text, options)):
+        raise _NotOnListError
+    _check_arguments(datasets[name].load, [], keywords, 0)
 
 
 def _check_arguments(function: Any, values: Sequence[ast.expr], keywords: Sequence[ast.keyword], depth: int) -> None:
@@ -186,7 +199,7 @@ class Source:
     table
         Path of a table, or of several files.
     dataset
-        In place of a table, the data set as Python: ``"cl.datasets.load('lorenz')"``.
+        In place of a table, the data set as Python: ``"cl.datasets.load('lorenz')"``; all else is left out.
     properties
         Columns that are properties; default as the table says.
     training
@@ -288,7 +301,8 @@ def to_script(law: Law, path: str | Source = "trials.csv") -> str:
         roles |= {"object": None, "states": list(schema.wide), "wide": roles.get("wide") or schema.measured[0]}
         roles |= {"noise_columns": None}  # Those of the long table
     arguments = ", ".join(f"{name}={role!r}" for name, role in roles.items() if role is not None)
-    reading = f"from_frame({source.dataset}.to_frame()" if source.dataset else f"read({source.table!r}"
+    dataset = rewritten(source.dataset, _check_dataset)
+    reading = f"from_frame({dataset}.to_frame()" if dataset else f"read({source.table!r}"
     read = (
         f"cl.TrialStream.from_parquet({source.table!r}, {arguments})"
         if source.stream

@@ -170,16 +170,16 @@ def check_text(source: str, content: bytes) -> None:
         raise CommonlawError("not-utf-8", source=source, line=line, byte=content[error.start]) from None
 
 
-def read_json(content: bytes, kind: type[T]) -> T:
+def read_json(content: bytes, kind: type[T], largest: int = LARGEST_JSON) -> T:
     """Return the value of a type that msgspec knows from JSON.
 
-    Raises `CommonlawError` if it is no JSON, of another type, larger than `LARGEST_JSON` or nested deeper than
+    Raises `CommonlawError` if it is no JSON, of another type, larger than so many bytes or nested deeper than
     `DEEPEST`; the message says where.
     """
     import msgspec
 
-    if len(content) > LARGEST_JSON:
-        raise CommonlawError("json-too-large", bytes=len(content), limit=LARGEST_JSON)
+    if len(content) > largest:
+        raise CommonlawError("json-too-large", bytes=len(content), limit=largest)
     check_text("JSON", content)
     brackets = np.frombuffer(_STRING.sub(b"", content).translate(None, _NO_BRACKETS), dtype=np.uint8)
     depth = int(np.cumsum(np.where(np.isin(brackets, list(b"[{")), 1, -1), dtype=np.int32).max(initial=0))
@@ -225,12 +225,12 @@ _REMEDIES = {
 }
 
 
-def write_whole(path: AnyPath, content: bytes) -> None:
-    """Write `content` to `path` so that a reader sees the old file or the whole new one."""
-    write_all({path: content})
+def write_whole(path: AnyPath, content: bytes, mode: int = 0o666) -> None:
+    """Write `content` to `path` so that a reader sees the old file or the whole new one, with these permissions."""
+    write_all({path: content}, mode)
 
 
-def write_all(contents: Mapping[P, bytes]) -> None:
+def write_all(contents: Mapping[P, bytes], mode: int = 0o666) -> None:
     """Write several files: all of them are complete next to their targets before the first is put in place.
 
     What a process that was killed has left half-written in these folders is removed.
@@ -252,7 +252,7 @@ def write_all(contents: Mapping[P, bytes]) -> None:
                     anchors[folder] = stack.enter_context(_anchor(folder))
                 part = folder / f"{anchors[folder].name}-{number}"
                 stack.callback(part.unlink, missing_ok=True)
-                _stage(part, content, target.status)
+                _stage(part, content, target.status, mode)
             staged.append((target, part))
         for target, content in zip(targets, contents.values(), strict=True):
             if target.is_stream:
@@ -298,16 +298,26 @@ def check_targets(paths: Iterable[AnyPath], inputs: Iterable[AnyPath] = ()) -> "
 
 
 def make_folder(folder: AnyPath, private: bool = False) -> None:
-    """Make a folder, and those that it is in, where they are not there yet; a private one for nobody else.
+    """Make a folder, and those that it is in, where they are not there yet; a new private one for nobody else.
 
     Raises `CommonlawError` if it cannot be made.
     """
     try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        if private:
-            Path(folder).chmod(0o700)
+        Path(folder).parent.mkdir(parents=True, exist_ok=True)
+        Path(folder).mkdir(0o700 if private else 0o777, exist_ok=True)
     except (OSError, ValueError) as error:
         raise CommonlawError("folder-not-made", folder=str(folder), reason=_reason(error)) from error
+
+
+@contextmanager
+def one_writer(folder: Path) -> Iterator[None]:
+    """Let one thread of one process at a time do what is within: read and write again what is in a folder."""
+    from filelock import FileLock
+
+    with ExitStack() as stack:
+        with suppress(OSError, NotImplementedError):  # Not every file system has locks
+            stack.enter_context(FileLock(folder / ".lock", mode=0o600))
+        yield
 
 
 def remove_file(file: Path) -> None:
@@ -454,9 +464,9 @@ def _remove(file: Path) -> None:
         file.unlink(missing_ok=True)
 
 
-def _stage(part: Path, content: bytes, old: os.stat_result | None) -> None:
+def _stage(part: Path, content: bytes, old: os.stat_result | None, mode: int) -> None:
     """Write a new file next to its target, with owner and permissions of the `old` one that it is to replace."""
-    opened = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600 if old else 0o666)
+    opened = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600 if old else mode)
     with os.fdopen(opened, "wb") as file:
         file.write(content)
         file.flush()

@@ -7,7 +7,7 @@ import { showQuestion, showSearch } from "./question.js";
 export async function offerSessions() {
   const sessions = await ask("sessions");
   $("resume").hidden = !sessions.length;
-  $("saved_sessions").replaceChildren(...sessions.map(({ key, name, table, saved }) => element("option", `${name} (${table}, ${saved.slice(0, 16).replace("T", " ")})`, { value: key })));
+  $("saved_sessions").replaceChildren(...sessions.map(({ key, name, table, saved, problem }) => element("option", `${name} (${problem ? "cannot be opened" : `${table}, ${saved.slice(0, 16).replace("T", " ")}`})`, { value: key })));
 }
 
 /** Show which session this is; none after another table was opened. */

@@ -57,8 +57,9 @@ function command({ chosen, text }) {
   for (const name of columns.properties ?? []) (chosen ? roles : reading).push("--property", name);
   for (const option of ["wide", "restarts", "decimal", "dates"]) if (columns[option]) reading.push(`--${option}`, columns[option]);
   for (const mark of columns.missing ?? []) reading.push("--missing", mark);
-  const described = reading.length ? ["commonlaw", "data", "check", preview.name, ...roles, ...reading, "--save", "schema.toml"] : [];
-  const said = ["commonlaw", chosen && !given ? "discover" : "fit", preview.name, ...given ? [asked.written] : chosen ? [] : [text.join("; ")]];
+  const file = preview.name.replace(/^-/, "./-");  // No option
+  const described = reading.length ? ["commonlaw", "data", "check", file, ...roles, ...reading, "--save", "schema.toml"] : [];
+  const said = ["commonlaw", chosen && !given ? "discover" : "fit", file, ...given ? [asked.written.replace(/^-/, " -")] : chosen ? [] : [text.join("; ")]];
   said.push(...reading.length ? ["--schema", "schema.toml"] : roles);
   if (given) {
     for (const [name, value] of Object.entries(equations.starts)) said.push("--initial-value", `${name}=${value}`);
