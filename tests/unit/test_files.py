@@ -298,11 +298,12 @@ def test_json_may_be_nested_as_deep_as_is_said(opening):
         read_json(opening.encode() * 1_000_000, object)
 
 
-def test_json_has_a_largest_size(monkeypatch):
-    monkeypatch.setattr(files, "LARGEST_JSON", 10)
-    assert read_json(b"[1, 2, 3] ", list) == [1, 2, 3]
+def test_json_has_a_largest_size():
+    assert read_json(b"[1, 2, 3] ", list, 10) == [1, 2, 3]
     with refused("json-too-large", bytes=11, limit=10):
-        read_json(b"[1, 2, 3]  ", list)
+        read_json(b"[1, 2, 3]  ", list, 10)
+    with refused("json-too-large", limit=files.LARGEST_JSON):
+        read_json(b" " * (files.LARGEST_JSON + 1), list)
 
 
 def test_text_that_is_not_utf_8_is_refused_with_its_line():
