@@ -383,10 +383,10 @@ def test_a_row_of_units_below_the_header_of_a_sheet_is_read(tmp_path):
 
 def test_files_and_tables_have_a_largest_size(tmp_path, monkeypatch):
     (tmp_path / "drops.csv").write_text("t,x\n0,1\n1,2\n")
-    monkeypatch.setattr(files, "MOST_CELLS", 8)
+    monkeypatch.setattr(files, "MOST_CELLS", 4)
     assert len(read_table(tmp_path / "drops.csv")) == 2
-    monkeypatch.setattr(files, "MOST_CELLS", 7)
-    with refused("table-too-large", source="drops.csv", count=8, cells="cells, 4 rows of 2", limit=7):
+    monkeypatch.setattr(files, "MOST_CELLS", 3)
+    with refused("table-too-large", source="drops.csv", count=4, cells="cells, 2 rows of 2", limit=3):
         read_table(tmp_path / "drops.csv")
     with refused("table-too-large", count=10001, cells="columns", limit=10000):
         check_size("drops.csv", 1, 10_001)

@@ -33,6 +33,13 @@ MOST_ROWS = 10_000_000
 MOST_COLUMNS = 10_000
 MOST_CELLS = 30_000_000
 """Rows, columns and cells of a table that is held in memory."""
+MOST_LINES = 2 * MOST_ROWS
+"""Lines of text, with blank ones and comments."""
+LONGEST_LINE = 2**22
+"""Bytes of a line of text: 400 characters in each of `MOST_COLUMNS`."""
+LARGEST_INFLATION = 100
+LARGEST_INFLATED = 2**28
+"""Ratio of unpacked to packed bytes beyond which a file is an attack (Apache POI), and bytes up to which it may be."""
 LARGEST_JSON = 2**26
 """Bytes of a law, and of what a Parquet file says of its columns."""
 DEEPEST = 32
@@ -45,6 +52,8 @@ T = TypeVar("T")
 
 _GZIP, _BZIP2, _XZ = b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0"
 """What compressed files begin with."""
+PARQUET, WORKBOOK = b"PAR1", (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+"""What tables begin with that are not text."""
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 """Characters that no text of an instrument has."""
 _STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
@@ -98,23 +107,45 @@ def check_size(source: str, rows: int, columns: int) -> None:
 def unpacked(source: str, content: bytes) -> bytes:
     """Return what a file holds that may be compressed: by gzip, bzip2 or xz.
 
-    Raises `CommonlawError` if it is damaged, or unpacks to more than `LARGEST_FILE`, or takes more memory for that.
+    Raises `CommonlawError` if it is damaged, unpacks to more than `LARGEST_FILE`, takes more memory for that, or is
+    text of more or longer lines than `MOST_LINES` and `LONGEST_LINE`.
     """
     import lzma
 
     if not content.startswith((_GZIP, _BZIP2, _XZ)):
+        _check_parts(source, (content[i : i + 2**20] for i in range(0, len(content), 2**20)), len(content))
         return content
     try:
-        size = 0
-        for part in _parts(content):  # Counted first, as a small file may unpack to more than the memory holds
-            size += len(part)
-            if size > LARGEST_FILE:
-                raise CommonlawError("unpacked-too-large", source=source, limit=LARGEST_FILE)
-        return b"".join(_parts(content))
+        # Counted first, as a small file may unpack to more than the memory holds
+        _check_parts(source, _parts(content), len(content))
+        whole = io.BytesIO()
+        whole.writelines(_parts(content))
+        return whole.getvalue()
     except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
         if "Memory usage limit" in str(error):
             raise CommonlawError("dictionary-too-large", source=source, limit=LARGEST_FILE) from None
         raise CommonlawError("not-unpacked", source=source, error=error) from None
+
+
+def _check_parts(source: str, parts: Iterable[bytes], packed: int) -> None:
+    """Refuse content at the first part with which it is too large; `packed` is the number of bytes of the file."""
+    limit = min(LARGEST_FILE, max(LARGEST_INFLATED, LARGEST_INFLATION * packed))
+    size = lines = length = 0
+    is_text = True
+    for part in parts:
+        is_text = is_text if size else not part.startswith((PARQUET, *WORKBOOK))
+        size += len(part)
+        if size > limit:
+            raise CommonlawError("unpacked-too-large", source=source, limit=limit)
+        if not is_text:
+            continue
+        lines += max(part.count(b"\n"), part.count(b"\r"))
+        if lines > MOST_LINES:
+            raise CommonlawError("table-too-large", source=source, count=lines, cells="lines", limit=MOST_LINES)
+        end = max(part.rfind(b"\n"), part.rfind(b"\r"))
+        length = len(part) - end - 1 + (length if end < 0 else 0)
+        if length > LONGEST_LINE:
+            raise CommonlawError("line-too-long", source=source, line=lines + 1, limit=LONGEST_LINE)
 
 
 def _parts(content: bytes) -> Iterator[bytes]:

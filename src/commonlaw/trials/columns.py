@@ -124,7 +124,11 @@ class Table:
 
     def is_switch(self, name: str) -> bool:
         """Say whether a column holds both words for the states of a switch, which are read as 1 and 0."""
-        words = {cell.casefold() for cell in self._cells(name)} - {""}
+        words = set[str]()
+        for cell in self.columns[name]:
+            words |= {cell.strip().casefold()} - {""} if isinstance(cell, str) else set()
+            if len(words) > 2:
+                return False
         return any(words == {*states} for states in _SWITCHES)
 
     def limits(self, name: str) -> Floats:

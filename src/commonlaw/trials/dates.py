@@ -107,8 +107,7 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
 
 def holds_dates(column: Column) -> bool:
     """Say whether the first cell of a column that is not empty is a date, alone or with a time of day."""
-    cells, present = _cells(column)
-    return bool(present.any()) and _is_date(cells[present][0])
+    return _is_date(_first_cell(column))
 
 
 def years_of(names: Iterable[str]) -> dict[str, float]:
@@ -172,10 +171,9 @@ def _partner(table: Table, name: str, others: Collection[str]) -> str | None:
 
 def _is_of_days(column: Column) -> bool:
     """Say whether a column holds dates without times of day."""
-    if not holds_dates(column):
+    cell = _first_cell(column)
+    if not _is_date(cell):
         return False
-    cells, present = _cells(column)
-    cell = cells[present][0]
     return ":" not in cell if isinstance(cell, str) else not isinstance(cell, datetime) or cell.time() == time()
 
 
@@ -183,8 +181,7 @@ def is_clock(column: Column) -> bool:
     """Say whether a column holds times of day, or durations."""
     if column.dtype.kind != "O":
         return False
-    cells, present = _cells(column)
-    first = cells[present][0] if present.any() else None
+    first = _first_cell(column)
     if isinstance(first, str):
         return (_MINUTES.fullmatch(first) or _DURATION.fullmatch(first)) is not None
     return isinstance(first, time | timedelta)
@@ -362,6 +359,18 @@ def _readings(cell: str, order: DateOrder | None) -> dict[str, str] | None:
 def _hours(text: str, half: str | None) -> int:
     """Return the hours since midnight, of a clock of twelve hours in a `half` of the day."""
     return int(text) % 12 + 12 * (half.casefold() == "p") if half else int(text)
+
+
+def _first_cell(column: Column) -> object:
+    """Return the first cell that is not empty, as `_cells` has it; None if there is none."""
+    import pandas as pd
+
+    stripped = (cell.strip() or None if isinstance(cell, str) else cell for cell in column)
+    first = next((cell for cell in stripped if pd.isna(cell) is not True), None)
+    if column.dtype.kind == "O" and not (isinstance(first, str) and _DIGITS.fullmatch(first)):
+        return first
+    cells, present = _cells(column)
+    return cells[present][0] if present.any() else None
 
 
 def _cells(column: Column) -> tuple[Column, Bools]:

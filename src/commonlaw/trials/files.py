@@ -25,6 +25,8 @@ from commonlaw.runtime.files import (
     BYTE_ORDER_MARK,
     LARGEST_FILE,
     MOST_CELLS,
+    PARQUET,
+    WORKBOOK,
     check_size,
     checked_file,
     read_file,
@@ -214,11 +216,11 @@ def table_in(name: str, content: bytes, sheet: str | None = None) -> Table:
     content = unpacked(name, content)
     if not content.removeprefix(BYTE_ORDER_MARK).strip():
         raise CommonlawError("table-empty", name=name)
-    if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+    if content.startswith(WORKBOOK):
         table = workbook_table(name, content, sheet)
     elif sheet is not None:
         raise CommonlawError("sheet-of-text", name=name, sheet=sheet)
-    elif content.startswith(b"PAR1"):
+    elif content.startswith(PARQUET):
         with _whole(name):
             file, data = _unpacked(name, content)
             kept = _kept(name, file.schema_arrow.metadata)

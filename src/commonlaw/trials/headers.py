@@ -65,6 +65,8 @@ _PLAIN_POWER = re.compile(r"(?<![^\W_])(?:[cdkmnµμ]?m|s)(?=[23]\b)|[^\W\d_](?=
 """What is written before a power without a sign of power: mm3, mol L-1."""
 _LABEL = re.compile(r"(?![dhms]-)[^\W\d_]-\d|s\d")
 """What is rather a place or an earlier sample: A-1, t-1."""
+_LONGEST_UNIT = 100
+"""Characters."""
 _BASIS = re.compile(r"(\w+) ?/ ?\1 \w+")
 """What a share is of, such as dry matter: kg/kg dm."""
 _TENS = re.compile(r"(?:[x×] ?)?10(?:(?:\^|\*\*)([369])|([³⁶⁹]))")
@@ -152,7 +154,7 @@ def known_unit(text: str) -> "pint.Unit | None":
     """
     import pint
 
-    if _BASIS.fullmatch(text):
+    if len(text) > _LONGEST_UNIT or _BASIS.fullmatch(text):
         return None
     for spelling, written in _SPELLINGS.items():
         text = re.sub(spelling, written, text)

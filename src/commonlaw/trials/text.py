@@ -12,15 +12,15 @@ import numpy as np
 
 from commonlaw.array_types import Indices
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.files import check_size, decoded
+from commonlaw.runtime.files import MOST_CELLS, MOST_COLUMNS, MOST_ROWS, check_size, decoded
 from commonlaw.text import counted, shown
 from commonlaw.trials.cells import is_missing
-from commonlaw.trials.columns import Table, filled_table
+from commonlaw.trials.columns import Column, Table, filled_table
 from commonlaw.trials.dates import elapsed_in_names
 from commonlaw.trials.headers import known_unit, split_header
 
 _BEYOND = "[<>~\N{LESS-THAN OR EQUAL TO}\N{GREATER-THAN OR EQUAL TO}]? ?"
-_NUMBER = rf"{_BEYOND}[+\-\N{{MINUS SIGN}}]?(\d[\d.,' \N{{NO-BREAK SPACE}}]*|[.,]\d+)([eE][+-]?\d+)?"
+_NUMBER = rf"{_BEYOND}[+\-\N{{MINUS SIGN}}]?(\d[\d.,' \N{{NO-BREAK SPACE}}]*+|[.,]\d+)([eE][+-]?\d+)?"
 _DATE = r"[A-Z][a-z]{2,8}\.? \d+,? \d{4}.*|\d{1,4}[-./ ][^\W_]+[-./ ]\d+.*|\d+:\d\d.*|\d{8}T\d{4,6}Z?"
 _VALUE = re.compile(rf"{_NUMBER}(\s*[^\W\d_]\D*|\s*[%°]\D*)?|{_DATE}")
 """A number, with a unit or without, a date or a time, in whatever way it is written."""
@@ -226,10 +226,15 @@ _MISSING = ["NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
 _QUOTED_MISSING = re.compile(r'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
 _COMMENT = re.compile(r'"[^"]*"|^[ \t]*(?:#|%|//)[^\n]*', re.MULTILINE)
 """A comment line, or a cell in quotes, in which such a line would be text."""
+_COMMENT_LINE, _WRITTEN_LINE = re.compile(r"^[ \t]*(?:#|%|//)", re.MULTILINE), re.compile(r"\S[^\n]*")
 _COMMENT_MARK = re.compile(r"\s*(?:[#%]+|//)\s*")
-_BLANKS = re.compile(r'"[^"\n]*"|[ \t]+(?=[^\s\[(])')
-_WIDE_BLANKS = re.compile(r'"[^"\n]*"|(?: {2,}| *\t *)(?=[^\s\[(])')
-"""What separates columns that are aligned by blanks; a unit in brackets belongs to the name before it."""
+_BLANKS = re.compile(r'"[^"\n]*"|(?<![ \t])[ \t]++(?=[^\s\[(])')
+_WIDE_BLANKS = re.compile(r'"[^"\n]*"|(?<! )(?: {2,}+| *+\t *+)(?=[^\s\[(])')
+"""What separates columns that are aligned by blanks; a unit in brackets belongs to the name before it.
+
+Each run of blanks is tried from its beginning only, so that a long one takes no time in proportion to its square.
+"""
+_MOST_COMMENTS = 1_000_000
 
 
 def text_table(source: str, content: bytes) -> Table:
@@ -238,12 +243,7 @@ def text_table(source: str, content: bytes) -> Table:
 
     text, encoding = decoded(source, content)
     facts = [f"text in {encoding}"] if encoding else []
-    # Comment lines become empty ones, and are kept by the numbers of the lines
-    comments = dict[int, str]()
-    marked = [match for match in _COMMENT.finditer(text) if not match[0].startswith('"')]
-    if 2 * len(marked) <= sum(1 for line in text.split("\n") if line.strip()):
-        comments = {text.count("\n", 0, match.start()) + 1: match[0].strip() for match in marked}
-        text = _COMMENT.sub(lambda match: match[0] if match[0].startswith('"') else "", text)
+    text, comments = _without_comments(source, text)
     separators = _separators(text)
     text, delimiter = separators.applied(text), separators.mark
     sample = _sample(text)
@@ -263,9 +263,10 @@ def text_table(source: str, content: bytes) -> Table:
     facts += [*layout.facts]
     if others := [repr(row.text) for row in remarks if row.line != layout.header_line and row.text]:
         facts.append(f"comments left out: {shown(others)}")
-    check_size(source, text.count("\n") + 1, len(header))
     body = text.split("\n", before)[before] if text.count("\n") >= before else ""
-    body, footer = _without_footer(body, delimiter, layout)
+    del content, text
+    _check_cells(source, body, delimiter, before)
+    body, footer = _without_footer(source, body, delimiter, layout, before)
     facts += footer
     if not body.strip():
         return filled_table(source, header, [np.empty(0, dtype=object)] * len(header))
@@ -289,14 +290,17 @@ def text_table(source: str, content: bytes) -> Table:
     except pd.errors.ParserError as error:
         raise CommonlawError("quotation-marks", where=source, error=error) from None
     kept = np.flatnonzero(lines)
-    words, counts = frame.where(frame.isin(_MISSING)), Counter[tuple[int, str]]()
+    counts, columns = Counter[tuple[int, str]](), list[Column]()
     for i in range(len(header)):
-        counts.update((i, word) for word in words[i].dropna())
-    cells = frame.mask(words.notna())
+        cells = frame.pop(i).to_numpy(dtype=object)[kept]
+        if (is_word := pd.Series(cells).isin(_MISSING).to_numpy()).any():
+            counts.update((i, word) for word in cells[is_word])
+            cells[is_word] = np.nan
+        columns.append(cells)
     table = filled_table(
         source,
         header,
-        [cells[i].to_numpy()[kept] for i in range(len(header))],
+        columns,
         loose=range(len(header)),
         locate=lambda row: f"row {row + 1} (line {lines[kept[row]]})",
         number=lambda row: int(lines[kept[row]]),
@@ -306,6 +310,26 @@ def text_table(source: str, content: bytes) -> Table:
         for (i, word), count in counts.items()
     ]
     return replace(table, facts=tuple(facts))
+
+
+def _without_comments(source: str, text: str) -> tuple[str, dict[int, str]]:
+    """Return a text with empty lines in place of comments, and these by the numbers of their lines.
+
+    Where they are more than half of what is written, they are no comments.
+    """
+    comments, line, begin = dict[int, str](), 1, 0
+    for match in _COMMENT.finditer(text) if _COMMENT_LINE.search(text) else ():
+        if match[0].startswith('"'):
+            continue
+        line, begin = line + text.count("\n", begin, match.start()), match.start()
+        comments[line] = match[0].strip()
+        if len(comments) > _MOST_COMMENTS:
+            raise CommonlawError(
+                "table-too-large", source=source, count=len(comments), cells="comments", limit=_MOST_COMMENTS
+            )
+    if not comments or 2 * len(comments) > sum(1 for _ in _WRITTEN_LINE.finditer(text)):
+        return text, {}
+    return _COMMENT.sub(lambda match: match[0] if match[0].startswith('"') else "", text), comments
 
 
 @dataclass(frozen=True)
@@ -319,7 +343,7 @@ class _Separators:
         """Return a text with the mark in place of blanks that separate cells."""
         if self.blanks is None:
             return text
-        stripped = re.sub(r"^[ \t]+|[ \t]+$", "", text, flags=re.MULTILINE)
+        stripped = "\n".join(line.strip(" \t") for line in text.split("\n"))
         return self.blanks.sub(lambda match: match[0] if match[0].startswith('"') else self.mark, stripped)
 
 
@@ -342,6 +366,7 @@ def _separators(text: str) -> _Separators:
 def _sample(text: str, length: int = 200_000) -> str:
     """Return the lines at the beginning of a file by which its layout is found."""
     end = text.rfind("\n", 0, length)
+    end = end if end >= 0 else text.find("\n", length)
     return text if len(text) <= length or end < 0 else text[:end]
 
 
@@ -350,19 +375,44 @@ def _read(source: str, text: str, delimiter: str, before: int = 0) -> Iterator[R
     reader, line = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter), before
     try:
         for cells in reader:
+            if len(cells) > MOST_COLUMNS:
+                check_size(source, 1, len(cells))
             yield Row(line + 1, before + reader.line_num, cells)
             line = before + reader.line_num
     except csv.Error as error:
         line = before + reader.line_num
+        if "field limit" in str(error):
+            raise CommonlawError("cell-too-long", source=source, line=line, limit=csv.field_size_limit()) from None
         raise CommonlawError("quotation-marks-in-line", source=source, line=line, error=error) from None
 
 
-def _without_footer(body: str, delimiter: str, layout: Layout) -> tuple[str, list[str]]:
+def _check_cells(source: str, body: str, delimiter: str, before: int) -> None:
+    """Refuse a cell that is too long; one on several lines is in quotes, and refused by `_read`."""
+    ends, limit = _positions(body, "\n"), csv.field_size_limit()
+    for i in np.flatnonzero(np.diff(ends, prepend=-1) > limit).tolist():
+        line = body[ends[i - 1] + 1 if i else 0 : ends[i]]
+        if max(map(len, line.split(delimiter))) > limit:
+            raise CommonlawError("cell-too-long", source=source, line=before + i + 1, limit=limit)
+
+
+def _positions(text: str, mark: str) -> Indices:
+    """Return the indices of a character, part by part, and after the last one that of the end of the text."""
+    parts, size = list[Indices](), 2**24
+    for begin in range(0, len(text), size):
+        # One number for each character, whatever it is
+        codes = np.frombuffer(text[begin : begin + size].encode("utf-32-le"), dtype=np.uint32)
+        parts.append(begin + np.flatnonzero(codes == ord(mark)))
+    ended = text.endswith(mark) or not text
+    return np.concatenate([*parts, np.full(0 if ended else 1, len(text))])
+
+
+def _without_footer(source: str, body: str, delimiter: str, layout: Layout, before: int) -> tuple[str, list[str]]:
     """Return the rows of the table without those at their end that are no measurements, and what these were."""
     # Among the last 100 lines
     lines, texts = body.rstrip("\n").rsplit("\n", 100), list[str]()
     while len(lines) > 1 and not lines[-1].count('"') % 2:
-        cells = next(csv.reader([lines[-1]], delimiter=delimiter), [])
+        line = before + body.count("\n", 0, len(lines[0])) + len(lines) - 1
+        cells = next((row.cells for row in _read(source, lines[-1], delimiter, line)), [])
         if not layout.is_below(cells):
             break
         texts.insert(0, " ".join(cells).strip()[:80])
@@ -376,14 +426,16 @@ def _line_numbers(source: str, body: str, delimiter: str, width: int, before: in
     """Return the number of the last line of each row, `before` lines into the file, and 0 for an empty row."""
     # Counting separators is much faster than reading rows, and says enough where all is in order
     if '"' not in body:
-        text = np.frombuffer(body.encode(), dtype=np.uint8)
-        ends = np.append(np.flatnonzero(text == ord("\n")), [len(text)] * (not body.endswith("\n")))
-        separators = np.searchsorted(np.flatnonzero(text == ord(delimiter)), ends)
+        ends = _positions(body, "\n")
+        check_size(source, int(np.count_nonzero(np.diff(ends, prepend=-1) > 1)), width)
+        separators = np.searchsorted(_positions(body, delimiter), ends)
         if len(ends) and np.all(np.diff(separators, prepend=0) == width - 1):
             return before + 1 + np.arange(len(ends))
-    lines, count = [], 0
+    lines, count, most = [], 0, min(MOST_ROWS, MOST_CELLS // max(width, 1))
     for row in _read(source, body, delimiter, before):
         count += bool(row.cells)
+        if count > most:
+            check_size(source, count, width)
         lines.append(row.line if row.cells else 0)
         if row.cells and len(row.cells) != width:
             raise CommonlawError(

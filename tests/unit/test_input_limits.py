@@ -1,0 +1,87 @@
+"""Limits of what is read, asked while it is read: bombs of a few kilobytes, long lines and cells, nested input."""
+
+import bz2
+import gzip
+import lzma
+from time import process_time
+
+import pytest
+
+from commonlaw.runtime.files import LONGEST_LINE, MOST_LINES, MOST_ROWS, check_size, unpacked
+from commonlaw.trials.files import table_in
+from commonlaw.trials.text import is_value
+from tests.refusals import refused
+
+HEAD = b"t,x\n0,1\n1,2\n2,3\n"
+
+STREAMS = {
+    "gzip": gzip.compress,
+    "bzip2": bz2.compress,
+    "xz": lzma.compress,
+}
+
+
+@pytest.mark.parametrize("pack", STREAMS.values(), ids=STREAMS)
+def test_a_bomb_of_rows_is_refused_before_it_is_unpacked(pack):
+    bomb = pack(HEAD) + pack(b"\n" * 2**16) * 20_000  # 1.3 GB
+    with refused("table-too-large", source="t.csv", cells="lines", limit=MOST_LINES):
+        table_in("t.csv", bomb)
+
+
+def test_text_that_unpacks_to_a_hundred_times_its_size_is_refused():
+    line = b"0." + b"0" * 1000 + b",1\n"
+    bomb = gzip.compress(HEAD) + gzip.compress(line * 1000) * 1000
+    with refused("unpacked-too-large", limit=2**28):
+        table_in("t.csv", bomb)
+
+
+@pytest.mark.parametrize("filling", [b" ", b",", b'"', b"a", b"1"])
+def test_a_line_without_end_is_refused(filling):
+    with refused("line-too-long", line=5, limit=LONGEST_LINE):
+        table_in("t.csv", HEAD + filling * (LONGEST_LINE + 2**21))
+    assert unpacked("t.csv", HEAD * 2**20)
+
+
+@pytest.mark.parametrize("rows", [18_000, 10])
+@pytest.mark.parametrize("ending", [b"", b"\n", b"\n50000,3\n"])
+def test_a_cell_that_is_too_long_is_refused_wherever_it_stands(rows, ending):
+    lines = b"".join(b"%d,%d.25\n" % (i, i * i % 97) for i in range(rows))
+    with refused("cell-too-long", line=rows + 2, limit=131_072):
+        table_in("t.csv", b"t,x\n" + lines + b"50000," + b"1" * 131_073 + ending)
+    with refused("cell-too-long"):
+        table_in("t.csv", b"t,x\n" + lines + b'50000,"' + b"1," * 70_000 + b'"' + ending)
+
+
+def test_a_header_of_too_many_columns_is_refused():
+    header = b",".join(b"x%d" % i for i in range(20_000))
+    with refused("table-too-large", count=20_000, cells="columns"):
+        table_in("t.csv", header + b"\n" + b"\n".join([b"1," * 19_999 + b"1"] * 3))
+
+
+def test_only_rows_are_counted():
+    check_size("t.csv", MOST_ROWS, 2)
+    table = table_in("t.csv", b"# of a logger\n\n" + HEAD + b"\n" * 5)
+    assert len(table) == 3
+
+
+def test_comments_between_rows_are_taken_out_in_linear_time():
+    begin = process_time()
+    table = table_in("t.csv", b"t,x\n" + b"".join(b"%d,2\n# a remark\n" % i for i in range(100_000)) + b"100000,3\n")
+    assert len(table) == 100_001
+    assert process_time() - begin < 10
+
+
+LONG_CELLS = {
+    "blanks": "1" + " " * 100_000 + "a1",
+    "digits": "1" * 100_000 + "a1",
+    "blanks before a unit": "1" + " " * 100_000 + "[m]",
+    "numbers": "1 " * 3_000 + "a1",
+}
+
+
+@pytest.mark.parametrize("cell", LONG_CELLS.values(), ids=LONG_CELLS)
+def test_a_long_cell_takes_no_time_in_proportion_to_its_square(cell):
+    begin = process_time()
+    is_value(cell)
+    table_in("t.csv", HEAD + f"3,{cell}\n".encode())
+    assert process_time() - begin < 5
