@@ -13,7 +13,7 @@ from commonlaw.array_types import Floats, Indices
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.beginning import Beginning, begin
+from commonlaw.estimation.beginning import Beginning, begin, initial_time_of, written_starts
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.law.models import named_models
@@ -117,7 +117,8 @@ def _read(table: Table, asked: bytes) -> tuple[Beginning, Trials, list[list[str]
     if not needs_model(model_text, trials, given, (), None) and not given:
         properties = property_names(trials.properties)
         read_equations("; ".join(model_text.equations), trials.schema, properties=properties)  # Says what `fit` refuses
-    begun = begin(model_text, trials, given, equations.initial_time)
+    at = initial_time_of(trials, equations.initial_time, written_starts(model_text, given))
+    begun = begin(model_text, trials, given, at)
     begun = replace(begun, problem=replace(begun.problem, tolerance=1e-5), first=_with_rates(begun))
     model = begun.model
     lefts = latex_left_hand_sides(model.schema.states, model.order)

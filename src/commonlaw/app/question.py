@@ -242,7 +242,7 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     shared: Mapping[str, str] = {}
     priors: Mapping[str, tuple[float, float]] = {}
     starts: Mapping[str, str] = {}
-    initial_time: float | None = None
+    initial_time: float | str | None = None
     doses: tuple[str, ...] = ()
 
     @property
@@ -282,7 +282,7 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             self.written,
             trials,
             initial_values=self.initial or None,
-            initial_time=self.initial_time,
+            initial_time=cast(float | Literal["first"] | None, self.initial_time),
             doses=self.doses,
             shared=shared,
             # Fits with latent states alone look for values themselves

@@ -26,7 +26,8 @@ from commonlaw.law.equilibria import has_phase_plane
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
-from commonlaw.law.script import Source, to_script
+from commonlaw.law.printing import start_lines
+from commonlaw.law.script import Source, given_initial_time, to_script
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import quantities_by_object, readable, with_interval, with_unit
 from commonlaw.library import order_of_each
@@ -241,7 +242,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "evidence": candidate.evidence,
         "text": shown_equations(law),
         "formula": formulas,
-        "simpler": simpler_forms(law) if candidate.chosen else within_errors(law),
+        "simpler": [*start_lines(law), *(simpler_forms(law) if candidate.chosen else within_errors(law))],
         "left": left_hand_sides(law),
         "equations": _editable(law),
         "figures": [
@@ -288,6 +289,7 @@ def _editable(law: Law) -> dict[str, Any] | None:
             for name, start in schema.initial_values.items()
             if not isinstance(start, Mapping)
         },
+        "initial_time": given_initial_time(law),
         "doses": schema.doses,
     }
 

@@ -81,7 +81,7 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
 @click.argument("equations", required=False)
 @option(
     "--initial-value STATE=VALUE...",
-    "Initial value of a state, at the first sample of each trial: a number, a property of the objects, "
+    "Initial value of a state, at time 0 of each trial: a number, a property of the objects, "
     "depot=dose, a parameter, x=x0, or depot=free to estimate it",
     "initial_values",
     group="Law",
@@ -89,10 +89,10 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
 )
 @option(
     "--initial-time TIME",
-    "Time of these initial values, if before the first sample of a trial, such as that of an injection.",
+    "Time of these initial values, and of those in equations, x(0) = 1; first for that of the first sample of each "
+    "trial  [default: 0]",
     "initial_time",
     group="Law",
-    type=float,
 )
 @option(
     "--dose COLUMN...",
@@ -121,7 +121,7 @@ def fit(
     source: Source,
     equations: str,
     initial_values: tuple[str, ...],
-    initial_time: float | None,
+    initial_time: str | None,
     doses: tuple[str, ...],
     shared: tuple[str, ...],
     guesses: tuple[str, ...],
@@ -172,7 +172,8 @@ def fit(
         others = [rival] if rival else []
         trials = without_notes_on(doses, load(source, [equations], others, known, groups.values()))
         training = source.select(trials)
-        settings |= {"initial_time": initial_time, "doses": doses, "guesses": numbers("--guess", guesses) or None}
+        origin = None if initial_time is None else number_or_text(initial_time)
+        settings |= {"initial_time": origin, "doses": doses, "guesses": numbers("--guess", guesses) or None}
         settings["shared"] = groups if any("=" in group for group in shared) else shared
         law = cl.fit(equations, training, initial_values=known, **settings, progress=show)
         later.save(outputs.save, law=law)

@@ -150,7 +150,7 @@ def _texts(value: str, write: Dialect) -> list[str]:
     if made := re.fullmatch(r"(\w+(?:Regression|Likelihood))\((.*)\)", value):
         words = re.sub(r"(?<!^)(?=[A-Z])", "-", made[1]).lower()
         return [" ".join([words, *(write(setting) for setting in made[2].split(", ") if setting)])]
-    return [value]
+    return [value[1:-1] if re.fullmatch(r"'[\w-]+'", value) else value]
 
 
 def in_options(text: str) -> str:

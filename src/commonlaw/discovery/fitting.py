@@ -16,7 +16,7 @@ from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.beginning import FREE, InitialGiven, begin
+from commonlaw.estimation.beginning import FREE, InitialGiven, begin, initial_time_of, written_starts
 from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import refine
@@ -71,7 +71,7 @@ def fit(
     trials: Trials | TrialStream | Any,
     *,
     initial_values: Mapping[str, InitialGiven] | None = None,
-    initial_time: float | None = None,
+    initial_time: float | Literal["first"] | None = None,
     doses: str | Sequence[str] = (),
     shared: str | Sequence[str] | Mapping[str, str] = (),
     guesses: Mapping[str, float] | None = None,
@@ -126,13 +126,15 @@ def fit(
         Measurements: trials, or a table that `Trials.from_frame` accepts. A stream is fitted file by file, see
         `refine`, without nonlinear parameters and latent states.
     initial_values
-        Initial values of states in the first sample of each trial, by name: a number, the name of a property of the
+        Initial values of states at time zero of each trial, by name: a number, the name of a property of the
         objects, such as a dose, an expression of parameters and properties, a number for each object, a mean and a
         standard deviation, or None (or ``"free"``) to estimate it for each trial. States with an initial value need no
         column: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, initial_values={"depot": "dose"})``.
         Those of measured states are estimated by default. In the equations: ``"x(0) = 1"``.
     initial_time
-        Time of the initial values, such as that of an injection, if it precedes the first sample.
+        Time of the initial values, or ``"first"`` for that of each trial's first sample, which it may precede but not
+        follow. Default: 0 if initial values are given, else, and where times are dates or times of day, the first
+        sample. A default of 0 is refused more than the length of a trial before the first sample, such as years.
     doses
         Inputs that are amounts added at once, at the times of their rows and after the measurements there; zero
         elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A trial that begins with a dose is
@@ -213,18 +215,21 @@ def fit(
     shared = (shared,) if isinstance(shared, str) else shared
     groups = shared if isinstance(shared, Mapping) else dict.fromkeys(shared, ALL)
     model = ModelText.of(equations, observe)
+    dosed = with_doses(trials, doses)
+    starts = written_starts(model, initial_values or {})
+    at = initial_time_of(dosed, initial_time, starts)
+    recorded = "first" if at is None and starts else at
     model_settings = {
         "initial_values": initial_values,
-        "initial_time": initial_time,
+        "initial_time": at,
         "shared": shared,
         "guesses": guesses,
         "priors": priors,
     }
     changed = changed_settings("fit", settings)
     whole = equations if isinstance(equations, str) else "; ".join(equations)
-    asked_of = {"observe": observe, "doses": doses, **model_settings, **changed}
+    asked_of = {"observe": observe, "doses": doses, **model_settings, "initial_time": recorded, **changed}
     calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
-    dosed = with_doses(trials, doses)
     _refuse_free_starts(dosed, [name for name, start in (initial_values or {}).items() if start in (None, FREE)])
     jointly = partial(_of_model, model, dosed, calls, model_settings | {"shared": groups}, changed)
     if needs_model(model, dosed, initial_values or {}, shared, priors) or any(
@@ -252,18 +257,18 @@ def fit(
         raise CommonlawError("latent-of-second-order", state=latent[0])
     if initial_time is not None and not initial_values:
         raise CommonlawError("initial-time-without-values")
-    trials = with_starts(trials, cast(dict[str, Start], initial_values), initial_time)
+    trials = with_starts(trials, cast(dict[str, Start], initial_values), at)
     if doses and input_interpolation is None:
         settings["input_interpolation"] = "linear"
     own_properties = property_names(trials.properties)
     given = read_equations(equations, trials.schema, properties=own_properties, functions=called)
     text = "; ".join((*given.texts, *(bound.text for bound in given.bounds)))
-    at = "" if initial_time is None else f" at {initial_time:g}"
+    when = "the first sample of each trial" if at is None else f"t = {at:g}"
     names = {coefficient.name for coefficient in given.coefficients}
     history = (
         Step("equations", text, "as given"),
         *(
-            Step("start", f"{name} = {start}{at}", "as given, for a latent state")
+            Step("start", f"{name} = {start} at {when}", "as given, for a latent state")
             if start is not None
             else Step("start", name, "latent state; the initial value was estimated in each trial")
             for name, start in initial_values.items()
@@ -272,7 +277,7 @@ def fit(
     )
     values: dict[str, Any] = {
         "initial_values": initial_values or None,
-        "initial_time": initial_time,
+        "initial_time": recorded,
         "doses": doses,
         "shared": shared,
         "guesses": guesses,

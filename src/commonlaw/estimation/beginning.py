@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from itertools import pairwise
 
 import numpy as np
 
@@ -146,6 +147,45 @@ def begin(
     )
 
 
+def written_starts(text: ModelText, initial_values: Mapping[str, InitialGiven]) -> list[str]:
+    """Return the states and rates whose initial values are written, in equations or apart."""
+    free = [name for name, start in initial_values.items() if start is None or start == FREE]
+    return [name for name in dict.fromkeys((*text.initial, *initial_values)) if name not in free]
+
+
+def initial_time_of(trials: Trials, given: float | str | None, written: Sequence[str]) -> float | None:
+    """Return the time of initial values, None for that of each trial's first sample.
+
+    By default it is zero for states whose initial values are written. That of dates and times of day is the first
+    sample.
+
+    Raises
+    ------
+    CommonlawError
+        If by default a trial begins before time zero or more than the length of a trial after it, each trial begins
+        after the last has ended, or the time is neither finite nor "first".
+    """
+    if given == "first" or (given is None and (not written or trials.schema.calendar)):
+        return None
+    if given is not None:
+        if isinstance(given, str) or not np.isfinite(given):
+            raise CommonlawError("initial-time-unknown", given=given)
+        return float(given)
+    in_order = sorted(trials, key=lambda trial: trial.times[0])
+    spans = [(float(trial.times[0]), float(trial.times[-1]), trial) for trial in in_order]
+    if all(first == last for first, last, _ in spans):  # Trials of one sample each are points of one course
+        spans = [(spans[0][0], spans[-1][1], in_order[0])]
+    longest = max(last - first for first, last, _ in spans)
+    start, after = f"{written[0]}(0)", all(begin[0] > end[1] > end[0] for end, begin in pairwise(spans))
+    for first, _, trial in spans:
+        if first > longest:
+            raise CommonlawError("initial-time-far", trial=trial.label, time=first, length=longest, start=start)
+    if after and len(spans) > 1:
+        last = spans[-1][2].label
+        raise CommonlawError("initial-time-of-clock", trial=last, time=spans[-1][0], end=spans[-2][1], start=start)
+    return 0.0
+
+
 def with_initial(text: ModelText, initial_values: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
     """Return the text with initial values that are given apart from it."""
     properties, initial = property_names(trials.properties), dict(text.initial)
@@ -251,8 +291,6 @@ def _problem(
     data = []
     rows = zip(trials, unknowns.parameters, unknowns.values, unknowns.initial, strict=True)
     for trial, parameters, values, initial in rows:
-        if start is not None and start > trial.times[0]:
-            raise CommonlawError("initial-time-late", trial=trial.label, time=trial.times[0], initial_time=start)
         data.append(TrialData.of(trial, model, start, parameters, values, initial))
     for name, (_, std) in priors.items():
         check_choice("parameter", name, list(dict.fromkeys(unknowns.names)))

@@ -25,7 +25,7 @@ from commonlaw.law.observation import OBJECT, Observation, Restrictions, by_tria
 from commonlaw.law.parameters import Parameters, named_parameters, state_rates
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
+from commonlaw.trials.transformations import number_of, starts_by, with_logarithms, with_noise
 from commonlaw.trials.trial import property_names
 
 
@@ -121,9 +121,10 @@ class ObservedLaw:
             values[i] = self.restrictions.priors.get(model.parameters[i], (values[i], 0.0))[0] + shift
         free = np.isin(np.arange(model.width), model.free_of(name))
         at = self.observation.initial_time
-        grid = np.union1d(times[:1] if at is None else [at], times)
+        trial = Trial(name, "1", times, np.zeros((len(times), len(model.observables))))
+        grid = times if at is None or starts_by(trial, at) else np.append(at, times)
         data = TrialData(
-            Trial(name, "1", times, np.zeros((len(times), len(model.observables)))),
+            trial,
             grid,
             np.searchsorted(grid, times),
             DelayedInputs(inputs, model.column, model.delay) if inputs else NO_INPUTS,
@@ -198,6 +199,8 @@ def _with_times(trial: Trial, more: Floats) -> Trial:
     new = np.setdiff1d(more, trial.times)
     if not len(new):
         return trial
+    if new[0] < trial.times[0]:
+        raise CommonlawError("forecast-before-start", trial=trial.label, time=new[0], begins=trial.times[0])
     times = np.concatenate([trial.times, new])
     order = np.argsort(times, kind="stable")
     unknown = np.full((len(new), trial.states.shape[1]), np.nan)

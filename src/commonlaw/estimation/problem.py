@@ -14,6 +14,7 @@ from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, Solution, s
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.library.grammar import columns_in
 from commonlaw.trials import Trial
+from commonlaw.trials.transformations import known_inputs, starts_by
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +53,14 @@ class TrialData:
         values: Sequence[float],
         initial: Sequence[int],
     ) -> "TrialData":
-        """Return a trial whose solution begins at a time, by default that of its first sample."""
-        first = trial.times[0] if start is None else start
-        times = np.union1d([first], trial.times)
+        """Return a trial whose solution begins at a time, by default that of its first sample; refused if it is later.
+
+        Inputs are those before the first sample, too.
+        """
+        times = trial.times if start is None or starts_by(trial, start) else np.append(start, trial.times)
         inputs = NO_INPUTS
         if trial.inputs.shape[1]:
-            undelayed = Inputs.of(trial.times, trial.inputs, model.schema.input_interpolation)
+            undelayed = Inputs.of(*known_inputs(trial), model.schema.input_interpolation)
             inputs = DelayedInputs(undelayed, model.column, model.delay)
         indices, free = (np.array(numbers, dtype=np.int64) for numbers in (parameter, initial))
         rows, fixed = np.searchsorted(times, trial.times), model.initial_of(trial.object)

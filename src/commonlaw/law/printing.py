@@ -193,15 +193,38 @@ def _has_relations(law: Law) -> bool:
 
 def equation_lines(law: Law) -> list[str]:
     """Return the equations of a law: with numbers of one object, with relations to properties, or of each object."""
-    observed = [] if law.observation is None else law.observation.lines
+    observed = [*([] if law.observation is None else law.observation.lines), *start_lines(law)]
     if len(law.objects) == 1:
         return [*law.equations(), *observed]
     if _has_relations(law):
-        return [*law.equations(), *relation_lines(law)]
+        return [*law.equations(), *relation_lines(law), *start_lines(law)]
     if shares_terms(law):
         return [*law.structure, *observed]
     by_object = {name: law.equations(name) for name in law.objects}
-    return [line for name, lines in by_object.items() for line in (f"{name}:", *(f"  {line}" for line in lines))]
+    lines = [line for name, lines in by_object.items() for line in (f"{name}:", *(f"  {line}" for line in lines))]
+    return [*lines, *start_lines(law)]
+
+
+def start_lines(law: Law) -> list[str]:
+    """Return a line with the time of the initial values that a law gives, or that were estimated in each trial.
+
+    >>> start_lines(Law.from_text("x' = -x"))
+    []
+    """
+    if law.observation is None:
+        schema, at = law.schema, law.schema.initial_time
+        written = {name: start for name, start in schema.initial_values.items() if isinstance(start, str | float)}
+        names = [f"{name}(0) = {written[name]}" if name in written else f"{name}(0)" for name in schema.initial_values]
+    else:
+        schema, at = law.observation.measured, law.observation.initial_time
+        estimated = [estimate.name for estimate in law.observation.estimated if estimate.name.endswith("(0)")]
+        names = [*dict.fromkeys((*(f"{name}(0)" for name in law.observation.initial), *estimated))]
+    if not names:
+        return []
+    when = "the first sample of each trial"
+    if at is not None:
+        when = f"{schema.time} = {at:g} {schema.units.get(schema.time, '')}".rstrip()
+    return [f"{', '.join(names)} at {when}"]
 
 
 def printed(law: Law) -> str:

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from pkgutil import resolve_name
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -311,9 +311,28 @@ def to_script(law: Law, path: str | Source = "trials.csv") -> str:
     read += source.kept
     learned = [f"measured = {read}", f"trials = {source.training}"] if source.training else [f"trials = {read}"]
     judged = "measured, trials" if source.training else "trials"
-    made = readable(law.provenance.calls, f"cl.fit({'; '.join(equations)!r}, trials)")
+    steps = readable(law.provenance.calls, f"cl.fit({'; '.join(equations)!r}, trials)")
+    made = [_with_initial_time(line, given_initial_time(law)) for line in steps]
     last = "law.report(trials).save('report.html')" if source.stream else f"print(law.assess({judged}))"
     return "\n".join(["import commonlaw as cl", "", *learned, *made, "print(law)", last, ""])
+
+
+def given_initial_time(law: Law) -> float | Literal["first"] | None:
+    """Return the time of the initial values that a law gives, as `commonlaw.fit` takes it; None where it gives none."""
+    given, at = law.schema.initial_values, law.schema.initial_time
+    if law.observation is not None:
+        given, at = law.observation.initial, law.observation.initial_time
+    return "first" if at is None and any(start is not None for start in given.values()) else at
+
+
+def _with_initial_time(line: str, at: float | Literal["first"] | None) -> str:
+    """Return a line of a program with the time of initial values, which fits of earlier versions did not record."""
+    if at is None or not line.startswith("law = cl.fit("):
+        return line
+    is_recorded = any(
+        isinstance(part, ast.keyword) and part.arg == "initial_time" for part in ast.walk(ast.parse(line))
+    )
+    return line if is_recorded else f"{line.removesuffix(')')}, initial_time={at!r})"
 
 
 def _same(one: Any, other: Any) -> bool:

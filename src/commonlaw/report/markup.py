@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, to_latex
 from commonlaw.law.law import shares_terms
 from commonlaw.law.pooling import by_properties
-from commonlaw.law.printing import latex_lefts, latex_structure
+from commonlaw.law.printing import latex_lefts, latex_structure, start_lines
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import aligned
 from commonlaw.runtime.packages import optional_import
@@ -28,7 +28,7 @@ def law_markdown(law: Law) -> str:
     if not shares_terms(law) and len(law.objects) > 1:
         return "".join(_own(law))
     shown = _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure)
-    return "\n\n".join([shown, *map(literal, [*within_errors(law), *by_properties(law)])])
+    return "\n\n".join([shown, *map(literal, [*start_lines(law), *within_errors(law), *by_properties(law)])])
 
 
 def law_latex(law: Law) -> str:

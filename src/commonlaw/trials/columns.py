@@ -67,6 +67,8 @@ class Table:
     notes: tuple[str, ...] = ()
     facts: tuple[str, ...] = ()
     """What was guessed of how the table is written."""
+    calendar: bool = False
+    """Whether the column of times had dates or times of day."""
     parsed: dict[str, Numerals | Unreadable] = field(default_factory=dict)
     """Columns of text as far as they have been read as numbers."""
     rows: Codes = field(default_factory=lambda: np.empty(0, dtype=np.int64))

@@ -56,6 +56,8 @@ class Elapsed(NamedTuple):
     unit: str
     since: str
     """The earliest, as shown with the unit."""
+    calendar: bool = True
+    """Whether they are of dates, not durations."""
 
 
 def elapsed(stamps: "pd.Series[Any]") -> Elapsed:
@@ -94,7 +96,8 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
             counts = [day for day in others if len(kept) == len(values) and _counts_days(table, day, after_midnight)]
             note += f", as {', '.join(counts)} counts" if counts else ""
             table = replace(table, columns={key: cells for key, cells in table.columns.items() if key not in counts})
-        return _with_times(table, name, values, "s", note)
+        calendar = bool(len(kept)) and np.min(values[kept]) >= 3600  # Others are durations: 0:15, 0:30
+        return _with_times(table, name, values, "s", note, calendar=calendar)
     elif (counted := _epochs(table, name)) is not None:
         stamps, note = counted, f"{name}: counted since 1970, taken as time in"
     elif holds_dates(column):
@@ -102,7 +105,7 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
     else:
         return table
     times = elapsed(stamps)
-    return _with_times(table, name, times.values, times.unit, f"{note} {times.since}")
+    return _with_times(table, name, times.values, times.unit, f"{note} {times.since}", calendar=True)
 
 
 def holds_dates(column: Column) -> bool:
@@ -152,9 +155,9 @@ def first_time(table: Table, name: str) -> int:
     return next((i for i, cell in enumerate(table.columns[name]) if is_time(cell)), 0)
 
 
-def _with_times(table: Table, name: str, values: Floats, unit: str, note: str) -> Table:
-    columns, units = {**table.columns, name: values}, {**table.units, name: unit}
-    return replace(table, columns=columns, units=units, loose=table.loose - {name}, notes=(*table.notes, note))
+def _with_times(table: Table, name: str, values: Floats, unit: str, note: str, *, calendar: bool) -> Table:
+    columns, units, loose = {**table.columns, name: values}, {**table.units, name: unit}, table.loose - {name}
+    return replace(table, columns=columns, units=units, loose=loose, notes=(*table.notes, note), calendar=calendar)
 
 
 def _partner(table: Table, name: str, others: Collection[str]) -> str | None:

@@ -246,11 +246,10 @@ def are_used(states: Floats, *, driven: bool) -> Bools:
 
 
 def inputs_before(times: Floats, inputs: Floats, used: Bools) -> Floats:
-    """Return times and inputs before the first used row, from the first nonzero input on, shape (m, 1 + inputs)."""
-    before = slice(0, int(np.argmax(used)))
-    rows = np.column_stack([times[before], inputs[before]])
-    begun = np.logical_or.accumulate(rows[:, 1:].any(axis=1))
-    return rows[begun]
+    """Return times and inputs before the first used row, none where all inputs to it are zero, (m, 1 + inputs)."""
+    first = int(np.argmax(used))
+    rows = np.column_stack([times[:first], inputs[:first]])
+    return rows if inputs[: first + 1].any() else rows[:0]
 
 
 def _back(times: Floats, group: Group) -> Codes:
@@ -500,6 +499,7 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
             )
     labels_in = columns.object or "object", columns.trial or "trial"
     schema = Schema(columns.states, columns.inputs, *labels_in, columns.time, units, columns.noise_columns)
+    schema = replace(schema, calendar=table.calendar)
     located = replace(
         table, locate=lambda row: f"{table.locate(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}"
     )
@@ -562,7 +562,8 @@ def trials_from_arrays(
     own_units = {"t": clock.unit if clock else clock_unit}
     own_units |= dict.fromkeys(columns[0], state_unit) | dict.fromkeys(columns[1], input_unit)
     headers = known.units | {name: unit for name, unit in own_units.items() if unit}
-    schema = Schema(*columns, units=joined_units(headers, units, used, used), noise_columns=noisy)
+    units, calendar = joined_units(headers, units, used, used), clock is not None and clock.calendar
+    schema = Schema(*columns, units=units, noise_columns=noisy, calendar=calendar)
     gaps = [
         f"{made_trial.label}: {shown([f'sample {here[0] + 1}', *(str(i + 1) for i in here[1:])])}"
         for made_trial, here in zip(made, empty, strict=True)
@@ -610,7 +611,7 @@ def _elapsed(runs: list[Any]) -> tuple[list[Any], Elapsed | None]:
         return runs, None
     whole = pd.Series([time for run in runs for time in run]).infer_objects()
     if whole.dtype.kind == "m":
-        result = Elapsed(np.asarray(whole.dt.total_seconds(), dtype=np.float64), "s", "seconds")
+        result = Elapsed(np.asarray(whole.dt.total_seconds(), dtype=np.float64), "s", "seconds", calendar=False)
     elif whole.dtype.kind == "M":
         result = elapsed(whole)
     else:

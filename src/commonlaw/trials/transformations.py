@@ -187,7 +187,8 @@ def with_starts(trials: Trials, starts: Mapping[str, Start], at: float | None = 
 
     By state: a number, the name of a property of the objects, numbers by object, or None for unknown initial values.
     States that the trials have are passed over; the others have the unit of the property, unless they have one. `at` is
-    the time of the initial values: trials that begin later get a sample there without measurements.
+    the time of the initial values: trials that begin later get a sample there without measurements, and those at which
+    inputs are known between.
     """
     new = {name: start for name, start in starts.items() if name not in trials.schema.states}
     if not new:
@@ -209,17 +210,20 @@ def with_starts(trials: Trials, starts: Mapping[str, Start], at: float | None = 
         initial_time=at,
         units={**units, **schema.units},
     )
-    changed = tuple(_with_first(trial, values[trial.object], at) for trial in trials)
+    between = schema.input_interpolation
+    changed = tuple(_with_first(trial, values[trial.object], at, between) for trial in trials)
     return replace(trials, trials=changed, schema=schema)
 
 
-def _with_first(trial: Trial, values: Floats, at: float | None) -> Trial:
+def _with_first(trial: Trial, values: Floats, at: float | None, between: str) -> Trial:
     """Return a trial with further states, which have these values in its first sample, and none in others."""
     times, inputs = trial.times, trial.inputs
-    if at is not None and times[0] < at:
-        raise CommonlawError("initial-time-late", trial=trial.label, time=times[0], initial_time=at)
-    if at is not None and times[0] > at:
-        times, inputs = np.append(at, times), np.concatenate([inputs[:1], inputs])
+    if at is not None and not starts_by(trial, at):
+        times, inputs = known_inputs(trial)
+        later = times > at
+        begun = max(len(times) - int(later.sum()) - 1, 0)
+        first = inputs[begun] if between == "held" else [np.interp(at, times, column) for column in inputs.T]
+        times, inputs = np.append(at, times[later]), np.vstack([first, inputs[later]])
     count = len(times)
     samples = _among(trial, np.arange(count - len(trial), count), count)
     starts, unknown = np.full((2, count, len(values)), np.nan)
@@ -233,6 +237,21 @@ def _with_first(trial: Trial, values: Floats, at: float | None) -> Trial:
         noise=np.column_stack([samples["noise"], unknown]),
         below=np.column_stack([samples["below"], unknown]),
     )
+
+
+def starts_by(trial: Trial, at: float) -> bool:
+    """Return whether the first sample of a trial is at the time of initial values; refused if it is before."""
+    first = float(trial.times[0])
+    if first < at:
+        raise CommonlawError("initial-time-late", trial=trial.label, time=first, initial_time=at)
+    return first == at
+
+
+def known_inputs(trial: Trial) -> tuple[Floats, Floats]:
+    """Return times, shape (n,), and inputs, shape (n, inputs), of a trial, from before its first sample on."""
+    if not len(trial.earlier):
+        return trial.times, trial.inputs
+    return np.append(trial.earlier[:, 0], trial.times), np.concatenate([trial.earlier[:, 1:], trial.inputs])
 
 
 MOMENT = 1e-4
@@ -256,14 +275,15 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
         raise CommonlawError("doses-with-inputs", inputs=others)
     begun = list[Trial]()
     for trial in trials:
-        if len(trial.earlier):  # It begins at its first dose
-            times, count = trial.earlier[:, 0], len(trial.earlier) + len(trial)
+        earlier = trial.earlier[np.logical_or.accumulate(trial.earlier[:, 1:].any(axis=1))]
+        if len(earlier):  # It begins at its first dose
+            times, count = earlier[:, 0], len(earlier) + len(trial)
             samples = _among(trial, np.arange(len(times), count), count)
-            times, inputs = np.append(times, trial.times), np.concatenate([trial.earlier[:, 1:], trial.inputs])
+            times, inputs = np.append(times, trial.times), np.concatenate([earlier[:, 1:], trial.inputs])
             arrays = {"times": times, "inputs": inputs, "earlier": np.empty((0, 0)), **samples}
             trial = replace(trial, **arrays, begins_with_dose=True)
         elif trial.inputs[0].any():
-            trial = replace(trial, begins_with_dose=True)
+            trial = replace(trial, earlier=np.empty((0, 0)), begins_with_dose=True)
         begun.append(trial)
     for owner in trials.objects:
         if not any(trial.inputs[:-1].any() for trial in begun if trial.object == owner):

@@ -136,6 +136,8 @@ class Schema:
     initial_values, initial_time
         Initial values of latent states, see `commonlaw.fit`, and their time; None for that of each trial's first
         sample.
+    calendar
+        Whether times are dates or times of day, whose origin has no meaning.
     doses
         Inputs that hold what is added in a moment.
     wide
@@ -154,6 +156,7 @@ class Schema:
     rates: Mapping[str, str] = field(default_factory=dict)
     initial_values: Mapping[str, Start] = field(default_factory=dict)
     initial_time: float | None = None
+    calendar: bool = False
     doses: tuple[str, ...] = ()
     wide: tuple[str, ...] = ()
 
@@ -211,7 +214,7 @@ class Trial:
     repeats
         Counts and scatter of measurements that were averaged; None if each is one.
     earlier
-        Times and inputs before the first sample, from the first nonzero input on, shape (m, 1 + inputs).
+        Times and inputs before the first sample, where some are not zero, shape (m, 1 + inputs).
     below
         Limits of quantification, shape (n, states), of left-censored values, whose state is NaN; NaN elsewhere.
     begins_with_dose

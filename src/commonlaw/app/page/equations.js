@@ -83,7 +83,7 @@ export function startFrom() {
   reset(law?.starts, (law ?? model)?.doses);
   if (law) takeEstimates(law, Object.keys(law.values));
   $("equations").value = (law ?? model)?.text ?? "";
-  $("initial_time").value = "";
+  $("initial_time").value = law?.initial_time ?? "";
   $("given").open = Boolean(Object.keys(written.starts).length || written.doses.length);
   read();
 }
@@ -112,12 +112,18 @@ function around(values, half = 0) {
   return [-10 * size, 10 * size];
 }
 
+/** The time of initial values: a number, or a word for the server to read, and nothing for the default. */
+function initialTime() {
+  const text = $("initial_time").value.trim();
+  return text === "" ? null : Number.isNaN(Number(text)) ? text : Number(text);
+}
+
 /** The equations with all that is given, as the server takes them. */
 function asked() {
   const kept = Object.keys(written.values).map(name => [name, given(name)]), number = text => text === "" ? null : Number(text);
   return {
     text: $("equations").value, values: written.values, starts: written.starts, doses: written.doses,
-    initial_time: $("initial_time").value === "" ? null : Number($("initial_time").value),
+    initial_time: initialTime(),
     fixed: kept.filter(([, each]) => each.fixed).map(([name]) => name),
     bounds: Object.fromEntries(kept.filter(([, each]) => each.low !== "" || each.high !== "").map(([name, { low, high }]) => [name, [number(low), number(high)]])),
     shared: Object.fromEntries(kept.filter(([, each]) => each.shared !== "object").map(([name, { shared }]) => [name, shared])),

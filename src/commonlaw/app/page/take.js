@@ -46,7 +46,7 @@ export async function take(event) {
 function command({ chosen, text }) {
   const { preview, asked, found } = state, { columns } = asked, known = Object.entries(asked.known);
   const { equations } = asked, given = chosen && equations;
-  if (given && (Object.keys(equations.priors).length || equations.initial_time !== null)) return "";
+  if (given && Object.keys(equations.priors).length) return "";
   if (asked.law || (!chosen && (known.length || !found.others))) return "";
   const roles = [], reading = [];
   // Excluded data have no option: the program law.py has them
@@ -63,6 +63,7 @@ function command({ chosen, text }) {
   said.push(...reading.length ? ["--schema", "schema.toml"] : roles);
   if (given) {
     for (const [name, value] of Object.entries(equations.starts)) said.push("--initial-value", `${name}=${value}`);
+    if (equations.initial_time !== null) said.push("--initial-time", String(equations.initial_time));
     for (const name of equations.doses) said.push("--dose", name);
     for (const [name, by] of Object.entries(equations.shared)) said.push("--shared", by === "all" ? name : `${name}=${by}`);
   } else if (chosen) said.push("--order", String(asked.order), "--library", asked.library);
