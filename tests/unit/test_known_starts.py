@@ -100,7 +100,7 @@ def law(trials):
 
 
 def test_it_says_what_was_given_and_what_fits_as_well(law):
-    assert ("start", "depot = dose") in [(each.stage, each.choice) for each in law.history]
+    assert ("start", "depot = dose at t = 0") in [(each.stage, each.choice) for each in law.history]
     assert law.schema.units["depot"] == "mg"
     (outcome,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "ambiguous"]
     ka, _, k = by_parameters(law, ONE)[0][0]

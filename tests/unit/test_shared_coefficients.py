@@ -96,7 +96,7 @@ def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
     again = from_json(to_json(law))
     assert str(again) == str(law)
     assert "initial_time=0.0" in to_script(law)
-    assert ("start", "tissue = 0.0 at 0") in [(each.stage, each.choice) for each in law.history]
+    assert ("start", "tissue = 0.0 at t = 0") in [(each.stage, each.choice) for each in law.history]
     forecast = again.predict(trials)
     assert forecast.score() > 0.99
     assert [trajectory.times[0] for trajectory in forecast.trajectories] == [0.0] * 2
