@@ -155,6 +155,14 @@ def _catalogue() -> tuple[dict[str, str], dict[str, dict[str, str]], dict[str, d
     return read, tables[0], tables[1], tables[2]
 
 
+_LONGEST = 400
+"""Characters of a name or another text in a sentence; of a longer one beginning and end are shown."""
+
+
+_MOST = 200
+"""Items of a list in a sentence."""
+
+
 class _Writer(Formatter):
     """Fills in a sentence."""
 
@@ -168,9 +176,17 @@ class _Writer(Formatter):
             return counted(value, format_spec.removeprefix("count "))
         if format_spec and isinstance(value, list | tuple | Mapping):
             joint = format_spec.removeprefix("repr ")
-            written = [repr(item) if joint != format_spec else self.format_field(item, "") for item in value]
+            written = [
+                _shortened(repr(item)) if joint != format_spec else self.format_field(item, "") for item in value
+            ]
+            if len(written) > _MOST:
+                written[_MOST // 2 : -_MOST // 2] = ["..."]
             return _WORDS.get(joint, joint).join(written)
-        return format(value, format_spec)
+        return _shortened(value) if isinstance(value, str) else format(value, format_spec)
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]}...{text[-_LONGEST // 2 :]}"
 
 
 class OutcomeKind(StrEnum):

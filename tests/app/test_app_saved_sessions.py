@@ -5,7 +5,6 @@ import csv
 import io
 import json
 import threading
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -25,6 +24,7 @@ from commonlaw.law import from_json, to_json
 from commonlaw.law.script import Source
 from commonlaw.report import law_report, to_page
 from tests.refusals import refused
+from tests.texts import planted, texts
 
 
 @pytest.fixture
@@ -140,26 +140,6 @@ class Markup(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         self.code += [data] * (self._inside in ("script", "style"))
-
-
-def texts(document: object, path: tuple[object, ...] = ()) -> Iterator[tuple[object, ...]]:
-    """Yield where texts stand in a document of JSON."""
-    if isinstance(document, str):
-        yield path
-    for key, value in (
-        document.items() if isinstance(document, dict) else enumerate(document if isinstance(document, list) else ())
-    ):
-        yield from texts(value, (*path, key))
-
-
-def planted(document: object, path: tuple[object, ...], sentinel: str) -> object:
-    """Return a document with a text in place of another."""
-    if not path:
-        return sentinel
-    inner = planted(document[path[0]], path[1:], sentinel)
-    if isinstance(document, dict):
-        return document | {path[0]: inner}
-    return [*document[: path[0]], inner, *document[path[0] + 1 :]]
 
 
 TABLE = sample_table("linear-drag")

@@ -182,3 +182,10 @@ def test_topics_and_kinds_explain_messages_that_exist() -> None:
     assert all((pages / f"{topic['page']}.md").exists() for topic in topics().values())
     assert "What to do: add trials with other initial values of <first>." in meaning("confounded")
     assert "Read more: docs/data-format.md" in meaning("time-missing")
+
+
+def test_names_of_any_length_and_lists_of_any_size_are_shortened() -> None:
+    error = unknown("column", "b" * 10_000, [f"{i}" + "a" * 10_000 for i in range(10_000)])
+    assert len(str(error)) < 200_000
+    assert len(str(CommonlawError("candidate-name", text="a" * 10_000))) < 1000
+    assert "...'" not in str(CommonlawError("candidate-name", text="a" * 300))

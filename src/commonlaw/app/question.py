@@ -53,6 +53,23 @@ _OTHERS = {
 """Settings that the page has no field for."""
 
 
+LONGEST_TEXT = 10_000
+"""Characters of a text in a request or a session, but for a law."""
+
+
+def check_lengths(value: Any, field: str = "") -> None:
+    """Refuse plain values with a text of more than `LONGEST_TEXT` characters; laws have limits of their own."""
+    if isinstance(value, str) and len(value) > LONGEST_TEXT and field != "law":
+        raise CommonlawError("text-too-long", text=value[:40], characters=len(value), limit=LONGEST_TEXT)
+    if isinstance(value, dict):
+        check_lengths([*value])
+        for name, part in value.items():
+            check_lengths(part, name)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            check_lengths(part)
+
+
 def in_page(code: str) -> str:
     """Return a setting, written as an argument of a function, as the page calls it; the dialect of the page.
 

@@ -23,7 +23,7 @@ from starlette.routing import Route
 from commonlaw.app.access import TooLargeError, TooSlowError
 from commonlaw.app.equations import Asked, solved
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
-from commonlaw.app.question import Columns, Question, fault, message, named, settings_form, text_in_page
+from commonlaw.app.question import Columns, Question, check_lengths, fault, message, named, settings_form, text_in_page
 from commonlaw.app.result import Found, Groups, compared, compared_groups, curves, figure_file, one_draws
 from commonlaw.app.sessions import Named, SavedSessions, Search, Sessions
 from commonlaw.app.working import prepare
@@ -89,9 +89,8 @@ def application(sessions: Sessions) -> Starlette:
             try:
                 async with nullcontext() if is_light else few:
                     content = b"" if kind is None else await request.body()
-                    body = content if kind in (None, bytes) else read_json(content, kind)
-                    call = _Call(sessions, saved, request.path_params, request.query_params, body)
-                    result = await run_in_threadpool(answer, call)
+                    call = _Call(sessions, saved, request.path_params, request.query_params, content)
+                    result = await run_in_threadpool(lambda: answer(call._replace(body=_body(content, kind))))
                     return result if isinstance(result, Response) else _json({} if result is None else result)
             except CommonlawError as error:
                 return _json({"error": message(error)}, 422)
@@ -110,6 +109,15 @@ def application(sessions: Sessions) -> Starlette:
     for path, method, kind, is_light, answer in _ROUTES:
         routes.append(Route(path, endpoint(kind, is_light, answer), methods=[method]))
     return Starlette(routes=routes)
+
+
+def _body(content: bytes, kind: type | None) -> Any:
+    """Return what was sent: bytes, or the value of a type in JSON."""
+    if kind in (None, bytes):
+        return content
+    result = read_json(content, kind)
+    check_lengths(msgspec.to_builtins(result))
+    return result
 
 
 def _asset(name: str) -> Callable[[Request], Response]:

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from commonlaw.app.question import Columns, Question, Table, message, named
+from commonlaw.app.question import Columns, Question, Table, check_lengths, message, named
 from commonlaw.app.result import Found, ShownLaw, of_terms, results, support_of
 from commonlaw.app.working import Work
 from commonlaw.errors import CommonlawError
@@ -371,6 +371,7 @@ class SavedSessions:
         result = read_json(read_file(self._file(key)), Session, LARGEST_SESSION)
         if not result.states:
             raise CommonlawError("session-gone", part="session")
+        check_lengths(msgspec.to_builtins(result.states))
         # Of a path the last part, as of a table that the page sends
         name = named(result.table.name, b"").name
         return msgspec.structs.replace(result, table=msgspec.structs.replace(result.table, name=name))

@@ -16,14 +16,14 @@ from commonlaw.law.observation import STEADY, Initial
 from commonlaw.law.parse import event_equations, event_expressions, meanings_of, observation_equation
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
 from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of, split_outside, with_steps
-from commonlaw.library.equation import DERIVATIVE, split_equations
+from commonlaw.library.equation import DERIVATIVE, check_length, split_equations
 from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
 from commonlaw.library.notation import NAME, quoted, unquoted
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
 from commonlaw.trials import Schema, Trial
 
-_DELAYED = re.compile(rf"(?P<name>{NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{NAME})\s*\)|`(?:[^`]|``)+`")
+_DELAYED = re.compile(rf"(?<![^\W\d])(?P<name>{NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{NAME})\s*\)|`(?:[^`]|``)+`")
 _NAMED = re.compile(r"`((?:[^`]|``)+?)(\(t - (?:`(?:[^`]|``)+`|\w+)\))`")
 _CALLED = re.compile(rf"{_DELAYED.pattern}|(?P<step>step)\s*\(")
 _INITIAL = re.compile(rf"(?P<name>{NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)", re.DOTALL)
@@ -67,6 +67,7 @@ class ModelText:
             elif match := _OBSERVED.fullmatch(part):
                 observed[unquoted(match["name"])] = match["right"].strip()
             else:
+                check_length(part)
                 equations.append(part)
         return cls(tuple(equations), observed, known, bounds_in(bounds), events)
 

@@ -11,7 +11,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 
 _CALL = re.compile(r"(?<![\w`])(where|maximum|minimum|max|min)\s*(?=\()")
-_COMPARISON = re.compile(r"\s*([<>])=?\s*(?=[^`]*(?:`[^`]*`[^`]*)*$)")  # Not in a name between backticks
+_COMPARISON = re.compile(r"(?<!\s)\s*([<>])=?\s*(?=[^`]*(?:`[^`]*`[^`]*)*$)")  # Not in a name between backticks
 _ASSIGNMENT = re.compile(r"(?<![<>])=")
 _BRANCH = re.compile(r"\b(?:if|else|and|or|not)\b|[<>]=?\s*$|[&|?]")
 _STEP = re.compile(r"step\([^()]*\)")

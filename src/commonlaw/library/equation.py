@@ -194,6 +194,12 @@ def only_product(coefficients: Sequence[tuple[str, int]]) -> Diagnostic:
     return Diagnostic("product-of-parameters", {"names": [name for name, _ in coefficients]})
 
 
+def check_length(text: str, parentheses: int = 0) -> None:
+    """Refuse an equation of more characters than `MAX_CHARACTERS`, or of more parentheses than `MAX_DEPTH`."""
+    if length(text) > MAX_CHARACTERS or parentheses > MAX_DEPTH:
+        raise CommonlawError("equation-too-long", text=text[:57], longest=MAX_CHARACTERS, deepest=MAX_DEPTH)
+
+
 def _left(text: str) -> Equation:
     if EVENT.fullmatch(text):
         raise CommonlawError("equation-with-event", text=text)
@@ -214,18 +220,13 @@ class _Reader:
 
     def __init__(self, equation: Equation, variables: Variables, meanings: Meanings) -> None:
         self.equation, self.variables, self.meanings = equation, variables, meanings
-        self._check(length(equation.text) <= MAX_CHARACTERS)
+        check_length(equation.text)
         self.tokens = [*self._tokens(), _Token("end", "", len(equation.text))]
         names = [token.text for token in self.tokens if token.kind == "name" and token.text not in variables.names]
         self.coefficients = tuple(dict.fromkeys(names))
         self.names = (*variables.names, *self.coefficients)
         self.parameters = len(self.coefficients) + len(variables.parameters)
-        self._check(sum(token.kind == "(" for token in self.tokens) <= MAX_DEPTH)
-
-    def _check(self, is_short: bool) -> None:
-        if not is_short:
-            text = self.equation.text[:57]
-            raise CommonlawError("equation-too-long", text=text, longest=MAX_CHARACTERS, deepest=MAX_DEPTH)
+        check_length(equation.text, sum(token.kind == "(" for token in self.tokens))
 
     def summands(self) -> tuple[Summand, ...]:
         first = len(self.variables.names)

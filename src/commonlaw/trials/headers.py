@@ -195,6 +195,10 @@ def _unknown_unit(text: str) -> CommonlawError:
     return CommonlawError("unit-unknown", unit=word, whole=whole, hint=hint)
 
 
+LONGEST_NAME = 1000
+"""Characters of the name of a column."""
+_LONGEST_HEADER = 200
+"""Characters of a header that may end in a unit."""
 _SQUARE = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]", re.DOTALL)
 _ROUND = re.compile(r"(.*?\S)(\s*)\(((?:[^()]|\([^()]*\))*)\)", re.DOTALL)
 
@@ -230,6 +234,8 @@ def split_header(header: str) -> tuple[str, str]:
 
 
 def _split(text: str) -> tuple[str, str]:
+    if len(text) > _LONGEST_HEADER:
+        return text, ""
     if (match := _CONCENTRATION.fullmatch(text)) and (not match[2].strip() or known_unit(match[2]) is not None):
         return match[1], match[2].strip()
     square = _SQUARE.fullmatch(text)
@@ -291,6 +297,11 @@ def split_headers(source: str, headers: Sequence[str]) -> tuple[tuple[str, ...],
     >>> split_headers("", ["t (s)", "x", "t (s)", "x"])
     (('t 1', 'x 1', 't 2', 'x 2'), {'t 1': 's', 't 2': 's'})
     """
+    for number, header in enumerate(headers, 1):
+        if len(header) > LONGEST_NAME:
+            raise CommonlawError(
+                "column-name-too-long", where=source, number=number, characters=len(header), limit=LONGEST_NAME
+            )
     size = len(set(headers))
     if 1 < size < len(headers) and list(headers) == [*headers[:size]] * (len(headers) // size):
         parts = [split_header(header) for header in headers]
