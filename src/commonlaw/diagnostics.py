@@ -159,7 +159,7 @@ _LONGEST = 400
 """Characters of a name or another text in a sentence; of a longer one beginning and end are shown."""
 
 
-_MOST = 200
+_MOST = 50
 """Items of a list in a sentence."""
 
 

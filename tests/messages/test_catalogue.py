@@ -186,6 +186,6 @@ def test_topics_and_kinds_explain_messages_that_exist() -> None:
 
 def test_names_of_any_length_and_lists_of_any_size_are_shortened() -> None:
     error = unknown("column", "b" * 10_000, [f"{i}" + "a" * 10_000 for i in range(10_000)])
-    assert len(str(error)) < 200_000
+    assert len(str(error)) < 25_000
     assert len(str(CommonlawError("candidate-name", text="a" * 10_000))) < 1000
     assert "...'" not in str(CommonlawError("candidate-name", text="a" * 300))
