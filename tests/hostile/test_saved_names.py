@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,10 +65,11 @@ def observed(law, seed):
     r = random.Random(seed)
     (state, *_), (measured, trial, parameter) = law.schema.states, names(r, 3)
     quoted = between_backticks(state)
+    initial: Any = r.choice(["`a;b` + 1", (1.0, 2.0), {law.objects[0]: 0.5}])
     observation = Observation(
         Schema((measured,), units={measured: "mg/L"}),
         {measured: f"2 {quoted} + `{parameter.replace('`', '``')}`"},
-        {state: r.choice(["`a;b` + 1", (1.0, 2.0), {law.objects[0]: 0.5}])},
+        {state: initial},
         r.choice([None, 0.0, -1e9]),
         {measured: 0.1},
         {state: 1e140},

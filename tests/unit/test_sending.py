@@ -155,7 +155,10 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "rows": lambda: rows_by_object(decay(), FORM, TERMS),
     "compressed trials": lambda: CompressedTrials.of(rows_by_object(decay(), FORM, TERMS), decay().schema),
     "forms": lambda: [FORM, GivenForm({("object", "1"): (TIMES, DECAY[:, np.newaxis])})],
-    "solvers": lambda: [ConstrainedSolver(STLSQ(0.1), equal=(0,)), Candidate(*np.ones((2, 1, 1)), 0.1)],
+    "solvers": lambda: [
+        ConstrainedSolver(STLSQ(0.1), equal=(0,)),
+        Candidate(np.ones((1, 1), bool), np.ones((1, 1)), 0.1),
+    ],
     "panels": lambda: [IntervalPanels(law()), ForecastPanels(result("forecasts")), ResidualPanels(result("residuals"))],
     "ratios of libraries": lambda: Ratio(TERMS.terms, TERMS.terms, 0, ("K",)),
     "moments": lambda: cl.Event("x"),
