@@ -13,7 +13,7 @@ from click.types import StringParamType
 
 from commonlaw.diagnostics import Dialect
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.files import check_targets
+from commonlaw.runtime.files import check_targets, is_file, is_folder
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import as_text, in_line
 
@@ -235,8 +235,8 @@ class ReadTable(ReadFile):
         if not value.startswith(DATASET):
             return [value]
         named = [Path(option) for option in re.findall(r"=([^:]+)", value)]
-        inside = (path.iterdir() if path.is_dir() else [path] for path in named)
-        return [str(file) for listed in inside for file in listed if file.is_file()]
+        inside = (path.iterdir() if is_folder(path) else [path] for path in named)
+        return [str(file) for listed in inside for file in listed if is_file(file)]
 
 
 ENDINGS = {
@@ -292,14 +292,6 @@ def saving(required: bool = False, default: tuple[str, ...] | None = None, **con
     return option("--save FILE...", f"Write {', or '.join(texts)}", group="Output", everyday=True, **settings)
 
 
-def _is_file(name: str) -> bool:
-    """Return whether a file has this name; of one that is too long none has."""
-    try:
-        return Path(name).is_file()
-    except OSError:
-        return False
-
-
 def in_order(values: dict[str, Any]) -> bool:
     """Put the table before the law or the equations, and return whether they came in the other order.
 
@@ -310,12 +302,12 @@ def in_order(values: dict[str, Any]) -> bool:
         return False
     path, law = (str(values[name] or "") for name in ("path", second))
     first_is_law = (
-        is_of_kind(path, "law") if second == "law_path" else bool(_EQUATION.search(path)) and not _is_file(path)
+        is_of_kind(path, "law") if second == "law_path" else bool(_EQUATION.search(path)) and not is_file(path)
     )
     if path and not law and first_is_law:
         values["path"], values[second] = None, path
         return False
-    is_many = any(mark in law for mark in "*?[") or Path(law).is_dir()
+    is_many = any(mark in law for mark in "*?[") or is_folder(law)
     is_swapped = first_is_law and bool(law) and (second == "equations" or not is_of_kind(law, "law") or is_many)
     if is_swapped:
         values["path"], values[second] = law, path
@@ -328,10 +320,10 @@ def check_order(values: Mapping[str, Any]) -> None:
     Raises `click.UsageError` if the value of an argument is plainly what another one takes, or one is missing.
     """
     law, equations, path = (str(values.get(name) or "") for name in ("law_path", "equations", "path"))
-    is_text = bool(_EQUATION.search(path)) and not _is_file(path)
-    if law and _is_file(law) and not is_of_kind(law, "law"):
+    is_text = bool(_EQUATION.search(path)) and not is_file(path)
+    if law and is_file(law) and not is_of_kind(law, "law"):
         problem = f"{law} is a table, not a saved law"
-    elif equations and not _EQUATION.search(equations) and _is_file(equations):
+    elif equations and not _EQUATION.search(equations) and is_file(equations):
         problem = f"{equations} is a table, not an equation"
     elif is_text:
         problem = f"{path} is an equation, not a table"

@@ -12,7 +12,7 @@ import re
 import stat
 import sys
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -58,6 +58,23 @@ _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 """Characters that no text of an instrument has."""
 _STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
 _NO_BRACKETS = bytes({*range(256)} - {*b"[]{}"})
+
+
+def is_file(name: str | os.PathLike[str]) -> bool:
+    """Return whether a file has this name, which may be any text: of one too long for a name none has."""
+    return _mode(name, stat.S_ISREG)
+
+
+def is_folder(name: str | os.PathLike[str]) -> bool:
+    """Return whether a folder has this name, which may be any text."""
+    return _mode(name, stat.S_ISDIR)
+
+
+def _mode(name: str | os.PathLike[str], is_kind: Callable[[int], bool]) -> bool:
+    try:
+        return is_kind(Path(name).stat().st_mode)
+    except (OSError, ValueError):
+        return False
 
 
 def checked_file(path: str | os.PathLike[str], largest: float = LARGEST_FILE) -> Path:
@@ -231,7 +248,7 @@ def _no_file(file: Path) -> CommonlawError:
     folder = file.parent
     if file.is_symlink():
         return CommonlawError("link-broken", file=file, target=str(file.readlink()))
-    if not folder.is_dir():
+    if not is_folder(folder):
         return CommonlawError("folder-missing", file=str(file), folder=str(folder))
     try:
         where = str(folder.absolute())

@@ -142,10 +142,10 @@ def files_of(path: Path, endings: Container[str]) -> list[Path] | None:
             return [file for file in path.rglob("*") if file.suffix.casefold() in endings]
         if path.exists() or not any(mark in str(path) for mark in "*?["):
             return None
-    except OSError:  # As of a name that is too long, which is refused where it is read
+        root = Path(path.anchor or ".")
+        return [*root.glob(str(path.relative_to(root)))]
+    except (OSError, ValueError):  # A name that is too long or no pattern, which is refused where it is read
         return None
-    root = Path(path.anchor or ".")
-    return [*root.glob(str(path.relative_to(root)))]
 
 
 def read_table(path: TablePath, sheet: str | None = None) -> Table:

@@ -10,6 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.files import is_file, is_folder
 from commonlaw.trials.columns import Codes, Table
 from commonlaw.trials.headers import find_name, split_header
 from commonlaw.trials.properties import constant_columns, object_codes
@@ -271,5 +272,5 @@ def _noise_columns(table: Table, roles: Roles, states: Sequence[str], free: Sequ
 def _names_columns(table: Table, given: Any) -> bool:
     """Say whether properties are given as names of columns and not as a second table."""
     if isinstance(given, str):
-        return given in table.columns or not (Path(given).suffix or Path(given).exists())
+        return given in table.columns or not (Path(given).suffix or is_file(given) or is_folder(given))
     return isinstance(given, Sequence)
