@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.trials import Trials
 
@@ -147,6 +147,9 @@ def correlations(series: Sequence[Floats], lags: int) -> tuple[Floats, Floats]:
 MAX_KEPT = 5000
 """Residuals that are kept themselves; of more there are sums only."""
 
+_LARGEST = 1e70
+"""Of a residual over its noise: sums of fourth powers of larger ones are infinite."""
+
 _POWERS = 3
 """Residuals are held against polynomials of this degree."""
 
@@ -219,6 +222,7 @@ class StateSums:
     @classmethod
     def of(cls, j: int, residuals: Sequence[Floats], against: Mapping[str, Floats], state: str) -> "StateSums | None":
         """Return those of a state in some trials, see `patterns`; None if it has no residual."""
+        residuals = [np.clip(part, -_LARGEST, _LARGEST) for part in residuals]
         whole = np.concatenate(residuals)
         seen = np.isfinite(whole[:, j])
         if not seen.any():

@@ -55,6 +55,7 @@ def _at_rest(law: Law, coefficients: Floats, states: Floats, inputs: Mapping[str
         return VectorField(natural, coefficients, law.order, free=law.support).linearize(values)
 
 
+@np.errstate(all="ignore")
 def _newton(highest: Callable[[Floats], tuple[Floats, Floats]], states: Floats, span: Floats) -> Floats:
     """Return where Newton's method goes from states, shape (n, states); NaN where it does not converge.
 
@@ -149,7 +150,8 @@ def fixed_points(
 
     # Starts besides zero
     starts = np.concatenate([np.zeros((1, len(low))), low + random.random((200, len(low))) * span])
-    changes = np.abs(highest(starts)[1]) @ span
+    with np.errstate(all="ignore"):
+        changes = np.abs(highest(starts)[1]) @ span
     largest = np.max(changes, axis=0, where=np.isfinite(changes), initial=0.0)
     usual = np.where(largest > 0, largest, np.inf)
     reached = _newton(highest, starts, span)
@@ -159,16 +161,25 @@ def fixed_points(
         slopes = highest(state[np.newaxis])[1][0]
         known = any(np.allclose(state, point, rtol=1e-6, atol=1e-9 * np.max(span)) for point in isolated)
         # Up to this singular value, relative to the size nearby, equilibria are not isolated
-        if not known and np.linalg.norm(slopes * span / usual[:, np.newaxis], -2) > 1e-10:
+        with np.errstate(all="ignore"):
+            relative = slopes * span / usual[:, np.newaxis]
+        if not known and np.isfinite(relative).all() and np.linalg.norm(relative, -2) > 1e-10:
             isolated.append(state)
     points = np.array(isolated).reshape(-1, len(low))
     for point in points[np.lexsort(points.T[::-1])]:
-        yield point, _eigenvalues(law, coefficients, point, inputs)
+        eigenvalues = _eigenvalues(law, coefficients, point, inputs)
+        if np.isfinite(eigenvalues).all():
+            yield point, eigenvalues
 
 
 def _eigenvalues(law: Law, coefficients: Floats, state: Floats, inputs: Mapping[str, float] = {}) -> Complexes:
-    """Return the eigenvalues of the Jacobian of the system of first order, shape (states + rates,), at rest."""
+    """Return the eigenvalues of the Jacobian of the system of first order, shape (states + rates,), at rest.
+
+    NaN where the Jacobian is not finite.
+    """
     jacobian = _at_rest(law, coefficients, state[np.newaxis], inputs).by_states[0]
+    if not np.isfinite(jacobian).all():
+        return np.full(len(jacobian), np.nan, dtype=np.complex128)
     return np.asarray(np.linalg.eigvals(jacobian), dtype=np.complex128)
 
 

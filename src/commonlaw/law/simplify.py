@@ -315,11 +315,19 @@ class _Estimates:
         mean = average_law(law)
         coefficients = np.zeros((len(law.objects) + 1, *law.support.shape))
         coefficients[:-1, law.support], coefficients[-1] = estimates.coefficients, mean.coefficients[0]
-        covariances = np.concatenate([estimates.covariance, mean.uncertainty.known_covariance()])
+        average = np.zeros_like(estimates.covariance[:1])
+        average[:, *np.ix_(*2 * [mean.support[law.support]])] = mean.uncertainty.known_covariance()
+        covariances = np.concatenate([estimates.covariance, average])
         parameters = named_parameters(law)
+        values = parameters.of(coefficients)
         # A parameter at a bound of zero has no error
         slopes = np.nan_to_num(parameters.slopes(coefficients), posinf=np.inf, neginf=-np.inf)
-        return cls(parameters, parameters.of(coefficients), slopes @ covariances @ slopes.transpose(0, 2, 1))
+        with np.errstate(all="ignore"):
+            covariances = slopes @ covariances @ slopes.transpose(0, 2, 1)
+        # An infinite estimate is replaced by nothing: without an error it is no candidate
+        beyond = ~(np.isfinite(values) & np.isfinite(np.diagonal(covariances, axis1=1, axis2=2))).all(axis=0)
+        values[:, beyond] = covariances[:, beyond] = covariances[:, :, beyond] = 0.0
+        return cls(parameters, values, covariances)
 
     def error(self, row: Floats) -> float:
         """Return the standard error of a sum of parameters with these factors, of the mean over objects."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -23,7 +22,7 @@ from commonlaw.forecast import Forecast, fitted
 from commonlaw.hierarchy import informative
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import has_bands
-from commonlaw.law.parameters import equation_label, left_hand_sides, tabulated_parameters
+from commonlaw.law.parameters import equation_label, left_hand_sides, named_parameters, tabulated_parameters
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import MANY, with_error
 from commonlaw.library.notation import latex_name
@@ -44,6 +43,7 @@ from commonlaw.plots.style import (
     styled,
     unit_text,
 )
+from commonlaw.runtime.forking import cached_property
 from commonlaw.summary import true_coefficients
 from commonlaw.trials import Trials
 
@@ -121,8 +121,9 @@ class DotPlot:
 
     @property
     def _by_parameter(self) -> bool:
-        """Whether the law's own parameters are shown; the equations of an explained law have others."""
-        return bool(self.law.provenance.equations) and self.law.uncertainty.explanation is None
+        """Whether the law's own parameters are shown, if it has any; the equations of an explained law have others."""
+        is_explained = self.law.uncertainty.explanation is not None
+        return bool(self.law.provenance.equations and named_parameters(self.law).names) and not is_explained
 
     @property
     def several(self) -> bool:
@@ -133,12 +134,12 @@ class DotPlot:
     def columns(self) -> int:
         """Number of panels side by side."""
         count = len(self.coefficients)
-        return (2 if count == 4 else min(count, 3)) if self.several else 1
+        return (2 if count == 4 else max(1, min(count, 3))) if self.several else 1
 
     @property
     def lines(self) -> int:
         """Number of lines of panels."""
-        return -(-len(self.coefficients) // self.columns) if self.several else len(self.law.schema.states)
+        return max(1, -(-len(self.coefficients) // self.columns)) if self.several else len(self.law.schema.states)
 
     @property
     def width(self) -> float:
@@ -210,14 +211,17 @@ class DotPlot:
             panel.set_title(f"{what} of {label}", loc="left")
             panel.margins(x=0.4 if self.law.uncertainty.covariance is None else 0.7)  # room for the printed values
         panels[-1].locator_params(axis="x", nbins=5)
-        values = np.abs([[*coefficient.learned, *coefficient.true] for coefficient in self.coefficients])
-        low, high = np.nanmin(values), np.nanmax(values)
+        numbers = [[*coefficient.learned, *coefficient.true] for coefficient in self.coefficients]
+        values = np.abs(np.array(numbers, dtype=np.float64))
+        values = values[np.isfinite(values) & (values > 0)]
+        high = values.max(initial=0.0)
+        low = max(values.min(initial=np.inf), high / 1e15)  # Matplotlib's scale overflows beyond
         panel, what = panels[-1], "coefficient"
-        if high > 100 * low:
+        if high / 100 > low:
             what = "coefficient, on a logarithmic scale"
             panel.set_xscale("symlog", linthresh=low)
             # Matplotlib's own ticks for this scale run into each other around zero
-            decades = 10.0 ** np.round(np.log10([np.sqrt(low * high), high]))
+            decades = 10.0 ** np.round(np.log10([np.sqrt(low) * np.sqrt(high), high]))
             panel.get_xlim()  # Has them set
             ticks = [0, *decades[::-1], *-decades[::-1]]
             at = (panel.transScale + panel.transLimits).transform([(tick, 0) for tick in ticks])[:, 0]
