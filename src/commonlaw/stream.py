@@ -3,7 +3,7 @@
 import os
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, reduce
+from functools import partial, reduce
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,7 @@ from commonlaw.forecast.prediction import predict
 from commonlaw.law import Law, select_objects
 from commonlaw.runtime.cluster import done_in_parts, on_cluster
 from commonlaw.runtime.files import make_folder, write_whole
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal, part, unannounced
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream

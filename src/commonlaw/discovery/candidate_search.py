@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from commonlaw.inference.search.setup import error_kinds, transform_trials, with
 from commonlaw.law import Step
 from commonlaw.library import Offer, Order, ParametricTerm, SelectedLibrary, Terms, highest_order, order_of_each
 from commonlaw.runtime.fit_options import FitOptions
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.progress import ProgressCallback, announce, check_memory, part
 from commonlaw.solvers import parse_solver
 from commonlaw.text import counted

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.library import Term, Variables, parse_term
+from commonlaw.runtime.forking import cached_property
 
 
 @dataclass(frozen=True)

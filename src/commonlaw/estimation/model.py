@@ -4,7 +4,6 @@ import ast
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import compress
 
 import numpy as np
@@ -21,6 +20,7 @@ from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
 from commonlaw.library.notation import NAME, quoted, unquoted
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
+from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Schema, Trial
 
 _DELAYED = re.compile(rf"(?<![^\W\d])(?P<name>{NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{NAME})\s*\)|`(?:[^`]|``)+`")

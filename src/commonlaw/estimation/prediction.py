@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -24,6 +24,7 @@ from commonlaw.law.law import object_index
 from commonlaw.law.observation import OBJECT, Observation, Restrictions, by_trial
 from commonlaw.law.parameters import Parameters, named_parameters, state_rates
 from commonlaw.library.bounds import bounds_in, limits_of
+from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, starts_by, with_logarithms, with_noise
 from commonlaw.trials.trial import property_names

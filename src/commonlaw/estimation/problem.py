@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from commonlaw.estimation.model import Model
 from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, Solution, shoot
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.library.grammar import columns_in
+from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial
 from commonlaw.trials.transformations import known_inputs, starts_by
 

@@ -8,12 +8,12 @@ fitted again, within its errors, before it is compared (Box and Hill 1967), and 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.runtime.forking import cached_property
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from commonlaw.law.alignment import measured_noise, measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import vector_field
 from commonlaw.library import highest_columns
+from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import property_names
 

@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, reduce
+from functools import lru_cache, reduce
 from itertools import chain
 
 import numpy as np
@@ -15,6 +15,7 @@ from commonlaw.experiments.experiment import Experiment, Range, Settings, number
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
 from commonlaw.experiments.predictive import MAX_MEASUREMENTS, Hypothesis
 from commonlaw.law import Law
+from commonlaw.runtime.forking import cached_property
 
 POINTS = 256
 """Experiments that are looked at all over the ranges."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from commonlaw.formulation.base import AbstractFormulation
 from commonlaw.formulation.least_squares_problem import LeastSquaresProblem, merge
 from commonlaw.formulation.sampled import SAMPLES
 from commonlaw.library import Terms
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.shutdown import end_with_parent
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.trial import value_range

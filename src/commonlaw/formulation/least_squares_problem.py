@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.runtime.forking import cached_property
 
 
 def explained(factors: Floats, inside: Indices, near: float, *, bound: bool = False) -> Floats:

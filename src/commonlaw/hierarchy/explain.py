@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -13,6 +12,7 @@ from commonlaw.array_types import Floats, Indices
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 from commonlaw.hierarchy.random_effects import JITTER
 from commonlaw.hierarchy.relation import MAX_DENOMINATOR, ONE_MORE, PropertyTable, Relation, RelationKind, exponent_sets
+from commonlaw.runtime.forking import cached_property
 
 _ODDS = {RelationKind.UNIVERSAL: 3.0, RelationKind.OWN: 1.0, RelationKind.POWER_LAW: 0.1, RelationKind.AFFINE: 0.1}
 """Prior odds of each kind: indistinguishable coefficients are rather universal. Irrelevant properties together have

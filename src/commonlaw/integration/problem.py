@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from numbers import Real
 
 import numpy as np
@@ -14,6 +13,7 @@ from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Terms, parse_term
+from commonlaw.runtime.forking import cached_property
 
 _SIGNS = {"rising": 1, "falling": -1, "any": 0}
 

@@ -7,7 +7,6 @@ and their variational equations, ``S' = J S + df/dp``, are integrated together b
 import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ from commonlaw.integration.problem import ABSOLUTE_TOLERANCE
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.kernel import CONSTANTS, ProgramStructure, address, kernel
 from commonlaw.library.program import Program
+from commonlaw.runtime.forking import cached_property
 
 (_MAX_CROSSINGS,), (_MIN_INTERVAL,), (_CROSSING,) = (
     CONSTANTS[name] for name in ("MAX_CROSSINGS", "MIN_INTERVAL", "CROSSING")

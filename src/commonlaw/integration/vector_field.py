@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import check_choice
 from commonlaw.library import Order, Terms, highest_columns, with_rates
+from commonlaw.runtime.forking import cached_property
 
 _NODES = (1 - np.cos(np.pi * (np.arange(8) + 0.5) / 8)) / 2
 """Chebyshev nodes of the unit interval, interior, so that a function may jump at its ends."""

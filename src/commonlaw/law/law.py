@@ -4,7 +4,6 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from numbers import Integral
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
@@ -26,6 +25,7 @@ from commonlaw.library import Order, Terms, highest_order, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.runtime.arguments import check_whole_number
 from commonlaw.runtime.files import read_file, write_whole
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
 from commonlaw.trials import Schema, Trials, TrialStream

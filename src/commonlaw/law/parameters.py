@@ -1,7 +1,7 @@
 """The parameters and coefficients of a law as arrays, with errors, intervals and units; and its right-hand side."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import reduce
 from operator import mul
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ from commonlaw.law.quantiles import mixture_interval, propagated
 from commonlaw.law.text import free_parameter_names
 from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.library import with_rates
+from commonlaw.runtime.forking import cached_property
 
 if TYPE_CHECKING:
     import pint

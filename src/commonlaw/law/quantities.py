@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache
 from itertools import permutations
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -26,6 +26,7 @@ from commonlaw.library.expansion import Traced, summands
 from commonlaw.library.grammar import evaluate
 from commonlaw.library.term import Term, parse_term
 from commonlaw.runtime.files import read_file
+from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Schema
 from commonlaw.trials.headers import parse_unit
 from commonlaw.trials.trial import property_names

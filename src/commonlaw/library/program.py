@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Floats
 from commonlaw.library.functions import Function
 from commonlaw.library.grammar import OPERATIONS, Algebra, evaluate
+from commonlaw.runtime.forking import cached_property
 
 _NAMES = tuple(OPERATIONS)
 

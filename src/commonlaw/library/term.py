@@ -4,7 +4,7 @@ import ast
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -15,6 +15,7 @@ from commonlaw.library.grammar import MAX_POWER, columns_in, constant, factors_i
 from commonlaw.library.notation import expression_latex, powered, quoted, sympy_form
 from commonlaw.library.program import Program
 from commonlaw.library.variables import Variables
+from commonlaw.runtime.forking import cached_property
 
 if TYPE_CHECKING:
     import sympy

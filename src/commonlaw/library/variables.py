@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.errors import unknown
 from commonlaw.library.functions import Function
+from commonlaw.runtime.forking import cached_property
 
 Order = int | tuple[int, ...]
 """0 in discrete time, 1 or 2; where equations differ, 1 or 2 for each state.

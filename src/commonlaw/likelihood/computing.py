@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from ctypes import CDLL
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from commonlaw.likelihood.compiled import BatchedModel, Packed, batched, packed
 from commonlaw.likelihood.fitting import Estimate, TrajectoryModel
 from commonlaw.likelihood.linearization import Linearization
 from commonlaw.likelihood.observation_model import LatentProcesses
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.parallel import in_parallel
 
 

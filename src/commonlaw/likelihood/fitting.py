@@ -10,7 +10,6 @@ by a banded Cholesky factorization (Schur complement).
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ from commonlaw.library import Order, Terms
 from commonlaw.likelihood.collocation import Jacobians, defects, jacobians
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.observation_model import NO_PROCESSES, LatentProcesses, LatentSteps, ObservationModel
+from commonlaw.runtime.forking import cached_property
 
 _LIFTS = CONSTANTS["LIFTS"]
 (_SHORTER,), (_RELATIVE_GAIN,) = CONSTANTS["SHORTER"], CONSTANTS["RELATIVE_GAIN"]

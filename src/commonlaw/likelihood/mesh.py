@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 from operator import attrgetter
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.integration import Inputs
 from commonlaw.library import Order
+from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial
 
 MAX_MESH_SAMPLES = 4000

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import compress, product
 from textwrap import shorten
 from typing import Any
@@ -40,6 +39,7 @@ from commonlaw.plots.style import (
     styled,
     thinned,
 )
+from commonlaw.runtime.forking import cached_property
 from commonlaw.text import in_line
 from commonlaw.trials import Trials
 

@@ -4,10 +4,10 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from threading import RLock
 from typing import Any
 
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.forking import ProcessLock
 
 
 def optional_import(module: str, feature: str, extra: str) -> Any:
@@ -26,13 +26,13 @@ def optional_import(module: str, feature: str, extra: str) -> Any:
         raise CommonlawError("extra-missing", feature=feature, package=package.replace("_", "-"), extra=extra) from None
 
 
-_ALONE = RLock()
+_ALONE = ProcessLock()
 """What warnings are shown is set for the whole process: of two threads, each would put back what the other has set."""
 
 
 @contextmanager
 def quiet(category: type[Warning], message: str = "") -> Iterator[None]:
     """Leave out warnings of a category whose text begins with a regular expression."""
-    with _ALONE, warnings.catch_warnings():
+    with _ALONE.held(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message, category)
         yield

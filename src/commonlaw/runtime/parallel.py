@@ -15,6 +15,7 @@ from threading import Lock, Semaphore, Thread
 from typing import Any, TypeVar
 
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.forking import ProcessLock
 
 T = TypeVar("T")
 
@@ -144,7 +145,7 @@ _TEAM: ContextVar[_Team | None] = ContextVar("_TEAM", default=None)
 class _Limit:
     """How many hold to the limit, and what the first of them has found."""
 
-    lock = Lock()
+    lock = ProcessLock()
     users = 0
     first: Any = None
 
@@ -159,7 +160,7 @@ def one_blas_thread() -> Iterator[None]:
     """
     from threadpoolctl import threadpool_limits
 
-    with _Limit.lock:
+    with _Limit.lock.held():
         limit = threadpool_limits(1, "blas")
         _Limit.first = _Limit.first if _Limit.users else limit
         _Limit.users += 1
@@ -167,7 +168,7 @@ def one_blas_thread() -> Iterator[None]:
         with limit:
             yield
     finally:
-        with _Limit.lock:
+        with _Limit.lock.held():
             _Limit.users -= 1
             if not _Limit.users:
                 with _Limit.first:

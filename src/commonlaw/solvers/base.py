@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem, explained, least_squares_of_each
+from commonlaw.runtime.forking import cached_property
 
 _RIDGE = 1e-11
 """Parts columns of unit norm that depend on each other, so that five digits of their directions remain."""

@@ -9,13 +9,13 @@ from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache, lru_cache
 from itertools import product
-from threading import Lock
 from tokenize import TokenError
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw.errors import CommonlawError, unknown
+from commonlaw.runtime.forking import ProcessLock
 
 if TYPE_CHECKING:
     import pint
@@ -88,7 +88,7 @@ _SPELLINGS = {
     r"\bms-2\b": "m/s^2",
 }
 """What people write, also what pint takes for another unit: Nm for one of yarns, amps for attometers per second."""
-_LOADING = Lock()
+_LOADING = ProcessLock()
 
 _COUNTS = (
     "cell", "individual = ind", "animal", "plant", "person = _ = people", "host", "colony = _ = colonies",
@@ -102,7 +102,7 @@ _COUNTS = (
 
 def registry() -> "pint.UnitRegistry[float]":
     """Return the one registry of units, loaded at the first call: units of two registries cannot be compared."""
-    with _LOADING:
+    with _LOADING.held():
         return _registry()
 
 

@@ -4,7 +4,6 @@ import math
 import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, Indices, same_content
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.runtime.forking import cached_property
 from commonlaw.trials.headers import label, plain
 
 

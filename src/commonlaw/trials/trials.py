@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.array_types import Floats, same_content
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
 from commonlaw.trials.check import Report, check, regular_length

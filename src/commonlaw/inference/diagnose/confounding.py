@@ -14,7 +14,7 @@ comparison is made with these.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import chain, combinations, product
 
 import numpy as np
@@ -27,6 +27,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.integral_form import integrated, outside_span
 from commonlaw.library import Order, PolynomialLibrary, Terms, order_of_each, parse_library, with_rates
 from commonlaw.library.libraries import LibraryGiven
+from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import natural
 

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -21,6 +20,7 @@ from commonlaw.law import Step
 from commonlaw.library import Order
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each, linearize_each
 from commonlaw.runtime.fit_options import ErrorKind
+from commonlaw.runtime.forking import cached_property
 
 NO_MODEL_ERROR = 0.0
 """The model error of laws whose trajectories are solutions."""

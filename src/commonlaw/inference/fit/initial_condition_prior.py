@@ -8,7 +8,6 @@ correction is the same for all laws.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.score.evidence import minus_twice_log_evidence
 from commonlaw.inference.score.supports import random_effect_factors
 from commonlaw.likelihood import Estimate, NotPositiveError, whitened_with_initial_states
+from commonlaw.runtime.forking import cached_property
 
 
 @dataclass(frozen=True, eq=False)

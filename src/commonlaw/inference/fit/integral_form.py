@@ -11,7 +11,6 @@ search and Gauss-Newton steps on the variable projection.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from commonlaw.inference.fit.parameter_grid import ParameterGrids, along
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import ParametricTerm, order_of_each
 from commonlaw.likelihood import Estimate, Mesh
+from commonlaw.runtime.forking import cached_property
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,6 @@ import ast
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.inference import settings
 from commonlaw.library import ParametricTerm, Term, Terms, Variables
 from commonlaw.library.grammar import columns_in, constant, evaluate
+from commonlaw.runtime.forking import cached_property
 
 
 def log_grid(per_decade: int, decades: float = settings.MAX_DECADES) -> Floats:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -44,6 +43,7 @@ from commonlaw.likelihood import (
     meshes,
 )
 from commonlaw.runtime.fit_options import FitOptions
+from commonlaw.runtime.forking import cached_property
 from commonlaw.solvers import AbstractSolver
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import pure_error, with_typical

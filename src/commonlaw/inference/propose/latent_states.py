@@ -10,7 +10,6 @@ equations that such a forcing would have as a latent state.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from commonlaw.law.text import Addend, written_equations
 from commonlaw.library import ParametricTerm, Terms, Variables, parse_term
 from commonlaw.library.notation import quoted
 from commonlaw.library.parametric import free_name, parametric_term, terms_of_family
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.progress import ProgressCallback, Stage
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import with_starts

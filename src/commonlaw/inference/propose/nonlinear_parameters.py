@@ -10,7 +10,6 @@ normal prior with the between-object scatter, from the medians of all objects (e
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import islice, product
 from typing import Any
 
@@ -37,6 +36,7 @@ from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound, limits_of
 from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, Prior, fit_each
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.parallel import in_parallel, threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials

@@ -8,7 +8,6 @@ equation is not multiplied by the denominator, which would put measurement error
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import chain, combinations
 from typing import NamedTuple
 
@@ -36,6 +35,7 @@ from commonlaw.inference.propose.integral_ranking import (
 )
 from commonlaw.library import Ratios, Terms
 from commonlaw.likelihood import Estimate
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.parallel import in_parallel
 
 

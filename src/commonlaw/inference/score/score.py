@@ -10,9 +10,10 @@ with the parts listed in `Part`. The difference of two scores is 2 log B of the 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 from math import fsum
 from typing import Literal
+
+from commonlaw.runtime.forking import cached_property
 
 Part = Literal[
     "likelihood",

@@ -5,7 +5,6 @@ The least-squares problems have the terms of one equation after the other as col
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from math import lgamma
 
 import numpy as np
@@ -22,6 +21,7 @@ from commonlaw.inference.score.evidence import (
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.settings import GENERIC_POINTS, MAX_SWEEPS, MAX_TERMS, ROUNDING
 from commonlaw.library import Terms
+from commonlaw.runtime.forking import cached_property
 from commonlaw.solvers import AbstractSolver
 
 

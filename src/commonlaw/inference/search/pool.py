@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from commonlaw.inference.score.score import Kind, Score
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import with_rates
 from commonlaw.likelihood import variance_of_rates
+from commonlaw.runtime.forking import cached_property
 
 
 @dataclass(frozen=True, eq=False)
