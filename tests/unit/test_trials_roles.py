@@ -166,12 +166,14 @@ def test_a_time_that_is_called_like_a_unit_has_it():
     ],
 )
 def test_names_of_quantities_may_end_in_units_and_other_names_do_not(names, units):
-    trials = Trials.from_frame(stacked([{}], **dict.fromkeys(names, decay)), inputs=[])
+    trials = Trials.from_frame(stacked([{}], **dict.fromkeys(names, decay)), inputs=[], object="")
     assert dict(trials.schema.units) == units
     assert set(trials.schema.states) | {*trials.schema.noise_columns.values()} == set(names)
     assert any("units read from names" in note for note in trials.notes) == bool(units)
     chosen = dict.fromkeys(trials.schema.states, "")
-    assert not Trials.from_frame(stacked([{}], **dict.fromkeys(names, decay)), inputs=[], units=chosen).schema.units
+    assert not Trials.from_frame(
+        stacked([{}], **dict.fromkeys(names, decay)), inputs=[], object="", units=chosen
+    ).schema.units
 
 
 def test_of_two_times_the_user_is_asked_and_another_clock_is_no_state():

@@ -8,7 +8,9 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.discovery.hints import outcomes_of_separate_states
+from commonlaw.law.parameters import named_parameters
 from commonlaw.trials import Trials
+from commonlaw.trials.equation_columns import as_named
 from tests.refusals import message, refused
 
 HOURS = np.arange(6.0)
@@ -46,16 +48,19 @@ def test_a_plate_has_the_trials_of_a_long_table_and_is_recognised():
         (["Temp rep1", "Temp rep2", "Temp rep3"], True),
         (["pos1", "pos2", "pos3"], False),
         (["OD A1", "OD A2", "OD B1", "OD B2"], True),
-        (["A1", "A2"], False),
+        (["A1", "A2"], True),
         (["25 °C", "35 °C"], True),
         (["0.5 mg/L", "1 mg/L", "2 mg/L"], True),
         (["10 cm", "20 cm", "30 cm"], False),
         (["25 °C", "35 K"], False),
         (["theta_1", "theta_2", "omega_1", "omega_2"], False),
         (["pos_1", "vel_1", "pos_2", "vel_2"], False),
-        (["tank_1", "tank_2", "tank_3"], False),
+        (["tank_1", "tank_2", "tank_3"], True),
+        (["Cup A", "Cup B"], True),
+        (["pos_x", "pos_y"], False),
+        (["temp in", "temp out"], False),
         (["prey_1", "prey_2", "hunter_1", "hunter_2"], False),
-        (["C1", "C2", "C3", "C4"], False),
+        (["C1", "C2", "C3", "C4"], True),
         ([f"C{i}" for i in range(1, 9)], True),
         (["prey", "predator", "grass"], False),
         (["x1", "x2", "x3", "x4", "x5"], False),
@@ -74,7 +79,7 @@ def test_columns_of_a_single_word_are_replicates_where_they_nearly_agree():
     assert Trials.from_frame(frame).objects == ("WT_1", "WT_2", "WT_3")
     two = frame.assign(mut_1=0.5 * frame["WT_1"], mut_2=0.5 * frame["WT_2"])
     assert Trials.from_frame(two).objects == ("WT_1", "WT_2", "WT_3", "mut_1", "mut_2")
-    assert Trials.from_frame(frame.assign(WT_3=2 * frame["WT_3"])).objects == ("object",)
+    assert Trials.from_frame(frame.assign(WT_3=2 * frame["WT_3"])).objects == ("WT_1", "WT_2", "WT_3")
     blanks = {f"blank_{i + 1}": 0.05 + 0.1 * noise[:, i] for i in range(2)}
     assert len(Trials.from_frame(two.assign(**blanks)).objects) == 7
 
@@ -95,7 +100,7 @@ def test_columns_of_standard_deviations_go_with_those_of_the_same_number():
 @pytest.mark.parametrize(
     ("names", "hinted"),
     [
-        (["s 1", "s 2", "s 3", "s 4"], True),
+        (["x 1", "x 2", "x 3", "x 4"], True),
         (["x1", "x2", "x3"], False),
         (["x", "y", "z", "w"], False),
         (list("abcdefgh"), True),
@@ -151,9 +156,10 @@ def test_what_cannot_be_read_so_is_refused(frame, roles, expected):
         Trials.from_frame(frame, **roles)
 
 
-def test_an_equation_in_another_name_than_that_of_a_guessed_wide_table_says_how_to_give_it():
+def test_an_equation_names_the_quantity_of_a_guessed_wide_table_and_another_than_the_given_one_is_refused():
+    assert as_named(Trials.from_frame(PLATE), ["OD"]).schema.states == ("OD",)
     with refused("columns-of-objects", name="OD"):
-        cl.fit("OD' = r OD", Trials.from_frame(PLATE))
+        cl.fit("OD' = r OD", Trials.from_frame(PLATE, wide="N"))
     both = Trials.from_frame(PLATE[["time [h]", "A1", "A2"]])
     with refused("equation-or-input"):
         cl.fit("A1' = r A1 + b A2", both)
@@ -210,3 +216,73 @@ def test_states_with_the_same_law_each_may_be_objects(equations, codes):
     ] == codes
     units = {"x": "degC", "y": "m"}
     assert outcomes_of_separate_states(replace(law, schema=replace(law.schema, units=units))) == ()
+
+
+def cooled(rates, samples=16):
+    times, random = np.arange(samples) * 2.0, np.random.default_rng(5)
+    columns = {
+        name: (21 + 60 * np.exp(-rate * times) + random.normal(0, 0.2, samples)).round(1)
+        for name, rate in rates.items()
+    }
+    return pd.DataFrame({"minutes": times, **columns})
+
+
+def test_letters_with_an_index_are_objects_and_called_by_the_letter():
+    trials = Trials.from_frame(cooled({"T1": 0.08, "T2": 0.05}).assign(Tamb=21.0))
+    assert (trials.objects, trials.schema.states) == (("T1", "T2"), ("T",))
+    law = cl.fit("T' = -k (T - 21)", trials, errors="white")
+    np.testing.assert_allclose(named_parameters(law).values[:, 0], [0.08, 0.05], rtol=0.02)
+    assert len(Trials.from_frame(cooled({"T1": 0.08, "T2": 0.05}), object="")) == 1
+
+
+@pytest.mark.parametrize("noise", [1e-6, 0.01])
+@pytest.mark.parametrize(
+    ("equations", "start"),
+    [
+        ("a' = a - 0.7 a b; b' = 0.5 a b - 0.8 b", [1.0, 1.0]),
+        ("a'' = -a + 0.3 b; b'' = -1.2 b + 0.3 a", [1.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_columns_of_one_stem_that_act_on_each_other_are_states(equations, start, noise):
+    times = np.linspace(0, 20, 60)
+    (curve,) = cl.Law.from_text(equations).simulate(times, start).values()
+    values = curve.states[:, :2] + noise * np.random.default_rng(0).normal(0, 1, (60, 2))
+    frame = pd.DataFrame({"t": times, "species 1": values[:, 0], "species 2": values[:, 1]})
+    trials = Trials.from_frame(frame)
+    assert trials.schema.states == ("species 1", "species 2")
+    assert any("`wide='value'`" in note for note in trials.notes)
+    assert Trials.from_frame(frame, wide="N").objects == ("species 1", "species 2")
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.03])
+def test_growth_curves_of_one_stem_do_not_act_on_each_other(noise):
+    times, random = np.linspace(0, 20, 30), np.random.default_rng(1)
+    curves = [1 / (1 + 40 * np.exp(-rate * times)) + random.normal(0, noise, 30) for rate in (0.5, 0.7, 0.6)]
+    trials = Trials.from_frame(pd.DataFrame({"t": times, **{f"species {i}": x for i, x in enumerate(curves, 1)}}))
+    assert trials.objects == ("species 1", "species 2", "species 3")
+
+
+def test_equations_in_the_columns_take_them_for_states():
+    trials = Trials.from_frame(cooled({"T1": 0.08, "T2": 0.05}))
+    law = cl.fit("T1' = -k (T1 - 21); T2' = -h (T2 - 21)", trials, errors="white")
+    assert law.schema.states == ("T1", "T2")
+    np.testing.assert_allclose(named_parameters(law).values[0], [0.08, 0.05], rtol=0.02)
+    assert law.predict(trials).score() > 0.99
+    with refused("equations-of-other-states"):
+        cl.fit("T1' = -k (T1 - T2)", trials)
+
+
+def test_a_letter_that_is_a_column_of_a_guessed_property_is_asked_about():
+    frame = pd.concat([cooled({"T": k}).assign(cup=f"c{i}", k=i) for i, k in enumerate((0.05, 0.08, 0.07), 1)])
+    trials = Trials.from_frame(frame)
+    with refused("letter-of-column", name="k"):
+        cl.fit("T' = -k (T - 21)", trials)
+    declared = Trials.from_frame(frame, properties="k")
+    for taken, equation in ((declared, "k"), (trials, "`k`")):
+        assert not cl.fit(f"T' = -{equation} (T - 21)", taken, errors="white").uncertainty.covariance.any()
+    in_trials = Trials.from_frame(frame.drop(columns="cup").assign(run=frame["k"] + 1), object="")
+    assert in_trials.schema.inputs == ("k",)
+    with refused("letter-of-column", name="k"):
+        cl.fit("T' = -k (T - 21)", in_trials)
+    word = Trials.from_frame(frame.rename(columns={"k": "rate"}))
+    assert as_named(word, ["T"], "T' = -rate (T - 21)") is word

@@ -26,6 +26,7 @@ from commonlaw.library.equation import split_equations
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.report.markup import formula, parts_of
 from commonlaw.trials import Trials
+from commonlaw.trials.equation_columns import as_named
 from commonlaw.trials.transformations import with_doses
 from commonlaw.trials.trial import property_names
 
@@ -111,6 +112,7 @@ def _read(table: Table, asked: bytes) -> tuple[Beginning, Trials, list[list[str]
     columns, equations = msgspec.json.decode(asked, type=tuple[Columns, Equations])
     trials = with_doses(table.trials(columns), equations.doses)
     model_text, given = ModelText.of(equations.text), equations.initial
+    trials = as_named(trials, model_text.named, equations.text)
     split = split_equations(model_text.equations)
     second = [equation.state for equation in split if equation.order == 2]
     trials, _ = without_measured_rates(trials, second, [equation.state for equation in split])

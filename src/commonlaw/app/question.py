@@ -24,10 +24,10 @@ from commonlaw.trials import Trials
 from commonlaw.trials.columns import Table as Cells
 from commonlaw.trials.files import table_in
 from commonlaw.trials.reading import Reading, WrittenReading
-from commonlaw.trials.recognition import quantity
 from commonlaw.trials.roles import ROLES, ColumnRoles, named_roles
 from commonlaw.trials.tables import column_roles_of, rows_of
 from commonlaw.trials.transformations import with_doses
+from commonlaw.trials.wide import quantity
 
 if TYPE_CHECKING:
     from commonlaw.discovery import TrajectoryLikelihood

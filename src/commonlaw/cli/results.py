@@ -16,11 +16,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.models import model_named
-from commonlaw.library.equation import split_equations
 from commonlaw.runtime.fit_options import FitOptions, settings_of
 from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import as_text
 from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials.equation_columns import as_named
 from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
@@ -80,7 +80,8 @@ def load(
     if not equations:
         return source.load(schemas[0])
     trials, text = source.load(), ModelText.of(equations[0])
-    named = (*(equation.state for equation in split_equations(text.equations)), *text.observed)
+    named = text.named
+    trials = as_named(trials, named, "; ".join(equations))
     columns = (*trials.schema.states, *trials.schema.inputs)
     states = tuple(name for name in named if name in columns or (text.is_plain and name not in starts))
     if source.dataset or "states" in source.roles:

@@ -50,6 +50,7 @@ from commonlaw.runtime.fit_options import (
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, silent
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials.equation_columns import as_named
 from commonlaw.trials.transformations import (
     objects_at_rest,
     outcome_of_rest,
@@ -215,6 +216,7 @@ def fit(
     shared = (shared,) if isinstance(shared, str) else shared
     groups = shared if isinstance(shared, Mapping) else dict.fromkeys(shared, ALL)
     model = ModelText.of(equations, observe)
+    trials = as_named(trials, model.named, "; ".join(equations if not isinstance(equations, str) else [equations]))
     dosed = with_doses(trials, doses)
     starts = written_starts(model, initial_values or {})
     at = initial_time_of(dosed, initial_time, starts)

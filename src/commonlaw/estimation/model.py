@@ -72,6 +72,11 @@ class ModelText:
         return cls(tuple(equations), observed, known, bounds_in(bounds), events)
 
     @property
+    def named(self) -> tuple[str, ...]:
+        """The states of the equations, and what was observed."""
+        return (*(equation.state for equation in split_equations(self.equations)), *self.observed)
+
+    @property
     def is_plain(self) -> bool:
         """Whether there are differential equations and bounds alone, without delays, switches and events."""
         calls = (match for text in self.equations for match in _CALLED.finditer(text))

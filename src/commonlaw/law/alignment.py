@@ -13,6 +13,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law
 from commonlaw.library.parametric import free_name
 from commonlaw.trials import Schema, Trials
+from commonlaw.trials.equation_columns import as_named
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.transformations import (
     in_units,
@@ -48,6 +49,7 @@ def matched(
     if law.observation is not None and not observed:
         raise CommonlawError("law-with-observation")
     schema = measured_schema(law)
+    trials = as_named(trials, schema.measured)
     trials = without_states(without_rates(trials, schema.rates), law.provenance.domain.constant)
     known = property_names(trials.properties)
     missing = [name for name in schema.inputs if name not in trials.schema.inputs]

@@ -1,7 +1,6 @@
 """What columns are by their names, units and values: times, labels, standard deviations, inputs, or an object each."""
 
 import re
-import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -17,50 +16,54 @@ from commonlaw.trials.dates import holds_dates, is_clock, is_time
 from commonlaw.trials.headers import known_unit
 
 
-def _vocabulary(text: str) -> frozenset[str]:
+def vocabulary(text: str) -> frozenset[str]:
+    """Return the words of a text."""
     return frozenset(text.split())
 
 
-TIME = _vocabulary(
+TIME = vocabulary(
     "time times timestamp datetime date elapsed clock epoch when "
     "second seconds sec secs minute minutes mins hour hours hr hrs day days week weeks month months year years age "
     "zeit messzeit laufzeit uhrzeit zeitpunkt datum sekunde sekunden minuten stunde stunden tag tage woche wochen jahr "
     "jahre temps heure heures jour jours tiempo tempo fecha hora horas"
 )
-_SHORT_TIME = _vocabulary("t s h d min k n step steps iteration generation tick frame cycle")
+_SHORT_TIME = vocabulary("t s h d min k n step steps iteration generation tick frame cycle")
 """What a time is called, too, and other quantities as well: taken where no other column is a time, if it increases."""
-SEPARATE = _vocabulary(
+SEPARATE = vocabulary(
     "subject patient participant person individual animal mouse rat ball well vial tube flask colony strain sample "
     "specimen plant tree chick bird fish dog child infant replicate rep repeat repetition trial run cup mug bottle "
     "beaker motor engine pump battery"
 )
 """What does not act on others of its kind."""
-OBJECT = SEPARATE | _vocabulary("object id body particle cell device board rig unit site station tank name")
-TRIAL = _vocabulary(
+OBJECT = SEPARATE | vocabulary("object id body particle cell device board rig unit site station tank name")
+TRIAL = vocabulary(
     "trial run replicate rep repeat repetition drop experiment exp test session series batch attempt throw shot pass "
     "round episode cond condition versuch lauf messung wiederholung"
 )
-QUANTITIES = _vocabulary(
+MEASURED = vocabulary(
     "pos position vel velocity speed angle temp temperature pressure level height conc concentration current voltage "
-    "mass species node mode channel state var tank cell body particle site station patch compartment"
+    "mass"
+)
+QUANTITIES = MEASURED | vocabulary(
+    "species node mode channel state var tank cell body particle site station patch compartment"
 )
 """What one object may have several of."""
-_MEASURAND = _vocabulary("variable quantity parameter signal channel measurand analyte observable")
+_MEASURAND = vocabulary("variable quantity parameter signal channel measurand analyte observable")
 """What names quantities that stand below each other."""
-_SURROUNDINGS = _vocabulary("ambient amb tamb surroundings environment env tenv outdoor outdoors outside weather")
-_INPUT = _SURROUNDINGS | _vocabulary(
+_SURROUNDINGS = vocabulary("ambient amb tamb surroundings environment env tenv outdoor outdoors outside weather")
+INPUT = _SURROUNDINGS | vocabulary(
     "input setpoint command control stimulus forcing dose amt solar irradiance insolation radiation sunlight sunshine "
     "rain rainfall precipitation throttle pwm duty"
 )
-_AMOUNT = _vocabulary("dose doses dosage amt")
+_AMOUNT = vocabulary("dose doses dosage amt")
 """What names amounts that are given: an empty cell is none."""
-_RECORD = _vocabulary("evid mdv cmt")
+_RECORD = vocabulary("evid mdv cmt")
 """Columns of pharmacological data sets that mark a row as a dose or a measurement, as the amounts do."""
-_DEVIATION = _vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
-_VELOCITIES = _vocabulary("v w")
+_DEVIATION = vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
+_VELOCITIES = vocabulary("v w")
 """Names next to which u is another velocity, and not an input."""
-_MEAN = _vocabulary("mean avg average")
-_ROW_NUMBER = _vocabulary("no nr number id index row record line obs observation point")
+_MEAN = vocabulary("mean avg average")
+_ROW_NUMBER = vocabulary("no nr number id index row record line obs observation point")
 
 _OF_TIME = {"[time]": 1.0}
 _CLOCK = re.compile(r"\W*\d[\d\W_]*(T\d[\d\W]*Z?)?([ap]m)?\W*", re.IGNORECASE)
@@ -337,7 +340,7 @@ def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Code
     counted = [
         name
         for name in able
-        if not is_called(name, _INPUT)
+        if not is_called(name, INPUT)
         and _counts(table, name)
         and increase_within(owners * len(table) + table.encoded(name)[0], times)
     ]
@@ -505,6 +508,9 @@ def deviation_columns(table: Table, names: Sequence[str]) -> dict[str, str]:
     return pairs
 
 
+CONSTANT_IN_TRIALS = "constant in each trial"
+
+
 def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Sequence[Codes]) -> dict[str, str]:
     """Return columns of numbers that the experimenter set, and what shows it; at least one is left as measured.
 
@@ -521,12 +527,12 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     for name, values in cells.items():
         runs, others = [values[rows] for rows in trials], [column for column in names if column != name]
         courses = [(times[rows].tobytes(), values[rows].tobytes()) for rows in trials if np.ptp(values[rows]) > 0]
-        if is_called(name, _INPUT) or (name == "u" and not _VELOCITIES.intersection(names)):
+        if is_called(name, INPUT) or (name == "u" and not _VELOCITIES.intersection(names)):
             reasons[name] = "by its name"
         elif not np.isfinite(values).all() or np.ptp(values) == 0:
             continue
         elif all(np.ptp(run) == 0 for run in runs):
-            reasons[name] = "constant in each trial"
+            reasons[name] = CONSTANT_IN_TRIALS
         elif 2 * sum(map(_is_held, runs)) >= sum(np.ptp(run) > 0 for run in runs):
             reasons[name] = "held at levels"
         elif any(np.isfinite(cells[column]).all() for column in others) and len({*courses}) < len(courses):
@@ -652,102 +658,3 @@ def difference_noise(runs: Sequence[Floats]) -> Floats:
         if len(parts) > order:
             result[i] = np.sqrt(np.mean(parts**2) / comb(2 * order, order))
     return result
-
-
-_WELL = re.compile(r"(?:(.*[\W_]))?([A-P])0?(?:[1-9]|1\d|2[0-4])")
-"""Of a plate of up to 384 wells, after the name of what was measured or without it."""
-_NUMBERED = re.compile(r"(.*?)[\W_]*\d+")
-_REPLICATE = re.compile(r"(.*[^\W\d_]{2})[\W_]*\d+")
-"""A word of two letters at least, and a number."""
-_QUALIFIED = re.compile(r"([^\W\d_]+)[\W_]+[^\W\d_]{2,}")
-"""A quantity and of what it is, T_milk, but no component such as pos_x."""
-_CONDITION = re.compile(r"[-+]?\d+(?:[.,]\d+)?\s*(\D+)")
-"""A number with a unit, such as the temperature or the dose of a run."""
-_MIN_LIKE_COLUMNS, _MIN_COLUMNS = 4, 8
-"""Columns of like names, and of any names, from which on they may be an object each."""
-_MAX_REPLICATE_DIFFERENCE = 0.1
-"""Of the range of their mean, by how much replicates differ from it; and of all values, by how much starts differ."""
-
-
-def columns_of_one_quantity(table: Table, names: Sequence[str]) -> list[str]:
-    """Return those columns of numbers that hold one quantity of an object each; none if that is in doubt.
-
-    They have one unit, and names of wells; or all are called by conditions in the same unit, ``25 °C``, ``35 °C``; or
-    by words with numbers, which name individuals or repetitions, or have nearly the same values for the same word, as
-    replicates have. Names of quantities such as theta are no such words.
-    """
-    conditions = {match[1].strip() if (match := _CONDITION.fullmatch(name)) else None for name in names}
-    wells = {name: match for name in names if (match := _WELL.fullmatch(name))}
-    stems = {name: match[1] for name in names if (match := _REPLICATE.fullmatch(name))}
-    groups = [[name for name in stems if stems[name] == stem] for stem in dict.fromkeys(stems.values())]
-    if len(wells) >= _MIN_LIKE_COLUMNS and len({well[1] for well in wells.values()}) == 1:
-        letters = {well[2] for well in wells.values()}
-        values = _complete(table, [*wells])
-        start_alike = len(values) and np.ptp(values[0]) < _MAX_REPLICATE_DIFFERENCE * np.ptp(values)
-        alike = [*wells] if len(letters) > 1 or len(wells) >= _MIN_COLUMNS or start_alike else []
-    elif len(names) > 1 and len(conditions) == 1 and (condition := conditions.pop()):
-        unit = known_unit(condition)  # Lengths are the places of sensors on one object
-        alike = [] if unit is not None and unit.dimensionality == {"[length]": 1} else list(names)
-    elif len(stems) == len(names) > 2 and not any(map(_is_variable, stems.values())):
-        individuals = all(is_called(stem, SEPARATE) for stem in stems.values())
-        values = _complete(table, names)
-        span = float(np.ptp(values)) if values.size else 0.0
-        repeated = len(groups) < len(names) and all(_are_repeated(table, group, span) for group in groups)
-        alike = list(names) if individuals or repeated else []
-    else:
-        return []
-    return alike if len({table.units.get(name) for name in alike}) == 1 else []
-
-
-def _is_variable(stem: str) -> bool:
-    """Say whether a name ends in a quantity or is a Greek letter, which one object may have several of."""
-    try:
-        unicodedata.lookup(f"GREEK SMALL LETTER {stem.upper()}")
-    except KeyError:
-        return words(stem)[-1] in QUANTITIES
-    return True
-
-
-def _complete(table: Table, names: Sequence[str]) -> Floats:
-    """Return the rows of columns without missing values, shape (n, columns)."""
-    values = np.column_stack([readable(table, name) for name in names])
-    return np.asarray(values[np.isfinite(values).all(axis=1)])
-
-
-def _are_repeated(table: Table, names: Sequence[str], span: float) -> bool:
-    """Return whether columns are replicates: nearly equal, or both constant as blanks next to the range of all."""
-    values = _complete(table, names)
-    mean = values.mean(axis=1, keepdims=True)
-    if not len(values):
-        return False
-    return bool(
-        np.sqrt(np.mean((values - mean) ** 2)) < _MAX_REPLICATE_DIFFERENCE * np.ptp(mean)
-        or np.ptp(values) < _MAX_REPLICATE_DIFFERENCE * span
-    )
-
-
-def wide_hint(table: Table, states: Sequence[str]) -> tuple[str, ...]:
-    """Return a note if columns that were taken as the states of one object may well be an object each."""
-    stems = {match[1].casefold() if (match := _NUMBERED.fullmatch(name)) else name for name in states}
-    begins = {match[1].casefold() if (match := _QUALIFIED.fullmatch(name)) else "" for name in states}
-    alike = len(states) >= _MIN_LIKE_COLUMNS and len(stems) == 1
-    alike |= len(states) > 1 == len(begins) and not begins.isdisjoint(QUANTITIES | {"t", "od"})
-    if not alike and (len(states) < _MIN_COLUMNS or len({table.units.get(name) for name in states}) > 1):
-        return ()
-    return (
-        f"{shown_columns(states)} are taken as states of one object; if each is an object of its own, read them with "
-        "`wide='value'`, or the name of what was measured",
-    )
-
-
-def quantity(columns: Sequence[str], wide: bool | str | None) -> str:
-    """Return the name of the measured quantity, by default the common beginning of the names of wells, or "value"."""
-    if isinstance(wide, str):
-        return wide
-    begins = {match[1] or "" if (match := _WELL.fullmatch(name)) else "" for name in columns}
-    return (begins.pop().strip(" _-.:") if len(begins) == 1 else "") or "value"
-
-
-def shown_columns(names: Sequence[str]) -> str:
-    """Return names in short."""
-    return f"{', '.join(names[:2])}, ..., {names[-1]} ({len(names)} columns)" if len(names) > 3 else ", ".join(names)

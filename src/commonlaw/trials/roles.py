@@ -16,7 +16,6 @@ from commonlaw.trials.headers import find_name, split_header
 from commonlaw.trials.properties import constant_columns, object_codes
 from commonlaw.trials.reading import Reading, Roles
 from commonlaw.trials.recognition import (
-    columns_of_one_quantity,
     common_inputs,
     deviation_columns,
     increase_within,
@@ -30,11 +29,10 @@ from commonlaw.trials.recognition import (
     readable,
     record_columns,
     runs_of_labels,
-    shown_columns,
     time_column,
     trial_column,
-    wide_hint,
 )
+from commonlaw.trials.wide import columns_of_one_quantity, shown_columns, wide_hint
 
 _LABELS: tuple[Literal["object", "trial", "time"], ...] = ("object", "trial", "time")
 GUESSED = "columns recognized as "
@@ -166,23 +164,23 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         also = (name for name in table.columns if name == owner and is_quantity(table, name))
         properties = tuple(dict.fromkeys((*properties, *also)))
     wide, numbers = roles.get("wide"), [name for name in free if table.is_numeric(name)]
-    if not (states or wide or owner or trial or "object_name" in roles):
-        wide = bool(alike := columns_of_one_quantity(table, numbers)) or None
-        states = take(alike)
+    is_given, on_columns = bool(wide) and "wide" in roles, tuple[str, ...]()
+    if not (states or is_given):
+        left_out += take(other_clocks(table, numbers, times, owners * len(table) + runs))
+    if not (states or wide or owner or trial or "object_name" in roles or roles.get("object") == ""):
+        alike, on_columns = columns_of_one_quantity(table, [name for name in numbers if name in free], times)
+        wide, states = bool(alike) or None, take(alike)
     begun = np.cumsum(np.diff(times, prepend=times[:1]) < 0) if roles.get("restarts") == "trials" else runs
     order = np.lexsort((times, begun, runs, owners))
     changes = np.any([np.diff(codes[order]) != 0 for codes in (owners, runs, np.asarray(begun))], axis=0)
     trials = np.split(order, np.flatnonzero(changes) + 1)
-    if "states" not in roles:
-        is_given = wide and "wide" in roles
-        left_out += take(() if is_given else other_clocks(table, numbers, times, owners * len(table) + runs))
-        if "inputs" not in roles:
-            driving = input_columns(table, numbers, times, trials)
-            for name, reason in (common_inputs(table, driving, numbers) if is_given else driving).items():
-                inputs += take([name], reason)
-            switches = [name for name in free if table.is_switch(name)]
-            changing = [name for name in switches if any(np.ptp(readable(table, name)[rows]) > 0 for rows in trials)]
-            inputs += take(changing, "its words are 1 and 0")
+    if "states" not in roles and "inputs" not in roles:
+        driving = input_columns(table, numbers, times, trials)
+        for name, reason in (common_inputs(table, driving, numbers) if is_given else driving).items():
+            inputs += take([name], reason)
+        switches = [name for name in free if table.is_switch(name)]
+        changing = [name for name in switches if any(np.ptp(readable(table, name)[rows]) > 0 for rows in trials)]
+        inputs += take(changing, "its words are 1 and 0")
     notes = [f"columns left out, as they number the rows: {', '.join(indices)}"] if indices else []
     notes += [f"{name}: empty cells are amounts of zero" for name in inputs if np.isnan(readable(table, name)).any()]
     notes += map(note_on_pulses, pulsed_inputs(table, inputs, trials))
@@ -190,7 +188,8 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         states = tuple(name for name in free if table.is_numeric(name))
         reasons |= dict.fromkeys(states[1:], "")  # which may be inputs
         free = [name for name in free if name not in states]
-        notes += wide_hint(table, states) if not (wide or owner) else ()
+        notes += wide_hint(table, states) if not (wide or owner or on_columns) else ()
+    notes += on_columns
     if unused := [name for name in table.columns if name in left_out or name in free]:
         notes.append(f"columns left out: {', '.join(unused)}")
     if not states:

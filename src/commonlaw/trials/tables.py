@@ -30,21 +30,21 @@ from commonlaw.trials.headers import joined_units, known_unit, label, split_head
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
 from commonlaw.trials.reading import Reading, Restarts, WrittenReading, checked, notation_of
 from commonlaw.trials.recognition import (
+    CONSTANT_IN_TRIALS,
     OBJECT,
     TIME,
     TRIAL,
     input_values,
     is_called,
-    quantity,
     readable,
     runs_of_labels,
-    shown_columns,
     unit_in_name,
     units_in_names,
 )
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
 from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 from commonlaw.trials.units import in_radians
+from commonlaw.trials.wide import quantity, shown_columns
 
 
 def _stacked(table: Table, names: Sequence[str], repeated: Iterable[str], more: Mapping[str, Column]) -> Table:
@@ -514,7 +514,9 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     notes += [f"units read from names: {', '.join(read)}"] if read else []
     remarks = (*table.notes, *spelled, *spelled_runs, *shown.lines, *known.notes, *notes)
     nameless = columns.object is None and "object_name" not in roles
-    data = in_radians(TrialData(tuple(trials), schema, known.values, remarks, nameless))
+    guessed = tuple(name for name in known.names if "properties" not in roles and name not in units)
+    guessed += tuple(name for name in columns.inputs if columns.reasons.get(name) == CONSTANT_IN_TRIALS)
+    data = in_radians(TrialData(tuple(trials), schema, known.values, remarks, nameless, guessed))
     return Rows(data, tuple(empty), tuple(row_indices), shown)
 
 

@@ -408,6 +408,7 @@ class TrialData(NamedTuple):
     properties: ObjectProperties
     notes: tuple[str, ...]
     nameless: bool = False
+    guessed: tuple[str, ...] = ()
 
 
 def with_typical(noise: Floats | float, typical: Floats) -> Floats:

@@ -100,6 +100,8 @@ class Trials(ShownInNotebooks):
         What was inferred from the table and done to the data (roles, sorting, clipping), in words.
     nameless
         Whether the table had no column of objects, so that the only one is named after the file, or ``object``.
+    guessed
+        Columns that are constant for each object or in each trial, and were read as properties or inputs for that.
     """
 
     trials: tuple[Trial, ...]
@@ -107,6 +109,7 @@ class Trials(ShownInNotebooks):
     properties: ObjectProperties = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     nameless: bool = False
+    guessed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.trials:
@@ -247,7 +250,7 @@ class Trials(ShownInNotebooks):
 
     @property
     def _data(self) -> TrialData:
-        return TrialData(self.trials, self.schema, self.properties, self.notes, self.nameless)
+        return TrialData(self.trials, self.schema, self.properties, self.notes, self.nameless, self.guessed)
 
     @property
     def shape(self) -> tuple[int]:
@@ -258,7 +261,9 @@ class Trials(ShownInNotebooks):
         return len(self.trials)
 
     def __eq__(self, other: object) -> bool:
-        return same_content(self, other, ("notes", "nameless")) if isinstance(other, Trials) else NotImplemented
+        return (
+            same_content(self, other, ("notes", "nameless", "guessed")) if isinstance(other, Trials) else NotImplemented
+        )
 
     def __hash__(self) -> int:
         return hash(self.trials)
@@ -288,7 +293,7 @@ class Trials(ShownInNotebooks):
         names = {trial.object for trial in trials}
         properties = {name: values for name, values in self.properties.items() if name in names}
         notes = self.notes if note is None else (*self.notes, note)
-        return Trials(tuple(trials), self.schema, properties, notes, self.nameless)
+        return Trials(tuple(trials), self.schema, properties, notes, self.nameless, self.guessed)
 
     def with_properties(self, values: ObjectProperties) -> "Trials":
         """Return the trials with further properties of their objects.
