@@ -50,7 +50,7 @@ def measured():
 def populations(measured, size):
     times, grown = measured
     frames = [pd.DataFrame({"r": r, "t": times, "x": size * x, "K": size}) for r, x in grown.items()]
-    return cl.Trials.from_frame(pd.concat(frames), object="r", time="t", states=["x"])
+    return cl.Trials.from_frame(pd.concat(frames), object="r", time="t", states=["x"], properties=["K"])
 
 
 @pytest.mark.parametrize(("size", "start"), [(1e-9, ""), (1e9, "; x(0) = x0"), (1.0, "")])
@@ -70,7 +70,7 @@ def test_an_epidemic_in_a_large_population_begins_with_an_unknown_number_of_susc
     size, times, truth = 1.3e9, np.linspace(0, 60, 61), (0.5, 0.15, 0.9, 0.001)
     infected = sir(times, *truth) + NOISE * np.random.default_rng(1).standard_normal(len(times))
     frame = pd.DataFrame({"town": "A", "t": times, "I": size * infected, "N": size})
-    trials = cl.Trials.from_frame(frame, object="town", time="t", states=["I"])
+    trials = cl.Trials.from_frame(frame, object="town", time="t", states=["I"], properties=["N"])
     settings = {"initial_values": {"S": None}, "errors": "white", "noise": {"I": NOISE * size}}
     law = cl.fit("S' = -b S I/N; I' = b S I/N - g I", trials, **settings)
     expected, errors = least_squares(sir, times, infected, truth)
@@ -105,7 +105,7 @@ def test_forecasts_of_a_new_object_take_its_own_property(measured):
     law = cl.fit("x' = r x (1 - x/K)", populations(measured, 1e6), errors="white")
     times = np.linspace(0, 20, 30)
     frame = pd.DataFrame({"r": 0.6, "t": times, "x": 4e6 * logistic(times, 0.6, np.log(0.05)), "K": 4e6})
-    new = cl.Trials.from_frame(frame, object="r", time="t", states=["x"])
+    new = cl.Trials.from_frame(frame, object="r", time="t", states=["x"], properties=["K"])
     forecast = law.predict(new, return_std=True)
     expected = 4e6 * logistic(times, estimates(law, "r")[0].mean(), np.log(0.05))
     np.testing.assert_allclose(forecast.trajectories[0].states[:, 0], expected, rtol=0.01)
