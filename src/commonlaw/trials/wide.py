@@ -174,20 +174,20 @@ def coupling(times: Floats, states: Floats, inputs: Floats) -> bool:
         others, target = np.delete(x, i, axis=1).T, column[rows]
         first = [*forces, integral(column), integral(column**2)]
         second = [*twice, t[rows] ** 2, integral(column), integral(column, 2)]
-        linear = [integral(other) for other in others]
-        products = [integral(column * other) for other in others]
-        forced = [integral(other, 2) for other in others]
+        linear = [integral(partner) for partner in others]
+        products = [integral(column * partner) for partner in others]
+        forced = [integral(partner, 2) for partner in others]
         squares, freedom = min(
             (residual(target, *first, integral(column**3)), residual(target, *second)), key=lambda pair: pair[0]
         )
         if freedom < 1 or squares / len(rows) < _MIN_UNEXPLAINED**2:
             continue
         for more in ([*first, *linear], [*first, *linear, *products], [*second, *forced], [*second, *forced, *linear]):
-            with_others, left = residual(target, *more)
-            gained = max(freedom - left, 1)
-            if left < 3 or squares / freedom < _MIN_COUPLING_RATIO * with_others / left:
+            with_others, remaining = residual(target, *more)
+            gained = max(freedom - remaining, 1)
+            if remaining < 3 or squares / freedom < _MIN_COUPLING_RATIO * with_others / remaining:
                 continue
-            if f.sf((squares - with_others) / gained / (with_others / left), gained, left) < _MAX_COUPLING_P:
+            if f.sf((squares - with_others) / gained / (with_others / remaining), gained, remaining) < _MAX_COUPLING_P:
                 return True
     return False
 
