@@ -114,6 +114,13 @@ LIBRARIES = (
     "poly:2 + fourier:1", "poly:1 * saturating", "ratio(poly:1, poly:1)", "rational:2:1+x**2", "constant", "auto",
     "terms:x**2", "poly:1 + terms:x/(K+x)",
 )  # fmt: skip
+
+
+@cache
+def result(kind: str) -> Any:
+    return RESULTS[kind]()
+
+
 RESULTS: dict[str, Callable[[], Any]] = {
     "tables of names": lambda: [value for value in public_values() if isinstance(value, Mapping)],
     "terms": lambda: cl.fit("x' = -k x", decay()),
@@ -178,11 +185,6 @@ COPIES: tuple[Callable[[object], object], ...] = (
     copy.deepcopy,
     copy.copy,
 )
-
-
-@cache
-def result(kind: str) -> Any:
-    return RESULTS[kind]()
 
 
 @pytest.mark.parametrize("kind", RESULTS)

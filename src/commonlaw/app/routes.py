@@ -115,7 +115,7 @@ def _body(content: bytes, kind: type | None) -> Any:
     """Return what was sent: bytes, or the value of a type in JSON."""
     if kind in (None, bytes):
         return content
-    result = read_json(content, kind)
+    result: Any = read_json(content, kind)
     check_lengths(msgspec.to_builtins(result))
     return result
 

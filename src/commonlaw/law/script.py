@@ -319,10 +319,11 @@ def to_script(law: Law, path: str | Source = "trials.csv") -> str:
 
 def given_initial_time(law: Law) -> float | Literal["first"] | None:
     """Return the time of the initial values that a law gives, as `commonlaw.fit` takes it; None where it gives none."""
-    given, at = law.schema.initial_values, law.schema.initial_time
-    if law.observation is not None:
-        given, at = law.observation.initial, law.observation.initial_time
-    return "first" if at is None and any(start is not None for start in given.values()) else at
+    if law.observation is None:
+        is_given, at = any(start is not None for start in law.schema.initial_values.values()), law.schema.initial_time
+    else:
+        is_given, at = bool(law.observation.initial), law.observation.initial_time
+    return "first" if at is None and is_given else at
 
 
 def _with_initial_time(line: str, at: float | Literal["first"] | None) -> str:

@@ -96,7 +96,7 @@ def with_dates_as_times(table: Table, name: str, order: DateOrder | None, others
             counts = [day for day in others if len(kept) == len(values) and _counts_days(table, day, after_midnight)]
             note += f", as {', '.join(counts)} counts" if counts else ""
             table = replace(table, columns={key: cells for key, cells in table.columns.items() if key not in counts})
-        calendar = bool(len(kept)) and np.min(values[kept]) >= 3600  # Others are durations: 0:15, 0:30
+        calendar = bool(len(kept) and np.min(values[kept]) >= 3600)  # Others are durations: 0:15, 0:30
         return _with_times(table, name, values, "s", note, calendar=calendar)
     elif (counted := _epochs(table, name)) is not None:
         stamps, note = counted, f"{name}: counted since 1970, taken as time in"
