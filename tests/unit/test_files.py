@@ -7,6 +7,7 @@ import stat
 import subprocess
 import sys
 import threading
+import time
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -430,3 +431,23 @@ def test_a_link_that_leads_nowhere_is_told_from_a_wrong_name(tmp_path):
     (tmp_path / "d.csv").symlink_to(tmp_path / "gone.csv")
     with refused("link-broken"):
         checked_file(tmp_path / "d.csv")
+
+
+LONG = {
+    "escapes": b'{"law": "' + b'"\\' * 2_000_000,
+    "quotes": b'"' * 4_000_000,
+    "texts": b"[" + b'"a",' * 1_000_000 + b'"a"]',
+    "brackets": b"[" * 4_000_000,
+}
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_json_of_any_texts_is_read_or_refused_at_once(name):
+    began = time.monotonic()
+    with suppress(CommonlawError):
+        read_json(LONG[name], object)
+    assert time.monotonic() - began < 5
+
+
+def test_brackets_in_texts_are_not_nested():
+    assert read_json(b'["' + b"[" * 100 + b'", "\\\\", "\\"' + b"{" * 100 + b'"]', object)[1] == "\\"
