@@ -223,7 +223,7 @@ def show(page: Page, app: Served, case: Case, path: Path) -> None:
     page.choose("setting_errors", "white")
     if case.library:
         page.choose("order", "1")
-        page.type("own_library", case.library)
+        page.choose("own_library", case.library)  # Which is folded away
         page.click("start")
     else:
         page.execute_script("document.getElementById('write').open = true")
