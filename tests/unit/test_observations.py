@@ -1,7 +1,7 @@
 """Laws with observation equations, held against least squares of solutions in closed form."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 import commonlaw as cl
 from commonlaw.estimation import likelihood_profile
+from commonlaw.estimation.search import Bounds, minimum
 from commonlaw.inference import bounds
 from commonlaw.law import from_json, to_json, to_latex
 from commonlaw.law.alignment import matched
@@ -328,3 +329,24 @@ def test_reports_and_figures_show_what_was_measured(law):
     assert law.params.set_index("parameter")["equation"].to_dict() == {"k": "x'", "c": "signal", "x0": "x(0)"}
     assert "forecasts from the first" in law.report(TRIALS).html.lower()
     assert "signal" in cl.plots.plot_law(law, TRIALS).get_suptitle()
+
+
+@dataclass
+class _Line:
+    """The residual of one unknown from a value."""
+
+    value: float
+
+    def residuals(self, unknowns):
+        return unknowns - self.value
+
+    def jacobian(self, unknowns):
+        return np.ones((1, len(unknowns)))
+
+
+@pytest.mark.parametrize("value", [3.0, 2e200])
+def test_searches_among_numbers_whose_squares_are_infinite_end(value):
+    unknowns, _ = minimum(_Line(value), np.array([1e200]), np.array([True]), tolerance=1e-8, steps=20)
+    bounds = Bounds(np.array([-np.inf]), np.array([np.inf]))
+    bounded, _ = minimum(_Line(value), np.array([1e200]), np.array([True]), bounds, tolerance=1e-8, steps=20)
+    assert np.isfinite([*unknowns, *bounded]).all()

@@ -133,21 +133,23 @@ def minimum(
     if not free.any():
         return start, float(values @ values)
     try:
-        optimum = least_squares(
-            residuals,
-            first,
-            jacobian,
-            (low, high),
-            method="lm" if bounds is None and len(values) >= len(first) else "trf",
-            x_scale="jac",
-            ftol=tolerance,
-            xtol=tolerance,
-            gtol=tolerance,
-            max_nfev=steps,
-        )
+        with np.errstate(over="ignore", invalid="ignore"):  # Squares of large steps
+            optimum = least_squares(
+                residuals,
+                first,
+                jacobian,
+                (low, high),
+                method="lm" if bounds is None and len(values) >= len(first) else "trf",
+                x_scale="jac",
+                ftol=tolerance,
+                xtol=tolerance,
+                gtol=tolerance,
+                max_nfev=steps,
+            )
     except (ValueError, np.linalg.LinAlgError):  # Derivatives that overflow
         return whole(first), np.inf
-    return whole(optimum.x), float(2 * optimum.cost)
+    end = whole(optimum.x)
+    return (end, float(2 * optimum.cost)) if np.isfinite(end).all() else (whole(first), np.inf)
 
 
 def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds) -> Floats:
