@@ -3,6 +3,7 @@
 from functools import partial
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import multivariate_normal
 
@@ -220,3 +221,12 @@ def test_what_fails_for_some_orders_is_left_out_and_refused_if_it_does_for_all()
     assert [each.code for each in failed] == ["no-law-near-measurements"]
     with refused("no-law-near-measurements"):
         orders.apply_to_each(step, [2, 3])
+
+
+def test_a_rate_that_is_the_same_everywhere_is_a_function_of_states():
+    """The columns of inputs and rates do not vary, and cannot be divided by their range."""
+    table = {"t": [0.0, 1.0], "x": [-3.0, -1.1], "u": [1e9, 1e9]}
+    trials = cl.Trials.from_frame(pd.DataFrame(table), states=["x"], inputs=["u"])
+    terms = ModelStructure(2, parse_library("poly:1")).terms(trials.schema)
+    problem = prepare(trials, terms, np.full((1, 1, len(terms)), np.nan))
+    assert is_first_order_possible(fit_with(problem, problem.allowed, 0.0))

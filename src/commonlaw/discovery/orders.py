@@ -210,7 +210,8 @@ def is_first_order_possible(fit: Fit) -> bool:
             continue
         rows = np.concatenate(listed)
         few = rows[np.isfinite(rows).all(axis=1)][:: -(-len(rows) // settings.MAX_PAIRS)]
-        scaled = few[:, 1:] / np.maximum(np.ptp(few[:, 1:], axis=0), np.finfo(float).tiny)
+        above = few[:, 1:] - few[:, 1:].min(axis=0)  # Zero where a column is constant
+        scaled = above / np.maximum(above.max(axis=0), np.finfo(float).tiny)
         first, second = cKDTree(scaled[:, :-states]).query_pairs(same_state, output_type="ndarray").T
         later = np.abs(few[first, 0] - few[second, 0]) > other_time
         apart = np.abs(scaled[first[later], -states:] - scaled[second[later], -states:]).max(axis=1)
