@@ -134,3 +134,10 @@ def test_a_law_of_variables_that_trials_cannot_tell_apart_says_so():
     (said,) = outcomes_of_confounding(fallen, 2, parse_library("poly:2"))
     assert (said.kind, said.where) == (OutcomeKind.NOT_IDENTIFIABLE, "x''")
     assert str(said) in str(replace(law([-9.8, 0, 0]), provenance=Provenance(outcomes=(said,))))
+
+
+def test_a_parameter_at_infinity_changes_nothing_and_is_refused():
+    """A positive rate of falling values is best where it vanishes, at an exponent without limit."""
+    times = np.linspace(0, 2, 8)
+    with refused("parameters-not-identified", names=["b"]):
+        cl.fit("x' = exp(-b (2 + x))", cl.Trials.from_arrays(times, np.exp(-times), names=["x"]))

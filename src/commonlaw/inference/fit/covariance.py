@@ -11,27 +11,37 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.errors import CommonlawError
 from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.fit import Fit, fully_measured
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.law import Law
+from commonlaw.law.parameters import named_parameters
 from commonlaw.likelihood import ErrorModel, Regression, whitened
 from commonlaw.runtime.fit_options import CovarianceKind
 
 
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
-    """Return the law with the coefficients of a fit, their covariance, the noise and the error model."""
+    """Return the law with the coefficients of a fit, their covariance, the noise and the error model.
+
+    Raises `CommonlawError` if no coefficient of an object changes its residuals.
+    """
     problem, errors, schema = fit.problem, errors_of(fit.problem, fit.model_error), fit.problem.trials.schema
     given_starts = schema.is_latent & ~schema.with_free_start
+    by_object = covariances(fit, covariance, seed)
+    if not np.isfinite(by_object).all():
+        products = named_parameters(law).products
+        names = {name: None for product in products for name, _ in product.coefficients}
+        raise CommonlawError("parameters-not-identified", names=[*names])
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
         coefficients=np.array([estimate.coefficients for estimate in fit.estimates]),
         uncertainty=replace(
             law.uncertainty,
-            covariance=covariances(fit, covariance, seed),
+            covariance=by_object,
             shared_factor=None,
             unpooled=None,
             pooled=None,
@@ -183,8 +193,10 @@ def _inverse(factor: Floats) -> Floats:
     """Return the inverse of ``factor' factor``, shape (k, k), by singular values.
 
     Combinations that are not identifiable, as of more coefficients than measurements, have variances of 1e28 squares of
-    the largest error instead of none.
+    the largest error instead of none; infinite ones where nothing is.
     """
+    if not factor.any():
+        return np.full((factor.shape[1],) * 2, np.inf)
     norms = column_scales(factor)
     values, directions = np.linalg.svd(factor / norms)[1:]
     values = np.append(values, np.zeros(len(directions) - len(values)))
