@@ -1,6 +1,6 @@
 """What a hostile case is."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 SECRET = "xyzzy-of-another-file"
@@ -9,7 +9,7 @@ SECRET = "xyzzy-of-another-file"
 
 @dataclass(frozen=True)
 class Case:
-    """A command in a folder of files, what it may write, and what it must find, if that is known."""
+    """A command or a program in a folder of files, what it may write, and what it must find, if that is known."""
 
     arguments: tuple[str, ...]
     files: Mapping[str, bytes]
@@ -20,6 +20,8 @@ class Case:
     """What it must find unless it refuses, by `found`."""
     refused: bool = False
     """Whether it must be refused."""
+    program: Sequence[str] = ()
+    """Statements in Python that are run in place of the command."""
     others: Mapping[str, bytes] = field(
         default_factory=lambda: {"secret.csv": f"ball,password\ngolf,{SECRET}\n".encode()}
     )

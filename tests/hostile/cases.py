@@ -20,7 +20,7 @@ import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.cli.options import WrittenFile
 from commonlaw.law import to_json
-from tests.hostile import command_cases, law_cases, table_cases
+from tests.hostile import command_cases, equation_cases, law_cases, table_cases
 from tests.hostile.case import Case
 
 EXECUTED = "executed"
@@ -208,6 +208,13 @@ KINDS: Mapping[str, Callable[[random.Random], Case]] = {
     "inputs": command_cases.inputs,
     "provenance": lambda r: law_cases.provenance(r, saved_law()),
     "units": lambda r: law_cases.units(r, saved_law(), table(r)),
+    "fits": equation_cases.fits,
+    "comparisons": equation_cases.comparisons,
+    "searches": equation_cases.searches,
+    "checks": equation_cases.checks,
+    "programs": equation_cases.programs,
+    "statements": equation_cases.statements,
+    "uses": lambda r: equation_cases.uses(r, saved_law(), table(r)),
 }
 
 COLUMNS = ("--object", "ball", "--trial", "drop", "--time", "t", "--state", "height")
@@ -295,6 +302,6 @@ def folder(case: Case, at: Path) -> None:
     (at / "link.csv").symlink_to("drops.csv")
 
 
-def shown(arguments: Sequence[str]) -> str:
-    """Return the arguments of a command as a line."""
-    return " ".join(map(repr, arguments))
+def shown(case: Case) -> str:
+    """Return the command of a case as a line, or its program."""
+    return "; ".join(case.program) or " ".join(map(repr, ("commonlaw", *case.arguments)))

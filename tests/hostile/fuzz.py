@@ -4,8 +4,11 @@ A case that is neither done nor refused in words is a fault; it is printed with 
 """
 
 import argparse
+import copy
+import faulthandler
 import json
 import os
+import pickle
 import random
 import re
 import resource
@@ -22,14 +25,19 @@ from io import FileIO, TextIOWrapper
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
+from warnings import catch_warnings, simplefilter
 
+import commonlaw
 from tests.hostile.case import SECRET, Case
 from tests.hostile.cases import COLUMNS, EXECUTED, KINDS, REGRESSION, folder, make, saved_law, shown, table
 
 os.environ["COMMONLAW_CACHE"] = "off"  # Each case is worked on, whatever was asked before
 
-SECONDS, BYTES = 60.0, 4 * 2**30
-"""What a case may take."""
+SECONDS, BYTES = 20, 4 * 2**30
+"""What a case may take: seconds of computing, and memory."""
+
+_WAITING = 600.0
+"""Seconds from its start after which a case is ended that computes little or nothing."""
 
 PROGRESS = 1000
 """Cases after which is said how many there were."""
@@ -40,6 +48,7 @@ _VIRTUAL = 8 * 2**30
 _FELL = 70
 """Exit code of a case that ended in an exception."""
 
+_WARNING = re.compile(r"^(\w+\.)*\w*Warning: ", re.MULTILINE)
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
@@ -51,6 +60,7 @@ class Ending:
     output: str
     message: str
     seconds: float
+    """Of computing."""
     memory: int
 
 
@@ -63,12 +73,12 @@ def run(case: Case, at: Path) -> Ending:
         ended, status, used = os.wait4(child, os.WNOHANG)
         if ended:
             break
-        if time.monotonic() - began > SECONDS:
+        if time.monotonic() - began > _WAITING:
             os.killpg(child, signal.SIGKILL)
         time.sleep(0.002)
     output, message = ((at.parent / each).read_bytes().decode(errors="replace") for each in ("stdout", "stderr"))
     code = os.waitstatus_to_exitcode(status)
-    return Ending(code, output, message, time.monotonic() - began, used.ru_maxrss * 1024)
+    return Ending(code, output, message, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024)
 
 
 def _become(case: Case, at: Path) -> None:
@@ -80,12 +90,23 @@ def _become(case: Case, at: Path) -> None:
         os.setpgid(0, 0)
         resource.setrlimit(resource.RLIMIT_AS, (_VIRTUAL, _VIRTUAL))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
         for number, each in enumerate((os.devnull, at.parent / "stdout", at.parent / "stderr")):
             os.dup2(os.open(each, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600), number)
         sys.stdout, sys.stderr = (TextIOWrapper(FileIO(number, "w", closefd=False), "utf-8") for number in (1, 2))
+        faulthandler.register(signal.SIGXCPU, chain=True)  # Where a case that takes too long is
         os.chdir(at)
         sys.argv = ["commonlaw", *case.arguments]
-        main()
+        with catch_warnings():
+            _raise_warnings()
+            if case.program:
+                exec("\n".join(case.program), {"cl": commonlaw, "copy": copy, "pickle": pickle})
+                code = 0
+            else:
+                main()
+    except commonlaw.CommonlawError as error:
+        code = 1
+        print(error, file=sys.stderr)
     except SystemExit as ended:
         code = ended.code if isinstance(ended.code, int) else 1
     except BaseException:
@@ -96,13 +117,20 @@ def _become(case: Case, at: Path) -> None:
         os._exit(code)
 
 
+def _raise_warnings() -> None:
+    """Make an exception of every warning that Python and its packages show by default."""
+    for category in (BytesWarning, FutureWarning, RuntimeWarning, SyntaxWarning, UnicodeWarning, UserWarning):
+        simplefilter("error", category)
+    simplefilter("default", commonlaw.LongWorkWarning)
+
+
 def fault(case: Case, ending: Ending, at: Path) -> str:
     """Return what is wrong with how a case ended, nothing if it was done or refused in words."""
     there = {str(each.relative_to(at)): each for each in at.rglob("*")}
     kept = {**case.files, **case.others}
     made = {*there} - {*kept, "pipe", "link.csv"}
     # A table of many files says of each what was wrong, also where none has a law
-    done = ending.code == 0 or "--each" in case.arguments
+    done = ending.code == 0 or "--each" in case.arguments or bool(case.program)
     allowed = {os.path.normpath(target) for target in case.targets} if done else set()
     # What a command writes and does not read may be replaced
     named = Counter(os.path.normpath(argument) for argument in case.arguments)
@@ -110,7 +138,8 @@ def fault(case: Case, ending: Ending, at: Path) -> str:
     known = case.samples is not None or case.truth
     answer = json.loads(ending.output)["trials"] if known and ending.code == 0 else None
     faults = {
-        "hang": ending.seconds > SECONDS,
+        "hang": ending.code in (-signal.SIGXCPU, -signal.SIGKILL) or ending.seconds > SECONDS,
+        "warning": bool(_WARNING.search(ending.message)),
         "memory": ending.memory > BYTES,
         "killed": ending.code < 0,
         "traceback": ending.code == _FELL or "Traceback (most recent" in ending.message,
@@ -173,7 +202,7 @@ def judged(kind: str, seed: int) -> tuple[str, str]:
         if not found:
             return ("done" if ending.code == 0 else "refused"), ""
         said = ending.message.strip()[-1500:]
-        return found, f"{kind} {seed}: {found} ({ending.seconds:.1f} s): commonlaw {shown(case.arguments)}\n{said}\n"
+        return found, f"{kind} {seed}: {found} ({ending.seconds:.1f} s): {shown(case)}\n{said}\n"
     finally:
         shutil.rmtree(at.parent)
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from tests.hostile.cases import KINDS
 
-CASES = 2
-"""Of each kind."""
+CASES = 2 * len(KINDS) - 7
+"""Two of each kind, of the last seven, which fit laws, one."""
 
 
 def test_hostile_cases_are_done_or_refused_in_words():
     settings = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "tests.hostile.fuzz", "--cases", str(CASES * len(KINDS))]
+    command = [sys.executable, "-m", "tests.hostile.fuzz", "--cases", str(CASES)]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], env=settings, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
