@@ -235,16 +235,15 @@ def test_a_search_refuses_amounts_that_are_given_between_measurements():
     refuse_amounts(Trials.from_frame(frame.assign(pulse=100.0 * later), inputs="pulse"))
 
 
-def test_data_sets_of_pharmacology_have_empty_amounts_and_columns_of_records(tmp_path):
+def test_data_sets_of_pharmacology_have_doses_and_no_columns_of_records(tmp_path):
     path = tmp_path / "theo.csv"
     rows = ["ID,TIME,AMT,DV,MDV,EVID"]
     for subject in (1, 2):
         rows += [f"{subject},0,320,.,1,1", *(f"{subject},{t},.,{8 / (t + subject):.3f},0,0" for t in (1, 2, 4, 8))]
     path.write_text("\n".join(rows))
     trials = Trials.read(path)
-    assert (trials.schema.states, trials.schema.inputs, trials.schema.object) == (("DV",), ("AMT",), "ID")
-    assert "AMT: empty cells are amounts of zero" in trials.notes
-    assert "columns left out: MDV, EVID" in trials.notes
+    assert (trials.schema.states, trials.schema.inputs, trials.schema.object) == (("DV",), (), "ID")
+    assert [[dose.amount for dose in trial.doses] for trial in trials] == [[320.0], [320.0]]
     path.write_text(path.read_text().replace("AMT", "flow"))
     with refused("cell-value"):
         Trials.read(path, inputs="flow")

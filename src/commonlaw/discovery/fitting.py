@@ -17,6 +17,7 @@ from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_diff
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
 from commonlaw.estimation.beginning import FREE, InitialGiven, begin, initial_time_of, written_starts
+from commonlaw.estimation.doses import with_doses_in_equations
 from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import refine
@@ -215,10 +216,15 @@ def fit(
     doses = (doses,) if isinstance(doses, str) else tuple(doses)
     shared = (shared,) if isinstance(shared, str) else shared
     groups = shared if isinstance(shared, Mapping) else dict.fromkeys(shared, ALL)
+    whole = equations if isinstance(equations, str) else "; ".join(equations)
+    equations, trials = with_doses_in_equations(equations, trials, doses)
+    doses = () if trials.schema.doses else doses  # The table records them
     model = ModelText.of(equations, observe)
     trials = as_named(trials, model.named, "; ".join(equations if not isinstance(equations, str) else [equations]))
     dosed = with_doses(trials, doses)
     starts = written_starts(model, initial_values or {})
+    if trials.schema.doses and (len(trials) > len(trials.objects) or any(trial.cycle for trial in trials)):
+        initial_time = "first" if initial_time is None else initial_time  # Where resets or steady states are
     at = initial_time_of(dosed, initial_time, starts)
     recorded = "first" if at is None and starts else at
     model_settings = {
@@ -229,14 +235,12 @@ def fit(
         "priors": priors,
     }
     changed = changed_settings("fit", settings)
-    whole = equations if isinstance(equations, str) else "; ".join(equations)
     asked_of = {"observe": observe, "doses": doses, **model_settings, "initial_time": recorded, **changed}
     calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
     _refuse_free_starts(dosed, [name for name, start in (initial_values or {}).items() if start in (None, FREE)])
     jointly = partial(_of_model, model, dosed, calls, model_settings | {"shared": groups}, changed)
-    if needs_model(model, dosed, initial_values or {}, shared, priors) or any(
-        isinstance(v, str) for v in (noise or {}).values()
-    ):
+    by_property = any(isinstance(level, str) for level in (noise or {}).values())
+    if by_property or trials.schema.doses or needs_model(model, dosed, initial_values or {}, shared, priors):
         if called:
             raise CommonlawError("function-with-observation", function=called[0].text)
         return jointly()

@@ -32,6 +32,8 @@ class TrialData:
     initial
         The index of each initial value among the unknowns, or -1 for one that is a number, in `fixed`, or else follows
         from the parameters, shape (D,).
+    cycle
+        The period after which the solution returns to its initial values, which follow from this; 0 without one.
     """
 
     trial: Trial
@@ -42,6 +44,7 @@ class TrialData:
     values: Floats
     initial: Indices
     fixed: Floats
+    cycle: float = 0.0
 
     @classmethod
     def of(
@@ -57,14 +60,15 @@ class TrialData:
 
         Inputs are those before the first sample, too.
         """
-        times = trial.times if start is None or starts_by(trial, start) else np.append(start, trial.times)
+        begins = start is None or trial.cycle > 0 or starts_by(trial, start)
+        times = trial.times if begins else np.append(start, trial.times)
         inputs = NO_INPUTS
         if trial.inputs.shape[1]:
             undelayed = Inputs.of(*known_inputs(trial), model.schema.input_interpolation)
             inputs = DelayedInputs(undelayed, model.column, model.delay)
         indices, free = (np.array(numbers, dtype=np.int64) for numbers in (parameter, initial))
         rows, fixed = np.searchsorted(times, trial.times), model.initial_of(trial.object)
-        return cls(trial, times, rows, inputs, indices, np.array(values), free, fixed)
+        return cls(trial, times, rows, inputs, indices, np.array(values), free, fixed, trial.cycle)
 
     def seen(self, rows: Bools | slice) -> "TrialData":
         """Return the trial with some of its samples, the inputs being those of all of them."""
@@ -169,6 +173,8 @@ class Problem:
         start_by = np.hstack([model.starts.jacobian(unit)[0][:, first:], np.eye(width)]) if slopes else None
         if model.steady:
             initial, start_by = self._steady(data, parameters, initial, start_by)
+        if data.cycle:
+            initial, start_by = self._periodic(data, parameters)
         if np.isfinite(initial).all() and np.isfinite(parameters).all():
             solution = shoot(
                 model.switched,
@@ -235,6 +241,34 @@ class Problem:
                         break  # It is one of many
                     return result, by if by is None else self._steady_by(jacobian, by, unit)
         return np.full_like(result, np.nan), by
+
+    def _periodic(self, data: TrialData, parameters: Floats) -> tuple[Floats, Floats]:
+        """Return initial values x to which solutions return after a cycle, and their derivatives by parameters p.
+
+        With the states F(x, p) after a cycle, Newton's method solves ``x = F``, and
+        ``dx/dp = inv(I - F_x) F_p`` (Nayfeh and Balachandran 1995, section 6.4).
+        """
+        count, width = len(parameters), self.model.width
+        result, by = np.zeros(width), np.zeros((width, count + width))
+        times = data.times[0] + np.array([0.0, data.cycle])
+        for _ in range(50):
+            solution = shoot(
+                self.model.switched, parameters, result, times, self.sizes, data.inputs, tolerance=self.tolerance
+            )
+            assert solution.derivatives is not None
+            slopes = solution.derivatives[-1]
+            if not np.isfinite(slopes).all():
+                break
+            try:
+                inverse = np.linalg.inv(np.eye(width) - slopes[:, count:])
+            except np.linalg.LinAlgError:
+                break
+            change = inverse @ (solution.states[-1] - result)
+            result = result + change
+            by[:, :count] = inverse @ slopes[:, :count]
+            if np.max(np.abs(change) / (np.abs(result) + self.sizes)) < 1e-7:
+                return result, by
+        return np.full(width, np.nan), by
 
     def _steady_by(self, jacobian: Floats, by: Floats, unit: Floats) -> Floats:
         """Return derivatives of initial values with those of the steady state: 0 = f(x, y, u, p), y being the others.

@@ -18,8 +18,10 @@ from commonlaw.trials.headers import find_name
 from commonlaw.trials.transformations import (
     in_units,
     objects_at_rest,
+    refuse_amounts,
     with_doses,
     with_property_inputs,
+    with_recorded_doses,
     with_starts,
     with_zeros_before_doses,
     without_objects,
@@ -49,7 +51,7 @@ def matched(
     if law.observation is not None and not observed:
         raise CommonlawError("law-with-observation")
     schema = measured_schema(law)
-    trials = as_named(trials, schema.measured)
+    trials = as_named(_with_recorded_doses(trials, schema), schema.measured)
     trials = without_states(without_rates(trials, schema.rates), law.provenance.domain.constant)
     known = property_names(trials.properties)
     missing = [name for name in schema.inputs if name not in trials.schema.inputs]
@@ -73,6 +75,19 @@ def matched(
     if not observed:
         converted = with_zeros_before_doses(converted)
     return with_starts(converted, starts, schema.initial_time)
+
+
+def _with_recorded_doses(trials: Trials, schema: Schema) -> Trials:
+    """Return trials with the doses that their table records as the inputs of a law's schema, in its units."""
+    administered, units = trials.schema.administered, dict[str, str]()
+    if not administered:
+        return trials
+    if not schema.doses:
+        refuse_amounts(trials)
+        return replace(trials, schema=replace(trials.schema, administered=()))
+    units |= {administered[0]: schema.units[schema.doses[0]]} if schema.doses[0] in schema.units else {}
+    units |= {trials.schema.time: schema.units[schema.time]} if schema.time in schema.units else {}
+    return with_recorded_doses(in_units(trials, units), schema.doses)
 
 
 def measured_schema(law: Law) -> Schema:

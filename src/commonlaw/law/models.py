@@ -125,7 +125,8 @@ class NamedModel:
         """
         self._check(names)
         names = dict(names)
-        roles = ((self.states, schema.states), (self.inputs, schema.inputs), (self.properties, tuple(properties)))
+        inputs = (*schema.inputs, *schema.administered[:1])
+        roles = ((self.states, schema.states), (self.inputs, inputs), (self.properties, tuple(properties)))
         columns = {name.casefold(): name for name in chain.from_iterable(there for _, there in roles)}
         columns |= {name: name for name in columns.values()}
         for name in self.variables:

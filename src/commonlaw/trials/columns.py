@@ -73,6 +73,10 @@ class Table:
     """Columns of text as far as they have been read as numbers."""
     rows: Codes = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     """Index of each row in the table as it came in, shape (n,)."""
+    doses: Column | None = None
+    """The doses of each row's trial, shape (n,), a tuple that its rows share; None if the table records none."""
+    administered: tuple[str, ...] = ()
+    """The columns of their amounts and rates."""
 
     def __post_init__(self) -> None:
         if not len(self):
@@ -179,6 +183,7 @@ class Table:
             self,
             columns={name: column[rows] for name, column in self.columns.items()},
             rows=self.rows[rows],
+            doses=None if self.doses is None else self.doses[rows],
             locate=lambda row: self.locate(int(rows[row])),
             number=lambda row: self.number(int(rows[row])),
             parsed={},

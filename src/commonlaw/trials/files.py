@@ -43,7 +43,7 @@ from commonlaw.trials.headers import check_unit, join_header, label, split_heade
 from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.recognition import TRIAL, is_called
 from commonlaw.trials.text import Layout, Row, layout_of, text_table
-from commonlaw.trials.trial import Property, TrialData, property_names
+from commonlaw.trials.trial import Dose, Property, TrialData, property_names
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -375,17 +375,22 @@ def to_parquet(trials: TrialData, path: str | os.PathLike[str]) -> None:
 
 
 def columns_of(data: TrialData) -> dict[str, Column]:
-    """Return the columns of all samples; a missing state or property is NaN among numbers and None among texts."""
+    """Return the columns of all samples; a missing state or property is NaN among numbers and None among texts.
+
+    Doses that a table recorded are rows again, as in a NONMEM data set.
+    """
     trials, schema, properties = data.trials, data.schema, data.properties
-    rows = list[tuple[Floats, ...]]()
+    blocks = list[tuple[Floats, ...]]()
     for trial in trials:  # From its first input before its first sample on
         unknown = np.full((len(trial.earlier), trial.states.shape[1]), np.nan)
         before = (trial.earlier[:, 0], unknown, trial.earlier[:, 1:], unknown) if len(trial.earlier) else ()
         samples = trial.times, trial.states, trial.inputs, trial.noise
-        rows += [before] * bool(before) + [samples]
-    of_trial = [len(trial.earlier) + len(trial) for trial in trials]
-    row_trials = np.repeat(np.arange(len(trials)), of_trial)
-    times, states, inputs, noise = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+        of_trial = [np.concatenate(parts) for parts in zip(*([before] * bool(before)), samples, strict=True)]
+        blocks.append((*of_trial, np.zeros((len(of_trial[0]), len(RECORDS)))))
+        if trial.doses:
+            blocks[-1] = _with_doses(blocks[-1], trial.doses)
+    row_trials = np.repeat(np.arange(len(trials)), [len(block[0]) for block in blocks])
+    times, states, inputs, noise, records = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
 
     def per_trial(values: Sequence[Property | None]) -> Column:
         is_text = any(isinstance(value, str) for value in values)
@@ -401,7 +406,36 @@ def columns_of(data: TrialData) -> dict[str, Column]:
     columns |= {name: noise[:, schema.states.index(state)] for state, name in schema.noise_columns.items()}
     for name in property_names(properties):
         columns[name] = per_trial([properties.get(trial.object, {}).get(name) for trial in trials])
+    if schema.administered:
+        columns |= dict(zip((*schema.administered, *RECORDS[len(schema.administered) :]), records.T, strict=True))
     return columns
+
+
+RECORDS = ("AMT", "RATE", "II", "SS", "CMT", "EVID")
+"""Columns of a NONMEM data set for doses as `Trial.doses` holds them."""
+
+
+def _with_doses(samples: tuple[Floats, ...], doses: Sequence[Dose]) -> tuple[Floats, ...]:
+    """Return rows of a trial with those of its doses, after samples at the same time that do not show them."""
+    given = [dose for dose in doses if dose.amount and not (dose.duration or dose.is_before or dose.interval)]
+    first = np.isin(samples[0], [dose.time for dose in given])
+    rows = [
+        (
+            dose.amount,
+            dose.amount / dose.duration if dose.duration else 0.0,
+            dose.interval,
+            float(dose.interval > 0),
+            dose.compartment,
+            1.0 if dose.amount else 3.0,
+        )
+        for dose in doses
+    ]
+    times = np.array([dose.time for dose in doses])
+    empty = (np.full((len(doses), samples[1].shape[1]), np.nan), np.zeros((len(doses), samples[2].shape[1])))
+    parts = (times, *empty, empty[0], np.array(rows))
+    return tuple(
+        np.concatenate([sample[first], dose, sample[~first]]) for sample, dose in zip(samples, parts, strict=True)
+    )
 
 
 def _with_units(trials: TrialData) -> dict[str, Column]:

@@ -57,8 +57,6 @@ INPUT = _SURROUNDINGS | vocabulary(
 )
 _AMOUNT = vocabulary("dose doses dosage amt")
 """What names amounts that are given: an empty cell is none."""
-_RECORD = vocabulary("evid mdv cmt")
-"""Columns of pharmacological data sets that mark a row as a dose or a measurement, as the amounts do."""
 _DEVIATION = vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
 _VELOCITIES = vocabulary("v w")
 """Names next to which u is another velocity, and not an input."""
@@ -568,17 +566,6 @@ def input_values(table: Table, name: str) -> Floats:
     if is_amount(name):
         return np.nan_to_num(table.numbers(name, missing=True))
     return table.numbers(name)
-
-
-def record_columns(names: Sequence[str]) -> list[str]:
-    """Return the columns that say whether a row is a dose, which a column of amounts says too.
-
-    >>> record_columns(["TIME", "DV", "AMT", "EVID", "MDV"]), record_columns(["t", "mdv"])
-    (['EVID', 'MDV'], [])
-    """
-    if not any(map(is_amount, names)):
-        return []
-    return [name for name in names if name.casefold() in _RECORD]
 
 
 def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -> list[str]:

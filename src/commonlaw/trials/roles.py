@@ -27,7 +27,6 @@ from commonlaw.trials.recognition import (
     other_clocks,
     pulsed_inputs,
     readable,
-    record_columns,
     runs_of_labels,
     time_column,
     trial_column,
@@ -149,7 +148,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         return taken
 
     free = [name for name in free if name not in (owner, trial)]
-    left_out = take(record_columns([*table.columns]))
+    left_out = tuple[str, ...]()
     states, inputs = (_found(table, roles.get(role, ())) for role in ("states", "inputs"))
     noise = _noise_columns(table, roles, states, free)
     take(noise.values())

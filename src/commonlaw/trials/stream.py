@@ -19,6 +19,7 @@ from commonlaw.text import counted
 from commonlaw.trials.columns import Table
 from commonlaw.trials.dates import holds_dates
 from commonlaw.trials.files import batch_tables, files_of, opened
+from commonlaw.trials.nonmem import items_of
 from commonlaw.trials.reading import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_gaps, check_measured, joined
@@ -182,6 +183,8 @@ class TrialStream:
         time = begin.find(str(known["time"]))
         if holds_dates(begin.columns[time]):  # The earliest is not known
             raise CommonlawError("dates-in-stream", where=begin.source, column=time)
+        if items_of(begin, known):
+            raise CommonlawError("doses-in-stream", where=begin.source)
         schema = read_rows(begin, known).data.schema
         parts = [cls(schema, replace(file, roles=known)) for file in files]
         return cls(schema, partial(chain.from_iterable, parts), parts)

@@ -27,6 +27,7 @@ from commonlaw.trials.dates import (
     years_of,
 )
 from commonlaw.trials.headers import joined_units, known_unit, label, split_header
+from commonlaw.trials.nonmem import doses_of, with_records
 from commonlaw.trials.properties import column_properties, given_properties, object_codes
 from commonlaw.trials.reading import Reading, Restarts, WrittenReading, checked, notation_of
 from commonlaw.trials.recognition import (
@@ -224,7 +225,8 @@ def trials_of(
         if kept.any():
             times, states, inputs, noise, below = (cell[rows[kept]] for cell in cells)
             earlier = inputs_before(cells[0][rows], cells[2][rows], kept)
-            made.append(Trial(group.object, group.trial, times, states, inputs, noise, earlier=earlier, below=below))
+            trial = Trial(group.object, group.trial, times, states, inputs, noise, earlier=earlier, below=below)
+            made.append(replace(trial, doses=doses_of(table, rows)) if table.administered else trial)
             row_indices.append(table.rows[rows[kept]])
         else:
             empty.append(group.label)
@@ -411,7 +413,10 @@ def _recognized(table: Table, roles: Reading) -> tuple[Table, Reading, Table, Co
     time = time_of(table, reading)
     first = first_time(table, time)
     samples = _with_times(table.taken(np.arange(first, len(table))) if first else table, reading, time)
-    return table, reading, samples, column_roles(samples, reading, time)
+    if first:
+        return table, reading, samples, column_roles(*with_records(samples, reading, time), time)
+    samples, reading = with_records(samples, reading, time)
+    return samples, reading, samples, column_roles(samples, reading, time)
 
 
 def _with_times(table: Table, roles: Reading, time: str) -> Table:
@@ -464,7 +469,7 @@ def _long_rows(table: Table, reading: Reading, columns: ColumnRoles) -> Rows:
 def read_rows(table: Table, roles: Reading) -> Rows:
     """Return the trials in a table, which may end within a trial."""
     time = time_of(table, roles)
-    table = _with_times(table, roles, time)
+    table, roles = with_records(_with_times(table, roles, time), roles, time)
     columns = column_roles(table, roles, time)
     return _rows(table, roles, columns, columns)
 
@@ -489,7 +494,8 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     names = [columns.time, *columns.states, *columns.inputs, *columns.noise_columns.values()]
     ends = {name: unit for name, unit in units_in_names([*table.columns]).items() if name not in table.units}
     headers = {**unit_in_name(columns.time), **table.units, **ends, **known.units}
-    units = joined_units(headers, roles.get("units"), [*table.columns, *known.names], [*names, *known.names])
+    more = [*known.names, *table.administered]
+    units = joined_units(headers, roles.get("units"), [*table.columns, *more], [*names, *more])
     read = [f"{name} [{unit}]" for name, unit in ends.items() if units.get(name) == unit]
     for state, name in columns.noise_columns.items():
         if state in units and name in units and known_unit(units[state]) != known_unit(units[name]):
@@ -499,7 +505,7 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
             )
     labels_in = columns.object or "object", columns.trial or "trial"
     schema = Schema(columns.states, columns.inputs, *labels_in, columns.time, units, columns.noise_columns)
-    schema = replace(schema, calendar=table.calendar)
+    schema = replace(schema, calendar=table.calendar, administered=table.administered)
     located = replace(
         table, locate=lambda row: f"{table.locate(row)}, {objects[owners[row]]}, trial {labels[runs[row]]}"
     )

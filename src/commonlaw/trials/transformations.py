@@ -256,6 +256,8 @@ def known_inputs(trial: Trial) -> tuple[Floats, Floats]:
 
 MOMENT = 1e-4
 """How long a dose takes, relative to the shortest step of a trial: less than it would show."""
+RECORDED_MOMENT = 1e-6
+"""The same of doses that a table records, whose solutions begin anew at each."""
 
 
 def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
@@ -320,8 +322,101 @@ def with_zeros_before_doses(trials: Trials) -> Trials:
     return trials.with_trials(changed)
 
 
+def with_recorded_doses(trials: Trials, names: Sequence[str]) -> Trials:
+    """Return trials in which the doses that a table records are inputs of these names: amounts per time.
+
+    ``AMT`` is all doses, ``AMT1`` those into compartment 1; an amount at once is a narrow triangle as in `with_doses`,
+    an infusion the constant rate ``amount/duration`` with narrow ramps. ``RATE`` is the same where all doses are
+    infusions. Between samples inputs are straight. Trials begin with the first dose or sample, and before it all
+    states are zero which no sample measures; where doses led to a steady state, one of their intervals is put before
+    it, see `Trial.cycle`. Every object must have a dose.
+    """
+    schema = trials.schema
+    if schema.inputs:
+        raise CommonlawError("doses-with-inputs", inputs=schema.inputs)
+    parts = [_dose_name(name, schema.administered) for name in names]
+    doses = [dose for trial in trials for dose in trial.doses if dose.amount]
+    into = sorted({dose.compartment for dose in doses})
+    numbers = [number for _, number in parts]
+    if lacking := [number for number in into if number not in numbers] if None not in numbers else into[1:]:
+        raise CommonlawError("doses-into-other-compartments", compartments=lacking, names=names)
+    at_once = [dose for dose in doses if not dose.duration]
+    if at_once and any(stem != schema.administered[0] for stem, _ in parts):
+        raise CommonlawError("doses-without-rate", time=at_once[0].time, rate=names[0], amount=schema.administered[0])
+    for owner in trials.objects:
+        if not any(
+            dose.time < trial.times[-1] and dose.amount for trial in trials.of_object(owner) for dose in trial.doses
+        ):
+            raise CommonlawError("doses-after-end", object=owner, doses=names)
+    units = {name: schema.units[schema.administered[0]] for name in names if schema.administered[0] in schema.units}
+    schema = replace(
+        schema,
+        inputs=tuple(names),
+        doses=tuple(names),
+        input_interpolation="linear",
+        units={**schema.units, **units},
+        administered=(),
+    )
+    return replace(trials, trials=tuple(_with_rates_of_doses(trial, numbers) for trial in trials), schema=schema)
+
+
+def _dose_name(name: str, administered: Sequence[str]) -> tuple[str, int | None]:
+    """Return which column of doses a name is of, and the number of its compartment, None of all."""
+    stem = name.rstrip("0123456789")
+    if name in administered:
+        return name, None
+    check_choice("dose", stem if stem != name else name, administered)
+    return stem, int(name.removeprefix(stem))
+
+
+def _with_rates_of_doses(trial: Trial, compartments: Sequence[int | None]) -> Trial:
+    """Return a trial whose inputs are the rates of its doses into compartments, None for all, shape (n, inputs)."""
+    doses = [*trial.doses]
+    cycle = doses[0].interval if doses else 0.0
+    times = np.unique(np.concatenate([trial.times, *([dose.time, dose.time + dose.duration] for dose in doses)]))
+    steps = np.diff(times)
+    moment = RECORDED_MOMENT * float(steps[steps > 1e-9 * (times[-1] - times[0])].min(initial=cycle or np.inf))
+    begins = min([trial.times[0], *(dose.time - 2 * moment * dose.is_before for dose in doses)]) - cycle
+    if cycle:  # Doses before the first that act within the interval before it
+        first = doses[0]
+        before = range(1, 1 + max(1, int(np.ceil(first.duration / cycle))))
+        doses += [replace(first, time=first.time - k * cycle) for k in before]
+    curves = list[tuple[int, Floats, Floats]]()
+    for dose in doses:
+        start = dose.time - 2 * moment * dose.is_before
+        knots, heights = start + moment * np.arange(3.0), np.array([0.0, 1.0, 0.0])
+        if dose.duration:
+            knots = start + np.array([0.0, moment, dose.duration, dose.duration + moment])
+            heights = np.array([0.0, 1.0, 1.0, 0.0])
+        area = np.sum(np.diff(knots) * (heights[1:] + heights[:-1])) / 2
+        curves.append((dose.compartment, knots, heights * dose.amount / area))
+    grid = np.unique(np.concatenate([[begins], trial.times, *(knots for _, knots, _ in curves)]))
+    grid = grid[grid >= begins]
+    inputs = np.zeros((len(grid), len(compartments)))
+    for compartment, knots, heights in curves:
+        chosen = [number in (None, compartment) for number in compartments]
+        inputs[:, chosen] += np.interp(grid, knots, heights, left=0.0, right=0.0)[:, np.newaxis]
+    samples = _among(trial, np.searchsorted(grid, trial.times), len(grid))
+    return replace(trial, times=grid, inputs=inputs, **samples, doses=(), cycle=cycle, begins_with_dose=True)
+
+
+def acts_later(trial: Trial) -> bool:
+    """Say whether a dose of a trial acts after its first sample."""
+    return any(
+        dose.amount
+        and (dose.time + dose.duration > trial.times[0] or (dose.time == trial.times[0] and not dose.is_before))
+        for dose in trial.doses
+    )
+
+
 def refuse_amounts(trials: Trials) -> None:
-    """Refuse inputs that are called amounts and hold single ones after first samples, where no input is on lines."""
+    """Refuse inputs that are called amounts and hold single ones after first samples, where no input is on lines.
+
+    So are doses that a table records.
+    """
+    for trial in trials:
+        if trials.schema.administered and acts_later(trial):
+            raise CommonlawError("doses-recorded", name=trials.schema.administered[0], where=trial.label)
     for j, name in enumerate(trials.schema.inputs):
         if note_on_pulses(name) in trials.notes and is_amount(name):
             for trial in trials:

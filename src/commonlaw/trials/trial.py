@@ -112,6 +112,30 @@ and the rest is left for the size of the states."""
 
 
 @dataclass(frozen=True)
+class Dose:
+    """An amount that enters a compartment at a time, at once or as an infusion at a constant rate.
+
+    Parameters
+    ----------
+    time, amount, duration
+        When it begins, how much it is (0 of a reset, which empties all compartments), and how long an infusion takes.
+    compartment
+        The number of the compartment, 0 if the table has none.
+    interval
+        The time between doses of this kind that led to a steady state before it; 0 if there were none.
+    is_before
+        Whether a measurement at the same time shows it.
+    """
+
+    time: float
+    amount: float
+    duration: float = 0.0
+    compartment: int = 0
+    interval: float = 0.0
+    is_before: bool = False
+
+
+@dataclass(frozen=True)
 class Schema:
     """Names, roles and units of the columns of a table of trials.
 
@@ -142,6 +166,9 @@ class Schema:
         Inputs that hold what is added in a moment.
     wide
         Columns that each held an object, in a table without a column of objects.
+    administered
+        What ``Trial.doses`` are called, their amounts and, where a table has them, their rates; none once these are
+        inputs.
     """
 
     states: tuple[str, ...]
@@ -159,10 +186,11 @@ class Schema:
     calendar: bool = False
     doses: tuple[str, ...] = ()
     wide: tuple[str, ...] = ()
+    administered: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]
-        names += self.rates.values()
+        names += [*self.rates.values(), *self.administered]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise CommonlawError("column-name-twice", name=twice[0])
@@ -219,6 +247,10 @@ class Trial:
         Limits of quantification, shape (n, states), of left-censored values, whose state is NaN; NaN elsewhere.
     begins_with_dose
         Whether a dose is given at the first sample: states that were not measured there are zero before it.
+    doses
+        Doses that the table records, in the order of time, before `with_doses` makes inputs of them.
+    cycle
+        The period of a steady state: the states return to those at the first sample after it; 0 without such.
     """
 
     object: str
@@ -231,6 +263,8 @@ class Trial:
     earlier: Floats = field(default_factory=lambda: np.empty((0, 0)))
     below: Floats = field(default_factory=lambda: np.empty((0, 0)))
     begins_with_dose: bool = False
+    doses: tuple[Dose, ...] = ()
+    cycle: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("object", "name"):
@@ -308,7 +342,8 @@ class Trial:
         is_whole = len(parts["times"]) > 0 and parts["times"][0] == self.times[0]
         earlier = self.earlier if is_whole else np.empty((0, 0))
         begins_with_dose = self.begins_with_dose and is_whole
-        return replace(self, **parts, repeats=repeats, earlier=earlier, begins_with_dose=begins_with_dose)
+        cycle = self.cycle if is_whole else 0.0
+        return replace(self, **parts, repeats=repeats, earlier=earlier, begins_with_dose=begins_with_dose, cycle=cycle)
 
     def std(self, typical: Floats) -> Floats:
         """Return the standard deviation of each state, shape (n, states).

@@ -65,8 +65,21 @@ def converted(trial: Trial, schema: Schema, changed: Mapping[str, Conversion]) -
         inputs[:, j] = changed.get(name, Conversion()).of(inputs[:, j])
     for column, name in zip(earlier.T, (schema.time, *schema.inputs), strict=False):
         column[:] = changed.get(name, Conversion()).of(column)
-    times = changed.get(schema.time, Conversion()).of(trial.times)
-    return mapped(replace(trial, times=times, inputs=inputs, earlier=earlier), functions, factors)
+    clock = changed.get(schema.time, Conversion())
+    amount = changed.get(schema.administered[0], Conversion()) if schema.administered else Conversion()
+    doses = tuple(
+        replace(
+            dose,
+            time=clock.scale * dose.time + clock.offset,
+            amount=amount.scale * dose.amount,
+            duration=clock.scale * dose.duration,
+            interval=clock.scale * dose.interval,
+        )
+        for dose in trial.doses
+    )
+    times, cycle = clock.of(trial.times), clock.scale * trial.cycle
+    changed_trial = replace(trial, times=times, inputs=inputs, earlier=earlier, doses=doses, cycle=cycle)
+    return mapped(changed_trial, functions, factors)
 
 
 def mapped(trial: Trial, functions: Mapping[int, Callable[[Floats], Floats]], factors: Floats) -> Trial:

@@ -1,0 +1,252 @@
+"""NONMEM data sets: what their columns mean, and fits of them against independent least squares."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.optimize import least_squares
+
+import commonlaw as cl
+from commonlaw import CommonlawError
+from commonlaw.trials.trial import Dose
+
+ONE = "DV' = -k DV + AMT/V"
+
+
+def data_set(*rows: tuple[float, ...], columns: str) -> pd.DataFrame:
+    """Return a table of rows, of one individual unless the columns have an ID."""
+    frame = pd.DataFrame(rows, columns=columns.split())
+    return frame if "ID" in frame else frame.assign(ID=1)
+
+
+def bolus(time: float, amount: float, k: float, volume: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda t: np.where(t > time, amount / volume * np.exp(-k * np.clip(t - time, 0, None)), 0.0)
+
+
+def infusion(time: float, amount: float, long: float, k: float, volume: float) -> Callable[[np.ndarray], np.ndarray]:
+    def level(t: np.ndarray) -> np.ndarray:
+        since, after = np.clip(t - time, 0, long), np.clip(t - time - long, 0, None)
+        return amount / (long * volume * k) * (1 - np.exp(-k * since)) * np.exp(-k * after)
+
+    return level
+
+
+def test_rows_that_are_no_measurements() -> None:
+    table = data_set(
+        (0, 100, 0, 1, 1), (1, 0, 8, 0, 0), (2, 0, 0, 1, 2), (3, 0, 5, 0, 0), (4, 0, 9, 1, 0), (5, 0, 4, 0, 0),
+        columns="TIME AMT DV MDV EVID",
+    )  # fmt: skip
+    (trial,) = cl.Trials.from_frame(table)
+    seen = np.isfinite(trial.states[:, 0])
+    assert trial.times[seen].tolist() == [1, 3, 5]
+    assert trial.doses == (Dose(0, 100),)
+
+
+@pytest.mark.parametrize("filled", [0.0, np.nan])
+def test_amounts_alone_mark_doses(filled: float) -> None:
+    table = data_set((0, 100, filled), (1, 0, 8), (2, 0, 5), (3, 50, filled), (4, 0, 6), columns="TIME AMT DV")
+    (trial,) = cl.Trials.from_frame(table)
+    assert trial.times.tolist() == [1, 2, 4]
+    assert [dose.amount for dose in trial.doses] == [100, 50]
+
+
+def test_amounts_may_be_called_doses_and_measurements_concentrations() -> None:
+    table = data_set((0, 100, 0, 1), (1, 0, 8, 0), (2, 0, 5, 0), (3, 0, 4, 0), columns="TIME dose conc MDV")
+    (trial,) = trials = cl.Trials.from_frame(table)
+    assert (trials.schema.states, trial.times.tolist(), trial.doses) == (("conc",), [1, 2, 3], (Dose(0, 100),))
+
+
+def test_infusions_repeats_and_compartments() -> None:
+    table = data_set(
+        (0, 100, 50, 2, 12, 1, 1), (1, 0, 0, 0, 0, 0, 2), (30, 60, 0, 0, 0, 1, 2), (31, 0, 0, 0, 0, 0, 2),
+        columns="TIME AMT RATE ADDL II EVID CMT",
+    ).assign(DV=[0, 5, 0, 3])  # fmt: skip
+    (trial,) = cl.Trials.from_frame(table)
+    expected = [Dose(time, 100, 2, 1) for time in (0, 12, 24)] + [Dose(30, 60, 0, 2)]
+    assert trial.doses == tuple(expected)
+
+
+def test_resets_begin_trials() -> None:
+    rows = (0, 100, 1), (1, 0, 0), (2, 0, 0), (5, 0, 3), (6, 50, 1), (7, 0, 0), (9, 80, 4), (10, 0, 0)
+    trials = cl.Trials.from_frame(data_set(*rows, columns="TIME AMT EVID").assign(DV=1.0))
+    assert [trial.name for trial in trials] == ["1", "2", "3"]
+    assert [trial.times.tolist() for trial in trials] == [[1, 2], [7], [10]]
+    assert [[(dose.time, dose.amount) for dose in trial.doses] for trial in trials] == [
+        [(0, 100)],
+        [(5, 0), (6, 50)],
+        [(9, 80)],
+    ]
+
+
+@pytest.mark.parametrize(("column", "names"), [("DVID", ("DV1", "DV2")), ("CMT", ("DV1", "DV2"))])
+def test_quantities_are_columns(column: str, names: tuple[str, ...]) -> None:
+    rows = (0, 100, 0, 1, 1), (1, 0, 8, 0, 1), (1, 0, 80, 0, 2), (2, 0, 5, 0, 1), (3, 0, 60, 0, 2)
+    (trial,) = trials = cl.Trials.from_frame(data_set(*rows, columns=f"TIME AMT DV EVID {column}"))
+    assert trials.schema.states == names
+    assert np.array_equal(trial.states, [[8, 80], [5, np.nan], [np.nan, 60]], equal_nan=True)
+
+
+def test_columns_of_records_and_codes_have_no_other_role() -> None:
+    rng, rows = np.random.default_rng(0), []
+    for patient in range(1, 7):
+        for time in range(5):
+            given = {"AMT": 100.0 * (time == 0), "EVID": int(time == 0), "MDV": int(time == 0), "CMT": 1 + (time > 0)}
+            rows.append({"ID": patient, "TIME": float(time), "DV": rng.uniform(1, 9), "SEX": 1 + patient % 2} | given)
+            rows[-1] |= {"RACE": patient % 3, "CRCL": rng.uniform(50, 90), "OCC": 1 + (time > 2)}
+    trials = cl.Trials.from_frame(pd.DataFrame(rows))
+    assert (trials.schema.object, trials.schema.states, trials.schema.inputs) == ("ID", ("DV",), ())
+    assert len(trials) == len(trials.objects) == 6
+    assert trials.properties["1"] == {"SEX": 2.0, "RACE": 1.0}
+
+
+REFUSED: dict[str, dict[str, float]] = {
+    "nonmem-event": {"EVID": 101},
+    "nonmem-amount-negative": {"AMT": -5},
+    "nonmem-amount-of-no-dose": {"EVID": 0},
+    "nonmem-rate-of-model": {"RATE": -2},
+    "nonmem-infusion-endless": {"AMT": 0, "RATE": 5, "SS": 1},
+    "nonmem-steady-state": {"SS": 2, "II": 12},
+    "nonmem-repeats": {"ADDL": 1.5, "II": 12},
+    "nonmem-interval": {"ADDL": 3},
+    "nonmem-compartment": {"CMT": -1},
+    "nonmem-doses-too-many": {"ADDL": 10**9, "II": 12},
+}
+
+
+@pytest.mark.parametrize("code", REFUSED)
+def test_what_is_not_supported_is_refused_by_its_row(code: str) -> None:
+    table = pd.DataFrame({"ID": 1, "TIME": [0.0, 1, 2, 3], "DV": [0.0, 9, 7, 5], "EVID": [1, 0, 0, 0]})
+    table = table.assign(AMT=100.0 * table.EVID, RATE=0.0, ADDL=0.0, II=0.0, SS=0, CMT=1)
+    for name, value in REFUSED[code].items():
+        table[name] = table[name].astype(float)
+        table.loc[0, name] = value
+    with pytest.raises(CommonlawError) as caught:
+        cl.Trials.from_frame(table)
+    assert caught.value.code == code
+    assert "row 1" in str(caught.value) or code == "nonmem-doses-too-many"
+
+
+TWICE = [1, 0, 0, 0, 1, 0, 0, 0, 0]
+
+
+def oral(**changes: object) -> cl.Trials:
+    table = pd.DataFrame({"ID": 1, "TIME": np.arange(9.0), "EVID": [1, *[0] * 8]})
+    table = table.assign(**{name: value for name, value in changes.items() if name == "EVID"})
+    table = table.assign(DV=0.9**table.TIME, AMT=100.0 * table.EVID, CMT=2 - table.EVID)
+    return cl.Trials.from_frame(table.assign(**changes))
+
+
+@pytest.mark.parametrize(
+    ("equations", "changes", "code"),
+    [
+        ("DV' = -k DV", {}, "dose-into-measured"),
+        ("DV' = -k DV", {"CMT": 0}, "doses-in-no-equation"),
+        ("DV' = -k DV + AMT/V; DV(0) = AMT/V", {}, "dose-outside-equation"),
+        ("depot' = -ka depot; DV' = ka depot/V - k DV", {"CMT": 3}, "dose-into-no-equation"),
+        ("depot' = -ka depot + AMT; DV' = ka depot/V - k DV + AMT/V", {}, "dose-elsewhere"),
+        ("DV' = -k DV + AMT/V + RATE/V", {"RATE": 0}, "dose-twice"),
+        ("DV' = -k DV + RATE/V", {"RATE": 0}, "doses-without-rate"),
+        ("DV' = -k DV + AMT2/V", {}, "dose-into-measured"),
+    ],
+)
+def test_doses_whose_place_is_unclear_are_refused(equations: str, changes: dict[str, object], code: str) -> None:
+    trials = oral(EVID=TWICE, **changes)
+    with pytest.raises(CommonlawError) as caught:
+        cl.fit(equations, trials)
+    assert caught.value.code == code
+
+
+def test_searches_and_laws_without_doses_refuse_them() -> None:
+    trials = oral(EVID=TWICE)
+    law = cl.Law.from_text("DV' = -k DV", {"k": {"1": 0.1}})
+    for use in (cl.discover, law.predict):
+        with pytest.raises(CommonlawError) as caught:
+            use(trials)
+        assert caught.value.code == "doses-recorded"
+
+
+def five(kind: str) -> tuple[pd.DataFrame, dict[int, tuple[Any, Any, Any]]]:
+    """Return a table of five subjects with errors of 3 %, and of each its times, values and doses."""
+    rng, rows, subjects = np.random.default_rng(5), [], {}
+    for subject in range(1, 6):
+        k, volume = rng.uniform(0.06, 0.2), rng.uniform(8, 30)
+        if kind == "neonates":  # A loading dose, maintenance doses, and few samples at odd times
+            doses = [(0.0, 25.0, 0.0), *((12.5 + 12 * i, 3.5, 0.0) for i in range(4))]
+            times = np.sort(rng.choice(np.arange(2.0, 60, 1.7), 4, replace=False))
+        else:
+            doses = [(0.0, 200.0, 2.0), (24.0, 150.0, 1.5)]
+            times = np.array([0.5, 1, 2, 3, 6, 10, 24, 25, 26, 30, 40])
+        level = modelled(times, doses, k, volume)
+        values = level * (1 + 0.03 * rng.standard_normal(len(times)))
+        subjects[subject] = times, values, doses
+        for time, amount, long in doses:
+            rate = amount / long if long else 0.0
+            rows.append({"ID": subject, "TIME": time, "AMT": amount, "RATE": rate, "DV": 0.0, "MDV": 1})
+        rows += [
+            {"ID": subject, "TIME": t, "AMT": 0.0, "RATE": 0.0, "DV": y, "MDV": 0}
+            for t, y in zip(times, values, strict=True)
+        ]
+    table = pd.DataFrame(rows).sort_values(["ID", "TIME", "AMT"], kind="stable")
+    return table if kind == "infusions" else table.drop(columns="RATE"), subjects
+
+
+def modelled(times: np.ndarray, doses: list[tuple[float, ...]], k: float, volume: float) -> np.ndarray:
+    parts = [infusion(t, a, long, k, volume) if long else bolus(t, a, k, volume) for t, a, long in doses]
+    return np.sum([part(times) for part in parts], axis=0)
+
+
+@pytest.mark.parametrize(("kind", "equation"), [("neonates", ONE), ("infusions", "DV' = -k DV + RATE/V")])
+def test_estimates_are_those_of_least_squares(kind: str, equation: str) -> None:
+    table, subjects = five(kind)
+    law = cl.fit(equation, cl.Trials.from_frame(table))
+    estimates = law.params.pivot_table(index="object", columns="parameter", values="estimate")
+    for subject, (times, values, doses) in subjects.items():
+        best = least_squares(
+            lambda p, t=times, y=values, d=doses: modelled(t, d, *np.exp(p)) - y, np.log([0.1, 15.0]), xtol=1e-12
+        )
+        variance = 2 * best.cost / (len(times) - 2)
+        errors = np.exp(best.x) * np.sqrt(variance * np.diag(np.linalg.inv(best.jac.T @ best.jac)))
+        found = estimates.loc[str(subject), ["k", "V"]].to_numpy(dtype=float)
+        assert np.abs(found - np.exp(best.x)).max() < 1.0
+        assert (np.abs(found - np.exp(best.x)) / errors).max() < 0.1
+
+
+def test_other_verbs_take_the_doses(tmp_path: Path) -> None:
+    table, _ = five("infusions")
+    trials = cl.Trials.from_frame(table[table.ID == 1])
+    law = cl.fit(ONE, trials)
+    law.save(tmp_path / "law.json")
+    assert cl.Law.load(tmp_path / "law.json").predict(trials).errors()["rms error"].max() < 0.3
+    other = cl.fit("DV' = -k DV + c + AMT/V", trials)
+    assert cl.compare({"decay": law, "inflow": other}, trials)["law"].tolist() == ["decay", "inflow"]
+    assert np.allclose(cl.refine(law, trials).params.estimate, law.params.estimate, rtol=1e-4)
+    assert cl.Trials.from_frame(trials.to_frame(), time="TIME", object="ID").schema == trials.schema
+
+
+def test_forecasts_refuse_doses_into_other_compartments() -> None:
+    law = cl.fit("DV' = -k DV + AMT1/V", oral())
+    with pytest.raises(CommonlawError) as caught:
+        law.predict(oral(CMT=2))
+    assert caught.value.code == "doses-into-other-compartments"
+
+
+def test_amounts_are_converted_to_the_units_of_a_law() -> None:
+    table, _ = five("neonates")
+    named = {"TIME": "TIME [h]", "AMT": "AMT [mg]", "DV": "DV [mg/L]"}
+    table = table[table.ID == 1]
+    law = cl.fit(ONE, cl.Trials.from_frame(table.rename(columns=named)))
+    grams = table.assign(AMT=table.AMT / 1000, TIME=table.TIME * 60)
+    named |= {"AMT": "AMT [g]", "TIME": "TIME [min]"}
+    one, two = (law.predict(cl.Trials.from_frame(t.rename(columns=named | units))) for t, units in (
+        (table, {"AMT": "AMT [mg]", "TIME": "TIME [h]"}), (grams, {}),
+    ))  # fmt: skip
+    assert np.allclose(one.errors()["rms error"], two.errors()["rms error"], rtol=1e-4)
+
+
+def test_measurements_in_rows_after_a_dose_at_the_same_time_show_it() -> None:
+    rows = (0, 100, 0, 1), (0, 0, 10, 0), (1, 0, 9.1, 0), (2, 0, 8.2, 0), (3, 0, 7.4, 0), (4, 0, 6.7, 0)
+    law = cl.fit(ONE, cl.Trials.from_frame(data_set(*rows, columns="TIME AMT DV EVID")))
+    assert law.params.set_index("parameter").estimate["V"] == pytest.approx(10, rel=0.01)
