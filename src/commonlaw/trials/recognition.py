@@ -57,6 +57,10 @@ INPUT = _SURROUNDINGS | vocabulary(
 )
 _AMOUNT = vocabulary("dose doses dosage amt")
 """What names amounts that are given: an empty cell is none."""
+_RATE = vocabulary("rate")
+"""What names amounts per time, which are not added at once."""
+_COVARIATE = vocabulary("sex gender race ethnicity smoker smoking genotype phenotype")
+"""Codes of individuals, which neither name objects or trials nor are measured."""
 _DEVIATION = vocabulary("std sd stdev stddev sigma err error stderr se sem unc uncertainty")
 _VELOCITIES = vocabulary("v w")
 """Names next to which u is another velocity, and not an input."""
@@ -225,6 +229,7 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     texts = [name for name in able if not table.is_numeric(name)]
     numbers = [name for name in able if name not in texts and is_called(name, OBJECT - TRIAL)]
     pool = [name for name in texts if not is_called(name, TRIAL)] or texts
+    pool = [name for name in pool if not is_covariate(name)] or pool
     codes = {name: table.encoded(name)[0] for name in (*pool, *numbers)}
     # A number names an object alone if it is never used twice
     pool += [name for name in numbers if all(_determines(codes[name], codes[text]) for text in pool)]
@@ -258,7 +263,7 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
     numbered by a column that is called so or, without such, by one that counts.
     """
     called = [name for name in names if is_called(name, TRIAL) and is_label(table, name, times)]
-    numbers = [name for name in names if table.is_numeric(name)]
+    numbers = [name for name in names if table.is_numeric(name) and not is_covariate(name)]
     counted = [[name] for name in numbers if _counts(table, name)]
     for run in [called[:1]] if called else [[], *counted]:
         runs = table.encoded(run[0])[0] if run else np.zeros(len(table), dtype=np.int64)
@@ -287,7 +292,8 @@ def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Cod
 
     A condition does not change while time increases, or is text or counts.
     """
-    codes = {name: table.encoded(name)[0] for name in names}
+    able = [name for name in names if not (table.is_numeric(name) and is_covariate(name))]
+    codes = {name: table.encoded(name)[0] for name in able}
     for name, code in tuple(codes.items()):
         is_held = (np.diff(times)[np.diff(code) != 0] <= 0).all()
         if code.min() < 0 or 3 * code.max() >= len(table) or not (is_held or _counts(table, name)):
@@ -330,7 +336,7 @@ def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Code
     It has the name of one; or, where objects are `named`, it is text or counts from 0 or 1, and without it times of an
     object would go back. Several that are as likely are refused.
     """
-    able = [name for name in names if is_label(table, name, times)]
+    able = [name for name in names if is_label(table, name, times) and not is_covariate(name)]
     if called := [name for name in able if is_called(name, TRIAL)]:
         return called[0]
     if increase_within(owners, times) or not named:
@@ -546,6 +552,11 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     return reasons if len(reasons) < len(names) else {}
 
 
+def is_covariate(name: str) -> bool:
+    """Say whether a column is called like a code of individuals, such as their sex."""
+    return is_called(name, _COVARIATE)
+
+
 def is_amount(name: str) -> bool:
     """Say whether a column is called like amounts that are given."""
     return is_called(name, _AMOUNT)
@@ -577,7 +588,7 @@ def pulsed_inputs(table: Table, names: Sequence[str], trials: Sequence[Codes]) -
         single = np.isnan(readable(table, name)).any() or all((np.diff(indices) > 1).all() for indices in given)
         return single and not values.all() and bool(np.mean(values) > 0)
 
-    return [name for name in names if is_pulsed(name)]
+    return [name for name in names if not is_called(name, _RATE) and is_pulsed(name)]
 
 
 def note_on_pulses(name: str) -> str:

@@ -20,6 +20,7 @@ from commonlaw.trials.recognition import (
     deviation_columns,
     increase_within,
     input_columns,
+    is_covariate,
     is_quantity,
     joint_objects,
     note_on_pulses,
@@ -148,7 +149,6 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         return taken
 
     free = [name for name in free if name not in (owner, trial)]
-    left_out = tuple[str, ...]()
     states, inputs = (_found(table, roles.get(role, ())) for role in ("states", "inputs"))
     noise = _noise_columns(table, roles, states, free)
     take(noise.values())
@@ -162,6 +162,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     if properties is not None:
         also = (name for name in table.columns if name == owner and is_quantity(table, name))
         properties = tuple(dict.fromkeys((*properties, *also)))
+    left_out = take(name for name in table.columns if is_covariate(name) and table.is_numeric(name))
     wide, numbers = roles.get("wide"), [name for name in free if table.is_numeric(name)]
     is_given, on_columns = bool(wide) and "wide" in roles, tuple[str, ...]()
     if not (states or is_given):

@@ -37,6 +37,7 @@ from commonlaw.trials.recognition import (
     TRIAL,
     input_values,
     is_called,
+    is_covariate,
     readable,
     runs_of_labels,
     unit_in_name,
@@ -315,8 +316,9 @@ def _is_out_of_order(times: Floats, back: Codes) -> bool:
 
 def _remedy(table: Table, times: Floats, groups: Sequence[Group]) -> Diagnostic:
     """Return how to tell trials apart where times start again."""
-    telling = [name for name in table.columns if _tells_apart(table, name, times, groups)]
-    telling = telling or [name for name in table.columns if _tells_apart(table, name, times, groups, repeated=True)]
+    columns = [name for name in table.columns if not is_covariate(name)]
+    telling = [name for name in columns if _tells_apart(table, name, times, groups)]
+    telling = telling or [name for name in columns if _tells_apart(table, name, times, groups, repeated=True)]
     return Diagnostic("name-trials-by", {"columns": telling}) if telling else Diagnostic("name-trials")
 
 
