@@ -11,6 +11,8 @@ from scipy.optimize import least_squares
 
 import commonlaw as cl
 from commonlaw import CommonlawError
+from commonlaw.app.equations import solved
+from commonlaw.app.question import Equations, Table
 from commonlaw.trials.trial import Dose
 
 ONE = "DV' = -k DV + AMT/V"
@@ -250,3 +252,47 @@ def test_measurements_in_rows_after_a_dose_at_the_same_time_show_it() -> None:
     rows = (0, 100, 0, 1), (0, 0, 10, 0), (1, 0, 9.1, 0), (2, 0, 8.2, 0), (3, 0, 7.4, 0), (4, 0, 6.7, 0)
     law = cl.fit(ONE, cl.Trials.from_frame(data_set(*rows, columns="TIME AMT DV EVID")))
     assert law.params.set_index("parameter").estimate["V"] == pytest.approx(10, rel=0.01)
+
+
+def test_the_app_reads_and_fits_equations_with_recorded_doses() -> None:
+    table, _ = five("infusions")
+    page_table = Table("pk.csv", table[table.ID == 1].to_csv(index=False).encode())
+    equations = Equations("DV' = -k DV + RATE/V", values={"k": (0.1,), "V": (15.0,)}, doses=("RATE",))
+    drawn = solved(page_table, {}, equations)
+    assert drawn["problem"] == ""
+    assert [*drawn["values"]] == ["k", "V"]
+    trials = page_table.trials({})
+    fitted = equations.fit(trials, {})
+    assert np.allclose(fitted.params.estimate, cl.fit(ONE, trials).params.estimate, rtol=1e-4)
+
+
+def test_named_models_take_recorded_doses() -> None:
+    trials = oral()
+    law = cl.fit("one-compartment-with-doses", trials)
+    assert law.structure == ("DV' = -k DV + AMT/V",)
+
+
+def test_streams_refuse_recorded_doses(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    table, _ = five("infusions")
+    table.assign(trial="1").to_parquet(tmp_path / "pk.parquet")
+    with pytest.raises(CommonlawError) as caught:
+        cl.TrialStream.from_parquet(tmp_path / "pk.parquet", object="ID", trial="trial", time="TIME", states=["DV"])
+    assert caught.value.code == "doses-in-stream"
+
+
+def test_codes_of_sex_are_no_labels_and_no_states() -> None:
+    rng = np.random.default_rng(1)
+    rows = [(day, sex, value) for sex in (1, 2) for day, value in enumerate(rng.uniform(1, 2, 9))]
+    table = pd.DataFrame(rows, columns=["day", "sex", "weight"])
+    with pytest.raises(CommonlawError) as caught:
+        cl.Trials.from_frame(table)
+    assert caught.value.code == "time-repeated"
+    assert caught.value.parameters["remedy"].code == "name-trials"
+    trials = cl.Trials.from_frame(table.assign(day=np.arange(18.0)))
+    assert (trials.schema.states, trials.schema.inputs, len(trials)) == (("weight",), (), 1)
+
+
+def test_rates_are_not_proposed_as_doses() -> None:
+    table = pd.DataFrame({"t": np.arange(9.0), "c": np.exp(-np.arange(9.0)), "RATE": [5.0, 0, 0, 0, 5, 0, 0, 0, 0]})
+    assert not any("doses=" in note for note in cl.Trials.from_frame(table, inputs=["RATE"]).notes)

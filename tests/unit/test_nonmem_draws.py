@@ -179,7 +179,7 @@ def fitted_difference(seed):
     return np.max(np.abs(estimates - np.exp(best.x)) / errors)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(8))
 def test_predictions_of_drawn_tables(seed):
     difference, complete = predicted_differences(seed)
     assert complete

@@ -14,6 +14,7 @@ from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
 from commonlaw.estimation.beginning import Beginning, begin, initial_time_of, written_starts
+from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.law.models import named_models
@@ -110,16 +111,18 @@ def solved(table: Table, columns: Columns, equations: Equations, moved: Moved | 
 def _read(table: Table, asked: bytes) -> tuple[Beginning, Trials, list[list[str]]]:
     """Return how a fit begins of the columns and equations in JSON, the trials, and the equations as MathML."""
     columns, equations = msgspec.json.decode(asked, type=tuple[Columns, Equations])
-    trials = with_doses(table.trials(columns), equations.doses)
-    model_text, given = ModelText.of(equations.text), equations.initial
-    trials = as_named(trials, model_text.named, equations.text)
+    written, recorded = with_doses_in_equations(equations.text, table.trials(columns), equations.doses)
+    trials = recorded if recorded.schema.doses else with_doses(recorded, equations.doses)
+    model_text, given = ModelText.of(written), equations.initial
+    trials = as_named(trials, model_text.named, written)
     split = split_equations(model_text.equations)
     second = [equation.state for equation in split if equation.order == 2]
     trials, _ = without_measured_rates(trials, second, [equation.state for equation in split])
-    if not needs_model(model_text, trials, given, (), None) and not given:
+    if not (recorded.schema.doses or needs_model(model_text, trials, given, (), None) or given):
         properties = property_names(trials.properties)
         read_equations("; ".join(model_text.equations), trials.schema, properties=properties)  # Says what `fit` refuses
-    at = initial_time_of(trials, equations.initial_time, written_starts(model_text, given))
+    initial_time = usual_initial_time(recorded) if equations.initial_time is None else equations.initial_time
+    at = initial_time_of(trials, initial_time, written_starts(model_text, given))
     begun = begin(model_text, trials, given, at)
     begun = replace(begun, problem=replace(begun.problem, tolerance=1e-5), first=_with_rates(begun))
     model = begun.model

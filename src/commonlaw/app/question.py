@@ -294,7 +294,9 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
                 guesses[name] = float(f"{value:.6g}")
         groups = {name: by for name, by in self.shared.items() if name not in self.fixed}
         shared = tuple(groups) if {*groups.values()} <= {ALL} else groups
-        is_model = needs_model(text, with_doses(trials, self.doses), self.initial, shared, self.priors)
+        is_model = bool(trials.schema.administered) or needs_model(
+            text, with_doses(trials, self.doses), self.initial, shared, self.priors
+        )
         return fit(
             self.written,
             trials,

@@ -17,7 +17,7 @@ from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_diff
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
 from commonlaw.estimation.beginning import FREE, InitialGiven, begin, initial_time_of, written_starts
-from commonlaw.estimation.doses import with_doses_in_equations
+from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
 from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference import refine
@@ -223,8 +223,7 @@ def fit(
     trials = as_named(trials, model.named, "; ".join(equations if not isinstance(equations, str) else [equations]))
     dosed = with_doses(trials, doses)
     starts = written_starts(model, initial_values or {})
-    if trials.schema.doses and (len(trials) > len(trials.objects) or any(trial.cycle for trial in trials)):
-        initial_time = "first" if initial_time is None else initial_time  # Where resets or steady states are
+    initial_time = usual_initial_time(trials) if initial_time is None else initial_time
     at = initial_time_of(dosed, initial_time, starts)
     recorded = "first" if at is None and starts else at
     model_settings = {

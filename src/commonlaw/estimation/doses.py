@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.model import ModelText
@@ -32,11 +33,12 @@ def with_doses_in_equations(
     administered = trials.schema.administered
     if not administered:
         return equations, trials
-    for name in names:
-        check_choice("dose", name, administered)
     text, amount = ModelText.of(equations), administered[0]
     into = sorted({dose.compartment for trial in trials for dose in trial.doses if dose.amount})
     occurrences = re.compile(rf"(?<!\w)`?(?P<stem>{'|'.join(map(re.escape, administered))})(?P<number>\d*)`?(?!\w)")
+    for name in names:
+        if not occurrences.fullmatch(name):
+            check_choice("dose", name, administered)
     sides = [equation.partition("=") for equation in text.equations]
     named = [[(match["stem"], match["number"]) for match in occurrences.finditer(right)] for *_, right in sides]
     plain = [number for number, doses in enumerate(named, 1) if any(not compartment for _, compartment in doses)]
@@ -75,3 +77,12 @@ def with_doses_in_equations(
     new = dict(zip(text.equations, changed, strict=True))
     dosed = with_recorded_doses(trials, [*dict.fromkeys(written)] or [stem])
     return [new.get(part, part) for part in parts], dosed
+
+
+def usual_initial_time(trials: Trials) -> Literal["first"] | None:
+    """Return when initial values hold unless a time is given, of trials with their doses: None for time zero.
+
+    Where resets or steady states begin trials, it is the beginning of each.
+    """
+    begins_anew = len(trials) > len(trials.objects) or any(trial.cycle for trial in trials)
+    return "first" if trials.schema.doses and begins_anew else None

@@ -213,7 +213,10 @@ class _Match:
             np.all((values[name] > bound.low) & (values[name] < bound.high))
             for name, bound in self.pattern.bounds.items()
         )
-        return bool(agree.all()) and all(np.isfinite(value).all() for value in values.values()) and all(inside)
+        # A dose that is added to a state as it is makes the state an amount, which has no volume
+        is_amount = self.pattern.form.doses and bool(np.all(values["V"] == 1))
+        finite = all(np.isfinite(value).all() for value in values.values())
+        return bool(agree.all()) and finite and all(inside) and not is_amount
 
 
 def _value(coefficients: Floats, parameters: Floats, place: _Place) -> Floats:
