@@ -114,7 +114,7 @@ def _read(table: Table, asked: bytes) -> tuple[Beginning, Trials, list[list[str]
     written, recorded = with_doses_in_equations(equations.text, table.trials(columns), equations.doses)
     trials = recorded if recorded.schema.doses else with_doses(recorded, equations.doses)
     model_text, given = ModelText.of(written), equations.initial
-    trials = as_named(trials, model_text.named, written)
+    trials = as_named(trials, model_text.named, written if isinstance(written, str) else "; ".join(written))
     split = split_equations(model_text.equations)
     second = [equation.state for equation in split if equation.order == 2]
     trials, _ = without_measured_rates(trials, second, [equation.state for equation in split])
