@@ -96,6 +96,18 @@ def end_at_once() -> None:
 
 
 @contextmanager
+def ending_at_once() -> Iterator[None]:
+    """Let Ctrl-C end this process at once, see `end_at_once`, while what is within goes on, such as imports."""
+    before = signal.getsignal(signal.SIGINT)
+    end_at_once()
+    try:
+        yield
+    finally:
+        if signal.getsignal(signal.SIGINT) is not before:
+            signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
 def deaf_to_interrupts() -> Iterator[None]:
     """Let processes that are started here hear no Ctrl-C: a terminal sends it to all, and this one ends them."""
     if sys.platform == "win32":

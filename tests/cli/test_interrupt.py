@@ -1,0 +1,36 @@
+"""Ctrl-C while the command is still being loaded."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from time import sleep
+
+import pytest
+
+STARTS = {
+    "module": ["-m", "commonlaw"],
+    "script": ["-c", "import sys; from commonlaw.cli import main; sys.exit(main())"],
+}
+"""How Python is started, the second as by the script of the installed command."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize("start", STARTS.values(), ids=STARTS)
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.1, 0.3])
+def test_ctrl_c_while_modules_are_imported_ends_without_a_traceback(start: list[str], delay: float) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "src")}
+    process = subprocess.Popen(
+        [sys.executable, "-X", "importtime", *start, "data", "list"],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment,
+    )  # fmt: skip
+    assert process.stderr is not None
+    for line in process.stderr:  # Python lists each module once it is imported; this is among the first
+        if "click" in line:
+            break
+    sleep(delay)
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate(timeout=60)
+    assert "Traceback" not in rest
+    assert process.returncode == -signal.SIGINT  # Which shells show as 130
