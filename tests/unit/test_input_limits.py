@@ -3,10 +3,16 @@
 import bz2
 import gzip
 import lzma
+import tracemalloc
 from time import process_time
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
+import commonlaw as cl
+from commonlaw.cli.source import read_schema
 from commonlaw.runtime.files import LONGEST_LINE, MOST_LINES, MOST_ROWS, check_size, unpacked
 from commonlaw.trials.files import table_in
 from commonlaw.trials.text import is_value
@@ -85,3 +91,48 @@ def test_a_long_cell_takes_no_time_in_proportion_to_its_square(cell):
     is_value(cell)
     table_in("t.csv", HEAD + f"3,{cell}\n".encode())
     assert process_time() - begin < 5
+
+
+DEEP = {
+    "a key": "a." * 100_000 + "a = 1\n",
+    "a table": "[" + "a." * 100_000 + "a]\n",
+    "texts as keys": '".".' * 50_000 + "a = 1\n",
+    "a comment that begins a text": "# it's\n" + "a." * 100_000 + "a = 1 # it's\n",
+    "an inline table": "time = {" + "a . " * 50_000 + "a = 1}\n",
+    "lists": "time = " + "[" * 100_000,
+    "inline tables": "time = " + "{a=" * 100_000,
+    "a number": "time = " + "9" * 1_000_000,
+}
+
+
+@pytest.mark.parametrize("content", DEEP.values(), ids=DEEP)
+def test_a_schema_that_is_nested_too_deeply_is_refused_before_it_is_unfolded(tmp_path, content):
+    (tmp_path / "schema.toml").write_text(content)
+    tracemalloc.start()
+    try:
+        with refused("table-schema"):
+            read_schema(str(tmp_path / "schema.toml"))
+        assert tracemalloc.get_traced_memory()[1] < 2**27
+    finally:
+        tracemalloc.stop()
+
+
+def test_points_in_texts_of_a_schema_separate_no_keys(tmp_path):
+    name = ".".join("a" * 100)
+    (tmp_path / "schema.toml").write_text(
+        f'time = "{name}"\nobject = \'{name}\'\nunits = {{"{name}" = "m"}} # {name}\n'
+    )
+    assert read_schema(str(tmp_path / "schema.toml")) == {"time": name, "object": name, "units": {name: "m"}}
+
+
+def test_a_text_that_stands_in_every_row_of_a_parquet_file_is_gone_through_once_or_refused(tmp_path):
+    rows = 10_000
+    for count, expected in ((100_000, 1), (300_000, 0)):
+        text = pa.DictionaryArray.from_arrays(np.zeros(rows, dtype=np.int32), [" y" * (count // 2) + " "])
+        table = pa.table({"t": np.arange(rows) / 8, "x": np.arange(rows) % 97.0, "text": text})
+        pq.write_table(table, tmp_path / "t.parquet", store_schema=False)
+        if expected:
+            assert len(cl.Trials.read(tmp_path / "t.parquet")) == expected
+        else:
+            with refused("parquet-too-large"):
+                cl.Trials.read(tmp_path / "t.parquet")

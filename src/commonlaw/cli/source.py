@@ -33,7 +33,7 @@ from commonlaw.cli.options import (
 from commonlaw.cli.output import print_frame, print_json, print_notes, say
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.cluster import connected, current_cluster, on_cluster
-from commonlaw.runtime.files import checked_file, read_file, write_whole
+from commonlaw.runtime.files import DEEPEST, checked_file, read_file, write_whole
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted, in_line, number_or_text
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
@@ -339,11 +339,22 @@ class _SchemaFile(WrittenReading, total=False):
     clip: bool
 
 
+_TEXT_OF_TOML = re.compile(
+    r"""#[^\n]*|\"{3}(?:\\.|[^\\])*?\"{3}|'{3}.*?'{3}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'""", re.DOTALL
+)
+"""Comments and texts, in which points separate no keys."""
+_DEEP_KEY = re.compile(rf"(?:(?<![\w-])[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST}}}")
+"""A key of more parts, a.b.c ..., than `DEEPEST`, each of which is looked up with all before it."""
+
+
 def read_schema(path: str) -> dict[str, Any]:
     """Return the options that a schema file gives, by field of `Source`; refuse other keys and values."""
     content = read_file(checked_file(path, 2**20))
     try:
-        options = checked(tomllib.loads(content.decode()), _SchemaFile)
+        text = content.decode()
+        if _DEEP_KEY.search(_TEXT_OF_TOML.sub("s", text)):
+            raise CommonlawError("toml-too-deep", limit=DEEPEST)
+        options = checked(tomllib.loads(text), _SchemaFile)
         lists = {name: options[name] for name in ("states", "inputs") if name in options}
         return {**msgspec.convert(options, _SchemaFile), **msgspec.convert(lists, dict[str, tuple[str, ...]])}
     except (ValueError, RecursionError, CommonlawError) as error:

@@ -176,6 +176,9 @@ def _in_windows(values: Floats, k: int, window: int) -> Floats:
 def _lagrange(offsets: list[Floats], values: list[Floats], order: int) -> Floats:
     """Return the derivative at zero, shape (d, m), of the polynomials through `values` at `offsets`."""
     derivative = np.zeros_like(values[0])
+    # In units of a power of two near the width of each window, which changes no digit, powers of steps are finite
+    scale = np.exp2(np.frexp(np.max(np.abs(offsets), axis=0))[1])
+    offsets = [offset / scale for offset in offsets]
     for k, value in enumerate(values):
         powers = np.zeros((order + 1, value.shape[1]))  # of the node's Lagrange polynomial, as far as they are wanted
         powers[0] = 1
@@ -183,7 +186,7 @@ def _lagrange(offsets: list[Floats], values: list[Floats], order: int) -> Floats
             powers[1:], powers[0] = powers[:-1] - offset * powers[1:], -offset * powers[0]
             powers /= offsets[k] - offset
         derivative += factorial(order) * powers[order] * value
-    return derivative
+    return derivative / scale**order
 
 
 @dataclass(frozen=True)

@@ -115,14 +115,29 @@ def are_meant_as_numbers(cells: Sequence[str]) -> bool:
     return bool(plain) and sum(counts[cell] for cell in plain | beyond) > 0.5 * len(cells)
 
 
+def factorized(column: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    """Return a column as codes, -1 for empty cells, and its different cells in order of their first appearance.
+
+    Cells that are one object, such as a long text in all rows, are compared once.
+    """
+    import pandas as pd
+
+    if column.dtype.kind != "O":
+        return pd.factorize(column)
+    _, first, inverse = np.unique(
+        np.fromiter(map(id, column), dtype=np.int64, count=len(column)), return_index=True, return_inverse=True
+    )
+    order = np.argsort(first)
+    codes, cells = pd.factorize(column[first[order]])
+    return codes[np.argsort(order)[inverse]], cells
+
+
 def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
     """Return a column of text as numbers, NaN where cells are empty.
 
     The decimal mark is that by which all cells are numbers. A comma or a point before three digits may as well group
     thousands: another cell settles it, or the other columns of the table do; else the column is not read.
     """
-    import pandas as pd
-
     # Points are decimal where no other column says that commas are
     if notation.decimal != "," and "," not in notation.usual:
         with suppress(TypeError, ValueError):
@@ -130,7 +145,7 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
             texts = list(map(str, column.tolist()))
             if all(map(str.isascii, texts)) and not any("_" in text for text in texts):  # Which Python reads, too
                 return _without_sentinels(Numerals(numbers), notation)
-    codes, unique = pd.factorize(column)
+    codes, unique = factorized(column)
     cells = [str(cell).strip() for cell in unique]
     counts = np.bincount(codes[codes >= 0], minlength=len(cells))
     missing = {i: cell for i, cell in enumerate(cells) if not cell or cell in notation.missing or is_missing(cell)}

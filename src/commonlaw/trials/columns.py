@@ -14,10 +14,18 @@ from numpy.typing import NDArray
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted
-from commonlaw.trials.cells import Notation, Numerals, Unreadable, are_meant_as_numbers, is_missing, numerals
+from commonlaw.trials.cells import (
+    Notation,
+    Numerals,
+    Unreadable,
+    are_meant_as_numbers,
+    factorized,
+    is_missing,
+    numerals,
+)
 from commonlaw.trials.headers import find_name, known_unit, label, plain, split_headers
 from commonlaw.trials.reading import WrittenReading
-from commonlaw.trials.trial import nearest
+from commonlaw.trials.trial import EXTREME, nearest
 
 if TYPE_CHECKING:
     import narwhals as nw
@@ -126,13 +134,19 @@ class Table:
             what = "is infinite" if np.isinf(values[row]) else "is missing"
             count = "" if len(bad) == 1 else f" ({len(bad)} values of the column are missing or infinite)"
             raise CommonlawError("cell-value", where=self._where(name, row), value=what, count=count)
+        extreme = np.flatnonzero(np.abs(values) > EXTREME)
+        if len(extreme):
+            row = int(extreme[0])
+            raise CommonlawError("cell-extreme", where=self._where(name, row), value=values[row], limit=EXTREME)
         return values
 
     def is_switch(self, name: str) -> bool:
         """Say whether a column holds both words for the states of a switch, which are read as 1 and 0."""
-        words = set[str]()
+        words, cells = set[str](), set[object]()
         for cell in self.columns[name]:
-            words |= {cell.strip().casefold()} - {""} if isinstance(cell, str) else set()
+            if isinstance(cell, str) and cell not in cells:
+                cells.add(cell)
+                words |= {cell.strip().casefold()} - {""}
             if len(words) > 2:
                 return False
         return any(words == {*states} for states in _SWITCHES)
@@ -154,11 +168,9 @@ class Table:
 
     def encoded(self, name: str, read: Callable[[object], object] = _plain) -> tuple[Codes, list[object]]:
         """Return a column as codes, shape (n,), -1 for empty cells, and the values that they stand for, `read` once."""
-        import pandas as pd
-
         column = self.columns[name]
         try:
-            codes, cells = pd.factorize(column)
+            codes, cells = factorized(column)
         except TypeError:
             raise CommonlawError("column-not-text", where=self.source, column=name, kind=_kind(column)) from None
         read_values = [read(value) for value in cells.tolist()]

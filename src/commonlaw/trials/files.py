@@ -268,6 +268,8 @@ def batch_tables(path: str | os.PathLike[str], rows: int) -> Iterator[Table]:
     with _whole(str(path)):
         file, _ = opened(path)
         for batch in _batches(file, min(rows, MOST_CELLS // max(1, file.metadata.num_columns))):
+            if _characters(batch) > _MOST_CHARACTERS:
+                raise CommonlawError("parquet-too-large", source=str(path), limit=_MOST_CHARACTERS)
             yield frame_table(arrow.Table.from_batches([batch]))
 
 
@@ -335,14 +337,29 @@ def _batches(file: "pq.ParquetFile", rows: int) -> Iterator["pa.RecordBatch"]:
 def _unpacked(source: str, content: bytes) -> tuple["pq.ParquetFile", "pa.Table"]:
     """Return a file and its rows, as far as memory holds them."""
     arrow = _arrow()
-    file, batches, size = _file(arrow.BufferReader(content)), [], 0
+    file, batches, size, characters = _file(arrow.BufferReader(content)), [], 0, 0
     check_size(source, file.metadata.num_rows, file.metadata.num_columns)
     for batch in _batches(file, 65_536):
-        size += batch.nbytes
-        if size > LARGEST_FILE:
+        size, characters = size + batch.nbytes, characters + _characters(batch)
+        if size > LARGEST_FILE or characters > _MOST_CHARACTERS:
             raise CommonlawError("parquet-too-large", source=source, limit=LARGEST_FILE)
         batches.append(batch)
     return file, arrow.Table.from_batches(batches, arrow.schema(_flat(file)))
+
+
+_MOST_CHARACTERS = 2 * LARGEST_FILE
+"""Bytes of all cells of text, though those that are the same are in memory once: each is gone through."""
+
+
+def _characters(batch: "pa.RecordBatch") -> int:
+    """Return the bytes of all cells of text of some rows."""
+    arrow = _arrow()
+    compute = optional_import("pyarrow.compute", "reading Parquet files", "parquet")
+    return sum(
+        compute.sum(compute.binary_length(column.dictionary).take(column.indices)).as_py() or 0
+        for column in batch.columns
+        if arrow.types.is_dictionary(column.type)
+    )
 
 
 def _kept(source: str, metadata: Mapping[bytes, bytes] | None) -> _Kept:

@@ -636,7 +636,7 @@ def last_digit(values: Floats) -> float:
     if not largest:
         return 0.0
     first = int(np.floor(np.log10(largest)))
-    for place in range(first, first - 12, -1):
+    for place in range(first, max(first - 12, -308), -1):  # Smaller powers of ten are zero
         scaled = finite / 10.0**place
         if (np.abs(scaled - np.round(scaled)) < 1e-3).all():
             return float(10.0**place)

@@ -44,7 +44,7 @@ from commonlaw.trials.recognition import (
     units_in_names,
 )
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
-from commonlaw.trials.trial import PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
+from commonlaw.trials.trial import EXTREME, PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 from commonlaw.trials.units import in_radians
 from commonlaw.trials.wide import quantity, shown_columns
 
@@ -564,6 +564,8 @@ def trials_from_arrays(
     if not parts:
         raise CommonlawError("no-times")
     made, empty = zip(*(_trial(*part) for part in parts), strict=True)
+    for trial_made in made:
+        _refuse_extreme(trial_made)
     columns = _columns(made[0], names)
     check_measured(made, columns[0])
     known = given_properties(properties, "object", list(dict.fromkeys(objects)))
@@ -644,6 +646,16 @@ def _trial(name: str, run: Any, times: Any, states: Any, inputs: Any, noise: Any
         times, states = np.delete(times, unused), np.delete(as_numbers(states), unused, axis=0)
         inputs, noise = (np.delete(array, unused, axis=0) if np.size(array) else array for array in (inputs, noise))
     return Trial(name, run, times, states, inputs, noise, earlier=earlier), unused
+
+
+def _refuse_extreme(trial: Trial) -> None:
+    """Refuse values whose powers overflow."""
+    for what, values in (("state", trial.states), ("input", trial.inputs), ("standard deviation", trial.noise)):
+        extreme = np.argwhere(np.abs(values) > EXTREME)
+        if len(extreme):
+            sample, column = extreme[0]
+            place, value = f"sample {sample + 1}, {what} {column + 1}", values[sample, column]
+            raise CommonlawError("sample-extreme", where=trial.label, value=value, place=place, limit=EXTREME)
 
 
 def _per_trial(what: str, values: Any, count: int) -> list[Any]:

@@ -380,8 +380,8 @@ def _read(source: str, text: str, delimiter: str, before: int = 0) -> Iterator[R
             yield Row(line + 1, before + reader.line_num, cells)
             line = before + reader.line_num
     except csv.Error as error:
-        line = before + reader.line_num
-        if "field limit" in str(error):
+        begin, line = line + 1, before + reader.line_num
+        if "field limit" in str(error) and line == begin:  # On several lines a quotation mark is missing
             raise CommonlawError("cell-too-long", source=source, line=line, limit=csv.field_size_limit()) from None
         raise CommonlawError("quotation-marks-in-line", source=source, line=line, error=error) from None
 

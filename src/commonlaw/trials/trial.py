@@ -106,9 +106,9 @@ Start = float | str | Mapping[str, float] | None
 
 _ARRAYS = ("times", "states", "inputs", "noise", "below")
 """Fields of a trial with a row for each sample."""
-_EXTREME = float(np.finfo(np.float64).max ** (1 / 6))
-"""Largest time, and inverse of the smallest step: squares of second derivatives go with the fourth power of the step,
-and the rest is left for the size of the states."""
+EXTREME = float(np.finfo(np.float64).max ** (1 / 6))
+"""Largest time and value, and inverse of the smallest step. Squares of second derivatives go with the fourth power of
+the step, and the rest is left for the size of the states; the squares of their cubes, as in `poly:3`, are finite."""
 
 
 @dataclass(frozen=True)
@@ -426,8 +426,8 @@ class Trial:
             raise CommonlawError(
                 "time-before", where=self.label, time=self.times[i + 1], sample=i + 2, before=self.times[i]
             )
-        if largest > _EXTREME or smallest < 1 / _EXTREME:
-            what = f"times up to {largest:.3g}" if largest > _EXTREME else f"a time step of {smallest:.3g}"
+        if largest > EXTREME or smallest < 1 / EXTREME:
+            what = f"times up to {largest:.3g}" if largest > EXTREME else f"a time step of {smallest:.3g}"
             raise CommonlawError("times-too-large", trial=self.label, times=what)
 
 
