@@ -20,7 +20,7 @@ import commonlaw as cl
 from commonlaw.cli.main import commonlaw
 from commonlaw.cli.options import WrittenFile
 from commonlaw.law import to_json
-from tests.hostile import command_cases, equation_cases, law_cases, table_cases
+from tests.hostile import command_cases, equation_cases, law_cases, packed_cases, table_cases
 from tests.hostile.case import Case
 
 EXECUTED = "executed"
@@ -204,6 +204,10 @@ KINDS: Mapping[str, Callable[[random.Random], Case]] = {
     "indices": table_cases.indices,
     "dates": table_cases.dates,
     "wide": table_cases.wide,
+    "packed": packed_cases.packed,
+    "endless": packed_cases.endless,
+    "shared": packed_cases.shared,
+    "nested": packed_cases.nested,
     "repeated": command_cases.repeated,
     "inputs": command_cases.inputs,
     "provenance": lambda r: law_cases.provenance(r, saved_law()),

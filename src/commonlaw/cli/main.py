@@ -33,11 +33,12 @@ from commonlaw.cli.options import (
 from commonlaw.cli.output import changing_line, say, standard_streams
 from commonlaw.diagnostics import meaning, notes, reference, sentences
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.progress import Elapsed, ProgressCallback
+from commonlaw.runtime.progress import SECONDS_UNTIL_SHOWN, Elapsed, ProgressCallback
 from commonlaw.runtime.shutdown import end_at_once
 
 INTERVAL = 10.0
-"""Seconds between lines where there is no terminal to show a line that changes."""
+"""Seconds between lines where there is no terminal to show a line that changes; the first comes earlier, after
+`SECONDS_UNTIL_SHOWN`."""
 
 
 @contextmanager
@@ -68,8 +69,10 @@ def _lines(words: Callable[[], str]) -> Iterator[None]:
     ended = Event()
 
     def tell() -> None:
-        while not ended.wait(INTERVAL):
+        seconds = SECONDS_UNTIL_SHOWN
+        while not ended.wait(seconds):
             say(f"commonlaw: {words()}", err=True)
+            seconds = INTERVAL
 
     Thread(target=tell, daemon=True).start()
     try:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 import click
 import msgspec
 
-from commonlaw.cli.main import Commands
+from commonlaw.cli.main import Commands, working
 from commonlaw.cli.options import (
     AS_JSON,
     DATASET,
@@ -503,8 +503,11 @@ def check(source: Source, order: int | None, library: str | None, save: tuple[st
       commonlaw data check drops.csv --object ball --trial drop --time t --state height --save schema.toml
       commonlaw discover drops.csv --schema schema.toml --order 2
     """
-    trials = source.chosen()
-    report = trials.check(order=order, library=library)
+    with working("Checking ...") as show:
+        show("reading the table")
+        trials = source.chosen()
+        show(f"{counted(len(trials), 'trial')} of {counted(len(trials.objects), 'object')}")
+        report = trials.check(order=order, library=library)
     for path in save:
         write_whole(path, written_schema(source, trials))
     if as_json:
@@ -549,7 +552,8 @@ def export(source: Source, save: tuple[str, ...]) -> None:
     Example:
       commonlaw data export dataset:linear-drag:noise=0.05 --save drops.csv
     """
-    trials = source.chosen()
+    with working("Reading ..."):
+        trials = source.chosen()
     for path in save:
         write = trials.to_csv if path.lower().endswith(".csv") else trials.to_parquet
         write(path)
