@@ -186,7 +186,8 @@ def _lagrange(offsets: list[Floats], values: list[Floats], order: int) -> Floats
             powers[1:], powers[0] = powers[:-1] - offset * powers[1:], -offset * powers[0]
             powers /= offsets[k] - offset
         derivative += factorial(order) * powers[order] * value
-    return derivative / scale**order
+    derivative /= scale**order
+    return derivative
 
 
 @dataclass(frozen=True)
