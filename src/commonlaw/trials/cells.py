@@ -142,8 +142,8 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
     if notation.decimal != "," and "," not in notation.usual:
         with suppress(TypeError, ValueError):
             numbers = column.astype(np.float64)
-            texts = list(map(str, column.tolist()))
-            if all(map(str.isascii, texts)) and not any("_" in text for text in texts):  # Which Python reads, too
+            text = " ".join(map(str, column.tolist()))
+            if text.isascii() and "_" not in text:  # Which Python reads, too
                 return _without_sentinels(Numerals(numbers), notation)
     codes, unique = factorized(column)
     cells = [str(cell).strip() for cell in unique]
