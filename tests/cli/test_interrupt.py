@@ -24,6 +24,7 @@ def test_ctrl_c_while_modules_are_imported_ends_without_a_traceback(start: list[
     process = subprocess.Popen(
         [sys.executable, "-X", "importtime", *start, "data", "list"],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # Jobs in the background ignore it
     )  # fmt: skip
     assert process.stderr is not None
     for line in process.stderr:  # Python lists each module once it is imported; this is among the first
