@@ -22,7 +22,7 @@ from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands, matched, measured_noise, measured_schema
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.verdict import SMALL_ERROR, LawVerdict, StateError, listed
-from commonlaw.library import Order, highest_order
+from commonlaw.library import Order, highest_order, order_of_each
 from commonlaw.runtime.progress import announced
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
@@ -173,10 +173,11 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
     kinds = [segment.kind for segment in judged]
     known = {diagnostic.kind for diagnostic in law.diagnostics}
     is_inexact = not known.isdisjoint({OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION})
+    in_sample = Kind.SEEN in kinds and law.provenance.is_learned
     measurements = errors.groupby(["trial", "segment"]).size().groupby("trial").max().sum()
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
-        in_sample=Kind.SEEN in kinds and law.provenance.is_learned,
+        in_sample=in_sample,
         segments=len(judged),
         diverged=diverged,
         measurements=int(measurements),
@@ -198,7 +199,23 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
         without_terms=tuple(
             diagnostic.where for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.EMPTY_SUPPORT
         ),
+        unknowns=_unknowns(law, trials) if in_sample else 0,
+        training_measurements=sum(int(np.isfinite(trial.states).sum()) for trial in trials) if in_sample else 0,
     )
+
+
+def _unknowns(law: Law, trials: Trials) -> int:
+    """Return how many parameters and initial values of trials were estimated; what objects share counts once."""
+    parameters = named_parameters(law)
+    is_free = parameters.errors > 0
+    listed = zip(parameters.values.T, is_free.T, strict=True)
+    count = sum(len(np.unique(values[free])) for values, free in listed)
+    if law.observation is not None:
+        return count + len({(row.object, row.trial, row.name) for row in law.observation.estimated})
+    orders = np.array(order_of_each(law.order, len(law.schema.states)))
+    is_started = np.array([law.schema.initial_values.get(name) is None for name in law.schema.states])
+    measured = [np.isfinite(trial.states).any(axis=0) for trial in trials]
+    return count + sum(int((orders * is_started)[seen].sum()) for seen in measured)
 
 
 def _by_state(

@@ -317,7 +317,19 @@ def fit(
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
     if guesses and initial_values:
         raise CommonlawError("guess-with-latent-states")
-    begun = with_initial_parameters(unfitted, trials, given.bounds, guesses, **settings)
+
+    def is_undetermined_apart(error: CommonlawError) -> bool:
+        """Whether a fit of objects apart failed where one of parameters that they share may not."""
+        return (
+            bool(shared) and not called and error.code in ("more-unknowns-than-measurements", "no-degrees-of-freedom")
+        )
+
+    try:
+        begun = with_initial_parameters(unfitted, trials, given.bounds, guesses, **settings)
+    except CommonlawError as error:
+        if is_undetermined_apart(error):
+            return jointly()
+        raise
     equal = np.zeros(begun.support.shape, dtype=np.bool_)  # Coefficients that all objects share
     named_definitions = {definition.name: definition for definition in named_parameters(begun).definitions}
     for name in shared:
@@ -329,7 +341,7 @@ def fit(
     try:
         law = refine(begun, trials, **apart if shared else settings)
     except CommonlawError as error:
-        if shared and not called and error.code == "no-degrees-of-freedom":  # Of objects apart
+        if is_undetermined_apart(error):
             return jointly()
         raise
     if any(_outside(law, given.bounds)):

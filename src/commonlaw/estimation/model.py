@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
+from typing import cast
 
 import numpy as np
 
@@ -218,19 +219,38 @@ def _program(expressions: Sequence[str], variables: int) -> Program:
 
 
 class _Switches(ast.NodeTransformer):
-    """Puts a variable in place of each unit step, and collects what decides it."""
+    """Puts a variable in place of each unit step, and collects what decides it.
+
+    ``max(g, 0)`` in a root or a power keeps its step behind the variable, as these have no value for negative g, where
+    an integration step ends before the crossing is located.
+    """
 
     def __init__(self, first: int) -> None:
-        self.first, self.deciding = first, list[str]()
+        self.first, self.deciding, self.roots = first, list[str](), 0
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        is_power = isinstance(node.op, ast.Pow)
+        if self.roots and isinstance(node.op, ast.Mult) and write(node.left) == f"step({write(node.right)})":
+            return ast.BinOp(self._switch(write(node.right)), ast.Mult(), node)
+        self.roots += is_power
+        node.left = cast(ast.expr, self.visit(node.left))
+        self.roots -= is_power
+        node.right = cast(ast.expr, self.visit(node.right))
+        return node
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
+        is_root = isinstance(node.func, ast.Name) and node.func.id in ("sqrt", "log")
+        self.roots += is_root
         self.generic_visit(node)
+        self.roots -= is_root
         if not (isinstance(node.func, ast.Name) and node.func.id == "step"):
             return node
-        written = write(node.args[0])
-        if written not in self.deciding:
-            self.deciding.append(written)
-        return ast.Name(f"v{self.first + self.deciding.index(written)}", ast.Load())
+        return self._switch(write(node.args[0]))
+
+    def _switch(self, deciding: str) -> ast.Name:
+        if deciding not in self.deciding:
+            self.deciding.append(deciding)
+        return ast.Name(f"v{self.first + self.deciding.index(deciding)}", ast.Load())
 
 
 def _with_switches(expressions: Sequence[str], events: Sequence[tuple[str, Sequence[str]]], variables: int) -> Program:

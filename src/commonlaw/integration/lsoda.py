@@ -5,7 +5,8 @@ Sensitivities S solve the variational equations ``S' = J S + df/dp`` together wi
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from functools import partial
+from itertools import count as counter, islice
 
 import numpy as np
 from scipy.integrate import LSODA, DenseOutput, OdeSolution
@@ -31,6 +32,9 @@ from commonlaw.runtime.packages import quiet
 
 _STALLED_STEPS = 5000
 """Number of steps that must cover at least a millionth of the time span; else the integration ends."""
+_RESTART_STEPS = 250
+"""Number of steps that must cover a billionth of the span; else LSODA starts again, as it never forgets the largest
+slope: that of ``-sqrt(max(x, 0))`` grows without limit, and is zero where x is."""
 
 
 @dataclass(frozen=True)
@@ -218,12 +222,20 @@ def _size_reached(
 
 def _steps(rhs: RightHandSide, states: Floats, time: float, stops: Floats, rtol: float, atol: float) -> Iterator[LSODA]:
     """Yield the solver before each step, a new one after each stop."""
+    least = 1e-9 * (stops[-1] - time)
     for stop in stops:
         # At the stop itself, inputs are those after it
         piece = rhs.until(np.nextafter(stop, time)) if len(stops) > 1 else rhs
-        solver = LSODA(piece.derivatives, time, states, stop, jac=piece.jacobian, rtol=rtol, atol=atol)
-        while solver.status == "running":
+        begin = partial(LSODA, piece.derivatives, t_bound=stop, jac=piece.jacobian, rtol=rtol, atol=atol)
+        solver, mark = begin(time, states), -np.inf
+        for count in counter(1):
+            if solver.status != "running":
+                break
             yield solver
+            if count % _RESTART_STEPS == 0:
+                if solver.t - mark < least and solver.status == "running":
+                    solver = begin(solver.t, solver.y)
+                mark = solver.t
         time, states = solver.t, solver.y
 
 

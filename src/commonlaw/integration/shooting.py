@@ -7,7 +7,7 @@ and their variational equations, ``S' = J S + df/dp``, are integrated together b
 import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count as count_from, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,9 @@ from commonlaw.integration.vector_field import Inputs
 from commonlaw.kernel import CONSTANTS, ProgramStructure, address, kernel
 from commonlaw.library.program import Program
 from commonlaw.runtime.forking import cached_property
+
+_MAX_EVALUATIONS = 100_000
+"""Evaluations of a right-hand side by SciPy; some laws with infinite slopes would need as many as one likes."""
 
 (_MAX_CROSSINGS,), (_MIN_INTERVAL,), (_CROSSING,) = (
     CONSTANTS[name] for name in ("MAX_CROSSINGS", "MIN_INTERVAL", "CROSSING")
@@ -164,7 +167,11 @@ def _by_scipy(
     def switching(t: float, y: Floats) -> Floats:
         return np.asarray(program.evaluate(point(t, y[:count]))[0, count : count + len(switches)])
 
+    evaluations = count_from(1)
+
     def rates(t: float, y: Floats, first: float, last: float) -> Floats:
+        if next(evaluations) > _MAX_EVALUATIONS:
+            return np.full(len(y), np.nan)
         t = min(max(t, np.nextafter(first, last)), np.nextafter(last, first))
         derivatives = program.evaluate(point(t, y[:count]))[0, :count]
         return np.asarray(derivatives) if slopes is None else np.concatenate([derivatives, total(t, y)[:count].ravel()])

@@ -47,7 +47,7 @@ void operate(int64_t operation, const double *x, const double *y, double *restri
     case DIVIDE: EACH_LANE { out[l] = x[l] / y[l]; left[l] = 1 / y[l]; right[l] = -out[l] / y[l]; } return;
     case NEGATE: EACH_LANE { out[l] = -x[l]; left[l] = -1; } return;
     case ABS: EACH_LANE { out[l] = fabs(x[l]); left[l] = sign(x[l]); } return;
-    case SQRT: EACH_LANE { out[l] = sqrt(x[l]); left[l] = 0.5 / out[l]; } return;
+    case SQRT: EACH_LANE { out[l] = sqrt(x[l]); left[l] = out[l] == 0 ? 0.0 : 0.5 / out[l]; } return;
     case EXP: EACH_LANE { out[l] = exp(x[l]); left[l] = out[l]; } return;
     case LOG: EACH_LANE { out[l] = log(x[l]); left[l] = 1 / x[l]; } return;
     case SIGN: EACH_LANE { out[l] = sign(x[l]); left[l] = 0; } return;
@@ -65,7 +65,11 @@ void operate(int64_t operation, const double *x, const double *y, double *restri
     if (!sloped) return;
     switch (operation) {
     case POWER:
-        EACH_LANE { left[l] = y[l] * pow(x[l], y[l] - 1); right[l] = out[l] == 0 ? 0.0 : out[l] * log(x[l]); }
+        EACH_LANE {
+            bool is_root = y[l] > 0 && y[l] < 1;
+            left[l] = x[l] == 0 && is_root ? 0.0 : y[l] * pow(x[l], y[l] - 1);
+            right[l] = out[l] == 0 ? 0.0 : out[l] * log(x[l]);
+        }
         return;
     case SIN: EACH_LANE left[l] = cos(x[l]); return;
     case COS: EACH_LANE left[l] = -sin(x[l]); return;

@@ -90,6 +90,9 @@ class LawVerdict(ShownInNotebooks):
         Whether an equation has as many terms as its samples can identify.
     without_terms
         Left-hand sides of equations without a term.
+    unknowns, training_measurements
+        Of an assessment on the training data: how many parameters and initial values were estimated, and from how many
+        measurements; zero of one on other data.
     """
 
     judged_on: str
@@ -113,6 +116,8 @@ class LawVerdict(ShownInNotebooks):
     none_exact: bool = False
     few_samples: bool = False
     without_terms: tuple[str, ...] = ()
+    unknowns: int = 0
+    training_measurements: int = 0
 
     @property
     def usable(self) -> bool | None:
@@ -122,6 +127,9 @@ class LawVerdict(ShownInNotebooks):
     @property
     def lacking(self) -> str:
         """Why the law could not be assessed; empty if it was."""
+        if self.training_measurements and self.unknowns >= self.training_measurements:
+            count = counted(self.training_measurements, "measurement")
+            return f"{self.unknowns} estimated parameters and initial values reproduce any {count}"
         if self.diverged:
             return ""
         if self.measurements < _MIN_MEASUREMENTS:

@@ -16,16 +16,23 @@ from commonlaw.runtime.forking import cached_property
 _NAMES = tuple(OPERATIONS)
 
 _Slope = Callable[[Any, Any, Any], Any]
+
+
+def _root_or_power_slope(x: Any, y: Any, _: Any) -> Any:
+    return np.where((x == 0) & (y > 0) & (y < 1), 0.0, y * x ** (y - 1))
+
+
 _SLOPES: Mapping[str, tuple[_Slope, ...]] = {
     "add": (lambda *_: 1.0, lambda *_: 1.0),
     "subtract": (lambda *_: 1.0, lambda *_: -1.0),
     "multiply": (lambda _x, y, _: y, lambda x, *_: x),
     "divide": (lambda _x, y, _: 1 / y, lambda _x, y, value: -value / y),
-    # That of a power of zero by its exponent is zero whatever stands above
-    "power": (lambda x, y, _: y * x ** (y - 1), lambda x, _, value: np.where(value == 0, 0.0, value * np.log(x))),
+    # That of a power of zero by its exponent is zero whatever stands above. Infinite slopes of roots at zero are zero,
+    # so that ``sqrt(max(x, 0))`` has derivatives where it is constant
+    "power": (_root_or_power_slope, lambda x, _, value: np.where(value == 0, 0.0, value * np.log(x))),
     "negate": (lambda *_: -1.0,),
     "abs": (lambda x, *_: np.sign(x),),
-    "sqrt": (lambda _x, _, value: 0.5 / value,),
+    "sqrt": (lambda _x, _, value: np.where(value == 0, 0.0, 0.5 / value),),
     "exp": (lambda _x, _, value: value,),
     "log": (lambda x, *_: 1 / x,),
     "sin": (lambda x, *_: np.cos(x),),

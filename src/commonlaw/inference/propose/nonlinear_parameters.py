@@ -8,6 +8,7 @@ A nonlinear parameter is not practically identifiable from an object in whose tr
 normal prior with the between-object scatter, from the medians of all objects (empirical Bayes), bounds it.
 """
 
+import ast
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
@@ -34,7 +35,7 @@ from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound, limits_of
-from commonlaw.library.grammar import evaluate
+from commonlaw.library.grammar import columns_in, evaluate, tree_of, with_names, write
 from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, Prior, fit_each
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.parallel import in_parallel, threads
@@ -163,6 +164,7 @@ def with_initial_parameters(
     if not law.terms.variables.parameters:
         return law
     setup = FitSetup.of(law, trials, noise, huber_threshold, input_interpolation, log_states)
+    setup.check_determined()
     if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():
         return law
     if trials.schema.initial_values:  # There `initial_latent_estimates` tries values
@@ -172,6 +174,8 @@ def with_initial_parameters(
     (on_terminal() if progress is None else progress)("looking for nonlinear parameters")
     with threads(n_jobs):
         rates = _rate_profiles(setup)
+        for name, rate in zip(law.objects, rates, strict=True):
+            _check_powers(name, rate)
         grid = _Grid.of(setup.law, rates, bounds, guesses or {})
         deviances = np.array(in_parallel(lambda rate: [rate.deviance(value) for value in grid.values], rates))
         if not len(grid.values) or not np.isfinite(deviances).any(axis=1).all():
@@ -233,6 +237,25 @@ def _rate_profiles(setup: FitSetup) -> list[_Profile]:
             _Profile(law.terms, known, values[few], list(rates[few].T), [lambda terms: terms] * rates.shape[1])
         )
     return result
+
+
+def _check_powers(name: str, profile: _Profile) -> None:
+    """Refuse a power of a negative number with an estimated exponent: it is real at whole exponents alone."""
+    terms = profile.terms
+    parameters = {*range(len(terms.variables.measured), len(terms.variables.names))}
+    for factor in (factor for term in terms.terms for factor, _ in term.powers):
+        for node in ast.walk(tree_of(factor)):
+            if not isinstance(node, ast.BinOp) or not isinstance(node.op, ast.Pow):
+                continue
+            base, exponent = columns_in(node.left), columns_in(node.right)
+            if exponent.isdisjoint(parameters) or not base.isdisjoint(parameters):
+                continue
+            with np.errstate(all="ignore"):
+                least = float(np.min(evaluate(node.left, profile.values.T)))
+            if least < 0:
+                lower, upper = (with_names(write(side), terms.variables.names) for side in (node.left, node.right))
+                upper = upper if upper.isidentifier() else f"({upper})"
+                raise CommonlawError("power-of-negative", name, base=lower, exponent=upper, value=least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,7 +410,10 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
 def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequence[Floats]) -> None:
     listed = []
     for profile, parameter in zip(profiles, parameters, strict=True):
-        _, sizes, directions = np.linalg.svd(profile.derivatives(parameter, law.order), full_matrices=False)
+        derivatives = profile.derivatives(parameter, law.order)
+        if not np.isfinite(derivatives).all():
+            raise CommonlawError("terms-nowhere-finite", parameters=law.terms.variables.parameters)
+        _, sizes, directions = np.linalg.svd(derivatives, full_matrices=False)
         if len(sizes) == len(directions) and sizes[-1] > settings.MIN_SINGULAR_VALUE:
             return
         listed.append(np.abs(directions[-1]))

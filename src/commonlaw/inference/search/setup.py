@@ -19,7 +19,7 @@ from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import standard_errors
-from commonlaw.library import Terms
+from commonlaw.library import Terms, order_of_each
 from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, WHITE_NOISE, Heteroscedastic, Prior
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.trials import Schema, Trials
@@ -108,6 +108,17 @@ class FitSetup:
         if not shares_terms(law):
             raise CommonlawError("refine-own-terms")
         return cls(law, trials, known_noise(levels, trials), huber_threshold, between)
+
+    def check_determined(self) -> None:
+        """Raise `CommonlawError` for more coefficients and initial values than measurements, which do not fix them."""
+        schema, coefficients = self.trials.schema, int(np.isnan(self.known).sum())
+        orders = np.array(order_of_each(self.law.order, len(schema.states)))
+        is_free = np.array([schema.initial_values.get(name) is None for name in schema.states])
+        measured = [np.isfinite(trial.states) for trial in self.trials]
+        initial = sum(int((orders * is_free)[values.any(axis=0)].sum()) for values in measured)
+        if (count := sum(int(values.sum()) for values in measured)) < coefficients + initial:
+            numbers = {"coefficients": coefficients, "initial": initial, "measurements": count}
+            raise CommonlawError("more-unknowns-than-measurements", **numbers)
 
     @property
     def known(self) -> Floats:

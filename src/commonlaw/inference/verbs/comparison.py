@@ -123,8 +123,11 @@ def compare(
     converted = matched(same[0], trials)
     if any(matched(law, converted) is not converted for law in same[1:]):
         raise CommonlawError("laws-in-other-units")
+    setups = [FitSetup.of(law, trials, noise, huber_threshold) for law in same]
+    for setup in setups:
+        setup.check_determined()
     with threads(n_jobs):
-        fitted = in_parallel(lambda law: fit_terms(FitSetup.of(law, trials, noise, huber_threshold)), same)
+        fitted = in_parallel(fit_terms, setups)
         finest = max(pool.best.problem.points for pool in fitted)
         # Evidence compares on one mesh alone
         fits = [pool.best for pool in fitted]

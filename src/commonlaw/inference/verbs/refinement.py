@@ -180,6 +180,7 @@ class _Fit:
         """Return a law fitted to trials; objects may be alike, and say where parameters inside terms begin."""
         setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_interpolation, self.log_states)
         error_kinds(self.errors, setup.trials.schema)  # Refused before the work
+        setup.check_determined()
         progress("estimating noise, smoothing, fitting coefficients")
         if alike and setup.law.terms.parameters and not trials.schema.initial_values:
             setup = replace(setup, priors=empirical_priors(setup.problem(), setup.law.coefficients))
