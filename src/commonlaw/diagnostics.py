@@ -205,6 +205,7 @@ class OutcomeKind(StrEnum):
     ILL_CONDITIONED = "ill-conditioned"
     METHOD = "method"
     MODEL_ERROR = "model error"
+    NOISE = "noise"
     NOT_CONVERGED = "not converged"
     NOT_IDENTIFIABLE = "not identifiable"
     NOT_INTEGRATED = "not integrated"

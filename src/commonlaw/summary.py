@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.forecast.forecast import squared_errors
@@ -157,7 +158,8 @@ def parameters_caption(law: Law) -> str:
     """Return what the table of parameters shows."""
     if law.uncertainty.covariance is None:
         return "Coefficients"
-    return "Coefficients ± standard errors, with 95 % intervals"
+    is_assumed = any(diagnostic.kind is OutcomeKind.NOISE for diagnostic in law.diagnostics)
+    return f"Coefficients ± standard errors, with 95 % intervals{', of an assumed noise' * is_assumed}"
 
 
 def parameter_table(law: Law) -> pd.DataFrame:

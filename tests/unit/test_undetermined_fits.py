@@ -5,6 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.integration.shooting import shoot
+from commonlaw.summary import parameters_caption
 from commonlaw.trials import Schema
 from tests.refusals import refused
 
@@ -105,3 +106,16 @@ def test_an_emptying_tank_is_fitted():
     (row,) = law.params.itertuples()
     assert row.estimate == pytest.approx(0.4, abs=3 * row[6])
     assert row[6] < 0.002
+
+
+@pytest.mark.parametrize(("settings", "is_assumed"), [({}, True), ({"noise": {"x": 0.01}}, False)])
+def test_a_noise_that_was_assumed_is_noted(settings, is_assumed):
+    trials = _trials(TEN[:2], DECAY[:2])
+    law = cl.discover(trials, order=1, library="terms:x", method=cl.TrajectoryLikelihood(**settings))
+    assert any(note.code == "noise-assumed" for note in law.diagnostics) == is_assumed
+    assert (parameters_caption(law) != parameters_caption(cl.fit("x' = -k x", _trials(TEN, DECAY)))) == is_assumed
+    # 5 % of the standard deviation
+    assert not is_assumed or law.uncertainty.noise[0] == pytest.approx(0.05 * np.std(DECAY[:2]), rel=0.01)
+    assert not any(
+        note.code == "noise-assumed" for note in cl.fit("x' = -k x", _trials(TEN[:3], DECAY[:3])).diagnostics
+    )

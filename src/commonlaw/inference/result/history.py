@@ -9,7 +9,7 @@ from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.diagnostics import Outcome, OutcomeKind, note
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import by_columns
+from commonlaw.inference.data.noise import by_columns, estimated_noise
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
@@ -111,6 +111,11 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
         result.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=lack))
     if fit.problem.samples:
         result.append(note("samples-fitted", samples=fit.problem.samples))
+    problem, schema = fit.problem, fit.problem.trials.schema
+    is_estimated = problem.noise_given or problem.noise_is_identifiable
+    if not is_estimated and np.array_equal(problem.noise, estimated_noise(problem.trials)[0], equal_nan=True):
+        levels = levels_in_words(problem.noise, schema)
+        result.append(note("noise-assumed", levels=levels, name=schema.measured[0]))
     return tuple(result)
 
 
