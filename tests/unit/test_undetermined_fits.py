@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.integration import integrate
 from commonlaw.integration.shooting import shoot
 from commonlaw.summary import parameters_caption
 from commonlaw.trials import Schema
@@ -119,3 +120,15 @@ def test_a_noise_that_was_assumed_is_noted(settings, is_assumed):
     assert not any(
         note.code == "noise-assumed" for note in cl.fit("x' = -k x", _trials(TEN[:3], DECAY[:3])).diagnostics
     )
+
+
+def test_a_solution_that_reaches_a_pole_ends_there_after_few_evaluations():
+    calls = []
+
+    def field(time, state):
+        calls.append(time)
+        return -1 / state
+
+    found = integrate(field, [1.0], np.linspace(0.0, 2.0, 50))
+    assert found.ended == pytest.approx(0.5, abs=1e-6)
+    assert len(calls) < 6000

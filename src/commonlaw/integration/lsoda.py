@@ -32,9 +32,11 @@ from commonlaw.runtime.packages import quiet
 
 _STALLED_STEPS = 5000
 """Number of steps that must cover at least a millionth of the time span; else the integration ends."""
-_RESTART_STEPS = 250
-"""Number of steps that must cover a billionth of the span; else LSODA starts again, as it never forgets the largest
+_RESTART_STEPS = 100
+"""Number of steps that must cover a millionth of the span; else LSODA starts again, as it never forgets the largest
 slope: that of ``-sqrt(max(x, 0))`` grows without limit, and is zero where x is."""
+_MAX_RESTARTS = 5
+"""How often in a row; else the integration ends."""
 
 
 @dataclass(frozen=True)
@@ -171,12 +173,14 @@ def solve(
         first, largest = min(times[1], stops[0]), MAX_RELATIVE_STATE * size if limit is None else limit
         scale = ABSOLUTE_TOLERANCE * _size_reached(rhs, start, times[0], first, tolerance, size, width)
         steps = _steps(rhs, start, times[0], stops, tolerance, tolerance * scale)
-        reached, stop, how, why = 1, None, "ends", f"{step_limit(stops)} steps were not enough"
+        reached, stop, how, why = 1, None, "ends", "the steps lead nowhere"
         least, mark = 1e-6 * (times[-1] - times[0]), -np.inf
-        for count, solver in enumerate(islice(steps, step_limit(stops))):
+        for count, solver in enumerate(steps):
+            if count == step_limit(stops):
+                why = f"{count} steps were not enough"
+                break
             if count % _STALLED_STEPS == 0:
                 if solver.t - mark < least:
-                    why = f"{_STALLED_STEPS} steps lead nowhere"
                     break
                 mark = solver.t
             before = solver.t
@@ -222,18 +226,21 @@ def _size_reached(
 
 def _steps(rhs: RightHandSide, states: Floats, time: float, stops: Floats, rtol: float, atol: float) -> Iterator[LSODA]:
     """Yield the solver before each step, a new one after each stop."""
-    least = 1e-9 * (stops[-1] - time)
+    least = 1e-6 * (stops[-1] - time)
     for stop in stops:
         # At the stop itself, inputs are those after it
         piece = rhs.until(np.nextafter(stop, time)) if len(stops) > 1 else rhs
         begin = partial(LSODA, piece.derivatives, t_bound=stop, jac=piece.jacobian, rtol=rtol, atol=atol)
-        solver, mark = begin(time, states), -np.inf
+        solver, mark, restarts = begin(time, states), -np.inf, 0
         for count in counter(1):
             if solver.status != "running":
                 break
             yield solver
             if count % _RESTART_STEPS == 0:
-                if solver.t - mark < least and solver.status == "running":
+                restarts = restarts + 1 if solver.t - mark < least and solver.status == "running" else 0
+                if restarts > _MAX_RESTARTS:
+                    return
+                if restarts:
                     solver = begin(solver.t, solver.y)
                 mark = solver.t
         time, states = solver.t, solver.y

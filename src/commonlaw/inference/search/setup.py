@@ -117,8 +117,9 @@ class FitSetup:
         measured = [np.isfinite(trial.states) for trial in self.trials]
         initial = sum(int((orders * is_free)[values.any(axis=0)].sum()) for values in measured)
         if (count := sum(int(values.sum()) for values in measured)) < coefficients + initial:
-            numbers = {"coefficients": coefficients, "initial": initial, "measurements": count}
-            raise CommonlawError("more-unknowns-than-measurements", **numbers)
+            raise CommonlawError(
+                "more-unknowns-than-measurements", coefficients=coefficients, initial=initial, measurements=count
+            )
 
     @property
     def known(self) -> Floats:
