@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.estimation.profile import one_sided_limit
 from commonlaw.integration import integrate
 from commonlaw.integration.shooting import shoot
 from commonlaw.summary import parameters_caption
@@ -132,3 +133,26 @@ def test_a_solution_that_reaches_a_pole_ends_there_after_few_evaluations():
     found = integrate(field, [1.0], np.linspace(0.0, 2.0, 50))
     assert found.ended == pytest.approx(0.5, abs=1e-6)
     assert len(calls) < 6000
+
+
+def test_of_a_rate_too_fast_to_be_measured_only_a_limit_is_given():
+    times, step = np.linspace(0.0, 10.0, 21), 0.5
+    noise = 0.01 * np.random.default_rng(0).standard_normal(21)
+    trials = _trials(times, 20 + 80 * np.exp(-1000 * times) + noise)
+    law = cl.fit("x' = -k (x - c)", trials)
+    assert "one-sided-limit" in {note.code for note in law.diagnostics}
+    limit = one_sided_limit(law, trials, "k")
+    # What is left of 80 after a step, between half of the noise and four times that
+    assert np.log(80 / 0.04) / step < limit.value < np.log(80 / 0.005) / step
+    assert one_sided_limit(law, trials, "c") is None
+
+
+def test_a_coefficient_that_may_be_zero_has_two_limits():
+    times = np.linspace(0.0, 10.0, 21)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(21)
+    trials = _trials(times, 20 + 80 * np.exp(-0.5 * times) + noise)
+    law = cl.fit("x' = -k (x - c) + b x^2", trials)
+    b = law.params.set_index("parameter").loc["b"]
+    assert abs(b["estimate"]) < 2 * b["standard error"]
+    assert one_sided_limit(law, trials, "b") is None
+    assert "one-sided-limit" not in {note.code for note in law.diagnostics}

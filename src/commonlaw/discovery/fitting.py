@@ -20,6 +20,7 @@ from commonlaw.estimation.beginning import FREE, InitialGiven, begin, initial_ti
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
 from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
 from commonlaw.estimation.model import ModelText
+from commonlaw.estimation.profile import one_sided_limit
 from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
@@ -27,6 +28,7 @@ from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.chunks import fitted_by_parts
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects, select_objects
+from commonlaw.law.law import shares_terms
 from commonlaw.law.models import model_named
 from commonlaw.law.objects import of_all_objects
 from commonlaw.law.observation import ALL
@@ -353,7 +355,8 @@ def fit(
         return pool_objects(refine(begun, trials, **{**apart, "errors": "white"}), equal, partial_pooling)
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
-    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors)
+    limits = () if called else tuple(_one_sided_limits(law, trials))
+    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *limits)
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
 
@@ -410,6 +413,24 @@ def _of_model(
                 note("delay-by-interpolation", where, name=name, value=value, between=tried[best], others=apart)
             )
     return replace(law, provenance=replace(law.provenance, history=history, outcomes=tuple(outcomes)))
+
+
+_MAX_PROFILES = 20
+"""Poorly identified parameters whose likelihood is profiled."""
+
+
+def _one_sided_limits(law: Law, trials: Trials) -> Iterator[Outcome]:
+    """Yield notes on parameters of which only a lower limit of the size can be given."""
+    parameters = named_parameters(law)
+    unsure = np.argwhere(parameters.errors > 0.5 * np.abs(parameters.values))[:_MAX_PROFILES].tolist()
+    for o, p in unsure if shares_terms(law) else ():
+        name, owner = parameters.names[p], law.objects[o]
+        try:
+            limit = one_sided_limit(law, trials, name, owner)
+        except CommonlawError:  # A law whose likelihood has no profile
+            continue
+        if limit is not None:
+            yield note("one-sided-limit", owner if len(law.objects) > 1 else "", name=name, limit=limit.text)
 
 
 def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:

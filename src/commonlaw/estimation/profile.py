@@ -75,6 +75,15 @@ def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | Non
         parameter has a value for each trial, or the equations cannot be solved for the trials.
     """
     owner = only_object(law, name)
+    begun, index, known = _begun(law, trials, parameter, owner)
+    parameters = named_parameters(law)
+    profile = _profile(begun, begun.first, index, known)
+    unit = parameters.units[parameters.names.index(parameter)] or ""
+    return Profile(parameter, owner, unit, *profile)
+
+
+def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginning, int, Floats | None]:
+    """Return the likelihood of an object's trials, the place of a parameter in it, and the noise, if it is known."""
     if not shares_terms(law) or law.order == 0:
         raise CommonlawError("profile-without-equations")
     parameters = named_parameters(law)
@@ -91,9 +100,64 @@ def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | Non
     index = unknown_indices[begun.model.parameters.index(parameter)]
     noise = law.uncertainty.noise if law.observation is None else law.observation.noise_levels
     known = None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
-    profile = _profile(begun, begun.first, index, known)
-    unit = parameters.units[parameters.names.index(parameter)] or ""
-    return Profile(parameter, owner, unit, *profile)
+    return begun, index, known
+
+
+@dataclass(frozen=True)
+class OneSidedLimit:
+    """The least size of a parameter whose likelihood is flat to infinity in one direction, with 95 % confidence."""
+
+    value: float
+
+    @property
+    def text(self) -> str:
+        """The inequality, such as ``> 21.3``."""
+        return f"{'>' if self.value > 0 else '<'} {self.value:.3g}"
+
+
+_DECADES = 4
+"""Powers of ten about an estimate within which its profile is computed, on a logarithmic scale."""
+
+
+def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None = None) -> OneSidedLimit | None:
+    """Return the limit of a parameter that has no other one, such as a rate too fast to be measured; None of others.
+
+    The deviance ``2 (log L(best) - log L(k))`` of the profile likelihood stays below 2.71, the quantile of a one-sided
+    95 % interval, over the last two powers of ten in one direction, exceeds it in the other, and has crossed it at the
+    limit. The law and its trials are those of `likelihood_profile`, with the same refusals.
+    """
+    owner = only_object(law, name)
+    begun, index, known = _begun(law, trials, parameter, owner)
+    parameters = named_parameters(law)
+    o, p = law.objects.index(owner), parameters.names.index(parameter)
+    size = max(abs(float(parameters.values[o, p])), float(np.nan_to_num(parameters.errors[o, p])))
+    if known is None or not 0 < size < np.inf:
+        return None
+    others, quantile = np.ones(len(begun.first), dtype=np.bool_), float(two_sided(0.90)) ** 2
+    others[index] = False
+    objective = Objective(begun.problem, known)
+
+    def cost(value: float) -> float:
+        start = begun.first.copy()
+        start[index] = value
+        return minimum(objective, start, others, begun.bounds, tolerance=1e-8, steps=40)[1]
+
+    grid = size * np.geomspace(10.0**-_DECADES, 10.0**_DECADES, 4 * _DECADES + 1)
+    costs = np.array([[cost(side * value) for value in grid] for side in (1.0, -1.0)])
+    if not np.isfinite(costs).any():
+        return None
+    above = costs - costs.min() > quantile
+    flat, bounded = ~above[:, -4:].any(axis=1), above[:, -4:].all(axis=1)
+    for side, i in ((1.0, 0), (-1.0, 1)):
+        if flat[i] and bounded[1 - i] and above[i].any():
+            last = int(np.flatnonzero(above[i])[-1])
+            low, high = grid[last], grid[last + 1]
+            for _ in range(8):
+                middle = np.sqrt(low * high)
+                is_above = cost(side * middle) - costs.min() > quantile
+                low, high = (middle, high) if is_above else (low, middle)
+            return OneSidedLimit(float(side * high))
+    return None
 
 
 def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) -> tuple[Floats, Floats, float, float]:
