@@ -230,13 +230,16 @@ _MATHML = Algebra(
 
 
 def _comment(law: Law) -> list[str]:
-    """Return the law in lines without what could end a comment."""
-    return [in_line(line).replace("*/", "* /") for line in law.structure]
+    """Return the law in lines without what could end a comment, or continue it in the next line."""
+    return [re.sub(r"\\|\?\?", "_", in_line(line).replace("*/", "* /")) for line in law.structure]
 
 
 def _quoted(name: str) -> str:
-    """Return a name between double quotes in ASCII, as C, Python and Modelica read it."""
-    return '"' + re.sub(r"[^ !#-\[\]-~]", "_", name) + '"'
+    """Return a name between double quotes in ASCII, as C, Python and Modelica read it.
+
+    It has no question marks, of which C makes a backslash in ``??/``.
+    """
+    return '"' + re.sub(r"[^ !#->@-\[\]-~]", "_", name) + '"'
 
 
 def _filled(template: str, **parts: str | int | Sequence[str]) -> list[str]:
