@@ -322,9 +322,8 @@ def fit(
 
     def is_undetermined_apart(error: CommonlawError) -> bool:
         """Whether a fit of objects apart failed where one of parameters that they share may not."""
-        return (
-            bool(shared) and not called and error.code in ("more-unknowns-than-measurements", "no-degrees-of-freedom")
-        )
+        codes = ("more-unknowns-than-measurements", "no-degrees-of-freedom", "parameters-not-identified")
+        return bool(shared) and not called and error.code in codes
 
     try:
         begun = with_initial_parameters(unfitted, trials, given.bounds, guesses, **settings)

@@ -130,7 +130,7 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     if draws > 1 and lack_of_fit:
         optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood)
         lack_of_fit = _lack_of_fit(begun, optimum)
-    lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance)))
+    lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance) + optimum.unknowns))
     if len(lost):
         raise CommonlawError("parameters-not-identified", names=[begun.unknowns.labels[i] for i in lost[:8]])
     return Fitted(begun, optimum, lack_of_fit)

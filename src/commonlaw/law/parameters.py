@@ -242,6 +242,19 @@ def rate_names(law: Law) -> tuple[str, ...]:
     return law.terms.variables.states[len(law.schema.states) :]
 
 
+def refuse_infinite(law: Law) -> None:
+    """Refuse a law with parameters that are not finite, such as 1/c of a coefficient c of zero.
+
+    Raises `CommonlawError`, which names them.
+    """
+    parameters = named_parameters(law)
+    lost = np.argwhere(~np.isfinite(parameters.values)).tolist()
+    if lost:
+        several = len(law.objects) > 1
+        names = [parameters.names[j] + f" of {law.objects[i]}" * several for i, j in lost[:8]]
+        raise CommonlawError("parameters-not-identified", names=names)
+
+
 def state_rates(law: Law) -> tuple[tuple[str, str], ...]:
     """Return the names of the states of second order, each with that of its rate."""
     second = (law.schema.states[j] for j in with_rates(law.order, len(law.schema.states)))

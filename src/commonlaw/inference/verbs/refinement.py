@@ -32,7 +32,7 @@ from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.law import Law, Step, pool_objects, select_objects
 from commonlaw.law.alignment import matched
-from commonlaw.law.parameters import state_rates
+from commonlaw.law.parameters import refuse_infinite, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
@@ -100,8 +100,8 @@ def refine(
     Raises
     ------
     CommonlawError
-        If the law is in discrete time, its objects do not share their terms, an object or variable is not in it, or a
-        setting or trial cannot be used.
+        If the law is in discrete time, its objects do not share their terms, an object or variable is not in it, a
+        setting or trial cannot be used, or the measurements do not determine a parameter.
 
     See Also
     --------
@@ -139,8 +139,9 @@ def refine(
     refuse_client(client)
     with threads(n_jobs):
         refined = how.refined(law, trials, partial_pooling, progress)
-    refined = replace(refined, provenance=replace(refined.provenance, calls=calls))
-    return pool_objects(refined, None, partial_pooling)
+    refined = pool_objects(replace(refined, provenance=replace(refined.provenance, calls=calls)), None, partial_pooling)
+    refuse_infinite(refined)
+    return refined
 
 
 def _of_observation(
