@@ -345,7 +345,10 @@ def fit(
         if is_undetermined_apart(error):
             return jointly()
         raise
-    if any(_outside(law, given.bounds)):
+    outside = any(_outside(law, given.bounds))
+    if outside and initial_values:  # Another maximum of the likelihood may be inside
+        return jointly()
+    if outside:
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
         law = law if shared else pool_objects(law, None, partial_pooling)
     law = pool_objects(law, equal, partial_pooling) if shared else law

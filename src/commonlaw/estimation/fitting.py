@@ -12,6 +12,7 @@ from commonlaw.diagnostics import Outcome, note
 from commonlaw.differentiation.noise import noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import Beginning, beginning_of
+from commonlaw.estimation.interchange import EqualMaximum, latent_states, with_fastest_latent_states
 from commonlaw.estimation.problem import NormalPrior
 from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Optimum, maximize
 from commonlaw.law import Law, Provenance, Step, Uncertainty
@@ -133,7 +134,8 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance) + optimum.unknowns))
     if len(lost):
         raise CommonlawError("parameters-not-identified", names=[begun.unknowns.labels[i] for i in lost[:8]])
-    return Fitted(begun, optimum, lack_of_fit)
+    optimum, others = with_fastest_latent_states(begun.problem, optimum, begun.bounds) if draws > 1 else (optimum, ())
+    return Fitted(begun, optimum, lack_of_fit, others)
 
 
 def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
@@ -157,11 +159,12 @@ def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model with its maximum-likelihood estimates, and the quantities whose residuals exceed their noise."""
+    """A model with its maximum-likelihood estimates and equal ones, and quantities whose residuals exceed the noise."""
 
     begun: Beginning
     optimum: Optimum
     lack_of_fit: Sequence[str]
+    equal: Sequence[EqualMaximum] = ()
 
     @property
     def parameters(self) -> int:
@@ -309,6 +312,11 @@ class Fitted:
         vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
         if len(vague):
             yield note("parameters-without-limits", parameters=[labels[i] for i in vague[:8]])
+        if self.equal:
+            names = dict.fromkeys(name for maximum in self.equal for name in maximum.objects)
+            states = [begun.model.variables.states[j] for j in latent_states(begun.model) or [0]]
+            others = "; ".join(map(str, self.equal[:5]))
+            yield note("latent-state-ambiguous", object=shown([*names]), others=others, states=", ".join(states))
         if self.lack_of_fit:
             yield note("residuals-exceed-noise", residuals=self.lack_of_fit)
         if differing := _differing_trials(self):

@@ -419,6 +419,12 @@ def _not_zero(levels: Floats, problem: Problem) -> Floats:
     return np.maximum(levels, rough_noise(problem, 1e-13))
 
 
+def summarized(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, alike: int) -> Optimum:
+    """Return the optimum at given unknowns, under the noise of maximum likelihood where it is not known."""
+    noise = _not_zero(problem.noise_levels(unknowns, noise), problem)
+    return _summary(problem, unknowns, noise, bounds, given=False, alike=alike)
+
+
 def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, given: bool, alike: int) -> Optimum:
     """Return what is known where the likelihood is largest; what `_polished` left at a bound is exactly there."""
     log_likelihood = problem.log_likelihood(unknowns, noise)
