@@ -81,11 +81,11 @@ def _independent(trials: Sequence[TrialData]) -> Iterator[tuple[TrialData, ...]]
     """Yield trials in groups that have no unknown in common."""
     groups = list[tuple[set[int], list[TrialData]]]()
     for data in trials:
-        indices, members = {*data.parameter.tolist(), *data.initial.tolist()} - {-1}, [data]
-        for group in [group for group in groups if group[0] & indices]:
-            groups.remove(group)
-            indices, members = indices | group[0], [*group[1], *members]
-        groups.append((indices, members))
+        indices = {*data.parameter.tolist(), *data.initial.tolist()} - {-1}
+        related = [group for group in groups if group[0] & indices]
+        groups = [group for group in groups if not group[0] & indices]
+        members = [member for _, earlier in related for member in earlier]
+        groups.append((indices.union(*(known for known, _ in related)), [*members, data]))
     yield from (tuple(members) for _, members in groups)
 
 
