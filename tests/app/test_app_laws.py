@@ -4,7 +4,9 @@ import io
 import json
 import re
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,18 @@ from tests.in_browser import Page
 from tests.served import Served
 
 _FUNCTIONS = {"exp": np.exp, "log": np.log, "sqrt": np.sqrt, "abs": np.abs, "sin": np.sin}
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A crossing of zero in a direction, at which `solve_ivp` stops."""
+
+    value: Callable[[float, np.ndarray], float]
+    direction: int
+    terminal: bool = True
+
+    def __call__(self, t: float, y: np.ndarray) -> float:
+        return self.value(t, y)
 
 
 @dataclass(frozen=True)
@@ -69,13 +83,12 @@ class Case:
         def value(text: str, t: object, y: object) -> object:
             return eval(text, _FUNCTIONS, {**self.numbers, "mass": mass, "t": t, **dict(zip(names, y, strict=True))})
 
-        def crossing(name: str, sign: str, limit: str) -> object:
-            def moment(t, y):
-                return value(name, t, y) - float(limit)
-
-            moment.terminal, moment.direction = True, 1 if sign == ">" else -1
-            return moment
-
+        crossings = [
+            Crossing(
+                partial(lambda name, limit, t, y: value(name, t, y) - float(limit), name, limit), 2 * (sign == ">") - 1
+            )
+            for name, sign, limit, *_ in events
+        ]
         times, start = np.linspace(0.0, self.end, count), 0.0
         y = np.array([value(given.get(name, str(self.starts.get(name))), 0.0, [0.0] * len(names)) for name in names])
         columns = np.full((len(names), count), np.nan)
@@ -83,7 +96,7 @@ class Case:
             ahead = times >= start
             solution = solve_ivp(
                 lambda t, y: [value(right, t, y) for right in rights], (start, self.end), y, "LSODA", times[ahead],
-                events=[crossing(*event[:3]) for event in events] or None, rtol=1e-8, atol=1e-10,
+                events=crossings or None, rtol=1e-8, atol=1e-10,
             )  # fmt: skip
             columns[:, np.flatnonzero(ahead)[: len(solution.t)]] = solution.y
             if solution.status != 1:
