@@ -322,3 +322,22 @@ def test_what_acts_from_outside_is_an_input_by_its_name(header):
     random = np.random.default_rng(0)
     columns = {"t": np.arange(40.0), "T (degC)": random.normal(20, 1, 40), header: random.normal(10, 1, 40)}
     assert Trials.from_frame(pd.DataFrame(columns)).schema.inputs == (header.removesuffix(" (degC)"),)
+
+
+@pytest.mark.parametrize("name", ["Frame", "Index", "Sample", "nr", "whatever"])
+@pytest.mark.parametrize("label", ["run", "ball", "Trial", None])
+@pytest.mark.parametrize("first", [0, 1, 37])
+def test_counters_are_neither_inputs_nor_states_nor_names(name, label, first):
+    names = ("R1", "R2", "R3") if label != "Trial" else (1, 2, 3)
+    labels = [{label: value} for value in names] if label else [{}]
+    frame = stacked(labels, x=decay).assign(**{name: first})
+    frame[name] += np.tile(np.arange(len(T)), len(labels))
+    trials = Trials.from_frame(frame[[name, *frame.columns.drop(name)]])
+    assert (trials.schema.states, trials.schema.inputs) == (("x",), ())
+    assert len(trials) == len(labels)
+    assert not any(trials.properties.values())
+
+
+def test_whole_numbers_that_are_measured_are_states():
+    counts = np.round(50 * np.exp(-T)) + np.arange(len(T)) % 2
+    assert Trials.from_frame(pd.DataFrame({"t": T, "cells": counts, "x": decay(T, 0)})).schema.states == ("cells", "x")

@@ -66,6 +66,10 @@ _VELOCITIES = vocabulary("v w")
 """Names next to which u is another velocity, and not an input."""
 _MEAN = vocabulary("mean avg average")
 _ROW_NUMBER = vocabulary("no nr number id index row record line obs observation point")
+_COUNTER = vocabulary("frame frames sample samples scan scans tick ticks")
+"""What is counted in each trial, if whole numbers go up with the time."""
+_MIN_COUNTS = 4
+"""Steps of one by which a column is a counter."""
 
 _OF_TIME = {"[time]": 1.0}
 _CLOCK = re.compile(r"\W*\d[\d\W_]*(T\d[\d\W]*Z?)?([ap]m)?\W*", re.IGNORECASE)
@@ -355,6 +359,12 @@ def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Code
     return counted[0] if counted else None
 
 
+def is_counter(table: Table, name: str, times: Floats) -> bool:
+    """Say whether numbers go up by one wherever times increase from row to row, as those of frames and samples do."""
+    rising = np.diff(times) > 0
+    return bool(np.sum(rising) >= _MIN_COUNTS and (np.diff(readable(table, name))[rising] == 1).all())
+
+
 def is_label(table: Table, name: str, times: Floats) -> bool:
     """Say whether a column of text or whole numbers has the same cell in several rows, as names of objects do.
 
@@ -367,6 +377,8 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
         if not np.array_equal(values, np.round(values)) or (
             not is_called(name, OBJECT | TRIAL | _ROW_NUMBER) and (not _counts(table, name))
         ):
+            return False
+        if is_counter(table, name, times):
             return False
     try:
         codes, labels = table.encoded(name)
@@ -470,7 +482,7 @@ def increase_within(codes: Codes, times: Floats) -> bool:
 def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes) -> list[str]:
     """Return columns of numbers that are further times or row numbers, and increase with the times.
 
-    They are called so, or have no unit and count the samples of each of several runs.
+    They are called so, or like counters and hold whole numbers, or have no unit and go up by one from sample to sample.
     """
     order = np.lexsort((times, runs))
     same = np.diff(runs[order]) == 0
@@ -479,8 +491,11 @@ def other_clocks(table: Table, names: Sequence[str], times: Floats, runs: Codes)
         return bool((np.diff(readable(table, name)[order]) > 0)[same].all())
 
     def counts_on(name: str) -> bool:
-        steps = np.diff(readable(table, name)[order])[same]
-        return name not in table.units and not same.all() and bool((steps == 1).all())
+        values = readable(table, name)[order]
+        steps = np.diff(values)[same]
+        if is_called(name, _COUNTER) and np.array_equal(values, np.round(values)):
+            return True
+        return name not in table.units and len(steps) >= _MIN_COUNTS and bool((steps == 1).all())
 
     clocks = [
         name
