@@ -1,5 +1,7 @@
 """Roles of columns that nobody names, by their names, units and values."""
 
+import time
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,6 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.errors import CommonlawError
 from commonlaw.trials import Trials
+from commonlaw.trials.recognition import units_in_names
 from commonlaw.trials.transformations import refuse_amounts
 from tests.refusals import refused
 
@@ -341,3 +344,11 @@ def test_counters_are_neither_inputs_nor_states_nor_names(name, label, first):
 def test_whole_numbers_that_are_measured_are_states():
     counts = np.round(50 * np.exp(-T)) + np.arange(len(T)) % 2
     assert Trials.from_frame(pd.DataFrame({"t": T, "cells": counts, "x": decay(T, 0)})).schema.states == ("cells", "x")
+
+
+def test_units_in_names_take_time_in_proportion_to_the_number_of_columns():
+    names = [f"speed{i}_m_s" for i in range(4000)] + ["temp_C", "temp_C_sd", "current_A", "current_B"]
+    begin = time.process_time()
+    units = units_in_names(names)
+    assert time.process_time() - begin < 5
+    assert (units["temp_C"], "current_A" in units, len(units)) == ("degC", False, 1)

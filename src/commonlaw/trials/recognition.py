@@ -1,6 +1,7 @@
 """What columns are by their names, units and values: times, labels, standard deviations, inputs, or an object each."""
 
 import re
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -183,12 +184,18 @@ def units_in_names(names: Sequence[str]) -> dict[str, str]:
     {'water temp_C': 'degC', 'x_mm': 'mm', 'speed_m_s': 'm/s'}
     """
     result = dict[str, str]()
+    exact, folded = sorted(names), sorted(column.casefold() for column in names)
+
+    def count(ordered: Sequence[str], begin: str) -> int:
+        """Return how many of some names in order begin so."""
+        return bisect_left(ordered, f"{begin}\U0010ffff") - bisect_left(ordered, begin)
+
     for name, (quantities, suffixes) in product(names, _SUFFIXES.items()):
         for suffix in suffixes.split():
             stem = name.removesuffix(f"_{suffix}")
-            folded = [column.casefold() for column in names if not column.startswith(name)]
-            alike = [column for column in folded if column.startswith(f"{stem}_".casefold())]
-            if stem != name and not alike and not {*words(stem)[-1:]}.isdisjoint(quantities.split()):
+            if stem == name or {*words(stem)[-1:]}.isdisjoint(quantities.split()):
+                continue
+            if count(folded, f"{stem}_".casefold()) == count(exact, name):
                 result[name] = {"C": "degC", "F": "degF"}.get(suffix, suffix.replace("_", "/"))
     return result
 
@@ -542,9 +549,10 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
     noise = {name: difference_noise([values[rows] for rows in trials]) / spans[name] for name, values in cells.items()}
     # Estimates of white noise are alike by all orders of differences that leave nothing of a course
     white = [name for name in names if noise[name][2:].max() < 1.5 * noise[name][2:].min()]
-    reasons = dict[str, str]()
+    noisiest = max((low for name in white if (low := noise[name].min()) > 3 * digits[name]), default=0.0)
+    complete, reasons = {name for name, values in cells.items() if np.isfinite(values).all()}, dict[str, str]()
     for name, values in cells.items():
-        runs, others = [values[rows] for rows in trials], [column for column in names if column != name]
+        runs = [values[rows] for rows in trials]
         courses = [(times[rows].tobytes(), values[rows].tobytes()) for rows in trials if np.ptp(values[rows]) > 0]
         if is_called(name, INPUT) or (name == "u" and not _VELOCITIES.intersection(names)):
             reasons[name] = "by its name"
@@ -554,14 +562,12 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
             reasons[name] = CONSTANT_IN_TRIALS
         elif 2 * sum(map(_is_held, runs)) >= sum(np.ptp(run) > 0 for run in runs):
             reasons[name] = "held at levels"
-        elif any(np.isfinite(cells[column]).all() for column in others) and len({*courses}) < len(courses):
+        elif len(complete) > 1 and len({*courses}) < len(courses):
             reasons[name] = "the same in several trials"
         elif (
             0 < digits[name] < 1 / 300  # Fewer are the steps of a coarse sensor
             and noise[name].min() < max(digits[name], 1e-5)  # Less than that of instruments
-            and any(
-                noise[column].min() > 3 * max(digits[column], noise[name].min()) for column in white if column != name
-            )
+            and noisiest > 3 * noise[name].min()
         ):
             reasons[name] = "smooth to its last digit"
     return reasons if len(reasons) < len(names) else {}
@@ -570,6 +576,27 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
 def is_covariate(name: str) -> bool:
     """Say whether a column is called like a code of individuals, such as their sex."""
     return is_called(name, _COVARIATE)
+
+
+def absent_states(table: Table, names: Sequence[str], codes: Codes) -> list[str]:
+    """Return the columns of numbers that are zero, or empty, in all rows of some labels, as a species not put in.
+
+    Labels of the rows are codes, shape (n,). Elsewhere these columns vary, as another does in the same rows; they are
+    not called inputs and have no negative values.
+    """
+    labels, which = np.unique(codes, return_inverse=True)
+    measured = [name for name in names if not is_called(name, INPUT | _DEVIATION)]
+    values = np.array([readable(table, name) for name in measured]).reshape(len(measured), len(table))
+    low, high = (np.full((len(measured), len(labels)), sign * np.inf) for sign in (1, -1))
+    for j, column in enumerate(values):
+        finite = np.isfinite(column)
+        np.minimum.at(low[j], which[finite], column[finite])
+        np.maximum.at(high[j], which[finite], column[finite])
+    varies = high > low
+    is_absent = ((low == 0) & (high == 0)) | (high == -np.inf)
+    with_others = is_absent & (varies.sum(axis=0) >= 1)
+    states = with_others.any(axis=1) & (varies | is_absent).all(axis=1) & varies.any(axis=1) & ~(low < 0).any(axis=1)
+    return [name for name, is_state in zip(measured, states, strict=True) if is_state]
 
 
 def is_amount(name: str) -> bool:

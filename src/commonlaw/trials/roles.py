@@ -16,6 +16,7 @@ from commonlaw.trials.headers import find_name, split_header
 from commonlaw.trials.properties import constant_columns, object_codes
 from commonlaw.trials.reading import Reading, Roles
 from commonlaw.trials.recognition import (
+    absent_states,
     common_inputs,
     deviation_columns,
     increase_within,
@@ -190,6 +191,11 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         free = [name for name in free if name not in states]
         notes += wide_hint(table, states) if not (wide or owner or on_columns) else ()
     notes += on_columns
+    if trial is not None and trial not in named and owner is None and (absent := absent_states(table, states, runs)):
+        notes.append(
+            f"{trial} labels trials of one object, as {', '.join(absent)} is absent in some; if it names objects, read "
+            f"it with `object={trial!r}`"
+        )
     if unused := [name for name in table.columns if name in left_out or name in free]:
         notes.append(f"columns left out: {', '.join(unused)}")
     if not states:
@@ -217,6 +223,13 @@ def _labels(
     if is_guessed:
         owner = object_column(table, times, [name for name in free if name != trial])
     owners = one if owner is None else object_codes(table.joined(owner), owner)[0]
+    if is_guessed and owner in free and trial is None and roles.get("trial") != "":
+        others = [name for name in free if name != owner and table.is_numeric(name)]
+        others = [*_found(table, roles["states"])] if roles.get("states") else others
+        if trial_column(table, times, [name for name in free if name != owner], owners, named=True) is None and (
+            absent_states(table, others, owners)
+        ):  # Treatments of one system, not objects
+            return None, one, owner, owners
     if trial is None and guess and roles.get("trial") != "":
         others = [name for name in free if name != owner]
         trial = trial_column(table, times, others, owners, named=owner is not None)

@@ -367,6 +367,19 @@ def repeats_in_words(trials: Sequence[Trial]) -> list[str]:
     return [f"{rows} measurements {where} are averaged, weighted by their number"]
 
 
+def unmeasured_in_words(trials: Sequence[Trial], states: Sequence[str]) -> list[str]:
+    """Return notes on states that are never measured in some trials, in which they begin somewhere unknown."""
+    empty = np.array([(np.isnan(trial.states) & np.isnan(trial.below)).all(axis=0) for trial in trials])
+    empty = empty.reshape(len(trials), -1)
+    places = [[trial.label for trial, is_empty in zip(trials, column, strict=True) if is_empty] for column in empty.T]
+    return [
+        f"{state} is never measured in {'; '.join(where)}: it is a latent state there, and its start is estimated; "
+        "if it was absent, enter 0 in its column"
+        for state, where in zip(states, places, strict=True)
+        if 0 < len(where) < len(trials)
+    ]
+
+
 @dataclass(frozen=True)
 class Rows:
     """What the rows of a table make: trials and what goes with them, and the labels of trials without any row left."""
@@ -520,6 +533,7 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     )
     shown = replace(shown, properties=columns.properties, notes=tuple(dict.fromkeys((*shown.notes, *columns.notes))))
     notes += [f"units read from names: {', '.join(read)}"] if read else []
+    notes += unmeasured_in_words(trials, schema.states)
     remarks = (*table.notes, *spelled, *spelled_runs, *shown.lines, *known.notes, *notes)
     nameless = columns.object is None and "object_name" not in roles
     guessed = tuple(name for name in known.names if "properties" not in roles and name not in units)
@@ -583,7 +597,7 @@ def trials_from_arrays(
     ]
     notes = [f"t: dates taken as time in {clock.since}"] if clock else []
     notes += [f"samples without a measured state left out: {'; '.join(gaps)}"] if gaps else []
-    remarks = (*known.notes, *notes, *repeats_in_words(made))
+    remarks = (*known.notes, *notes, *repeats_in_words(made), *unmeasured_in_words(made, columns[0]))
     return in_radians(TrialData(made, schema, known.values, remarks, set(objects) == {"object"}))
 
 

@@ -2,6 +2,7 @@
 
 import math
 import numbers
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -191,7 +192,7 @@ class Schema:
     def __post_init__(self) -> None:
         names = [self.object, self.trial, self.time, *self.states, *self.inputs, *{*self.noise_columns.values()}]
         names += [*self.rates.values(), *self.administered]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
             raise CommonlawError("column-name-twice", name=twice[0])
         if not self.states:
