@@ -99,5 +99,9 @@ def unknown(kind: str, name: object, known: Iterable[object]) -> CommonlawError:
 def check_choice(name: str, value: object, choices: Iterable[object]) -> None:
     """Refuse a value that is not among the choices of a setting, with the nearest suggestion."""
     known = list(choices)
-    if value not in known:
+    try:
+        is_known = value in known
+    except ValueError:  # An array or a frame, whose equality is one of its entries
+        is_known = False
+    if not is_known:
         raise unknown(name, value, known)

@@ -38,9 +38,10 @@ from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.law.text import with_error
 from commonlaw.library import ExpressionLibrary
-from commonlaw.library.bounds import Bound
+from commonlaw.library.bounds import Bound, check_equations
 from commonlaw.library.equation import split_equations
 from commonlaw.library.functions import functions_in
+from commonlaw.runtime.arguments import check_mapping, check_type
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
@@ -202,6 +203,13 @@ def fit(
         raise CommonlawError("arguments-swapped")
     if not isinstance(trials, Trials | TrialStream):
         trials = Trials.from_frame(trials)
+    check_equations(equations)
+    by_name = {"initial_values": initial_values, "guesses": guesses, "observe": observe, "priors": priors}
+    for name, given in by_name.items():
+        check_mapping(name, given)
+    check_type("doses", doses, Iterable, "the name of an input, or several")
+    check_type("shared", shared, Iterable, "the name of a parameter, several, or a mapping from such names")
+    check_type("functions", functions, Iterable, "a list of functions")
     settings = {name: value for name, value in locals().items() if name in settings_of(FitOptions, "fit")}
     check_settings("fit", settings)
     settings["progress"] = progress

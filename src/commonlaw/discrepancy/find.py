@@ -21,13 +21,15 @@ from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.settings import FINAL_MODEL_ERRORS, MAX_MESH_POINTS, MODEL_ERRORS
 from commonlaw.inference.verbs.comparison import written_alike
 from commonlaw.law import Law, Provenance, Step, Uncertainty, select_objects
+from commonlaw.law.alignment import TRIALS
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.law.script import call
 from commonlaw.library import Terms, Variables, highest_columns
 from commonlaw.library.grammar import columns_in, read, with_names, write
 from commonlaw.library.notation import quoted
 from commonlaw.likelihood import HUBER_THRESHOLD, NotPositiveError, fit
-from commonlaw.trials import Trials
+from commonlaw.runtime.arguments import check_type
+from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.transformations import with_property_inputs
 from commonlaw.trials.trial import property_names
 
@@ -225,6 +227,7 @@ def discrepancy(
     huber_threshold: float = HUBER_THRESHOLD,
 ) -> Discrepancy[Law]:
     """Return the smooth function of a coordinate that all objects share in addition to a law, see `Law.discrepancy`."""
+    check_type("trials", trials, (Trials, TrialStream), TRIALS)
     called = call(discrepancy, locals(), "law.discrepancy", "trials") + ".law"
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
     trials, texts = replace(trials, properties=known), [times, *([of] if of else [])]

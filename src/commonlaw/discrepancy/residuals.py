@@ -10,11 +10,12 @@ from commonlaw.differentiation import noise_level
 from commonlaw.discrepancy.residual_tests import Residuals, patterns
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched, measured_noise, measured_schema
+from commonlaw.law.alignment import TRIALS, matched, measured_noise, measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import rate_names, units_with_rates
 from commonlaw.likelihood import WHITE_NOISE
-from commonlaw.trials import Trials
+from commonlaw.runtime.arguments import check_type
+from commonlaw.trials import Trials, TrialStream
 
 
 def residuals(law: Law, trials: Trials) -> Residuals:
@@ -34,6 +35,7 @@ def refuse_discrete_time(law: Law) -> None:
 
 def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals, Floats]:
     """Return residuals without patterns, and the numbers that were fitted, (objects, states)."""
+    check_type("trials", trials, (Trials, TrialStream), TRIALS)
     if not law.schema.doses:  # Which may be given where nothing was measured
         trials = trials.with_trials([trial.measured() for trial in trials])
     trials = matched(law, trials, observed=True)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from itertools import pairwise
+from numbers import Real
 
 import numpy as np
 
@@ -165,10 +166,10 @@ def initial_time_of(trials: Trials, given: float | str | None, written: Sequence
         If by default a trial begins before time zero or more than the length of a trial after it, each trial begins
         after the last has ended, or the time is neither finite nor "first".
     """
-    if given == "first" or (given is None and (not written or trials.schema.calendar)):
+    if (isinstance(given, str) and given == "first") or (given is None and (not written or trials.schema.calendar)):
         return None
     if given is not None:
-        if isinstance(given, str) or not np.isfinite(given):
+        if not isinstance(given, Real) or not np.isfinite(given):
             raise CommonlawError("initial-time-unknown", given=given)
         return float(given)
     in_order = sorted(trials, key=lambda trial: trial.times[0])

@@ -28,6 +28,7 @@ from commonlaw.likelihood import (
     jacobians,
     meshes,
 )
+from commonlaw.runtime.arguments import numbers_of
 from commonlaw.text import shown
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
@@ -381,7 +382,7 @@ def begin(
     seed: int,
 ) -> tuple[Trials, list[StartedTrial]]:
     """Return the trials that can be forecast, with samples at all times that are wanted, and where each starts."""
-    wanted = np.unique(np.asarray([] if times is None else times, dtype=np.float64))
+    wanted = np.unique(numbers_of("times", [] if times is None else times))
     if not np.isfinite(wanted).all() or (law.order == 0 and len(wanted)):
         raise CommonlawError("forecast-times")
     if start == "all":

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
@@ -22,6 +23,7 @@ from commonlaw.law.law import object_index
 from commonlaw.law.parameters import named_parameters, rate_names, vector_field
 from commonlaw.library import Terms
 from commonlaw.likelihood import WHITE_NOISE
+from commonlaw.runtime.arguments import check_type, numbers_of
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import MOMENT, with_logarithms, with_property_inputs
 
@@ -54,7 +56,7 @@ def initial_value_problems(
         check_choice("dose", name, law.schema.doses)
     natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
     starts = initial if isinstance(initial, Mapping) else dict.fromkeys(law.objects, initial)
-    width, grid = len(law.terms.variables.states), np.asarray(times, dtype=np.float64)
+    width, grid = len(law.terms.variables.states), numbers_of("times", times)
     pulses = inputs_of_doses(grid, [(doses or {}).get(name, {}) for name in law.schema.doses])
     if inputs is None and law.schema.inputs != law.schema.doses:
         raise CommonlawError("simulate-with-inputs", names=law.schema.inputs)
@@ -63,7 +65,7 @@ def initial_value_problems(
     driven = pulses if inputs is None else _given_inputs(law, grid, inputs, pulses, tolerance)
     problems = {}
     for name, start in starts.items():
-        state = np.atleast_1d(np.asarray(start, dtype=np.float64))
+        state = np.atleast_1d(numbers_of("initial", start))
         if state.shape != (width,):
             wanted = ", ".join(law.terms.variables.states)
             raise CommonlawError("initial-state-size", where=name, given=state.size, expected=width, names=wanted)
@@ -151,6 +153,7 @@ def predict(
     """Forecast each trial from its own initial state, see `Law.predict`."""
     times = matched_times(law, trials, times)
     if from_time is not None:
+        check_type("from_time", from_time, Real, "a number")
         from_time = float(np.asarray(matched_times(law, trials, from_time)))
     trials = matched(law, trials)
     if discrepancy:

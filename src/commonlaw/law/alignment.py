@@ -12,7 +12,8 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law
 from commonlaw.library.parametric import free_name
-from commonlaw.trials import Schema, Trials
+from commonlaw.runtime.arguments import check_type
+from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.equation_columns import as_named
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.transformations import (
@@ -31,6 +32,9 @@ from commonlaw.trials.transformations import (
 from commonlaw.trials.trial import as_numbers, property_names
 from commonlaw.trials.units import Conversion
 
+TRIALS = "Trials, as `cl.Trials.read` and `cl.Trials.from_frame` return"
+"""What an argument of trials may be."""
+
 
 def matched(
     law: Law,
@@ -48,6 +52,7 @@ def matched(
 
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
+    check_type("trials", trials, (Trials, TrialStream), TRIALS)
     if law.observation is not None and not observed:
         raise CommonlawError("law-with-observation")
     schema = measured_schema(law)
@@ -107,6 +112,7 @@ def has_bands(law: Law) -> bool:
 
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:
     """Return times that were given with trials, in the unit of their time, in that of the law."""
+    check_type("trials", trials, (Trials, TrialStream), TRIALS)
     unit, time = trials.schema.units.get(trials.schema.time), law.schema.units.get(law.schema.time)
     turn = Conversion.between(trials.schema.time, unit, time)
     return times if times is None or not turn else turn.of(as_numbers(times))

@@ -8,7 +8,6 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from math import prod
-from pathlib import Path
 from typing import Any, Literal, cast
 
 import msgspec
@@ -30,7 +29,7 @@ from commonlaw.library import Terms, Variables, parse_terms
 from commonlaw.library.functions import Function, functions_in
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.likelihood import ErrorModel
-from commonlaw.runtime.files import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, read_json
+from commonlaw.runtime.files import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, path_of, read_json
 from commonlaw.trials import Schema
 from commonlaw.trials.files import parquet_bytes, parquet_columns
 from commonlaw.trials.trial import nearest
@@ -499,7 +498,7 @@ def file_content(
     law: Law, path: str | os.PathLike[str], name: str | None = None, initial: ArrayLike | None = None
 ) -> bytes:
     """Return the content of a file of a law in the format of its extension, see `Law.save`."""
-    if Path(path).suffix.lower() not in ("", ".json", ".parquet"):
+    if path_of(path).suffix.lower() not in ("", ".json", ".parquet"):
         return exported(law, path, name, initial)
     if initial is not None:
         raise CommonlawError("export-initial-of-law", path=str(path))

@@ -12,6 +12,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.quantiles import two_sided
 from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Heteroscedastic
+from commonlaw.runtime.arguments import check_whole_number
 
 
 def checked(
@@ -251,6 +252,7 @@ class Uncertainty:
 
         They are normal, or of Student's t distribution with the fewest degrees of freedom of a state's noise.
         """
+        check_whole_number("seed", seed, 0, optional=True)
         random, covariance = np.random.default_rng(seed), self.known_covariance()
         result = np.tile(coefficients, (count, 1, 1))
         if self.shared_factor is not None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.arguments import check_type
 
 _CALL = re.compile(r"(?<![\w`])(where|maximum|minimum|max|min)\s*(?=\()")
 _COMPARISON = re.compile(r"(?<!\s)\s*([<>])=?\s*(?=[^`]*(?:`[^`]*`[^`]*)*$)")  # Not in a name between backticks
@@ -158,8 +159,18 @@ def limits_of(name: str, bounds: Sequence[Bound]) -> tuple[float, float]:
     return max((bound.low for bound in limits), default=-np.inf), min((bound.high for bound in limits), default=np.inf)
 
 
+def check_equations(texts: object) -> None:
+    """Refuse what is neither a text nor a sequence of texts."""
+    expected = 'a text or several, such as "x\' = -k x"'
+    check_type("equations", texts, (str, Sequence), expected)
+    if isinstance(texts, Sequence):
+        for text in texts:
+            check_type("equations", text, str, expected)
+
+
 def parts_of(texts: str | Sequence[str]) -> list[str]:
     """Return equations, without switches, bounds and events, between semicolons or lines of a text or several."""
+    check_equations(texts)
     listed = [texts] if isinstance(texts, str) else texts
     parts = list[str]()
     for text in listed:

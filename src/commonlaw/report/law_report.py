@@ -18,6 +18,7 @@ from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, relations_frame, to_script
+from commonlaw.law.alignment import TRIALS
 from commonlaw.law.equilibria import depends_on, has_phase_plane
 from commonlaw.law.parameters import named_parameters, state_rates, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
@@ -60,6 +61,7 @@ from commonlaw.report.document import (
 )
 from commonlaw.report.markup import code, law_markdown, literal
 from commonlaw.report.page import Page
+from commonlaw.runtime.arguments import check_type
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.progress import on_terminal
 from commonlaw.stream import ManyFindings, find_by_stream
@@ -473,6 +475,7 @@ def law_page(
 ) -> Page:
     """Return the report of a law as a page, see `Law.report`."""
     check_packages()
+    check_type("trials", trials, (Trials, TrialStream), TRIALS)
     if isinstance(trials, Trials):
         refuse_client(client)
         if isinstance(learned, TrialStream):

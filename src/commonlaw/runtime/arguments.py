@@ -4,9 +4,36 @@ import inspect
 from collections.abc import Callable, Mapping
 from math import inf, isfinite, nan
 from numbers import Integral, Real
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from commonlaw.errors import CommonlawError, check_choice
+
+if TYPE_CHECKING:
+    from commonlaw.array_types import Floats
+
+
+def check_type(name: str, value: object, kinds: type | tuple[type, ...], expected: str) -> None:
+    """Refuse an argument of other types than these; the message says what is expected."""
+    if not isinstance(value, kinds):
+        raise CommonlawError("argument-type", name=name, kind=type(value).__name__, expected=expected)
+
+
+def check_mapping(name: str, value: object) -> None:
+    """Refuse an argument that is neither a mapping by names nor None."""
+    check_type(name, value, (Mapping, type(None)), "a mapping by names, such as {'x': 1.0}")
+
+
+def numbers_of(name: str, value: Any) -> "Floats":
+    """Return an argument as an array of numbers; refused if it is text or anything else."""
+    import numpy as np
+
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        kind = type(value).__name__
+        raise CommonlawError("argument-type", name=name, kind=kind, expected="numbers") from None
 
 
 def check_whole_number(

@@ -77,12 +77,19 @@ def _mode(name: str | os.PathLike[str], is_kind: Callable[[int], bool]) -> bool:
         return False
 
 
+def path_of(path: object) -> Path:
+    """Return an argument as a path; refused if it is no name of a file."""
+    if not isinstance(path, str | os.PathLike):
+        raise CommonlawError("argument-type", name="path", kind=type(path).__name__, expected="the name of a file")
+    return Path(path)
+
+
 def checked_file(path: str | os.PathLike[str], largest: float = LARGEST_FILE) -> Path:
     """Return the path of a regular file of at most so many bytes.
 
     Raises `CommonlawError` if there is none: folders, devices and pipes, which may have no end, are refused too.
     """
-    file = Path(path)
+    file = path_of(path)
     try:
         state = file.stat()
     except FileNotFoundError:

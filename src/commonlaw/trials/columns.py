@@ -304,8 +304,21 @@ def filled_table(
     rows = np.flatnonzero(~blank)
     arrays = {name: columns[i][rows] if blank.any() else columns[i] for name, i in zip(names, used, strict=True)}
     loosely = frozenset(name for name, i in zip(names, used, strict=True) if i in loose)
+    truths = {name: values for name in loosely if (values := _truths(arrays[name])) is not None}
+    arrays, loosely = arrays | truths, loosely - {*truths}
     where = lambda row: locate(int(rows[row])), lambda row: number(int(rows[row]))
     return Table(source, arrays, units, *where, loosely)
+
+
+def _truths(column: Column) -> Column | None:
+    """Return 1 for true and 0 for false, as of booleans, of a column of these words alone; None of any other."""
+    states, values = {"true": True, "false": False}, list[bool | None]()
+    for cell in column:
+        word = cell.strip().casefold() if isinstance(cell, str) else ""
+        if word and word not in states:
+            return None
+        values.append(states.get(word))
+    return None if not {*values} - {None} else column_of(values)[0]
 
 
 def _numbers_rows(values: Column) -> bool:

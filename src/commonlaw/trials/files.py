@@ -29,6 +29,7 @@ from commonlaw.runtime.files import (
     WORKBOOK,
     check_size,
     checked_file,
+    path_of,
     read_file,
     read_json,
     unpacked,
@@ -127,7 +128,8 @@ def table_files(path: TablePath) -> list[Path]:
     Parquet files, which are streamed, do not count.
     """
     if not isinstance(path, str | os.PathLike):
-        return [Path(file) for file in path]
+        files = path if isinstance(path, Sequence) and path and not isinstance(path, bytes) else [path]
+        return [path_of(file) for file in files]
     digits, paths = re.compile(r"(\d+)"), files_of(Path(path), _ENDINGS) or []
     return sorted(
         (file for file in paths if file.is_file() and file.name[0] != "." and file.suffix.casefold() != ".parquet"),

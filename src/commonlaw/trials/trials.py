@@ -4,13 +4,14 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, Self, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.array_types import Floats, same_content
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.runtime.arguments import check_type
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
@@ -111,7 +112,15 @@ class Trials(ShownInNotebooks):
     nameless: bool = False
     guessed: tuple[str, ...] = ()
 
+    def __new__(cls, trials: Sequence[Trial] = (), *_: object, **__: object) -> Self:
+        """Refuse tables, which `from_frame` and `read` take."""
+        check_type("trials", trials, Sequence, "a sequence of Trial, or take Trials.from_frame or Trials.read")
+        for trial in trials:
+            check_type("trials", trial, Trial, "a sequence of Trial, or take Trials.from_frame or Trials.read")
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
+        check_type("schema", self.schema, Schema, "a Schema")
         if not self.trials:
             raise CommonlawError("no-trial")
         seen: set[tuple[str, str]] = set()
