@@ -81,7 +81,8 @@ class Reading(Roles, _Rules, total=False):
         What was measured, such as ``"OD"`` with its unit or without, in a table with a column for each object; True is
         for ``"value"``. The columns are those of `states`, by default all of numbers without another role. Rows ahead
         of the first time, with a name in place of the time, are properties. Default: True for columns that are named
-        like wells or replicates, unless objects or states are named.
+        like wells or replicates, or by a common stem (``Cup A``, ``T1``) unless they act on each other or are
+        coordinates (``x1``); not where objects or states are named.
     restarts
         Meaning of times that go back within a trial: ``"trials"``, a new trial begins; ``"sort"``, rows are out of
         order. Default: rows in reverse or random order, and a few single ones, are sorted; other tables are refused.

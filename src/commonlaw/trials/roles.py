@@ -193,7 +193,7 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     notes += on_columns
     if trial is not None and trial not in named and owner is None and (absent := absent_states(table, states, runs)):
         notes.append(
-            f"{trial} labels trials of one object, as {', '.join(absent)} is absent in some; if it names objects, read "
+            f"{trial} labels trials of one object, as some have no {', '.join(absent)}; if it names objects, read "
             f"it with `object={trial!r}`"
         )
     if unused := [name for name in table.columns if name in left_out or name in free]:
