@@ -198,3 +198,7 @@ def test_every_public_type_is_among_the_results() -> None:
     for kind in public_types() - covered:
         value = kind()  # A type without defaults needs a result above
         assert all(equal(value, copied(value)) for copied in COPIES), kind
+
+
+def test_the_share_of_a_stage_is_a_plain_number() -> None:
+    assert type(Stage("fitting", np.float64(0.5)).done) is float

@@ -32,7 +32,7 @@ class Stage(str):
     def __new__(cls, text: str, done: float) -> "Stage":
         """Return a text with a share, from 0 to 1."""
         stage = super().__new__(cls, text)
-        stage.done = done
+        stage.done = float(done)  # Which may be one of NumPy
         return stage
 
     def __reduce__(self) -> tuple[object, ...]:
