@@ -62,6 +62,15 @@ def test_a_working_folder_that_is_gone_is_said(tmp_path: Path, arguments: str, m
     assert ended.stderr.decode().startswith(f"commonlaw: {message}")
 
 
+def test_tables_are_in_utf_8_whatever_the_locale(tmp_path: Path) -> None:
+    (tmp_path / "drops.csv").write_text("t,höhe\n0,5\n1,4\n2,1\n", "utf-8")
+    locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    code, said = run(tmp_path, "data", "check", "drops.csv", "--json", "--save", "schema.toml", **locale)
+    assert code == 0
+    assert '"höhe"' in said
+    assert '"höhe"' in (tmp_path / "schema.toml").read_text("utf-8")
+
+
 @pytest.mark.slow
 def test_files_whose_names_are_not_utf_8_are_read_written_and_named(folder: Path) -> None:
     (folder / "drops.csv").rename(folder / "\udcfe.csv")

@@ -98,3 +98,14 @@ def test_figures_drawn_at_once_are_those_drawn_one_after_the_other():
         together = list(pool.map(drawn, np.tile([0, 1], 4)))
     assert together == alone * 4
     assert settings() == before
+
+
+def test_eight_fits_at_once_are_the_fit_of_one():
+    def fitted(_):
+        return cl.fit("x'' = -g - c v", DROPS)
+
+    alone = fitted(0)
+    with ThreadPoolExecutor(8) as pool:
+        for law in pool.map(fitted, range(8)):
+            np.testing.assert_array_equal(law.coefficients, alone.coefficients)
+            np.testing.assert_array_equal(law.uncertainty.covariance, alone.uncertainty.covariance)
