@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from commonlaw.formulation import LeastSquaresProblem, explained, least_squares_of_each
+from commonlaw.formulation import LeastSquaresProblem, column_scales, explained, least_squares_of_each
 from commonlaw.likelihood import Estimate, NotPositiveError, ObservationModel, TrajectoryModel, fit, linearize
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.fitting import eliminate_states
@@ -201,3 +201,12 @@ def test_what_columns_explain_is_what_they_lower_the_residual_by(inside, bound):
             else:
                 expected[column] += least if bound else 0.0
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("scale", [1e-220, 1e-100, 1.0, 1e100, 1e220])
+def test_norms_of_columns_are_in_proportion_to_their_unit(rows, scale):
+    library, targets = rows
+    problem = LeastSquaresProblem.of(scale * library, targets)
+    np.testing.assert_allclose(problem.norms / scale, np.linalg.norm(library, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(column_scales(scale * library) / scale, np.linalg.norm(library, axis=0), rtol=1e-12)
+    assert column_scales(np.array([[0.0, np.inf], [0.0, 1e200]])).tolist() == [1.0, np.inf]

@@ -99,7 +99,7 @@ class LeastSquaresProblem:
     @cached_property
     def norms(self) -> Floats:
         """Euclidean norms of the library columns over all rows, shape (terms,)."""
-        return np.asarray(np.linalg.norm(self.factor[:, : self.terms], axis=0))
+        return column_norms(self.factor[:, : self.terms])
 
     def weighted(self, weight: float) -> "LeastSquaresProblem":
         """Return the problem in which each row counts `weight` times."""
@@ -167,7 +167,7 @@ def least_squares_of_each(problems: Sequence[LeastSquaresProblem], support: Bool
     columns = np.append(np.flatnonzero(support), problems[0].terms + target)
     if len(problems) > 1 and len(columns) > 1:
         rows = np.array([problem.factor[:, columns] for problem in problems])
-        norms = np.linalg.norm(rows[:, :, :-1], axis=1)
+        norms = column_norms(rows[:, :, :-1])
         scales = np.where(norms > 0, norms, 1.0)
         rows[:, :, :-1] /= scales[:, np.newaxis]
         reduced = np.asarray(np.linalg.qr(rows, mode="r"))[:, : len(columns) - 1]
@@ -179,10 +179,27 @@ def least_squares_of_each(problems: Sequence[LeastSquaresProblem], support: Bool
     return np.array([problem.least_squares(support, target) for problem in problems])
 
 
+SQUARED_RANGE = 1e-140, 1e150
+"""Between these norms the squares of columns neither overflow nor lose digits."""
+
+
 def column_scales(columns: Floats) -> Floats:
     """Return what columns, shape (n, k), are divided by to have unit norm, shape (k,): 1 where all values are zero."""
-    norms = np.linalg.norm(columns, axis=0)
+    norms = column_norms(columns)
     return np.where(norms == 0, 1.0, norms)
+
+
+def column_norms(columns: Floats) -> Floats:
+    """Return the Euclidean norms of columns, from shape (..., n, k) to (..., k), also where their squares overflow."""
+    with np.errstate(over="ignore"):
+        norms = np.asarray(np.linalg.norm(columns, axis=-2))
+    largest = np.abs(columns).max(axis=-2, initial=0.0)
+    extreme = (largest > 0) & np.isfinite(largest) & ~((norms > SQUARED_RANGE[0]) & (norms < SQUARED_RANGE[1]))
+    if extreme.any():
+        with np.errstate(over="ignore"):  # In the columns whose norms are kept
+            scaled = np.linalg.norm(columns / np.where(extreme, largest, 1.0)[..., np.newaxis, :], axis=-2)
+        norms[extreme] = (largest * scaled)[extreme]
+    return norms
 
 
 def merge(problems: Iterable[LeastSquaresProblem]) -> LeastSquaresProblem:

@@ -162,6 +162,7 @@ def effective_share(form: StrongForm, trial: Trial) -> float:
     if not response.size:
         reach = form.differentiation.reach(highest)
         return 1 / len(states) if reach is None else 1 / (2 * reach + 1)
+    response /= np.abs(response).max(axis=0)  # Fourth powers of it neither overflow nor vanish
     # The transform of a response's autocorrelation is its power; twice the length keeps the ends apart
     power = np.abs(np.fft.fft(response, 2 * len(response), axis=0)) ** 2
     return float(np.mean(power.mean(axis=0) ** 2 / np.mean(power**2, axis=0)))
