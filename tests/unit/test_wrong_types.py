@@ -40,7 +40,7 @@ def test_what_is_no_trials_is_refused_by_every_verb_of_a_law(verb, value):
 
 @each([5, "10", FRAME, {"a": 1}, [5], [FRAME], object()])
 def test_a_table_is_no_trials(value):
-    named(lambda: cl.Trials(value), "trials")
+    named(lambda: cl.Trials(*[value]), "trials")
     named(lambda: cl.Trials(value, Schema(("x",))), "trials")
 
 

@@ -205,8 +205,8 @@ def fit(
         trials = Trials.from_frame(trials)
     check_equations(equations)
     by_name = {"initial_values": initial_values, "guesses": guesses, "observe": observe, "priors": priors}
-    for name, given in by_name.items():
-        check_mapping(name, given)
+    for name, mapping in by_name.items():
+        check_mapping(name, mapping)
     check_type("doses", doses, Iterable, "the name of an input, or several")
     check_type("shared", shared, Iterable, "the name of a parameter, several, or a mapping from such names")
     check_type("functions", functions, Iterable, "a list of functions")
