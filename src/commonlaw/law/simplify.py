@@ -316,7 +316,8 @@ class _Estimates:
         coefficients = np.zeros((len(law.objects) + 1, *law.support.shape))
         coefficients[:-1, law.support], coefficients[-1] = estimates.coefficients, mean.coefficients[0]
         average = np.zeros_like(estimates.covariance[:1])
-        average[:, *np.ix_(*2 * [mean.support[law.support]])] = mean.uncertainty.known_covariance()
+        rows, columns = np.ix_(mean.support[law.support], mean.support[law.support])
+        average[:, rows, columns] = mean.uncertainty.known_covariance()
         covariances = np.concatenate([estimates.covariance, average])
         parameters = named_parameters(law)
         values = parameters.of(coefficients)
