@@ -1,6 +1,7 @@
 """Profile likelihood of a parameter: how far it may move when all others follow."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -137,12 +138,16 @@ def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None =
     others[index] = False
     objective = Objective(begun.problem, known)
 
+    @cache
     def cost(value: float) -> float:
         start = begun.first.copy()
         start[index] = value
         return minimum(objective, start, others, begun.bounds, tolerance=1e-8, steps=40)[1]
 
-    grid = size * np.geomspace(10.0**-_DECADES, 10.0**_DECADES, 4 * _DECADES + 1)
+    grid = (size * np.geomspace(10.0**-_DECADES, 10.0**_DECADES, 4 * _DECADES + 1)).tolist()
+    near, far = (min(cost(value), cost(-value)) for value in (grid[2 * _DECADES], grid[-1]))
+    if not np.isfinite(far) or far - near > quantile:  # Bounded in both directions, at a tenth of the effort
+        return None
     costs = np.array([[cost(side * value) for value in grid] for side in (1.0, -1.0)])
     if not np.isfinite(costs).any():
         return None
@@ -153,7 +158,7 @@ def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None =
             last = int(np.flatnonzero(above[i])[-1])
             low, high = grid[last], grid[last + 1]
             for _ in range(8):
-                middle = np.sqrt(low * high)
+                middle = float(np.sqrt(low * high))
                 is_above = cost(side * middle) - costs.min() > quantile
                 low, high = (middle, high) if is_above else (low, middle)
             return OneSidedLimit(float(side * high))
