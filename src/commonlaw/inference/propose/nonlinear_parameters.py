@@ -402,9 +402,10 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
         return np.where(np.isfinite(whole), whole, 1 / settings.ROUNDING)
 
     low, high = np.sort(limits / begin, axis=0)
-    return np.asarray(
-        begin * least_squares(residuals, np.ones_like(begin), bounds=(low, high), max_nfev=settings.MAX_ITERATIONS).x
-    )
+    bounds, most = (low, high), settings.MAX_ITERATIONS
+    with np.errstate(over="ignore", invalid="ignore"):  # Squares of large residuals
+        relative = least_squares(residuals, np.ones_like(begin), bounds=bounds, max_nfev=most).x
+    return np.asarray(begin * np.where(np.isfinite(relative), relative, 1.0))
 
 
 def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequence[Floats]) -> None:
