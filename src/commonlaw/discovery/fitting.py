@@ -132,10 +132,11 @@ def fit(
         `refine`, without nonlinear parameters and latent states.
     initial_values
         Initial values of states at time zero of each trial, by name: a number, the name of a property of the
-        objects, such as a dose, an expression of parameters and properties, a number for each object, a mean and a
+        objects, such as a dose, an expression of parameters and properties, numbers by object or trial, a mean and a
         standard deviation, or None (or ``"free"``) to estimate it for each trial. States with an initial value need no
         column: ``cl.fit("depot' = -ka depot; conc' = ka depot/V - k conc", trials, initial_values={"depot": "dose"})``.
-        Those of measured states are estimated by default. In the equations: ``"x(0) = 1"``.
+        Those of measured states are estimated by default. In the equations: ``"x(0) = 1"``, for one trial ``'x(0) = 1 @
+        "control"'``.
     initial_time
         Time of the initial values, or ``"first"`` for that of each trial's first sample, which it may precede but not
         follow. Default: 0 if initial values are given, else, and where times are dates or times of day, the first

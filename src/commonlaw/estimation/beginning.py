@@ -22,7 +22,7 @@ from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.equation import split_equations
 from commonlaw.library.sizes import likely_sizes
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.transformations import number_of, with_logarithms, with_noise
+from commonlaw.trials.transformations import known_inputs, number_of, with_logarithms, with_noise
 from commonlaw.trials.trial import Start, has_sparse_states, property_names
 
 FREE = "free"
@@ -50,6 +50,7 @@ def needs_model(
         name in trials.schema.states
         or isinstance(start, tuple)
         or (isinstance(start, str) and start != FREE and start not in names)
+        or (isinstance(start, Mapping) and not {*start} <= {*trials.objects})
         or (isinstance(start, Mapping) and any(value is None or isinstance(value, str) for value in start.values()))
         for name, start in initial_values.items()
     )
@@ -123,6 +124,8 @@ def begin(
     """Return a model and trials as a fit begins with them, see `commonlaw.fit`."""
     properties, shared, priors = property_names(trials.properties), shared or {}, priors or {}
     model = read_model(with_initial(text, initial_values, trials), trials.schema, properties)
+    if any(np.ptp(known_inputs(trial)[1][:, model.starting_inputs], axis=0).any() for trial in trials):
+        raise CommonlawError("initial-value-of-variables")
     for j, state in enumerate(model.schema.states):
         is_free = any(j in model.free_in(trial) for trial in trials)
         # Nothing is said of it, and no observation equation may determine it
@@ -189,7 +192,11 @@ def initial_time_of(trials: Trials, given: float | str | None, written: Sequence
 
 def with_initial(text: ModelText, initial_values: Mapping[str, InitialGiven], trials: Trials) -> ModelText:
     """Return the text with initial values that are given apart from it."""
-    properties, initial = property_names(trials.properties), dict(text.initial)
+    properties = property_names(trials.properties)
+    initial = {
+        name: _by_label(name, start, trials) if isinstance(start, Mapping) else start
+        for name, start in text.initial.items()
+    }
     for name, start in initial_values.items():
         if start is None or start == FREE:
             initial.pop(name, None)
@@ -198,12 +205,9 @@ def with_initial(text: ModelText, initial_values: Mapping[str, InitialGiven], tr
                 raise unknown("property", start, properties)
             initial[name] = start
         elif isinstance(start, Mapping):
-            known = dict[str, float]()
-            for owner in trials.objects:
-                value = start.get(owner, np.nan)
-                if value is not None and not isinstance(value, str):
-                    known[owner] = _finite(name, value, owner)
-            initial[name] = known
+            if {*start} <= {*trials.objects}:
+                start = {owner: start.get(owner, np.nan) for owner in trials.objects}
+            initial[name] = _by_label(name, start, trials)
         elif isinstance(start, tuple):
             mean, std = map(float, start)
             if not 0 < std < np.inf:
@@ -212,6 +216,19 @@ def with_initial(text: ModelText, initial_values: Mapping[str, InitialGiven], tr
         else:
             initial[name] = repr(_finite(name, start, trials.objects[0]))
     return replace(text, initial=initial)
+
+
+def _by_label(state: str, given: Mapping[str, float | None], trials: Trials) -> dict[str, float]:
+    """Return numbers by object, and for trials, given by their names or labels, by label."""
+    result, trial_names = dict[str, float](), {name for trial in trials for name in (trial.name, trial.label)}
+    for name, value in given.items():
+        if name not in trials.objects and name not in trial_names:
+            raise unknown("trial or object", name, [*trials.objects, *(trial.name for trial in trials)])
+        if value is None or isinstance(value, str):
+            continue
+        labels = [trial.label for trial in trials if name in (trial.name, trial.label)]
+        result |= dict.fromkeys([name] if name in trials.objects else labels, _finite(state, value, name))
+    return result
 
 
 def _finite(state: str, value: float, owner: str) -> float:
@@ -432,6 +449,7 @@ def beginning_of(
     trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
     written = equations or law.provenance.equations or law.structure
     text, restrictions, free = ModelText.of(written), Restrictions(), list[str]()
+    names = {name for trial in trials for name in (trial.object, trial.label)}
     if observation is not None:
         if observation.restrictions is None:
             raise CommonlawError("restrictions-not-recorded")
@@ -440,7 +458,12 @@ def beginning_of(
         text = replace(
             text,
             observed=observation.equations,
-            initial=observation.initial,
+            initial={
+                name: {where: value for where, value in start.items() if where in names}
+                if isinstance(start, Mapping)
+                else start
+                for name, start in observation.initial.items()
+            },
             bounds=bounds,
             events=observation.events,
         )

@@ -261,7 +261,7 @@ class Fitted:
             *(Step("observation", f"{name} = {right}", "as given") for name, right in model.text.observed.items()),
             *(
                 Step("event" if ": " in line else "start" if "(0) = " in line else "parameters", line, "as given")
-                for line in observation.lines[len(model.text.observed) :]
+                for line in observation.lines(trials.objects)[len(model.text.observed) :]
             ),
             *self._zeros_before_doses(),
             Step(
@@ -294,7 +294,7 @@ class Fitted:
     def _zeros_before_doses(self) -> Iterator[Step]:
         """Yield the states that are zero before the first dose of some trials, if there are any."""
         model, trials = self.begun.model, self.begun.trials
-        zero = {j for trial in trials for j in {*model.free_of(trial.object)} - {*model.free_in(trial)}}
+        zero = {j for trial in trials for j in {*model.free_of(trial)} - {*model.free_in(trial)}}
         if zero:
             names = ", ".join(f"{model.variables.states[j]} = 0" for j in sorted(zero))
             yield Step("start", names, "before the first dose, in trials that begin with one")

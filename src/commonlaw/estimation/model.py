@@ -64,7 +64,8 @@ class ModelText:
                         raise CommonlawError("equation-event-syntax", text=part)
                     changes[name] = changed["right"].strip()
             elif match := _INITIAL.fullmatch(part):
-                known[unquoted(match["name"]) + (match["rate"] or "")] = match["right"].strip()
+                name = unquoted(match["name"]) + (match["rate"] or "")
+                known[name] = _with_start(known.get(name), name, match["right"].strip())
             elif match := _OBSERVED.fullmatch(part):
                 observed[unquoted(match["name"])] = match["right"].strip()
             else:
@@ -84,6 +85,24 @@ class ModelText:
         names = (match["step"] or match["name"] for match in calls)
         special = any(name == "step" or (name and name not in FUNCTIONS) for name in names)
         return not (self.observed or self.initial or self.events or special)
+
+
+def _with_start(known: Initial | None, state: str, right: str) -> Initial:
+    """Return the initial value of a state with a further one: an expression, or a number for a trial, ``0 @ A``."""
+    number, _, trial = right.partition("@")
+    if not trial:
+        if known is not None:
+            raise CommonlawError("initial-value-twice", state=state)
+        return right
+    if known is not None and not isinstance(known, Mapping):
+        raise CommonlawError("initial-value-twice", state=state)
+    name = unquoted(trial.strip())
+    if name in (known or {}):
+        raise CommonlawError("initial-value-twice", state=state)
+    try:
+        return {**(known or {}), name: float(number)}
+    except ValueError:
+        raise CommonlawError("initial-value-not-finite", state=state, value=number.strip(), object=name) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +125,10 @@ class Model:
     observables, outputs
         Names of what is measured, and their values.
     initial
-        For each state and rate its initial value over the variables (of which only parameters may be in it), or None
-        for one that each trial determines; `known` has those of objects that are numbers, and `expected` the mean and
-        standard deviation of such values, by index of the state.
+        For each state and rate its initial value over the variables (of which only parameters and inputs that are
+        constant in each trial may be in it), or None for one that each trial determines; `known` has those of objects
+        and trials that are numbers, and `expected` the mean and standard deviation of such values, by index of the
+        state.
     steady
         The states and rates, by index, that begin in the steady state; and under which inputs, by index, each as an
         expression like an initial value.
@@ -153,6 +173,12 @@ class Model:
         return len(self.variables.measured)
 
     @cached_property
+    def starting_inputs(self) -> list[int]:
+        """The inputs, by index, that initial values depend on."""
+        columns = {column for start in self.initial if start is not None for column in columns_in(start)}
+        return [i for i in range(len(self.column)) if self.width + i in columns]
+
+    @cached_property
     def starts(self) -> Program:
         """Initial values over the variables; zero where they are free."""
         return _program([start or "0.0" for start in self.initial], len(self.variables.names))
@@ -163,18 +189,19 @@ class Model:
         inputs = [self.steady_inputs.get(i, "0.0") for i in range(len(self.column))]
         return _program(inputs, len(self.variables.names))
 
-    def initial_of(self, owner: str) -> Floats:
-        """Return the initial values of an object that are numbers, shape (D,), NaN for others."""
-        return np.array([self.known.get(j, {}).get(owner, np.nan) for j in range(self.width)])
+    def initial_of(self, trial: Trial) -> Floats:
+        """Return the initial values of a trial, or of its object, that are numbers, shape (D,), NaN for others."""
+        numbers = [self.known.get(j, {}) for j in range(self.width)]
+        return np.array([by_name.get(trial.label, by_name.get(trial.object, np.nan)) for by_name in numbers])
 
-    def free_of(self, owner: str) -> list[int]:
-        """Return the states and rates, by index, whose initial values each trial of an object determines."""
-        known = self.initial_of(owner)
+    def free_of(self, trial: Trial) -> list[int]:
+        """Return the states and rates, by index, whose initial values a trial of an object determines."""
+        known = self.initial_of(trial)
         return [j for j, start in enumerate(self.initial) if start is None and np.isnan(known[j])]
 
     def free_in(self, trial: Trial) -> list[int]:
         """Return the same in a trial: before a first dose all are zero but those that were measured with it."""
-        free = self.free_of(trial.object)
+        free = self.free_of(trial)
         if not trial.begins_with_dose:
             return free
         measured = np.isfinite(trial.states[0]) | np.isfinite(trial.below[0])
@@ -391,8 +418,10 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     for name, event in zip(text.events, events, strict=True):
         _check_endless(name, event, variables)
     parameters, first = variables.parameters, len(variables.measured)
-    if any(min(columns_in(expression), default=first) < first for expression in texts.values()):
-        raise CommonlawError("initial-value-of-variables")
+    known = range(len(variables.states), len(variables.states) + len(measured.inputs))
+    for name, expression in texts.items():
+        if any(i < first and not (i in known and name in starts) for i in columns_in(expression)):
+            raise CommonlawError("initial-value-of-variables")
     initial = tuple("0.0" if name in steady else texts.get(name) for name in variables.states)
     outputs = expressions[len(parsed) : len(parsed) + len(observed)]
     column = (*range(len(measured.inputs)), *(measured.inputs.index(name) for _, name, _ in delays))

@@ -120,9 +120,9 @@ class ObservedLaw:
         values = self.parameters(self.named.of(coefficients), properties)
         for shift, i in zip(beginning[model.width :], self.of_trial, strict=True):
             values[i] = self.restrictions.priors.get(model.parameters[i], (values[i], 0.0))[0] + shift
-        free = np.isin(np.arange(model.width), model.free_of(name))
         at = self.observation.initial_time
-        trial = Trial(name, "1", times, np.zeros((len(times), len(model.observables))))
+        trial = Trial(name, "", times, np.zeros((len(times), len(model.observables))))
+        free = np.isin(np.arange(model.width), model.free_of(trial))
         grid = times if at is None or starts_by(trial, at) else np.append(at, times)
         data = TrialData(
             trial,
@@ -132,7 +132,7 @@ class ObservedLaw:
             np.arange(count),
             values,
             np.where(free, count + np.arange(model.width), -1),
-            model.initial_of(name),
+            model.initial_of(trial),
         )
         unknowns = np.append(values, beginning[: model.width])
         prediction = self.problem((), len(unknowns)).predicted(data, unknowns, slopes)

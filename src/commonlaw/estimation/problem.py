@@ -67,7 +67,7 @@ class TrialData:
             undelayed = Inputs.of(*known_inputs(trial), model.schema.input_interpolation)
             inputs = DelayedInputs(undelayed, model.column, model.delay)
         indices, free = (np.array(numbers, dtype=np.int64) for numbers in (parameter, initial))
-        rows, fixed = np.searchsorted(times, trial.times), model.initial_of(trial.object)
+        rows, fixed = np.searchsorted(times, trial.times), model.initial_of(trial)
         return cls(trial, times, rows, inputs, indices, np.array(values), free, fixed, trial.cycle)
 
     def seen(self, rows: Bools | slice) -> "TrialData":
@@ -167,7 +167,10 @@ class Problem:
         """Return what a trial should be."""
         model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter
         width, count = model.width, len(parameters)
-        unit = model.point(np.zeros((1, width)), np.zeros((1, len(model.column))), data.times[:1], parameters)
+        inputs = np.zeros((1, len(model.column)))
+        if model.starting_inputs:
+            inputs = data.inputs.at(data.times[:1], parameters)
+        unit = model.point(np.zeros((1, width)), inputs, data.times[:1], parameters)
         follows = np.where(np.isnan(data.fixed), model.starts.evaluate(unit)[0], data.fixed)
         initial = np.where(data.initial < 0, follows, np.append(unknowns, np.nan)[data.initial])
         start_by = np.hstack([model.starts.jacobian(unit)[0][:, first:], np.eye(width)]) if slopes else None

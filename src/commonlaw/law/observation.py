@@ -1,7 +1,7 @@
 """How the states of a law were measured: observation equations, initial values, noise."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 
 Initial = str | tuple[float, float] | Mapping[str, float]
-"""An initial value: an expression of parameters and properties, a mean and a standard deviation, numbers by object.
+"""An initial value: an expression of parameters and properties, a mean and a standard deviation, or numbers by object.
+
+Numbers may be those of trials, by their labels; other objects and trials then have theirs estimated.
 
 The expression ``steady`` stands for the steady state, ``steady(u = 0)`` for that under other inputs.
 """
@@ -143,13 +145,22 @@ class Observation:
         """Right-hand sides of observation equations, expressions of initial values, and events, by left-hand side."""
         return written(self.equations, self.initial, self.events)
 
-    @property
-    def lines(self) -> list[str]:
-        """Observation equations, initial values and events, as they are printed, and what differs between trials."""
+    def lines(self, objects: Sequence[str]) -> list[str]:
+        """Return observation equations, initial values and events as they are printed, and what differs between trials.
+
+        In a law of one object trials go by their names.
+        """
+        numbers = {name: start for name, start in self.initial.items() if isinstance(start, Mapping)}
+        prefix = f"{objects[0]}, trial " if len(objects) == 1 else ""
+        by_name = [
+            f'{name}(0) = {value:g} @ "{where.removeprefix(prefix)}"'
+            for name, start in numbers.items()
+            for where, value in start.items()
+        ]
         priors = {f"{name}(0)": f"{s[0]:g} ± {s[1]:g}" for name, s in self.initial.items() if isinstance(s, tuple)}
         shared = {} if self.restrictions is None else self.restrictions.shared
         apart = [f"{name} by {by}; means are shown" for name, by in shared.items() if by_trial(by, self.measured)]
-        return [*(f"{name} = {right}" for name, right in (self.written | priors).items()), *apart]
+        return [*(f"{name} = {right}" for name, right in (self.written | priors).items()), *by_name, *apart]
 
     @property
     def noise_levels(self) -> Floats | None:

@@ -193,7 +193,7 @@ def _has_relations(law: Law) -> bool:
 
 def equation_lines(law: Law) -> list[str]:
     """Return the equations of a law: with numbers of one object, with relations to properties, or of each object."""
-    observed = [*([] if law.observation is None else law.observation.lines), *start_lines(law)]
+    observed = [*([] if law.observation is None else law.observation.lines(law.objects)), *start_lines(law)]
     if len(law.objects) == 1:
         return [*law.equations(), *observed]
     if _has_relations(law):

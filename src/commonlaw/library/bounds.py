@@ -19,6 +19,7 @@ _STEP = re.compile(r"step\([^()]*\)")
 _SIMPLE = re.compile(r"[\w.]+|`[^`]+`")
 _QUOTED = re.compile(r"`(?:[^`]|``)+`")
 _SEPARATOR = re.compile(r"[;\n]")
+_TRIAL = re.compile(r"@\s*\"([^\"]*)\"")
 
 
 def with_steps(equation: str) -> str:
@@ -174,7 +175,8 @@ def parts_of(texts: str | Sequence[str]) -> list[str]:
     listed = [texts] if isinstance(texts, str) else texts
     parts = list[str]()
     for text in listed:
-        numbered, names = _numbered(text)
+        between_backticks = _TRIAL.sub(lambda match: "@ `" + match[1].replace("`", "``") + "`", text)
+        numbered, names = _numbered(between_backticks)
         parts += [_restored(part.strip(), names) for part in _SEPARATOR.split(numbered) if part.strip()]
     return [part if EVENT.fullmatch(part) else with_steps(part) for part in parts]
 

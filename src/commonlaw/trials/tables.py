@@ -371,10 +371,11 @@ def unmeasured_in_words(trials: Sequence[Trial], states: Sequence[str]) -> list[
     """Return notes on states that are never measured in some trials, in which they begin somewhere unknown."""
     empty = np.array([(np.isnan(trial.states) & np.isnan(trial.below)).all(axis=0) for trial in trials])
     empty = empty.reshape(len(trials), -1)
-    places = [[trial.label for trial, is_empty in zip(trials, column, strict=True) if is_empty] for column in empty.T]
+    places = [[trial for trial, is_empty in zip(trials, column, strict=True) if is_empty] for column in empty.T]
     return [
-        f"{state} is never measured in {'; '.join(where)}: it is a latent state there, and its start is estimated; "
-        "if it was absent, enter 0 in its column"
+        f"{state} is never measured in {'; '.join(trial.label for trial in where)}: it is a latent state there, whose "
+        "start is estimated where none is given; if it was absent, enter 0 in its column, or write "
+        f'`{state}(0) = 0 @ "{where[0].name}"`'
         for state, where in zip(states, places, strict=True)
         if 0 < len(where) < len(trials)
     ]

@@ -159,7 +159,7 @@ def _frame(
 ) -> "pd.DataFrame":
     import pandas as pd
 
-    lines = [[] if law.observation is None else law.observation.lines for law in laws.values()]
+    lines = [[] if law.observation is None else law.observation.lines(law.objects) for law in laws.values()]
     equations = ["; ".join((*law.structure, *line)) for law, line in zip(laws.values(), lines, strict=True)]
     columns = {
         "law": list(laws),
