@@ -50,7 +50,7 @@ def test_trials_with_booleans_come_back_from_csv(tmp_path):
 
 
 def test_a_boolean_state_and_a_missing_boolean_are_read(tmp_path):
-    frame = FRAME[:12].assign(pumped=np.array([None, *(TIMES > 1.5)[1:]], dtype=object))
+    frame = FRAME[:12].assign(pumped=pd.Series([None, *(TIMES > 1.5)[1:]], dtype=object))
     frame.to_csv(tmp_path / "table.csv", index=False)
     names = {"states": ["x", "pumped"], "properties": ["coated"]}
     same(cl.Trials.from_frame(frame, **names), cl.Trials.read(tmp_path / "table.csv", **names))

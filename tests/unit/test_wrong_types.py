@@ -1,6 +1,7 @@
 """Arguments of wrong types are refused by their names, with what is expected."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -40,7 +41,7 @@ def test_what_is_no_trials_is_refused_by_every_verb_of_a_law(verb, value):
 
 @each([5, "10", FRAME, {"a": 1}, [5], [FRAME], object()])
 def test_a_table_is_no_trials(value):
-    named(lambda: cl.Trials(*[value]), "trials")
+    named(partial(cl.Trials, value), "trials")
     named(lambda: cl.Trials(value, Schema(("x",))), "trials")
 
 

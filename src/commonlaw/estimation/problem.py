@@ -60,8 +60,9 @@ class TrialData:
 
         Inputs are those before the first sample, too.
         """
-        begins = start is None or trial.cycle > 0 or starts_by(trial, start)
-        times = trial.times if begins else np.append(start, trial.times)
+        times = trial.times
+        if start is not None and trial.cycle == 0 and not starts_by(trial, start):
+            times = np.append(start, times)
         inputs = NO_INPUTS
         if trial.inputs.shape[1]:
             undelayed = Inputs.of(*known_inputs(trial), model.schema.input_interpolation)
