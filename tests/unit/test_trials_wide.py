@@ -278,7 +278,7 @@ def test_a_letter_that_is_a_column_of_a_guessed_property_is_asked_about():
     with refused("letter-of-column", name="k"):
         cl.fit("T' = -k (T - 21)", trials)
     declared = Trials.from_frame(frame, properties="k")
-    for taken, equation in ((declared, "k"), (trials, "`k`")):
+    for taken, equation in ((declared, "k"), (trials, "`k`"), (trials, "{k}")):
         assert not cl.fit(f"T' = -{equation} (T - 21)", taken, errors="white").uncertainty.covariance.any()
     in_trials = Trials.from_frame(frame.drop(columns="cup").assign(run=frame["k"] + 1), object="")
     assert in_trials.schema.inputs == ("k",)

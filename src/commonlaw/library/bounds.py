@@ -18,6 +18,7 @@ _BRANCH = re.compile(r"\b(?:if|else|and|or|not)\b|[<>]=?\s*$|[&|?]")
 _STEP = re.compile(r"step\([^()]*\)")
 _SIMPLE = re.compile(r"[\w.]+|`[^`]+`")
 _QUOTED = re.compile(r"`(?:[^`]|``)+`")
+_BRACED = re.compile(rf"{_QUOTED.pattern}|\{{([^{{}}`]+)\}}")
 _SEPARATOR = re.compile(r"[;\n]")
 _TRIAL = re.compile(r"@\s*\"([^\"]*)\"")
 
@@ -170,13 +171,19 @@ def check_equations(texts: object) -> None:
 
 
 def parts_of(texts: str | Sequence[str]) -> list[str]:
-    """Return equations, without switches, bounds and events, between semicolons or lines of a text or several."""
+    """Return equations, without switches, bounds and events, between semicolons or lines of a text or several.
+
+    A name in braces is one between backticks, which a shell would take for a command.
+
+    >>> parts_of("x' = -{k} x; y' = x")
+    ["x' = -`k` x", "y' = x"]
+    """
     check_equations(texts)
     listed = [texts] if isinstance(texts, str) else texts
     parts = list[str]()
     for text in listed:
         between_backticks = _TRIAL.sub(lambda match: "@ `" + match[1].replace("`", "``") + "`", text)
-        numbered, names = _numbered(between_backticks)
+        numbered, names = _numbered(_BRACED.sub(lambda m: f"`{m[1]}`" if m[1] else m[0], between_backticks))
         parts += [_restored(part.strip(), names) for part in _SEPARATOR.split(numbered) if part.strip()]
     return [part if EVENT.fullmatch(part) else with_steps(part) for part in parts]
 

@@ -28,7 +28,7 @@ def as_named(trials: Trials, states: Sequence[str], text: str = "") -> Trials:
     states
         What has an equation or was observed, by name.
     text
-        The equations. A letter in them that is a column of a guessed property is refused, unless it is quoted.
+        The equations. A letter in them that is a column of a guessed property is refused, unless it is in backticks or braces.
 
     Raises
     ------
@@ -36,8 +36,8 @@ def as_named(trials: Trials, states: Sequence[str], text: str = "") -> Trials:
         If a letter may be a column or a parameter; if columns of objects cannot be states.
     """
     for name in trials.guessed:
-        if _is_letter(name) and name not in states and re.search(rf"(?<![\w`]){re.escape(name)}(?![\w`])", text):
-            raise CommonlawError("letter-of-column", name=name, names=[name])
+        if _is_letter(name) and name not in states and re.search(rf"(?<![\w`{{]){re.escape(name)}(?![\w`}}])", text):
+            raise CommonlawError("letter-of-column", name=name)
     schema = trials.schema
     if not schema.wide:
         return trials
