@@ -146,7 +146,7 @@ CASES = {
     "found inverse": Case("x' = a/x", {"a": 1.0}, {"x": 1.0}, library="terms:1/x,x"),
     "found family": Case("x' = -V*x/(K + x)", {"V": 1.0, "K": 0.8}, {"x": 3.0}, library="poly:1 + saturating"),
     # Latent states, which are called z
-    "driven": Case("x' = z - k*x; z' = -b*z; x(0) = 0; z(0) = 2", {"k": 0.9, "b": 0.3}),
+    "driven": Case("x' = z - k*x; z' = -b*z; x(0) = 0; z(0) = 2", {"k": 0.3, "b": 0.9}),
     "absorption": Case("x' = a*z - k*x; z' = -a*z; x(0) = 0; z(0) = 3", {"a": 1.5, "k": 0.3}),
     "absorption with saturation": Case(
         "x' = a*z - V*x/(K + x); z' = -a*z; x(0) = 0; z(0) = 3", {"a": 1.5, "V": 0.6, "K": 0.5}

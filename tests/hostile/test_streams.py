@@ -47,7 +47,9 @@ def test_results_that_standard_output_does_not_take_are_missed(
     folder: Path, arguments: str, redirected: str, reason: str
 ) -> None:
     ended = run(folder, f"{arguments} {redirected}")
-    assert (ended.returncode, ended.stderr.decode()) == (1, CANNOT.format(reason))
+    *progress, last = ended.stderr.decode().splitlines(keepends=True)
+    assert (ended.returncode, last) == (1, CANNOT.format(reason))
+    assert all(" ... " in line for line in progress)
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,7 @@ def test_errors_of_the_law_add_up_as_in_forecasts(errors):
 
 
 def test_a_law_has_no_bands_from_where_it_has_no_derivatives():
-    law = known("x' = -a sqrt(x)", {"a": 1.0}, [[0.0]], errors=ErrorModel(walk=np.array([0.1])))
+    law = known("x' = -a/x", {"a": 1.0}, [[0.0]], errors=ErrorModel(walk=np.array([0.1])))
     times, states = np.arange(4.0), np.array([[1.0], [0.25], [0.0], [0.25]])
     trial = cl.Trial("ball", "1", times, states)
     found = model_error_std(law, trial, Inputs.of(times, np.empty((4, 0))), states)[:, 0]

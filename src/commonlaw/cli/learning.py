@@ -77,7 +77,7 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
 
 
 @command
-@with_table(*WITHOUT_LAW, "states", "inputs", "properties", "exclude", training=True)
+@with_table(*WITHOUT_LAW, "states", "inputs", "exclude", training=True)
 @click.argument("equations", required=False)
 @option(
     "--initial-value STATE=VALUE...",

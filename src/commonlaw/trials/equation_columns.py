@@ -28,7 +28,8 @@ def as_named(trials: Trials, states: Sequence[str], text: str = "") -> Trials:
     states
         What has an equation or was observed, by name.
     text
-        The equations. A letter in them that is a column of a guessed property is refused, unless it is in backticks or braces.
+        The equations. A letter in them that is a column of a guessed property is refused,
+        unless it is in backticks or braces.
 
     Raises
     ------

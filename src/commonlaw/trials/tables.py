@@ -370,7 +370,7 @@ def repeats_in_words(trials: Sequence[Trial]) -> list[str]:
 def unmeasured_in_words(trials: Sequence[Trial], states: Sequence[str]) -> list[str]:
     """Return notes on states that are never measured in some trials, in which they begin somewhere unknown."""
     empty = np.array([(np.isnan(trial.states) & np.isnan(trial.below)).all(axis=0) for trial in trials])
-    empty = empty.reshape(len(trials), -1)
+    empty = empty.reshape(len(trials), len(states))
     places = [[trial for trial, is_empty in zip(trials, column, strict=True) if is_empty] for column in empty.T]
     return [
         f"{state} is never measured in {'; '.join(trial.label for trial in where)}: it is a latent state there, whose "
