@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.forking import cached_property
 from commonlaw.text import counted
 from commonlaw.trials.cells import (
     Notation,
@@ -101,6 +102,11 @@ class Table:
             return find_name(name, self.columns)
         except CommonlawError as error:
             raise error.at(self.source) from None
+
+    @cached_property
+    def numeric(self) -> tuple[str, ...]:
+        """The columns that hold numbers, see `is_numeric`."""
+        return tuple(name for name in self.columns if self.is_numeric(name))
 
     def is_numeric(self, name: str) -> bool:
         """Say whether a column holds numbers; more than half of the cells will do where text may be meant as such."""

@@ -328,12 +328,25 @@ def _separate(times: Floats, *codes: Codes) -> bool:
 
 def _finest(codes: dict[str, Codes]) -> list[str]:
     """Return the columns that are not properties of others: of several spellings of one column it is the first."""
+    partitions = dict[bytes, str]()
+    for name, code in codes.items():
+        partitions.setdefault(_numbered(code).tobytes(), name)
+    by_size = sorted(partitions.values(), key=lambda name: -len(np.unique(codes[name])))
     result = list[str]()
-    for i, (name, code) in enumerate(codes.items()):
-        finer = [j for j, candidate in enumerate(codes.values()) if j != i and _determines(candidate, code)]
-        if not any(j < i or not _determines(code, [*codes.values()][j]) for j in finer):
-            result.append(name)
-    return result
+    while by_size:  # The finest of the rest is determined by none, and what it determines is a property
+        name, *rest = by_size
+        result.append(name)
+        by_size = [label for label in rest if not _determines(codes[name], codes[label])]
+        if len(result) > _MAX_COMPARED:
+            result += by_size
+            break
+    return [name for name in codes if name in {*result}]
+
+
+def _numbered(codes: Codes) -> Codes:
+    """Return codes of the same partition that are numbered as they first occur."""
+    _, first, which = np.unique(codes, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[which]
 
 
 def _determines(codes: Codes, others: Codes) -> bool:
@@ -404,6 +417,8 @@ _MIN_JUMP = 3.0
 """Of what is measured where a label changes, relative to the root mean square of steps at the same label."""
 _MIN_GAP = 1.5
 """Of a clock where a label changes, relative to nearly all steps at the same label."""
+_MAX_COMPARED = 50
+"""Columns of numbers that are compared with a label."""
 _MIN_RUN = 3
 """Mean number of rows of the same label that follow each other; of fewer, a logger takes turns."""
 
@@ -422,7 +437,7 @@ def _begins_anew(table: Table, codes: Codes, times: Floats) -> bool:
         return True
     if is_in_turns and codes.max() < 2:
         return False
-    columns = [readable(table, name) for name in table.columns if table.is_numeric(name)]
+    columns = [readable(table, name) for name in table.numeric[:_MAX_COMPARED]]
     parts = [(codes[known], values[known]) for values in columns if np.sum(known := np.isfinite(values)) > _MIN_RUN]
     return any(_is_nearer_to_same(*part) if is_in_turns else _jumps_between(*part) for part in parts)
 

@@ -292,7 +292,7 @@ def text_table(source: str, content: bytes) -> Table:
     kept = np.flatnonzero(lines)
     counts, columns = Counter[tuple[int, str]](), list[Column]()
     for i in range(len(header)):
-        cells = frame.pop(frame.columns[0]).to_numpy(dtype=object)[kept]
+        cells = frame.iloc[:, i].to_numpy(dtype=object)[kept]
         if (is_word := pd.Series(cells).isin(_MISSING).to_numpy()).any():
             counts.update((i, word) for word in cells[is_word])
             cells[is_word] = np.nan
