@@ -14,6 +14,7 @@ from commonlaw.discovery.hints import (
     outcomes_of_generations,
     outcomes_of_rivals,
     outcomes_of_separate_states,
+    outcomes_of_units,
 )
 from commonlaw.discovery.known_physics import Base, order_of_base, with_base
 from commonlaw.discovery.measured_rates import GivenDerivatives, with_derivatives
@@ -218,7 +219,7 @@ class LawDiscovery:
         outcomes = (*with_origin_outcomes(outcomes, law, trials), *outcomes_of_confounding(trials, law.order, library))
         if self.order == "auto" and law.order != 0:
             outcomes = (*outcomes, *outcomes_of_generations(law, trials))
-        outcomes = (*outcomes, *outcomes_of_separate_states(law))
+        outcomes = (*outcomes, *outcomes_of_separate_states(law), *outcomes_of_units(law))
         domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
         law = replace(law, provenance=replace(provenance, domain=domain))
         return replace(law, provenance=replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials))))

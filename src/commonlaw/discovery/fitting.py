@@ -10,6 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.diagnostics import Outcome, OutcomeKind, marked, note
+from commonlaw.discovery.hints import outcomes_of_units
 from commonlaw.discovery.known_physics import known_coefficients
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
@@ -367,7 +368,7 @@ def fit(
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
     limits = () if called else tuple(_one_sided_limits(law, trials))
-    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *limits)
+    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *limits, *outcomes_of_units(law))
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
 
@@ -399,7 +400,9 @@ def _of_model(
         interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
         begun = begin(text, interpolated, **given, log_states=log_states, noise=noise)
         fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
-        laws.append(fitted.law(calls))
+        law = fitted.law(calls)
+        noted = replace(law.provenance, outcomes=(*law.provenance.outcomes, *outcomes_of_units(law)))
+        laws.append(replace(law, provenance=noted))
     likelihoods = np.array([law.observation.log_likelihood for law in laws if law.observation is not None])
     gains = 2 * (likelihoods - likelihoods[0])
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0

@@ -17,10 +17,10 @@ from commonlaw.forecast import fitted, forecast_from
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.formulation import law_variables
 from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confounded_sets
-from commonlaw.inference.settings import STRONG, VERY_STRONG
+from commonlaw.inference.settings import SIGNIFICANT, STRONG, VERY_STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
-from commonlaw.law.parameters import rate_names, state_rates
+from commonlaw.law.parameters import named_parameters, rate_names, state_rates
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import left_hand_sides
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, parse_library
@@ -180,6 +180,35 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
             both = [100 * max(0.0, 1 - rss / regression.about_means) for rss in (squares, regression.squares)]
             where, state = equations[regression.state], regression.state
             result.append(note("discrete-time-plausible", where, state=state, by_law=both[0], by_regression=both[1]))
+    return tuple(result)
+
+
+_FACTORS = np.array([factor**sign for sign in (1.0, -1.0) for factor in (*10.0 ** np.arange(1, 7), 60.0, 3600.0, 2.54)])
+"""Ratios between common units: powers of ten, minutes and hours in seconds, and inches in centimetres."""
+
+
+def outcomes_of_units(law: Law) -> tuple[Outcome, ...]:
+    """Return a note for each parameter by which one object differs from all others by a factor between two units.
+
+    The ratio of its value to the geometric mean of the others has a logarithm that exceeds three times the range of
+    theirs, and lies within that range, or two standard errors, of a factor's. There must be three objects.
+    """
+    parameters, result = named_parameters(law), list[Outcome]()
+    if len(law.objects) < 3:
+        return ()
+    for p, name in enumerate(parameters.names):
+        values, errors = parameters.values[:, p], parameters.errors[:, p]
+        if not (np.isfinite(values).all() and (np.all(values > 0) or np.all(values < 0))):
+            continue
+        logarithms = np.log(np.abs(values))
+        o = int(np.argmax(np.abs(logarithms - np.median(logarithms))))
+        others = np.delete(logarithms, o)
+        ratio, spread = float(logarithms[o] - others.mean()), float(np.ptp(others))
+        distances = np.abs(ratio - np.log(_FACTORS))
+        tolerance = spread + SIGNIFICANT * float(np.nan_to_num(errors[o] / abs(values[o])))
+        if abs(ratio) > 3 * tolerance and distances.min() <= tolerance:
+            factor, at = float(_FACTORS[int(np.argmin(distances))]), law.objects[o]
+            result.append(note("object-in-other-units", name=name, object=at, ratio=np.exp(ratio), factor=factor))
     return tuple(result)
 
 
