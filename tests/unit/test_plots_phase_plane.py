@@ -129,3 +129,10 @@ def test_a_profile_shows_what_the_data_do_not_bound():
     assert likelihood_profile(law, trials, "K").interval[1] == np.inf
     with refused("unknown-name"):
         likelihood_profile(law, trials, "W")
+
+
+def test_coordinates_of_fixed_points_that_vanish_are_exactly_zero():
+    law = Law.from_text("x' = 0.7 x - 0.005 x^2 - 0.0001 x y^2; y' = 0.5 y - 0.003 x y - 0.003 y^2")
+    states = np.array([state for state, *_ in points_of(law, (0.0, 0.0), (300.0, 300.0))])
+    assert len(states) >= 3
+    assert np.all((states == 0) | (states > 1e-3))

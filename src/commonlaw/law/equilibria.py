@@ -155,6 +155,7 @@ def fixed_points(
     largest = np.max(changes, axis=0, where=np.isfinite(changes), initial=0.0)
     usual = np.where(largest > 0, largest, np.inf)
     reached = _newton(highest, starts, span)
+    reached = np.where(np.abs(reached) <= 1e-12 * span, 0.0, reached)  # Zero but for rounding
     reached = reached[np.isfinite(reached).all(axis=1) & np.all((reached >= low) & (reached <= high), axis=1)]
     isolated = list[Floats]()
     for state in reached:

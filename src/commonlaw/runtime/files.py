@@ -355,7 +355,7 @@ def check_targets(paths: Iterable[AnyPath], inputs: Iterable[AnyPath] = ()) -> "
 
 
 def make_folder(folder: AnyPath, private: bool = False) -> None:
-    """Make a folder, and those that it is in, where they are not there yet; a new private one for nobody else.
+    """Make a folder, and those that it is in, where they are not there yet; a new private one for its owner alone.
 
     Raises `CommonlawError` if it cannot be made.
     """
