@@ -121,7 +121,9 @@ class ObservedLaw:
         for shift, i in zip(beginning[model.width :], self.of_trial, strict=True):
             values[i] = self.restrictions.priors.get(model.parameters[i], (values[i], 0.0))[0] + shift
         at = self.observation.initial_time
-        trial = Trial(name, "", times, np.zeros((len(times), len(model.observables))))
+        trial = Trial(
+            name, "planned", times, np.zeros((len(times), len(model.observables)))
+        )  # Not one that was measured
         free = np.isin(np.arange(model.width), model.free_of(trial))
         grid = times if at is None or starts_by(trial, at) else np.append(at, times)
         data = TrialData(
