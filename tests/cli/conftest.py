@@ -8,7 +8,8 @@ import pytest
 @pytest.fixture
 def run(monkeypatch, run):
     """Run the command, which says nothing of progress, however slow the machine."""
-    monkeypatch.setattr(import_module("commonlaw.cli.main"), "INTERVAL", 1e6)
+    for name in ("INTERVAL", "SECONDS_UNTIL_SHOWN"):
+        monkeypatch.setattr(import_module("commonlaw.cli.main"), name, 1e6)
     return run
 
 
