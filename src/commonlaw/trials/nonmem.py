@@ -28,7 +28,7 @@ MAX_DOSES = 10_000
 def items_of(table: Table, reading: Reading) -> dict[str, str]:
     """Return the columns of a NONMEM data set by item, in small letters; none if a table is no such data set.
 
-    It has amounts or measurements, ``AMT`` or ``DV``, and another item; amounts may also be called doses beside EVID,
+    It has amounts or measurements, ``AMT`` or ``DV``, and another item; amounts may also be called doses next to EVID,
     MDV, CMT or DVID. A column that has another role by the user is no item.
     """
     given = [_listed(reading.get(role)) for role in ("time", "object", "trial", "properties", "noise_columns")]
@@ -94,7 +94,7 @@ class _Records:
             is_sample = ~given
             if "mdv" in items:
                 is_sample = np.ones(len(table), dtype=np.bool_)
-            elif "dv" in items:  # A zero beside an amount fills the cell
+            elif "dv" in items:  # A zero in the row of an amount fills the cell
                 is_sample |= np.nan_to_num(table.numbers(items["dv"], missing=True)) != 0
         is_dose = np.isin(event, (1, 4))
         result = cls(
