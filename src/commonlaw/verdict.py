@@ -398,7 +398,8 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     others = [trial for trial in whole if (trial.object, trial.name) not in learned_from]
     held_out = [trial for trial in others if trial.object in law.objects]
     checked = whole.with_trials(held_out or [trial for trial in whole if (trial.object, trial.name) in learned_from])
-    start = samples_before(min(map(len, checked)), law.order) if can_fit_initial_state(law) or law.observation else None
+    fewest = min(len(trial.measured()) for trial in checked)
+    start = samples_before(fewest, law.order) if can_fit_initial_state(law) or law.observation else None
     checking = partial(law.predict, checked, return_std=bands, start=start)
     forecast = _tried("the law was not checked by forecasts", checking, failures)
     if verdict is not None and verdict.usable is not None:

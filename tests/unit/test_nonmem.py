@@ -14,6 +14,7 @@ from commonlaw import CommonlawError
 from commonlaw.app.equations import solved
 from commonlaw.app.question import Equations, Table
 from commonlaw.trials.trial import Dose
+from commonlaw.verdict import find
 
 ONE = "DV' = -k DV + AMT/V"
 
@@ -59,6 +60,26 @@ def test_amounts_may_be_called_doses_and_measurements_concentrations() -> None:
     table = data_set((0, 100, 0, 1), (1, 0, 8, 0), (2, 0, 5, 0), (3, 0, 4, 0), columns="TIME dose conc MDV")
     (trial,) = trials = cl.Trials.from_frame(table)
     assert (trials.schema.states, trial.times.tolist(), trial.doses) == (("conc",), [1, 2, 3], (Dose(0, 100),))
+
+
+def test_amounts_are_doses_where_their_rows_lack_measurements() -> None:
+    time, dose = np.arange(6.0), [100, np.nan, np.nan, 40, np.nan, np.nan]
+    conc, effect = [np.nan, 8, 5, np.nan, 7, np.nan], [np.nan, np.nan, 2, np.nan, np.nan, 1]
+    table = pd.DataFrame({"time": time, "dose": dose, "conc": conc, "effect": effect, "weight": 70.0})
+    (trial,) = trials = cl.Trials.from_frame(table)
+    assert [(given.time, given.amount) for given in trial.doses] == [(0, 100), (3, 40)]
+    assert (trials.schema.states, trial.times.tolist()) == (("conc", "effect"), [1, 2, 4, 5])
+    assert cl.Trials.from_frame(table, inputs="dose").schema.inputs == ("dose",)
+
+
+def test_amounts_between_samples_are_doses_by_name_alone() -> None:
+    """A measurement in the row of a dose may have been before or after it."""
+    dose = [100.0, np.nan, np.nan, 40, np.nan, np.nan]
+    trials = cl.Trials.from_frame({"time": np.arange(6.0), "dose": dose, "conc": [0.0, 8, 5, 3, 7, 4]})
+    assert trials.schema.inputs == ("dose",)
+    with pytest.raises(CommonlawError) as caught:
+        cl.fit("conc' = -k conc + dose/V", trials)
+    assert (caught.value.code, caught.value.parameters["name"]) == ("doses-interpolated", "dose")
 
 
 def test_infusions_repeats_and_compartments() -> None:
@@ -214,6 +235,19 @@ def test_estimates_are_those_of_least_squares(kind: str, equation: str) -> None:
         found = estimates.loc[str(subject), ["k", "V"]].to_numpy(dtype=float)
         assert np.abs(found - np.exp(best.x)).max() < 1.0
         assert (np.abs(found - np.exp(best.x)) / errors).max() < 0.1
+    forecast = find(law, cl.Trials.from_frame(table), bands=False).forecast
+    assert forecast is not None
+    assert not forecast.is_fit
+
+
+def test_doses_in_alternate_rows_are_those_of_records() -> None:
+    table, _ = five("neonates")
+    is_dose = table.MDV == 1
+    columns = {"dose": table.AMT.where(is_dose), "weight": table.ID / 4, "conc": table.DV.where(~is_dose)}
+    alternate = cl.Trials.from_frame(pd.DataFrame({"Subject": table.ID, "time": table.TIME, **columns}))
+    for trial, other in zip(cl.Trials.from_frame(table), alternate, strict=True):
+        assert (trial.object, trial.doses, trial.times.tolist()) == (other.object, other.doses, other.times.tolist())
+        assert np.array_equal(trial.states, other.states)
 
 
 def test_other_verbs_take_the_doses(tmp_path: Path) -> None:

@@ -89,11 +89,12 @@ def test_hours_and_minutes_without_a_colon_are_times_of_day(tmp_path, passes):
     assert seconds[0].times[-1] == 230
 
 
-def test_doses_in_consecutive_rows_are_said_to_be_amounts(tmp_path):
+def test_doses_in_consecutive_rows_are_amounts(tmp_path):
     frame = experiment(Subject=[1, 2])
     frame["dose"] = np.where(frame["Time"] % 3 == 0, np.nan, 10.0)
     frame.loc[frame["dose"].notna(), "conc"] = np.nan
-    assert any("doses=['dose']" in note for note in read(tmp_path, frame).notes)
+    assert {dose.amount for trial in read(tmp_path, frame) for dose in trial.doses} == {10.0}
+    assert any("doses=['dose']" in note for note in read(tmp_path, frame, inputs="dose").notes)
 
 
 @pytest.mark.parametrize(

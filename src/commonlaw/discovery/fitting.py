@@ -57,6 +57,7 @@ from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.equation_columns import as_named
 from commonlaw.trials.transformations import (
+    amounts_at_samples,
     objects_at_rest,
     outcome_of_rest,
     with_doses,
@@ -233,6 +234,8 @@ def fit(
     doses = () if trials.schema.doses else doses  # The table records them
     model = ModelText.of(equations, observe)
     trials = as_named(trials, model.named, "; ".join(equations if not isinstance(equations, str) else [equations]))
+    if input_interpolation is None:
+        _refuse_interpolated_amounts(model, trials, doses)
     dosed = with_doses(trials, doses)
     starts = written_starts(model, initial_values or {})
     initial_time = usual_initial_time(trials) if initial_time is None else initial_time
@@ -371,6 +374,14 @@ def fit(
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *limits, *outcomes_of_units(law))
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
+
+
+def _refuse_interpolated_amounts(model: ModelText, trials: Trials, doses: Sequence[str]) -> None:
+    """Refuse equations with an input that is called an amount and holds single ones, unless these are doses."""
+    for name in amounts_at_samples(trials):
+        occurrence = re.compile(rf"(?<!\w)`?{re.escape(name)}`?(?!\w)")
+        if name not in doses and any(occurrence.search(equation) for equation in model.equations):
+            raise CommonlawError("doses-interpolated", name=name)
 
 
 def _refuse_free_starts(trials: Trials, states: Sequence[str]) -> None:

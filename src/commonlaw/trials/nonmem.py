@@ -3,7 +3,7 @@
 Beal, Sheiner, Boeckmann and Bauer (eds.), NONMEM Users Guides, part VIII: data items of PREDPP.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from commonlaw.text import counted
 from commonlaw.trials.columns import Codes, Column, Table
 from commonlaw.trials.headers import label, split_header
 from commonlaw.trials.reading import Reading
-from commonlaw.trials.recognition import SEPARATE, is_amount, is_called
+from commonlaw.trials.recognition import SEPARATE, is_amount, is_called, readable
 from commonlaw.trials.trial import Dose
 
 _OF_DOSES = frozenset({"rate", "ii", "addl", "ss", "dur", "tinf"})
@@ -29,7 +29,8 @@ def items_of(table: Table, reading: Reading) -> dict[str, str]:
     """Return the columns of a NONMEM data set by item, in small letters; none if a table is no such data set.
 
     It has amounts or measurements, ``AMT`` or ``DV``, and another item; amounts may also be called doses next to EVID,
-    MDV, CMT or DVID. A column that has another role by the user is no item.
+    MDV, CMT or DVID, or where their rows are exactly those without a measurement. A column that has another role by the
+    user is no item.
     """
     given = [_listed(reading.get(role)) for role in ("time", "object", "trial", "properties", "noise_columns")]
     taken = {name for names in given for name in names}
@@ -42,9 +43,30 @@ def items_of(table: Table, reading: Reading) -> dict[str, str]:
     amounts = [name for name in table.columns if is_amount(name) and name not in taken]
     if amounts and items.keys() & _OF_RECORDS:
         items.setdefault("amt", amounts[0])
+    alternating = [name for name in amounts if name not in _listed(reading.get("inputs"))]
+    is_alternating = len(alternating) == 1 and _alternates(table, alternating[0], taken)
+    if is_alternating:
+        items.setdefault("amt", alternating[0])
     more = items.keys() & (_OF_RECORDS | _OF_DOSES if "amt" in items else _OF_RECORDS)
-    is_data_set = {"amt", "dv"} <= items.keys() or (more and items.keys() & {"amt", "dv"})
+    is_data_set = is_alternating or {"amt", "dv"} <= items.keys() or (more and items.keys() & {"amt", "dv"})
     return items if is_data_set and not reading.get("wide") else {}
+
+
+def _alternates(table: Table, amount: str, taken: Collection[str]) -> bool:
+    """Say whether the rows of amounts are exactly those in which nothing is measured.
+
+    Measurements are the numbers that no row of an amount has.
+    """
+    if not table.is_numeric(amount):
+        return False
+    is_dose = np.nan_to_num(readable(table, amount)) != 0
+    is_sample = np.zeros(len(table), dtype=np.bool_)
+    for name in table.columns:
+        if name != amount and name not in taken and table.is_numeric(name):
+            is_filled = np.isfinite(readable(table, name))
+            if not is_filled[is_dose].any():
+                is_sample |= is_filled
+    return bool(is_dose.any() and is_sample.any() and (is_dose != is_sample).all())
 
 
 def _listed(names: Any) -> list[str]:

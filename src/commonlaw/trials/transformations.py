@@ -417,11 +417,16 @@ def refuse_amounts(trials: Trials) -> None:
     for trial in trials:
         if trials.schema.administered and acts_later(trial):
             raise CommonlawError("doses-recorded", name=trials.schema.administered[0], where=trial.label)
-    for j, name in enumerate(trials.schema.inputs):
-        if note_on_pulses(name) in trials.notes and is_amount(name):
-            for trial in trials:
-                if trial.inputs[1:, j].any():
-                    raise CommonlawError("doses-in-search", name=name, where=trial.label)
+    for name in amounts_at_samples(trials):
+        j = trials.schema.inputs.index(name)
+        for trial in trials:
+            if trial.inputs[1:, j].any():
+                raise CommonlawError("doses-in-search", name=name, where=trial.label)
+
+
+def amounts_at_samples(trials: Trials) -> list[str]:
+    """Return the inputs that are called amounts and hold single ones, as read from a table."""
+    return [name for name in trials.schema.inputs if is_amount(name) and note_on_pulses(name) in trials.notes]
 
 
 def without_notes_on(doses: Sequence[str], trials: Trials) -> Trials:
