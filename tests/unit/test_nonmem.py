@@ -250,6 +250,23 @@ def test_doses_in_alternate_rows_are_those_of_records() -> None:
         assert np.array_equal(trial.states, other.states)
 
 
+def test_tables_of_forecasts_have_times_measured_or_wanted_and_states_after_doses() -> None:
+    measured, wanted = [1.0, 2.0, 4.0, 5.0, 7.0], [0.0, 3.0, 9.0]
+    doses = [(0.0, 100.0, 0.0), (3.0, 50.0, 0.0)]
+    table = pd.DataFrame({"TIME": measured, "DV": modelled(np.array(measured), doses, 0.4, 8.0)})
+    given = pd.DataFrame({"TIME": [0.0, 3.0], "AMT": [100.0, 50.0]})
+    trials = cl.Trials.from_frame(pd.concat([table, given]).sort_values("TIME", ignore_index=True))
+    law = cl.fit(ONE, trials)
+    assert law.predict(trials).to_frame()["TIME"].tolist() == measured
+    frame = law.predict(trials, times=wanted).to_frame()
+    after = modelled(np.array(wanted) + 1e-9, doses, 0.4, 8.0)
+    assert frame["TIME"].tolist() == sorted(measured + wanted)
+    assert np.allclose(frame["DV forecast"][frame["TIME"].isin(wanted)], after, rtol=1e-3)
+    later = law.predict(trials, times=wanted, from_time=3.0, return_std=True).interval()
+    assert later["TIME"].tolist() == [3, 4, 5, 7, 9]
+    assert (later["high"] > later["low"]).all()
+
+
 def test_other_verbs_take_the_doses(tmp_path: Path) -> None:
     table, _ = five("infusions")
     trials = cl.Trials.from_frame(table[table.ID == 1])

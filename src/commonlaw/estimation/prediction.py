@@ -193,7 +193,7 @@ def predict_observed(
     shown = with_noise(with_logarithms(trials, observation.measured.logarithmic), observation.noise_of)
     curves = [_Curve.of(observed, trials, trial, start, from_time, tolerance) for trial in shown]
     points = shown.with_trials([_with_times(trial, more) for trial in shown])
-    forecast = _forecast(observation, points, curves, from_time, return_std)
+    forecast = replace(_forecast(observation, points, curves, from_time, return_std), wanted=more)
     return forecast.as_measured(trials) if observation.measured.logarithmic else forecast
 
 

@@ -1,13 +1,13 @@
 """Forecasts of trials and what was measured: what `Law.predict` gives."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.diagnostics import Outcome
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration import Trajectory
@@ -83,6 +83,8 @@ class Forecast(ShownInNotebooks):
     latent
         States and rates of a law with observation equations, for each trial of shape (n, states + rates); empty for
         other laws, whose trajectories hold them.
+    wanted
+        Times that were asked for, shape (m,).
     """
 
     trials: Trials
@@ -98,6 +100,7 @@ class Forecast(ShownInNotebooks):
     horizons: tuple[Floats, ...] = ()
     interval_inflation: IntervalInflation | None = None
     latent: tuple[Floats, ...] = ()
+    wanted: Floats = field(default_factory=lambda: np.empty(0))
 
     def __repr__(self) -> str:
         lost = f", {len(self.outcomes)} diverged" if self.outcomes else ""
@@ -134,6 +137,9 @@ class Forecast(ShownInNotebooks):
     def to_frame(self) -> "pd.DataFrame":
         """Return a long table: object, trial, time, and each state as measured, as forecast, and their difference.
 
+        Rows are the samples of the trials and the times that were asked for. At the time of a dose they show the state
+        after it, unless it was measured in the row of the dose.
+
         With standard deviations each state has the ends of its 95 % interval ("low", "high"), and where the noise is
         known those for a measurement ("measured low", "measured high").
         """
@@ -143,15 +149,16 @@ class Forecast(ShownInNotebooks):
         kinds = {} if self.std is None else {"": self.bands()}
         if kinds and self.noise is not None:
             kinds["measured "] = self.bands(measured=True)
-        for i, (trial, forecast, ahead) in enumerate(zip(self.trials, self._states(), self.ahead, strict=True)):
-            part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times}
+        for i, (trial, forecast) in enumerate(zip(self.trials, self._states(), strict=True)):
+            times, rows = self._rows(trial)
+            part = {schema.object: trial.object, schema.trial: trial.name, schema.time: times}
             for j, name in enumerate(schema.states):
-                part[name] = trial.states[:, j]
-                part[f"{name} forecast"] = forecast[:, j]
-                part[f"{name} error"] = forecast[:, j] - trial.states[:, j]
+                part[name] = trial.states[rows, j]
+                part[f"{name} forecast"] = forecast[rows, j]
+                part[f"{name} error"] = forecast[rows, j] - trial.states[rows, j]
                 for kind, bands in kinds.items():
-                    part[f"{name} {kind}low"], part[f"{name} {kind}high"] = (end[:, j] for end in bands[i])
-            parts.append(pd.DataFrame(part)[ahead])
+                    part[f"{name} {kind}low"], part[f"{name} {kind}high"] = (end[rows, j] for end in bands[i])
+            parts.append(pd.DataFrame(part))
         return pd.concat(parts, ignore_index=True)
 
     def smooth(self, points: int = 300) -> "Forecast":
@@ -185,11 +192,12 @@ class Forecast(ShownInNotebooks):
         import pandas as pd
 
         schema, parts, bands = self.trials.schema, [], self.bands(level, measured)
-        for trial, forecast, (low, high), ahead in zip(self.trials, self._states(), bands, self.ahead, strict=True):
+        for trial, forecast, (low, high) in zip(self.trials, self._states(), bands, strict=True):
+            times, rows = self._rows(trial)
             for j, name in enumerate(schema.states):
-                part = {schema.object: trial.object, schema.trial: trial.name, schema.time: trial.times, "state": name}
-                part |= {"forecast": forecast[:, j], "low": low[:, j], "high": high[:, j]}
-                parts.append(pd.DataFrame(part)[ahead])
+                part = {schema.object: trial.object, schema.trial: trial.name, schema.time: times, "state": name}
+                part |= {"forecast": forecast[rows, j], "low": low[rows, j], "high": high[rows, j]}
+                parts.append(pd.DataFrame(part))
         return pd.concat(parts, ignore_index=True)
 
     def bands(self, level: float = 0.95, measured: bool = False) -> tuple[tuple[Floats, Floats], ...]:
@@ -344,6 +352,18 @@ class Forecast(ShownInNotebooks):
     def ahead(self) -> tuple[Bools, ...]:
         """Which samples of each trial are forecast, each of shape (n,); the others determined the initial state."""
         return tuple(trial.times >= (-np.inf if self.from_time is None else self.from_time) for trial in self.trials)
+
+    def _rows(self, trial: Trial) -> tuple[Floats, Indices]:
+        """Return the times of a trial in tables, and the samples that these show, shape (n,) each."""
+        wanted = self.wanted[(self.wanted >= trial.times[0]) & (self.wanted <= trial.times[-1])]
+        is_added = np.isin(trial.times, trial.corners[:, 0])
+        is_row, is_measured = ~is_added, _measured(trial) & ~is_added
+        is_row[np.rint(np.interp(wanted, trial.times, np.arange(len(trial)))).astype(int)] = True
+        rows = np.flatnonzero(is_row & (trial.times >= (-np.inf if self.from_time is None else self.from_time)))
+        samples = rows.copy()
+        for end, at in trial.corners[np.isfinite(trial.corners).all(axis=1)].tolist():
+            samples[(trial.times[rows] == at) & ~is_measured[rows]] = np.searchsorted(trial.times, end)
+        return trial.times[rows], samples
 
     def _compared(self) -> list[tuple[Floats, Floats]]:
         """Return for each trial the states as measured and as forecast, at the samples that are forecast."""

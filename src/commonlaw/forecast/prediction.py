@@ -191,7 +191,9 @@ def predict(
         ahead = max(ahead, float(trial.times[-1] - since))
     unit = result.trials.schema.units.get(result.trials.schema.time, "")
     notes += tuple(law.provenance.domain.remarks(visited, unit, ahead))
-    return replace(result, trials=replace(result.trials, notes=(*result.trials.notes, *notes))) if notes else result
+    wanted = np.empty(0) if times is None else np.atleast_1d(numbers_of("times", times))
+    noted = replace(result.trials, notes=(*result.trials.notes, *notes)) if notes else result.trials
+    return replace(result, trials=noted, wanted=wanted)
 
 
 def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: float | None = None) -> Forecast:

@@ -263,9 +263,9 @@ RECORDED_MOMENT = 1e-6
 def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
     """Return trials in which some inputs, amounts at samples, are what is added in the moment after these.
 
-    There an input rises and falls on straight lines over two further samples, at which nothing was measured. The
-    integral is the amount. A trial whose first dose is before its first measurement begins there. All inputs must be
-    doses, and every object must have one.
+    There an input rises and falls on straight lines over two further samples, at which nothing was measured; these are
+    `Trial.corners`, as are doses in rows without a measurement. The integral is the amount. A trial whose first dose is
+    before its first measurement begins there. All inputs must be doses, and every object must have one.
     """
     new = [name for name in doses if name not in trials.schema.doses]
     if not new:
@@ -295,12 +295,21 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
     for trial in begun:
         given = np.flatnonzero(trial.inputs[:-1].any(axis=1))
         moment = MOMENT * float(np.diff(trial.times).min(initial=np.inf))
-        times = np.concatenate([trial.times, trial.times[given] + moment, trial.times[given] + 2 * moment])
+        at, ends = trial.times[given], trial.times[given] + 2 * moment
+        times = np.concatenate([trial.times, at + moment, ends])
+        corners = _corners(trial, np.append(at, at + moment), ends, at)
         order, none = np.argsort(times, kind="stable"), np.zeros_like(trial.inputs[given])
         inputs = np.concatenate([np.zeros_like(trial.inputs), trial.inputs[given] / moment, none])
         samples = _among(trial, np.flatnonzero(order < len(trial)), len(times))
-        changed.append(replace(trial, times=times[order], inputs=inputs[order], **samples))
+        changed.append(replace(trial, times=times[order], inputs=inputs[order], corners=corners, **samples))
     return replace(without_notes_on(doses, trials), trials=tuple(changed), schema=schema)
+
+
+def _corners(trial: Trial, added: Floats, ends: Floats, at: Floats) -> Floats:
+    """Return `Trial.corners` by times of samples, of a trial without them, and by the ends of doses at some times."""
+    measured = trial.times[(np.isfinite(trial.states) | np.isfinite(trial.below)).any(axis=1)]
+    alone = np.setdiff1d(added, measured)
+    return np.concatenate([np.column_stack([alone, np.full(len(alone), np.nan)]), np.column_stack([ends, at])])
 
 
 def with_zeros_before_doses(trials: Trials) -> Trials:
@@ -381,13 +390,15 @@ def _with_rates_of_doses(trial: Trial, compartments: Sequence[int | None]) -> Tr
         first = doses[0]
         before = range(1, 1 + max(1, int(np.ceil(first.duration / cycle))))
         doses += [replace(first, time=first.time - k * cycle) for k in before]
-    curves = list[tuple[int, Floats, Floats]]()
+    curves, ends = list[tuple[int, Floats, Floats]](), list[tuple[float, float]]()
     for dose in doses:
         start = dose.time - 2 * moment * dose.is_before
         knots, heights = start + moment * np.arange(3.0), np.array([0.0, 1.0, 0.0])
         if dose.duration:
             knots = start + np.array([0.0, moment, dose.duration, dose.duration + moment])
             heights = np.array([0.0, 1.0, 1.0, 0.0])
+        elif not dose.is_before:
+            ends.append((float(knots[-1]), start))
         area = np.sum(np.diff(knots) * (heights[1:] + heights[:-1])) / 2
         curves.append((dose.compartment, knots, heights * dose.amount / area))
     grid = np.unique(np.concatenate([[begins], trial.times, *(knots for _, knots, _ in curves)]))
@@ -397,7 +408,10 @@ def _with_rates_of_doses(trial: Trial, compartments: Sequence[int | None]) -> Tr
         chosen = [number in (None, compartment) for number in compartments]
         inputs[:, chosen] += np.interp(grid, knots, heights, left=0.0, right=0.0)[:, np.newaxis]
     samples = _among(trial, np.searchsorted(grid, trial.times), len(grid))
-    return replace(trial, times=grid, inputs=inputs, **samples, doses=(), cycle=cycle, begins_with_dose=True)
+    corners = _corners(trial, np.setdiff1d(grid, trial.times), *np.array(ends).reshape(-1, 2).T)
+    return replace(
+        trial, times=grid, inputs=inputs, **samples, doses=(), cycle=cycle, begins_with_dose=True, corners=corners
+    )
 
 
 def acts_later(trial: Trial) -> bool:

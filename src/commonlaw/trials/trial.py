@@ -252,6 +252,9 @@ class Trial:
         Doses that the table records, in the order of time, before `with_doses` makes inputs of them.
     cycle
         The period of a steady state: the states return to those at the first sample after it; 0 without such.
+    corners
+        Times of samples that `with_doses` adds, and, where such a sample ends a dose at once, of this dose, else NaN,
+        shape (k, 2).
     """
 
     object: str
@@ -266,6 +269,7 @@ class Trial:
     begins_with_dose: bool = False
     doses: tuple[Dose, ...] = ()
     cycle: float = 0.0
+    corners: Floats = field(default_factory=lambda: np.empty((0, 2)))
 
     def __post_init__(self) -> None:
         for name in ("object", "name"):

@@ -77,8 +77,10 @@ def converted(trial: Trial, schema: Schema, changed: Mapping[str, Conversion]) -
         )
         for dose in trial.doses
     )
-    times, cycle = clock.of(trial.times), clock.scale * trial.cycle
-    changed_trial = replace(trial, times=times, inputs=inputs, earlier=earlier, doses=doses, cycle=cycle)
+    times, corners, cycle = clock.of(trial.times), clock.of(trial.corners), clock.scale * trial.cycle
+    changed_trial = replace(
+        trial, times=times, inputs=inputs, earlier=earlier, doses=doses, cycle=cycle, corners=corners
+    )
     return mapped(changed_trial, functions, factors)
 
 
