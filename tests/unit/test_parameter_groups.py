@@ -167,7 +167,18 @@ def test_objects_of_one_property_share_their_noise(tmp_path):
     assert estimates(law, "A")["k"][0] == pytest.approx(best.x[0], rel=1e-5)
     noise = law.observation.noise_of["y"]
     assert noise["B"] == noise["C"]
-    assert [noise["A"], noise["B"]] == pytest.approx(np.exp(best.x[2:]), rel=0.03)  # Unbiased
+    decay = np.exp(-best.x[0] * t)
+    slopes = np.column_stack([-best.x[1] * t * decay, decay])
+    squares = {name: np.sum((y - best.x[1] * decay) ** 2) for name, (_, y) in samples.items()}
+    fine, coarse = squares["A"], squares["B"] + squares["C"]
+
+    def restricted(logs):
+        weights = np.exp(-2 * logs[0]) + 2 * np.exp(-2 * logs[1])
+        likelihood = fine * np.exp(-2 * logs[0]) + coarse * np.exp(-2 * logs[1]) + 2 * len(t) * (logs[0] + 2 * logs[1])
+        return likelihood + np.linalg.slogdet(weights * slopes.T @ slopes)[1]
+
+    levels = np.exp(minimize(restricted, best.x[2:], options={"gtol": 1e-8}).x)
+    assert [noise["A"], noise["B"]] == pytest.approx(levels, rel=1e-5)
     law.save(tmp_path / "law.json")
     again = cl.Law.load(tmp_path / "law.json")
     assert again.observation.noise_of == law.observation.noise_of

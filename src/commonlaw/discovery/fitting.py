@@ -546,7 +546,8 @@ def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict
                 end = bound.low if value < bound.low else bound.high
                 if end == 0 and part.power < 0:  # It is divided by: zero has no best fit
                     raise _out_of_bounds(owner, bound, f"{value:.3g}")
-                outcomes.append(estimate_at_bound(owner, bound.name, end, end == bound.low, value, error, bound.text))
+                degrees, is_low = float(parameters.degrees_of_freedom[0, at]), end == bound.low
+                outcomes.append(estimate_at_bound(owner, bound.name, end, is_low, value, error, bound.text, degrees))
                 coefficients[:, part.equation, part.term] = part.factor * end ** float(part.power)
                 is_free[:, part.equation, part.term] = False
                 held.add(bound.name)

@@ -111,7 +111,7 @@ def updated(law: Law, trials: Trials) -> Law:
         law,
         objects=trials.objects,
         coefficients=coefficients,
-        uncertainty=Uncertainty(covariance=covariance),
+        uncertainty=Uncertainty(covariance=covariance, degrees_of_freedom=law.uncertainty.degrees_of_freedom),
         properties={owner: attribute for part in parts for owner, attribute in part.properties.items()},
         observation=replace(observation, estimated=estimated, log_likelihood=likelihood),
     )
@@ -227,6 +227,11 @@ class Fitted:
             name: {owner: noise[f"{name} of {group}"] for owner, group in group_of.items()}
             for name, group_of in groups.items()
         }
+        freedom = dict(zip(problem.model.observables, optimum.degrees_of_freedom.tolist(), strict=True))
+        freedom |= {
+            name: min(freedom[f"{name} of {group}"] for group in group_of.values()) for name, group_of in groups.items()
+        }
+        degrees = {name: freedom[name] for name in model.observables if freedom[name] < np.inf}
         noise = {name: noise.get(name) or float(np.median(list(noise_of[name].values()))) for name in model.observables}
         largest = [
             np.abs(problem.predicted(trial, optimum.unknowns, False).states).max(axis=0) for trial in problem.trials
@@ -255,6 +260,7 @@ class Fitted:
             begun.restrictions,
             model.text.events,
             model.text.functions,
+            degrees,
         )
         steps = (
             Step("equations", "; ".join(given.texts), "as given"),
@@ -285,7 +291,11 @@ class Fitted:
             model.order,
             trials.objects,
             coefficients,
-            Uncertainty(covariance=covariance, shared_factor=shared),
+            Uncertainty(
+                covariance=covariance,
+                shared_factor=shared,
+                degrees_of_freedom=observation.degrees_of(model.schema.states),
+            ),
             provenance=provenance,
             properties=properties,
             observation=observation,
@@ -307,7 +317,8 @@ class Fitted:
             value, error = (float(column[i]) for column in optimum.beyond)
             text = next((bound.text for bound in begun.model.text.bounds if bound.name == name), name)
             where = labels[i].removeprefix(f"{name} of ") if labels[i] != name else ""
-            yield estimate_at_bound(where, name, end, end == begun.bounds.low[i], value, error, text)
+            degrees = float(np.min(optimum.degrees_of_freedom))
+            yield estimate_at_bound(where, name, end, end == begun.bounds.low[i], value, error, text, degrees)
         errors = np.sqrt(np.diagonal(optimum.covariance))
         vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
         if len(vague):
@@ -393,16 +404,17 @@ def _differing_trials(fitted: Fitted, rounding: float = 1e-9) -> list[str]:
 
 
 def estimate_at_bound(
-    where: str, name: str, end: float, is_low: bool, value: float, error: float, bound: str
+    where: str, name: str, end: float, is_low: bool, value: float, error: float, bound: str, degrees: float
 ) -> Outcome:
     """Return that a parameter is at an end of its bound, with the 95 % interval on the other side.
 
-    The interval is of the normal distribution about the estimate without the bound, as far as it is within.
+    The interval is of Student's t distribution about the estimate without the bound, as far as it is within.
     """
-    from scipy.stats import norm
+    from scipy.stats import t as student
 
-    side = 1 if is_low else -1
-    reach = side * error * norm.isf(0.05 * norm.sf(side * (end - value) / error)) if 0 < error < np.inf else np.nan
+    side, reach = 1 if is_low else -1, np.nan
+    if 0 < error < np.inf:
+        reach = side * error * student.isf(0.05 * student.sf(side * (end - value) / error, degrees), degrees)
     within = f"; 95 %: {'up' if is_low else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
     estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
     return note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=bound)

@@ -393,6 +393,7 @@ def _forecast(
         tuple(std for _, std, *_ in predictions) if return_std else None,
         observation.noise_levels if return_std else None,
         from_time,
+        degrees_of_freedom=observation.degrees_of(trials.schema.states),
         at_more_times=partial(_forecast, observation, trials, curves, from_time, return_std),
         horizons=tuple(
             np.maximum(0.0, trial.times - curve.known_until) for trial, curve in zip(trials, curves, strict=True)

@@ -403,10 +403,44 @@ class Problem:
         sizes, directions = np.linalg.eigh(total)
         return np.asarray(np.sqrt(np.maximum(sizes, 0.0))[:, np.newaxis] * directions.T)
 
-    def noise_levels(self, unknowns: Floats, noise: Floats, freedom: float = 0.0) -> Floats:
+    def leverage(self, unknowns: Floats, noise: Floats, free: Bools) -> Floats:
+        """Return the trace of the hat matrix of the free unknowns over the measurements of each observable, shape (m,).
+
+        With the rows X of the derivatives of standardized residuals, priors among them, it is
+        ``sum_i x_i' (X'X)^-1 x_i`` over the rows i of an observable.
+        """
+        _, rows = self.residuals(unknowns, noise)
+        assert rows is not None
+        pairs = [(np.isfinite(data.trial.states), np.isfinite(data.trial.below)) for data in self.trials]
+        columns = np.concatenate([np.nonzero(kind)[1] for pair in pairs for kind in pair])
+        rows = rows[:, free]
+        scales = np.linalg.norm(rows, axis=0)
+        basis, sizes, _ = np.linalg.svd(rows / np.where(scales > 0, scales, 1.0), full_matrices=False)
+        basis = basis[: len(columns), sizes > np.finfo(float).eps * len(rows) * sizes.max(initial=0.0)]
+        return np.bincount(columns, np.sum(basis**2, axis=1), minlength=len(noise))
+
+    def restricted_noise(self, unknowns: Floats, noise: Floats, free: Bools) -> tuple[Floats, Floats]:
+        """Return the noise of restricted maximum likelihood and its degrees of freedom, shape (m,) each.
+
+        ``s_k^2 = S_k / nu_k`` with the residual sum of squares S_k and ``nu_k = n_k - tr H_k`` of n_k measurements, see
+        `leverage`, of which those below limits do not count (Patterson and Thompson 1971). An observable with less than
+        one degree of freedom has the scale of all, and those of all. Known noise stays, with infinite ones.
+        """
+        unknown, freedom = ~self.known_noise, np.full(len(noise), np.inf)
+        for _ in range(20):
+            used = self.leverage(unknowns, noise, free)
+            noise, before = self.noise_levels(unknowns, noise, used), freedom
+            freedom = np.where(unknown, self.counts - used, np.inf)
+            if np.allclose(freedom, before, rtol=1e-6):
+                break
+        total = max(round(float(freedom[unknown].sum()), 6), 1.0)
+        return noise, np.where(freedom < 1, total, freedom)
+
+    def noise_levels(self, unknowns: Floats, noise: Floats, used: Floats | None = None) -> Floats:
         """Return the standard deviation of each observable that fits best, given the last one, shape (m,).
 
-        Those that are known stay. `freedom` is how many unknowns are to be counted off, for an unbiased estimate.
+        Those that are known stay. `used` has the measurements of each observable to be counted off, shape (m,), see
+        `restricted_noise`; without it the likelihood is largest.
         """
         result, squares = noise.copy(), np.zeros(len(noise))
         tails = list[tuple[Floats, Floats]]()
@@ -418,15 +452,13 @@ class Problem:
                 squares += np.where(seen, trial.repeats.squares, 0.0).sum(axis=0)
             tails.append((trial.below, values))
         unknown = ~self.known_noise
-        total = self.counts[unknown].sum()
-        for k in np.flatnonzero(unknown):
-            count = self.counts[k]
-            if not count:
-                continue
-            share = freedom * count / total
-            result[k] = np.sqrt(squares[k] / max(count - share, 0.1))
+        counts = self.counts if used is None else self.counts - used
+        total = max(float(counts[unknown].sum()), 0.1)
+        common = float(np.sum(squares[unknown] / noise[unknown] / noise[unknown])) / total
+        for k in np.flatnonzero(unknown & (self.counts > 0)):
+            result[k] = np.sqrt(squares[k] / counts[k]) if counts[k] >= 1 else noise[k] * np.sqrt(common)
             if self.censored[k]:
-                result[k] = _with_tails(squares[k], count - share, [(a[:, k], b[:, k]) for a, b in tails], result[k])
+                result[k] = _with_tails(squares[k], counts[k], [(a[:, k], b[:, k]) for a, b in tails], result[k])
         return result
 
     def log_likelihood(self, unknowns: Floats, noise: Floats) -> float:

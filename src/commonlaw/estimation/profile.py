@@ -33,6 +33,8 @@ class Profile:
         Increasing values of the parameter, shape (n,), and ``2 (log L(best) - log L(value))``, zero at the estimate.
     estimate, error
         The value of largest likelihood, and its standard error from the curvature there.
+    degrees_of_freedom
+        Of the noise estimate; infinite for known noise.
     """
 
     parameter: str
@@ -42,11 +44,17 @@ class Profile:
     deviance: Floats
     estimate: float
     error: float
+    degrees_of_freedom: float
+
+    @property
+    def quantile(self) -> float:
+        """The 95 % quantile of the deviance, the square of that of Student's t distribution: 3.84 for known noise."""
+        return float(two_sided(0.95, self.degrees_of_freedom)) ** 2
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The ends of the 95 % interval, where the deviance is 3.84; infinite where the profile stays below."""
-        ends, middle, quantile = [], int(np.argmin(self.deviance)), float(two_sided(0.95)) ** 2
+        """The ends of the 95 % interval, where the deviance is its `quantile`; infinite where it stays below."""
+        ends, middle, quantile = [], int(np.argmin(self.deviance)), self.quantile
         for values, deviance, far in (
             (self.values[middle::-1], self.deviance[middle::-1], -np.inf),
             (self.values[middle:], self.deviance[middle:], np.inf),
@@ -78,7 +86,7 @@ def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | Non
     owner = only_object(law, name)
     begun, index, known = _begun(law, trials, parameter, owner)
     parameters = named_parameters(law)
-    profile = _profile(begun, begun.first, index, known)
+    profile = _profile(begun, begun.first, index, known, _degrees_of_freedom(law, parameter))
     unit = parameters.units[parameters.names.index(parameter)] or ""
     return Profile(parameter, owner, unit, *profile)
 
@@ -123,9 +131,9 @@ _DECADES = 4
 def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None = None) -> OneSidedLimit | None:
     """Return the limit of a parameter that has no other one, such as a rate too fast to be measured; None of others.
 
-    The deviance ``2 (log L(best) - log L(k))`` of the profile likelihood stays below 2.71, the quantile of a one-sided
-    95 % interval, over the last two powers of ten in one direction, exceeds it in the other, and has crossed it at the
-    limit. The law and its trials are those of `likelihood_profile`, with the same refusals.
+    The deviance ``2 (log L(best) - log L(k))`` of the profile likelihood stays below the quantile of a one-sided 95 %
+    interval, 2.71 for known noise, over the last two powers of ten in one direction, exceeds it in the other, and has
+    crossed it at the limit. The law and its trials are those of `likelihood_profile`, with the same refusals.
     """
     owner = only_object(law, name)
     begun, index, known = _begun(law, trials, parameter, owner)
@@ -134,7 +142,8 @@ def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None =
     size = max(abs(float(parameters.values[o, p])), float(np.nan_to_num(parameters.errors[o, p])))
     if known is None or not 0 < size < np.inf:
         return None
-    others, quantile = np.ones(len(begun.first), dtype=np.bool_), float(two_sided(0.90)) ** 2
+    quantile = float(two_sided(0.90, _degrees_of_freedom(law, parameter))) ** 2
+    others = np.ones(len(begun.first), dtype=np.bool_)
     others[index] = False
     objective = Objective(begun.problem, known)
 
@@ -165,7 +174,16 @@ def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None =
     return None
 
 
-def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) -> tuple[Floats, Floats, float, float]:
+def _degrees_of_freedom(law: Law, parameter: str) -> float:
+    """Return those of the noise of the law in the equation of a parameter; infinite where it is known."""
+    parameters, degrees = named_parameters(law), law.uncertainty.degrees_of_freedom
+    return np.inf if degrees is None else float(degrees[parameters.places[0][parameters.names.index(parameter)]])
+
+
+def _profile(
+    begun: Beginning, first: Floats, index: int, noise: Floats | None, degrees: float
+) -> tuple[Floats, Floats, float, float, float]:
+    """Return values, their deviance, the estimate, its error and degrees of freedom, see `Profile`."""
     problem, everything = begun.problem, np.ones(len(first), dtype=np.bool_)
 
     def least(start: Floats, free: Bools) -> tuple[Floats, float]:
@@ -177,7 +195,8 @@ def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) 
         raise CommonlawError("profile-not-finite")
     if noise is None:
         count = sum(int(np.isfinite(trial.trial.states).sum()) for trial in problem.trials)
-        known = known * np.sqrt(cost / max(count - len(first), 1))
+        degrees = max(count - len(first), 1)
+        known = known * np.sqrt(cost / degrees)
         best, cost = least(best, everything)
     slopes = problem.residuals(best, known)[1]
     assert slopes is not None
@@ -200,7 +219,7 @@ def _profile(begun: Beginning, first: Floats, index: int, noise: Floats | None) 
                 break
             at = reached
             points.append((float(at[index]), max(here - cost, 0.0)))
-            if here - cost > 7.0:  # Beyond the quantile of 99 %
+            if here - cost > two_sided(0.99, degrees) ** 2:
                 break
     values, deviance = np.array(sorted(points)).T
-    return values, deviance, float(best[index]), error
+    return values, deviance, float(best[index]), error, degrees

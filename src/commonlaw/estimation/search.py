@@ -45,8 +45,9 @@ class Optimum:
     ----------
     unknowns
         Shape (p,).
-    noise
-        Standard deviation of each observable, unbiased where it is estimated, shape (m,).
+    noise, degrees_of_freedom
+        Standard deviation of each observable, of restricted maximum likelihood where it is estimated, and the degrees
+        of freedom of that estimate, infinite where it is known, shape (m,) each.
     log_likelihood
         With the noise of maximum likelihood.
     covariance
@@ -59,6 +60,7 @@ class Optimum:
 
     unknowns: Floats
     noise: Floats
+    degrees_of_freedom: Floats
     log_likelihood: float
     covariance: Floats
     at_bound: Bools
@@ -429,7 +431,9 @@ def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, 
     """Return what is known where the likelihood is largest; what `_polished` left at a bound is exactly there."""
     log_likelihood = problem.log_likelihood(unknowns, noise)
     at_bound = (unknowns == bounds.low) | (unknowns == bounds.high)
-    unbiased = noise if given else problem.noise_levels(unknowns, noise, float((~at_bound).sum()))
+    unbiased, degrees = noise, np.full(len(noise), np.inf)
+    if not given:
+        unbiased, degrees = problem.restricted_noise(unknowns, _not_zero(noise, problem), ~at_bound)
     unbiased = _not_zero(unbiased, problem)
     rows = problem.information(unknowns, unbiased)
     covariance = np.zeros((len(unknowns), len(unknowns)))
@@ -439,10 +443,10 @@ def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, 
     if at_bound.any():
         free = np.ones(len(unknowns), dtype=np.bool_)
         beyond = _by_levenberg_marquardt(Objective(problem, unbiased), unknowns, free)
-        levels = noise if given else problem.noise_levels(beyond, unbiased, float(len(beyond)))
+        levels = noise if given else problem.restricted_noise(beyond, unbiased, free)[0]
         whole = _inverse(problem.information(beyond, _not_zero(levels, problem)))
         errors = np.sqrt(np.maximum(np.diagonal(whole), 0.0))
-    return Optimum(unknowns, unbiased, log_likelihood, covariance, at_bound, (beyond, errors), alike)
+    return Optimum(unknowns, unbiased, degrees, log_likelihood, covariance, at_bound, (beyond, errors), alike)
 
 
 def _inverse(slopes: Floats) -> Floats:

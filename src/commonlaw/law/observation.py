@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -112,6 +113,8 @@ class Observation:
         By condition the values that states and rates take where it becomes true, by name, as expressions.
     functions
         By state what is added to its equation: expressions by the parameters that they are multiplied with.
+    degrees_of_freedom
+        Of the noise by measured quantity, where it was estimated.
 
     Raises
     ------
@@ -131,12 +134,14 @@ class Observation:
     restrictions: Restrictions | None = None
     events: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     functions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    degrees_of_freedom: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in (*self.equations, *self.noise, *self.noise_of):
+        for name in (*self.equations, *self.noise, *self.noise_of, *self.degrees_of_freedom):
             check_choice("measured quantity", name, self.measured.states)
         by_object = (pair for levels in self.noise_of.values() for pair in levels.items())
-        for name, value in (*self.noise.items(), *self.sizes.items(), *by_object):
+        levels = self.noise.items(), self.sizes.items(), self.degrees_of_freedom.items(), by_object
+        for name, value in chain.from_iterable(levels):
             if not 0 < value < np.inf:
                 raise CommonlawError("observation-not-positive", name=name, value=value)
 
@@ -167,6 +172,26 @@ class Observation:
         """The noise of each measured quantity, shape (m,); None if that of a quantity is not known."""
         levels = np.array([self.noise.get(name, np.nan) for name in self.measured.states])
         return levels if np.isfinite(levels).all() else None
+
+    def degrees_of(self, names: Sequence[str]) -> Floats | None:
+        """Return the degrees of freedom for states or measured quantities, shape (names,); None if noise is known.
+
+        Those without an estimate of noise of their own, such as latent states, have those of all.
+        """
+        known = self.degrees_of_freedom
+        if not known:
+            return None
+        return np.array([known.get(name, sum(known.values())) for name in names])
+
+    @property
+    def prior_std(self) -> dict[str, float]:
+        """Standard deviations of the normal priors of parameters that do not differ between trials of an object."""
+        restrictions = self.restrictions or Restrictions()
+        return {
+            name: std
+            for name, (_, std) in restrictions.priors.items()
+            if not by_trial(restrictions.shared.get(name, OBJECT), self.measured)
+        }
 
     def place_of(self, parameter: str) -> str:
         """Return the left-hand side of the equation in which a parameter stands first; empty if in none of these."""

@@ -15,7 +15,7 @@ from commonlaw.integration import VectorField
 from commonlaw.law import text
 from commonlaw.law.law import Law, object_index, shares_terms
 from commonlaw.law.parse import Coefficient, Part, Product, read_equations
-from commonlaw.law.quantiles import mixture_interval, propagated
+from commonlaw.law.quantiles import mixture_interval, propagated, two_sided
 from commonlaw.law.text import free_parameter_names
 from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.library import with_rates
@@ -76,6 +76,26 @@ class Parameters:
         slopes = self.slopes(self.law.coefficients)
         return np.asarray(slopes @ self.law.uncertainty.covariance @ slopes.transpose(0, 2, 1))
 
+    @cached_property
+    def degrees_of_freedom(self) -> Floats:
+        """Degrees of freedom of their intervals, shape (objects, parameters); infinite where noise is known.
+
+        They are those of the noise in the equation in which a parameter stands first. Normal priors of variances ``s^2``
+        leave a share ``r_i = 1 - sum_p C_ip^2/(s_p^2 C_ii)`` of the variance of parameter i to measurements, and make
+        them ``nu/r_i^2`` (Satterthwaite 1946, Biometrics Bull. 2, 110).
+        """
+        freedom, observation = self.law.uncertainty.degrees_of_freedom, self.law.observation
+        if freedom is None:
+            return np.full(self.values.shape, np.inf)
+        degrees = np.broadcast_to(freedom[self.places[0]], self.values.shape)
+        if observation is None or not observation.prior_std:
+            return degrees
+        stds = np.array([observation.prior_std.get(name, np.inf) for name in self.names])
+        by_priors = np.sum((self.covariance / stds) ** 2, axis=2)
+        variances = np.where(self.errors > 0, self.errors**2, 1.0)
+        with np.errstate(divide="ignore"):
+            return np.asarray(degrees / np.maximum(1 - by_priors / variances, 0.0) ** 2)
+
     def slopes(self, coefficients: Floats) -> Floats:
         """Return the derivatives by coefficients, shape (objects, parameters, coefficients in the support).
 
@@ -110,7 +130,7 @@ class Parameters:
         if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
             low, high = coefficient_intervals(self.law, level, averaged)
             return low[:, j, k], high[:, j, k]
-        reach = self.law.uncertainty.reach(len(self.law.schema.states), level)[j]
+        reach = two_sided(level, self.degrees_of_freedom)
         low, high = self.values - self.errors * reach, self.values + self.errors * reach
         support, known = self.law.support, self.law.uncertainty.covariance
         covariances = () if known is None else known
@@ -122,7 +142,7 @@ class Parameters:
                 return definition.of(coefficients)
 
             for o, covariance in enumerate(covariances if len(definition.parts) > 1 else ()):
-                interval = propagated(value, self.law.coefficients[o, support], covariance, float(reach[i]))
+                interval = propagated(value, self.law.coefficients[o, support], covariance, float(reach[o, i]))
                 low[o, i], high[o, i] = interval.low, interval.high
         return low, high
 

@@ -23,7 +23,6 @@ from commonlaw.hierarchy import informative
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.parameters import equation_label, left_hand_sides, named_parameters, tabulated_parameters
-from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import MANY, with_error
 from commonlaw.library.notation import latex_name
 from commonlaw.plots.equations import equation_labels, equation_lines, parameter_label, term_labels
@@ -455,7 +454,8 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
 
     ``2 (log L(best) - log L(value))``, all other parameters and initial conditions fitted again to the object's trials,
     under white noise. The parabola corresponds to the standard error. If the profile is flatter on one side, the
-    interval is longer there; if it stays below 3.84, the parameter is not identifiable on that side.
+    interval is longer there; if it stays below the line, the 95 % quantile of a squared Student's t, the parameter is
+    not identifiable on that side.
 
     Raises `CommonlawError` if there is no such object or parameter, the objects do not share their equations, or time
     is discrete.
@@ -472,7 +472,7 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
     profile = likelihood_profile(law, trials, parameter, name)
     figure = Figure(figsize=(5.4, 4.0), layout="constrained")
     panel = figure.add_subplot()
-    low, high, limit = profile.values[0], profile.values[-1], float(two_sided(0.95)) ** 2
+    low, high, limit = profile.values[0], profile.values[-1], profile.quantile
     fine = np.linspace(low, high, 200)
     panel.axhline(limit, color=GREY, linewidth=0.8)
     panel.axvspan(*np.clip(profile.interval, low, high), color=COLORS[0], alpha=0.12, linewidth=0)
