@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, minimize
-from scipy.stats import norm
+from scipy.stats import t as student
 
 import commonlaw as cl
 from commonlaw.estimation import likelihood_profile
@@ -211,7 +211,8 @@ def test_bands_of_log_scaled_quantities_have_the_relative_noise_of_their_laborat
         curves.trials, curves.trajectories, curves.bands(measured=True), curves.std, strict=True
     ):
         share = np.hypot(law.observation.noise_of["y"][trial.object], std / curve.states)
-        assert np.log(high / low) == pytest.approx(2 * norm.ppf(0.975) * share, rel=1e-6)
+        reach = student.ppf(0.975, law.observation.degrees_of_freedom["y"])
+        assert np.log(high / low) == pytest.approx(2 * reach * share, rel=1e-6)
     standardized = np.concatenate(law.residuals(new).standardized)
     assert np.std(standardized) == pytest.approx(1.0, abs=0.15)
 

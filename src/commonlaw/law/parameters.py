@@ -80,9 +80,9 @@ class Parameters:
     def degrees_of_freedom(self) -> Floats:
         """Degrees of freedom of their intervals, shape (objects, parameters); infinite where noise is known.
 
-        They are those of the noise in the equation in which a parameter stands first. Normal priors of variances ``s^2``
-        leave a share ``r_i = 1 - sum_p C_ip^2/(s_p^2 C_ii)`` of the variance of parameter i to measurements, and make
-        them ``nu/r_i^2`` (Satterthwaite 1946, Biometrics Bull. 2, 110).
+        They are those of the noise in the equation in which a parameter stands first. Normal priors of standard
+        deviations s leave a share ``r_i = 1 - sum_p C_ip^2/(s_p^2 C_ii)`` of the variance of parameter i to
+        measurements, and make them ``nu/r_i^2`` (Satterthwaite 1946, Biometrics Bull. 2, 110).
         """
         freedom, observation = self.law.uncertainty.degrees_of_freedom, self.law.observation
         if freedom is None:
