@@ -104,6 +104,7 @@ def laws(tmp_path):
     cl.fit("x'' = -g + b v^2", drops).save(tmp_path / "quadratic.json")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("laws")
 def test_the_experiment_that_tells_laws_apart_is_said_saved_and_drawn(run, done, tmp_path):
     rival = ("--rival", "quadratic.json", "--vary", "duration=4", "--vary", "rate=5", "--vary", "v=0")
@@ -119,6 +120,7 @@ def test_the_experiment_that_tells_laws_apart_is_said_saved_and_drawn(run, done,
     assert found["chance"] > 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("laws")
 def test_what_is_wanted_and_what_it_costs_is_said_in_options(run, done, fails):
     given = ("design", "linear.json", "--vary", "x=40", "--vary", "v=-5..0", "--vary", "duration=2", "--vary", "rate=9")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 
 import commonlaw as cl
 from commonlaw.law.parameters import standard_errors
@@ -12,6 +13,7 @@ def _rates(_: float, z: np.ndarray) -> list[float]:
     return [-1.1 * z[0] + 0.031 * z[0] * z[1], 0.0109 * z[1] ** 2 - 0.00054 * z[0] * z[1] ** 2]
 
 
+@pytest.mark.slow
 def test_few_samples_of_large_swings_are_not_all_taken_for_outliers():
     generator, times = np.random.default_rng(22), np.arange(0.0, 13.0)
     states = solved(_rates, [4.0, 30.0], times)
@@ -32,6 +34,7 @@ def test_what_objects_have_in_common_is_found_among_many():
     assert np.sqrt(np.mean(misses**2)) < 1.5
 
 
+@pytest.mark.slow
 def test_the_discretization_error_of_a_coarse_mesh_is_no_reason_for_richer_terms():
     def rates(_, y, s, r, b):
         return [s * (y[1] - y[0]), y[0] * (r - y[2]) - y[1], y[0] * y[1] - b * y[2]]

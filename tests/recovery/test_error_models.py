@@ -189,6 +189,7 @@ def test_a_kind_of_errors_that_there_is_not_is_refused(law):
         replace(law, uncertainty=replace(law.uncertainty, error_model=ErrorModel({"proportional": np.array([-1.0])})))
 
 
+@pytest.mark.slow
 def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
     trials = oscillator(correlated, count=1)
     laws = {text: cl.fit(text, trials) for text in ("x'' = a x + b v", "x'' = a x", "x'' = a x + b v^3")}
@@ -201,6 +202,7 @@ def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
     assert white["errors"].unique() == ["white noise"]
 
 
+@pytest.mark.slow
 def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals():
     times, generator = np.linspace(0, 4, 200), np.random.default_rng(0)
 

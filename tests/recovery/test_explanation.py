@@ -30,6 +30,7 @@ def delayed() -> cl.Trials:
     return delayed_steps(DELAY)
 
 
+@pytest.mark.slow
 def test_a_law_with_terms_is_the_answer_where_the_empty_law_has_the_likelier_process_noise(delayed):
     forced = cl.discover(delayed, order=1, library="poly:1", method=cl.TrajectoryLikelihood(errors="gp-forcing"))
     assert not forced.support.any()  # By the prediction of the next sample alone

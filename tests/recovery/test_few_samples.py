@@ -46,6 +46,7 @@ def test_all_samples_tell_terms_and_coefficients_that_few_cannot(few):
     assert alone.structure == ("x'' = a x",)
 
 
+@pytest.mark.slow
 def test_all_objects_tell_a_term_that_groups_of_them_cannot():
     springs, question = swinging(1.2e-3, 0.03, 60, 60, 0.2), {"order": 2, "library": "terms:1,x,v", "cache": False}
     group = springs.with_trials(list(springs)[::6])

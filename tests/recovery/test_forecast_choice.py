@@ -31,6 +31,7 @@ def law(seasonal) -> cl.Law:
     return cl.discover(early, library="poly:3", order=1)
 
 
+@pytest.mark.slow
 def test_candidates_of_a_law_that_forecasts_chose_are_ranked_by_their_scores_and_not_by_evidence(law):
     table = law.comparison
     assert {*table["measure"]} == {"log score difference"}

@@ -44,6 +44,7 @@ def lakes():
     return measured()
 
 
+@pytest.mark.slow
 def test_the_law_of_a_latent_state_is_found_with_the_parameters_of_what_was_measured(lakes):
     trials, truth = lakes
     law = cl.discover(trials, observe=OBSERVE, latent_states="z", cache=False)

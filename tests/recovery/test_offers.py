@@ -40,6 +40,7 @@ def test_a_ratio_is_taken_where_it_says_as_much_in_fewer_numbers():
     np.testing.assert_allclose(named_parameters(law).values[:, 2], [2.0, 3.0], rtol=0.15)  # L is the inhibition
 
 
+@pytest.mark.slow
 def test_richer_terms_and_orders_are_not_tried_where_only_the_noise_is_heteroscedastic():
     starts, steps = [(0.8, 1.2), (2.0, 0.6)], list[str]()
 
@@ -69,6 +70,7 @@ def test_a_sum_offers_what_each_of_its_libraries_does(text):
     assert parse_library("poly:3 + terms:exp(s)").higher is library.higher.higher is None
 
 
+@pytest.mark.slow
 def test_a_law_of_fourth_degree_is_found_by_the_richest_polynomials():
     objects, times = {"a": (0.3,), "b": (0.8,)}, np.linspace(0, 6, 61)
     trials = simulated(lambda _, x, h: h - x**4, objects, [[0.1], [1.4], [2.0]], times, 0.002, ["T"], absolute=True)
@@ -131,7 +133,7 @@ def _monod(_: float, z: np.ndarray, rate: float, half: float, gain: float) -> li
             0.005,
             ("x'' = a v_x*sqrt(v_x^2 + v_y^2)", "y'' = b + c v_y*sqrt(v_x^2 + v_y^2)"),
         ),
-        (
+        pytest.param(
             lambda _, z, stiffness: [z[1], -stiffness * np.sin(z[0]) - 0.05 * z[1]],
             [(19.62,), (9.81,)],
             [(0.5, 0.0), (0.95, 0.0)],
@@ -139,6 +141,7 @@ def _monod(_: float, z: np.ndarray, rate: float, half: float, gain: float) -> li
             ["x"],
             0.005,
             ("x'' = a v + b sin(x)",),
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["saturation, not a quartic or a Hill term", "drag in both directions", "a sine, not its series"],
@@ -165,6 +168,7 @@ def test_a_reciprocal_is_taken_for_a_polynomial_that_fits():
     np.testing.assert_allclose(named_parameters(law).values[:, 0], [-9e-4, -1.4e-3], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_positions_of_planets_give_the_law_of_gravity():
     """Along each ellipse rates are functions of the position too, with more coefficients, which vary."""
 

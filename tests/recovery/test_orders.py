@@ -88,6 +88,7 @@ def test_richer_terms_of_a_law_of_first_order_come_before_many_terms_of_second_o
     np.testing.assert_allclose(law.rhs("object 0", x[:, np.newaxis])[:, 0], truth, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_law_of_second_order_whose_coefficients_are_within_their_errors_gives_way_to_one_of_first():
     enzymes = simulated(
         lambda _, s, rate, half: -rate * s / (half + s),

@@ -20,14 +20,21 @@ _SHARED = {
 }
 """Problems whose laws other tests look at, which one worker finds for all."""
 
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.xdist_group(f"test_{_SHARED[name]}.py")) if name in _SHARED else name
-        for name in PROBLEMS
-    ],
+_SLOW = (
+    "decay, without a latent state",
+    "driven, unmeasured",
+    "linear terms of a Duffing oscillator",
+    "relaxation, correlated",
+    "van der Pol, many samples",
 )
+
+
+def _marks(name):
+    shared = [pytest.mark.xdist_group(f"test_{_SHARED[name]}.py")] if name in _SHARED else []
+    return [*shared, pytest.mark.slow] if name in _SLOW else shared
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=_marks(name)) for name in PROBLEMS])
 def test_the_law_is_the_same(name, request, monkeypatch):
     if name.startswith("measured"):
         monkeypatch.setenv("COMMONLAW_DATA", str(request.getfixturevalue("ball_drops_folder")))

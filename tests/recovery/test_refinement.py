@@ -128,6 +128,7 @@ def test_what_cannot_be_refined_is_refused(prey, by_rates):
         cl.refine(by_rates, prey, noise={"x": 1.0})
 
 
+@pytest.mark.slow
 def test_more_terms_fit_no_worse_also_where_they_are_much_alike():
     # Of balls that fall from rest v^2 is nearly a function of x, and large model errors leave coefficients undetermined
     drops = datasets.linear_drag(noise=0.1, seed=1)

@@ -230,7 +230,7 @@ def expected(name: str) -> dict[str, tuple[float, float]]:
 # Their residuals are autocorrelated or grow with y, so that `auto` chooses errors of which nothing is certified
 OTHER_ERRORS = ("Eckerle4", "Bennett5", "Chwirut2")
 FITS = [(name, "white") for name in ("Rat42", *OTHER_ERRORS)] + [
-    (name, "auto") for name in SETS if name not in OTHER_ERRORS
+    pytest.param(name, "auto", marks=[pytest.mark.slow] * (name == "ENSO")) for name in SETS if name not in OTHER_ERRORS
 ]
 
 

@@ -27,6 +27,7 @@ def test_cells_that_divide_have_the_estimates_of_least_squares():
     assert np.all(np.abs(np.subtract(own, truth)) < 4 * errors)
 
 
+@pytest.mark.slow
 def test_the_time_of_a_dose_is_found_from_poor_guesses():
     """An early event explains the first samples at wrong values of the other parameters."""
     times, random = np.linspace(0, 16, 40), np.random.default_rng(101)

@@ -88,6 +88,7 @@ def test_repeats_reach_what_they_promise():
     assert cl.design(laws, {**vary, "repeats": found.repeats // 2}).chance < 0.95
 
 
+@pytest.mark.slow
 def test_laws_that_imitate_each_other_are_not_told_apart():
     laws = [known(text, {"a": 1.0}, [[1.0]], inputs=("u",)) for text in ("x' = a", "x' = a u")]
     vary = {"x": 0, "duration": 2, "rate": 10, "u": 1}
