@@ -23,8 +23,15 @@ _SHARED = {
 _SLOW = (
     "decay, without a latent state",
     "driven, unmeasured",
+    "gompertz, auto",
     "linear terms of a Duffing oscillator",
+    "lorenz, screened terms",
+    "power, auto",
+    "predators, many terms",
+    "refine",
     "relaxation, correlated",
+    "spring, gp-forcing",
+    "spring, random-walk",
     "van der Pol, many samples",
 )
 

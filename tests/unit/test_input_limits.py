@@ -72,9 +72,9 @@ def test_only_rows_are_counted():
 
 def test_comments_between_rows_are_taken_out_in_linear_time():
     begin = process_time()
-    table = table_in("t.csv", b"t,x\n" + b"".join(b"%d,2\n# a remark\n" % i for i in range(100_000)) + b"100000,3\n")
-    assert len(table) == 100_001
-    assert process_time() - begin < 10
+    table = table_in("t.csv", b"t,x\n" + b"".join(b"%d,2\n# a remark\n" % i for i in range(50_000)) + b"50000,3\n")
+    assert len(table) == 50_001
+    assert process_time() - begin < 5
 
 
 LONG_CELLS = {
