@@ -30,7 +30,10 @@ def test_treatments_in_which_a_state_is_absent_are_trials_of_one_object(absent):
     assert trials.schema.states == ("x", "y")
     assert Trials.from_frame(mixtures(absent), states=["x", "y"]) == trials
     assert any(note.startswith("x is never measured in ") for note in trials.notes) == np.isnan(absent)
-    assert Trials.from_frame(mixtures(absent), object="culture").objects == ("x only", "y only", "both")
+    assert any("`object='culture'`" in note for note in trials.notes) == np.isnan(absent)
+    objects = Trials.from_frame(mixtures(absent), object="culture")
+    assert objects.objects == ("x only", "y only", "both")
+    assert any('= 0 @ "y only"' in note for note in objects.notes) == np.isnan(absent)
 
 
 def test_objects_of_which_all_states_are_present_stay_objects():

@@ -593,8 +593,10 @@ def is_covariate(name: str) -> bool:
     return is_called(name, _COVARIATE)
 
 
-def absent_states(table: Table, names: Sequence[str], codes: Codes) -> list[str]:
+def absent_states(table: Table, names: Sequence[str], codes: Codes) -> dict[str, bool]:
     """Return the columns of numbers that are zero, or empty, in all rows of some labels, as a species not put in.
+
+    With each is whether it is zero there.
 
     Labels of the rows are codes, shape (n,). Elsewhere these columns vary, as another does in the same rows; they are
     not called inputs and have no negative values.
@@ -608,10 +610,12 @@ def absent_states(table: Table, names: Sequence[str], codes: Codes) -> list[str]
         np.minimum.at(low[j], which[finite], column[finite])
         np.maximum.at(high[j], which[finite], column[finite])
     varies = high > low
-    is_absent = ((low == 0) & (high == 0)) | (high == -np.inf)
+    is_zero = (low == 0) & (high == 0)
+    is_absent = is_zero | (high == -np.inf)
     with_others = is_absent & (varies.sum(axis=0) >= 1)
     states = with_others.any(axis=1) & (varies | is_absent).all(axis=1) & varies.any(axis=1) & ~(low < 0).any(axis=1)
-    return [name for name, is_state in zip(measured, states, strict=True) if is_state]
+    triples = zip(measured, states, is_zero.any(axis=1).tolist(), strict=True)
+    return {name: is_zero for name, is_state, is_zero in triples if is_state}
 
 
 def is_amount(name: str) -> bool:

@@ -192,10 +192,9 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         notes += wide_hint(table, states) if not (wide or owner or on_columns) else ()
     notes += on_columns
     if trial is not None and trial not in named and owner is None and (absent := absent_states(table, states, runs)):
-        notes.append(
-            f"{trial} labels trials of one object, as some have no {', '.join(absent)}; if it names objects, read "
-            f"it with `object={trial!r}`"
-        )
+        # An object without a species has no coefficients of its equation
+        remedy = "" if any(absent.values()) else f"; if it names objects, read it with `object={trial!r}`"
+        notes.append(f"{trial} labels trials of one object, as some have no {', '.join(absent)}{remedy}")
     if unused := [name for name in table.columns if name in left_out or name in free]:
         notes.append(f"columns left out: {', '.join(unused)}")
     if not states:

@@ -3,6 +3,7 @@
 import itertools
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -371,11 +372,19 @@ def unmeasured_in_words(trials: Sequence[Trial], states: Sequence[str]) -> list[
     """Return notes on states that are never measured in some trials, in which they begin somewhere unknown."""
     empty = np.array([(np.isnan(trial.states) & np.isnan(trial.below)).all(axis=0) for trial in trials])
     empty = empty.reshape(len(trials), len(states))
+    names, owners = Counter(trial.name for trial in trials), Counter(trial.object for trial in trials)
+
+    def called(trial: Trial) -> str:
+        """Return the shortest of the names by which an initial value is that of a trial alone."""
+        if names[trial.name] == 1:
+            return trial.name
+        return trial.object if owners[trial.object] == 1 else trial.label
+
     places = [[trial for trial, is_empty in zip(trials, column, strict=True) if is_empty] for column in empty.T]
     return [
         f"{state} is never measured in {'; '.join(trial.label for trial in where)}: it is a latent state there, whose "
         "start is estimated where none is given; if it was absent, enter 0 in its column, or write "
-        f'`{state}(0) = 0 @ "{where[0].name}"`'
+        f'`{state}(0) = 0 @ "{called(where[0])}"`'
         for state, where in zip(states, places, strict=True)
         if 0 < len(where) < len(trials)
     ]
