@@ -301,7 +301,7 @@ def test_standard_deviations_are_left_out_by_the_options_that_the_message_names(
     (tmp_path / "map.csv").write_text(f"t,x,x_std\n{rows}")
     code, _, err = run("discover", "map.csv", "--order", "0", "--library", "poly:1")
     assert code == 1
-    (named,) = re.findall(r"noise_columns = {} in the --schema file --state '\w+'", err.replace(",", ""))
+    (named,) = re.findall(r"--noise-column '' of commonlaw data check --save --state '\w+'", err.replace(",", ""))
     (tmp_path / "schema.toml").write_text("noise_columns = {}")
     words = ["--schema", "schema.toml", *shlex.split(named)[-2:]]
     assert "x[k+1] = 0.5 x" in done("discover", "map.csv", "--order", "0", "--library", "poly:1", *words)

@@ -46,6 +46,12 @@ def test_a_law_that_cannot_be_read_is_named_before_any_is_fitted(fails, monkeypa
     assert err.startswith("commonlaw: y'' = -9.8: the equations are of y, the states are x")
 
 
+def test_equations_with_the_doses_of_a_table_are_compared(fails, tmp_path):
+    (tmp_path / "doses.csv").write_text("t,dose,c\n0,100,\n1,,8\n2,,5\n3,50,\n4,,6\n5,,4\n")
+    err = fails("compare", "doses.csv", "c' = -k c + dose/V", "c' = -k a c + dose")
+    assert err.startswith("commonlaw: c' = -k a c + dose")
+
+
 @pytest.mark.parametrize("given", [["drops.csv"], ["drops.csv", "x' = 1"], ["drops.csv", "x' = 1", "x' = 1"]])
 def test_one_law_is_nothing_to_compare(fails, given):
     assert "two laws or more that differ" in fails("compare", *given, code=2)

@@ -51,7 +51,7 @@ def test_marks_below_a_limit_are_read_as_a_schema_tells(done, run, tmp_path):
     cells = ["BLQ" if value < 0.5 else str(value) for value in y.round(6)]
     (tmp_path / "marks.csv").write_text("\n".join(["t,y", *map(",".join, zip(map(str, T), cells, strict=True))]))
     _, _, err = run("fit", "marks.csv", "y' = -k y")
-    assert "below = {'BLQ' = 0.5} in the --schema file" in err
+    assert "--below BLQ=0.5 of commonlaw data check" in err
     done("data", "check", "marks.csv", "--below", "BLQ=0.5", "--save", "schema.toml")
     done("fit", "marks.csv", "y' = -k y; y(0) = a", "--schema", "schema.toml", "--save", "law.json")
     trial = trials_of({"object": (T, np.where(y < 0.5, np.nan, y.round(6)))}).trials[0]

@@ -61,7 +61,7 @@ def test_a_law_of_several_objects_asks_which_one_a_table_is_of(run, fails, tmp_p
     several = Law(law.terms, law.schema, 1, ("tank", "tub"), np.array([[[-1.0, 1.0]], [[-2.0, 1.0]]]))
     several.save(tmp_path / "several.json")
     pd.read_csv(tmp_path / "tank.csv").drop(columns="object").to_csv(tmp_path / "other.csv", index=False)
-    assert "the law has several: give object_name = ... in the --schema file, one of tank, tub" in fails(
+    assert "the law has several: give --object-name ... of commonlaw data check --save, one of tank, tub" in fails(
         "predict", "other.csv", "several.json"
     )
     (tmp_path / "schema.toml").write_text('object_name = "tub"')

@@ -227,6 +227,13 @@ def test_doses_are_named_in_the_words_of_the_command_that_takes_them():
     assert {said[words] for words in (("discover",), ("data", "check"))} == {"--dose 'dose' of commonlaw fit"}
 
 
+def test_options_of_tables_are_of_the_command_that_has_them_unless_a_schema_was_given():
+    command = ALL["compare",]
+    assert dialect(command)("wide='OD'") == "--wide OD of commonlaw data check --save"
+    assert dialect(command, has_schema=True)("below={'BLQ': 0.5}") == "below = {'BLQ' = 0.5} in the --schema file"
+    assert dialect(ALL["data", "check"])("wide='OD'") == "--wide OD"
+
+
 def test_what_a_shell_would_read_itself_is_quoted():
     write = dialect(ALL["data", "check"])
     assert write("below={'<LOQ': 0.5}") == "--below '<LOQ=0.5'"

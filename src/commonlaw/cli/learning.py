@@ -217,6 +217,7 @@ def compare(
       commonlaw compare cells.csv "x' = -k x; signal = c x; x(0) = 1" "x' = -k x^2; signal = c x; x(0) = 1"
     """
     import commonlaw as cl
+    from commonlaw.estimation.doses import with_doses_in_equations
     from commonlaw.estimation.model import ModelText, read_model
     from commonlaw.law.parse import read_equations
 
@@ -229,10 +230,11 @@ def compare(
         training = source.select(load(source, [*texts.values()], saved.values()))
         for text in texts.values():  # What cannot be read is refused before the others are fitted
             with _naming(text):
-                if (model := ModelText.of(text)).is_plain:
-                    read_equations(text, training.schema)
+                written, dosed = with_doses_in_equations(text, training)
+                if (model := ModelText.of(written)).is_plain:
+                    read_equations(written, dosed.schema)
                 else:
-                    read_model(model, training.schema, property_names(training.properties))
+                    read_model(model, dosed.schema, property_names(training.properties))
         fitted = {}
         for number, law in enumerate(laws):
             share = part(show, number / (len(laws) + 1), (number + 1) / (len(laws) + 1))

@@ -95,8 +95,8 @@ def _show_all_options(context: click.Context, _: click.Parameter, value: bool) -
 class Refusal(click.ClickException):
     """An error that a user can mend, in the words of the command that ran; its end says where more is to be read."""
 
-    def __init__(self, error: CommonlawError, command: click.Command | None) -> None:
-        sentence = error.sentence(dialect(command) if command else str)
+    def __init__(self, error: CommonlawError, command: click.Command | None, has_schema: bool = False) -> None:
+        sentence = error.sentence(dialect(command, has_schema) if command else str)
         super().__init__(f"{sentence} [{reference(error.explained)}]" if error.explained else sentence)
 
     def show(self, file: IO[Any] | None = None) -> None:
@@ -151,7 +151,7 @@ class Command(click.Command):
         try:
             return super().invoke(ctx)
         except CommonlawError as error:
-            raise Refusal(error, self) from error
+            raise Refusal(error, self, bool(ctx.params.get("schema"))) from error
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings, and those that are settings under theirs."""

@@ -108,11 +108,16 @@ def as_one(name: str, kind: type, options: Sequence[Decorator]) -> Decorator:
     return taking(options, convert)
 
 
-def dialect(command: click.Command) -> Dialect:
+_OF_CHECK = " of commonlaw data check --save"
+"""After options of tables that other commands read from a schema."""
+
+
+def dialect(command: click.Command, has_schema: bool = False) -> Dialect:
     """Return what writes settings as the options of a command: ``time='t'`` is ``--time t``.
 
-    A list is an option that is repeated, a mapping one of ``NAME=VALUE``. What only a schema says stands as there, a
-    setting without an option of its own goes with ``--set``, and anything else stays Python.
+    A list is an option that is repeated, a mapping one of ``NAME=VALUE``. What only a schema says stands as in the one
+    that was given, or else is an option of the command that writes schemas. A setting without an option of its own goes
+    with ``--set``, and anything else stays Python.
     """
     by_name = {str(param.name): param for param in command.params}
     options = {
@@ -124,15 +129,14 @@ def dialect(command: click.Command) -> Dialect:
     def write(code: str) -> str:
         name, _, value = code.partition("=")
         name, value = ("clip", "true") if code == "clip_irregular()" else (name, value)
-        if name in options:
-            return (
-                options[name]
-                if name == "clip"
-                else " ".join(f"{options[name]} {text}" for text in _texts(value, write))
-            )
-        if getattr(by_name.get(name), "group", "") == "Table":
+        is_of_table = getattr(by_name.get(name), "group", "") == "Table"
+        if is_of_table and has_schema and name not in options:
             toml = re.sub(r"('[^']*'): ", r"\1 = ", value)
             return f"{name} = {toml} in the --schema file"
+        if name in options or is_of_table:
+            option = max(by_name[name].opts, key=len)
+            written = option if name == "clip" else " ".join(f"{option} {text}" for text in _texts(value, write))
+            return written if name in options else f"{written}{_OF_CHECK}"
         if name == "doses":  # That other commands do not take
             return f"{' '.join(f'--dose {text}' for text in _texts(value, write))} of commonlaw fit"
         return " ".join(f"--set {name}={text}" for text in _texts(value, write)) if name in settings else code
@@ -159,8 +163,9 @@ def in_options(text: str) -> str:
     In threads of its own a command is not known, and a message stays as it is.
     """
     context = click.get_current_context(silent=True)
-    write = dialect(context.command) if context else str
-    return re.sub(r"`(\w+=[^`]*|clip_irregular\(\))`", lambda match: write(match[1]), text)
+    write = dialect(context.command, bool(context.params.get("schema"))) if context else str
+    written = re.sub(r"`(\w+=[^`]*|clip_irregular\(\))`", lambda match: write(match[1]), text)
+    return re.sub(rf"{_OF_CHECK}(?=, --[\w-]+ \.\.\.{_OF_CHECK})", "", written)
 
 
 def pairs(name: str, texts: Sequence[str]) -> Iterator[tuple[str, str]]:
