@@ -48,6 +48,14 @@ _NUMBERS: dict[DecimalMark, re.Pattern[str]] = {
 }
 
 
+_PLAIN: dict[DecimalMark, re.Pattern[str]] = {
+    mark: re.compile(rf"[+-]?(?:\d+[{mark}]?\d*|[{mark}]\d+)(?:[eE][+-]?\d+)?", re.ASCII) for mark in _GROUPS
+}
+"""Numbers without groups of thousands."""
+_CLOCK = re.compile(r"[+-]?\d+[:-]")
+"""How dates and times of day begin, and no number."""
+
+
 @dataclass(frozen=True)
 class Unreadable:
     """The cell for which a column is not numbers, as it is written, and why."""
@@ -107,7 +115,7 @@ def are_meant_as_numbers(cells: Sequence[str]) -> bool:
 
     Cells beyond a limit count, but not where they are all, as the classes ``< 5`` and ``>= 5`` are.
     """
-    counts = Counter(cells)
+    counts = Counter(cell for cell in cells if not _CLOCK.match(cell))
     texts = {cell: _bare(cell) for cell in counts}
     numbers = {cell: _number_and_unit(text)[0] for cell, text in texts.items()}
     plain = {cell for cell, number in numbers.items() if any(regex.fullmatch(number) for regex in _NUMBERS.values())}
@@ -124,12 +132,10 @@ def factorized(column: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[Any]]:
 
     if column.dtype.kind != "O":
         return pd.factorize(column)
-    _, first, inverse = np.unique(
-        np.fromiter(map(id, column), dtype=np.int64, count=len(column)), return_index=True, return_inverse=True
-    )
-    order = np.argsort(first)
-    codes, cells = pd.factorize(column[first[order]])
-    return codes[np.argsort(order)[inverse]], cells
+    which, _ = pd.factorize(np.fromiter(map(id, column), dtype=np.int64, count=len(column)))
+    first = np.flatnonzero(np.diff(np.maximum.accumulate(which), prepend=-1))
+    codes, cells = pd.factorize(column[first])
+    return codes[which], cells
 
 
 def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
@@ -138,6 +144,9 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
     The decimal mark is that by which all cells are numbers. A comma or a point before three digits may as well group
     thousands: another cell settles it, or the other columns of the table do; else the column is not read.
     """
+    if column.dtype.kind != "O":
+        with np.errstate(over="ignore"):
+            return _without_sentinels(Numerals(column.astype(np.float64)), notation)
     # Points are decimal where no other column says that commas are
     if notation.decimal != "," and "," not in notation.usual:
         with suppress(TypeError, ValueError):
@@ -147,15 +156,20 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
                 return _without_sentinels(Numerals(numbers), notation)
     codes, unique = factorized(column)
     cells = [str(cell).strip() for cell in unique]
+    if (word := _first_word(cells, notation)) is not None:
+        return Unreadable(word, Diagnostic("cell-not-a-number", {"cell": word}))
     counts = np.bincount(codes[codes >= 0], minlength=len(cells))
-    missing = {i: cell for i, cell in enumerate(cells) if not cell or cell in notation.missing or is_missing(cell)}
-    limits = {i: limit for i, cell in enumerate(cells) if (limit := _limit(cell, notation)) is not None}
-    present = [i for i in range(len(cells)) if i not in missing and i not in limits]
+    plain, mark = _plain_cells(cells, notation)
+    others = sorted({*range(len(cells))}.difference(plain))
+    missing = {i: cell for i in others if not (cell := cells[i]) or cell in notation.missing or is_missing(cell)}
+    limits = {i: limit for i in others if (limit := _limit(cells[i], notation)) is not None}
+    present = [i for i in others if i not in missing and i not in limits]
     result = _read([cells[i] for i in present], notation)
     if isinstance(result, Unreadable):
         return result
     values = np.full(len(cells) + 1, np.nan)  # The last one is for the code -1 of empty cells
     values[present] = result.values
+    values[plain] = [float(cells[i].replace(mark, ".")) for i in plain]
     marks = Counter[str]()
     for i, cell in missing.items():
         marks[cell] += int(counts[i]) if cell else 0
@@ -166,6 +180,38 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
         censored = {cells[i]: int(counts[i]) for i in limits}
         result = replace(result, below=below[codes], censored=censored)
     return _without_sentinels(result, notation)
+
+
+def _first_word(cells: Sequence[str], notation: Notation) -> str | None:
+    """Return the cell for which a column is text, if one of the first few shows it, whatever the others are."""
+    patterns = [pattern for mark, pattern in _NUMBERS.items() if notation.decimal in (None, mark)]
+    for cell in cells[:100]:
+        text = _bare(cell)
+        if _number_and_unit(text)[1]:
+            return None
+        is_special = not cell or cell in notation.missing or cell in notation.below or is_missing(cell)
+        if not (is_special or _CENSORED.fullmatch(text) or any(pattern.fullmatch(text) for pattern in patterns)):
+            return cell
+    return None
+
+
+def _plain_cells(cells: Sequence[str], notation: Notation) -> tuple[list[int], DecimalMark]:
+    """Return the indices of plain numbers that show no more of their notation than others do, and their decimal mark.
+
+    If one number shows that a mark is decimal, others with it show nothing more; nor do further whole numbers.
+    """
+    marked = {*notation.missing, *notation.below}
+    by_mark = {
+        mark: [i for i, cell in enumerate(cells) if pattern.fullmatch(cell) and cell not in marked]
+        for mark, pattern in _PLAIN.items()
+        if notation.decimal in (None, mark)
+    }
+    mark, plain = max(by_mark.items(), key=lambda item: len(item[1]))
+    ambiguous = _NUMBERS["," if mark == "." else "."]
+    whole = [i for i in plain if mark not in cells[i]]
+    decisive = next((i for i in plain if not ambiguous.fullmatch(cells[i])), None)
+    kept = {decisive, *whole[:1], next((i for i in whole if _UNGROUPED.fullmatch(cells[i])), None)}
+    return [i for i in (whole if decisive is None else plain) if i not in kept], mark
 
 
 def _limit(cell: str, notation: Notation) -> float | None:

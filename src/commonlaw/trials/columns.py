@@ -80,12 +80,20 @@ class Table:
     """Whether the column of times had dates or times of day."""
     parsed: dict[str, Numerals | Unreadable] = field(default_factory=dict)
     """Columns of text as far as they have been read as numbers."""
+    meant: dict[str, bool] = field(default_factory=dict)
+    """Whether they are meant as numbers, as far as that has been asked."""
+    coded: dict[str, tuple[Column, Codes]] = field(default_factory=dict)
+    """Columns, and their codes, as far as these have been asked for."""
     rows: Codes = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     """Index of each row in the table as it came in, shape (n,)."""
     doses: Column | None = None
     """The doses of each row's trial, shape (n,), a tuple that its rows share; None if the table records none."""
     administered: tuple[str, ...] = ()
     """The columns of their amounts and rates."""
+    plain: frozenset[str] = frozenset()
+    """Columns of numbers that are text in the file, with a decimal point or whole."""
+    written: Callable[[Sequence[str]], list[Column]] = lambda _: []
+    """From names of these to their cells as written, in all rows of the table as it came in."""
 
     def __post_init__(self) -> None:
         if not len(self):
@@ -113,10 +121,14 @@ class Table:
         column = self.columns[name]
         if name not in self.loose:
             return column.dtype.kind in "iuf"
-        parsed = self._parsed(name)
-        if not isinstance(parsed, Unreadable):
-            return not np.isnan(parsed.values).all()
-        return are_meant_as_numbers([cell for cell in self._cells(name) if cell and not is_missing(cell)])
+        if name not in self.meant:
+            parsed = self._parsed(name)
+            self.meant[name] = (
+                are_meant_as_numbers([cell for cell in self._cells(name) if cell and not is_missing(cell)])
+                if isinstance(parsed, Unreadable)
+                else not np.isnan(parsed.values).all()
+            )
+        return self.meant[name]
 
     def numbers(self, name: str, *, missing: bool = False) -> Floats:
         """Return a column as numbers, shape (n,), NaN where a cell is empty if it may be `missing`."""
@@ -148,8 +160,11 @@ class Table:
 
     def is_switch(self, name: str) -> bool:
         """Say whether a column holds both words for the states of a switch, which are read as 1 and 0."""
+        column = self.columns[name]
+        if column.dtype.kind != "O":
+            return False
         words, cells = set[str](), set[object]()
-        for cell in self.columns[name]:
+        for cell in column:
             if isinstance(cell, str) and cell not in cells:
                 cells.add(cell)
                 words |= {cell.strip().casefold()} - {""}
@@ -175,6 +190,8 @@ class Table:
     def encoded(self, name: str, read: Callable[[object], object] = _plain) -> tuple[Codes, list[object]]:
         """Return a column as codes, shape (n,), -1 for empty cells, and the values that they stand for, `read` once."""
         column = self.columns[name]
+        if name in self.plain and column.dtype.kind == "f":  # Not to call 0.10 otherwise than it is written
+            column = self.texts([name])[0]
         try:
             codes, cells = factorized(column)
         except TypeError:
@@ -186,12 +203,37 @@ class Table:
         renumbered = np.array([numbered.get(value, -1) for value in read_values] + [-1])
         return renumbered[codes], values
 
+    def codes(self, name: str) -> Codes:
+        """Return a column as codes, shape (n,), -1 for empty cells; numbers that are equal have the same one."""
+        column = self.columns[name]
+        if name not in self.coded or self.coded[name][0] is not column:
+            codes = self.encoded(name)[0] if column.dtype.kind == "O" else factorized(column)[0]
+            self.coded[name] = column, codes
+        return self.coded[name][1]
+
+    def texts(self, names: Sequence[str]) -> list[Column]:
+        """Return columns as they are written, those of text; others as they are."""
+        plain = [name for name in names if name in self.plain]
+        written = dict(zip(plain, self.written(plain) if plain else (), strict=True))
+        return [written[name][self.rows] if name in written else self.columns[name] for name in names]
+
+    @property
+    def fractional(self) -> list[str]:
+        """The columns of plain numbers that are not all whole."""
+        return [name for name in self.columns if name in self.plain and self.columns[name].dtype.kind == "f"]
+
+    def as_texts(self, names: Sequence[str]) -> "Table":
+        """Return the table with columns of plain numbers as the text that they are in the file."""
+        columns = {**self.columns, **dict(zip(names, self.texts(names), strict=True))}
+        loose, plain = self.loose | {*names}, self.plain - {*names}
+        return replace(self, columns=columns, loose=loose, plain=plain, parsed={}, meant={})
+
     def joined(self, name: str | None) -> "Table":
         """Return the table with a column of the cells of several that its name lists: ``strain, dose``."""
         names = (name or "").split(", ")
         if name in self.columns or len(names) < 2 or not self.columns.keys() >= {*names}:
             return self
-        cells = [[label(cell) for cell in self.columns[part].tolist()] for part in names]
+        cells = [[label(cell) for cell in column.tolist()] for column in self.texts(names)]
         texts = np.array([", ".join(parts) if all(parts) else "" for parts in zip(*cells, strict=True)], dtype=object)
         return replace(self, columns={**self.columns, ", ".join(names): texts})
 
@@ -205,6 +247,7 @@ class Table:
             locate=lambda row: self.locate(int(rows[row])),
             number=lambda row: self.number(int(rows[row])),
             parsed={},
+            meant={},
         )
 
     def is_index(self, name: str) -> bool:
@@ -229,16 +272,30 @@ class Table:
         return f"{self.source}: column {name!r}, {self.locate(row)}"
 
 
+def stacked_column(parts: Sequence[tuple[Table, str]]) -> Column:
+    """Return columns of tables below each other: numbers, or all as written where one of them is text."""
+    columns = [table.columns[name] for table, name in parts]
+    if any(column.dtype.kind == "O" for column in columns):
+        columns = [table.texts([name])[0] for table, name in parts]
+    return np.concatenate(columns)
+
+
 def with_numbers(table: Table, notation: Notation) -> Table:
     """Return the table with its columns read as numbers, and facts of how these were written.
 
     Columns that are ambiguous by themselves have the decimal mark of the others.
     """
+    if notation.decimal == ",":
+        table = table.as_texts(table.fractional)
     loose = [name for name in table.columns if name in table.loose]
     parsed = {name: numerals(table.columns[name], notation) for name in loose}
     shown = {result.decimal for result in parsed.values() if isinstance(result, Numerals) and result.decimal}
+    if "," in shown:
+        table = table.as_texts(table.fractional)
+        loose = [name for name in table.columns if name in table.loose]
     if "," in shown or any(isinstance(result, Unreadable) and result.is_ambiguous for result in parsed.values()):
-        shown |= {"."} if any(_shows_points(table.columns[name]) for name in loose) else set()
+        fractional = [*loose, *table.fractional]
+        shown |= {"."} if any(map(_shows_points, table.texts(fractional))) else set()
         notation = replace(notation, usual=frozenset(shown))
         parsed = {name: numerals(table.columns[name], notation) for name in loose}
     columns = dict(table.columns)
@@ -275,6 +332,7 @@ def with_numbers(table: Table, notation: Notation) -> Table:
         units={name: result.unit for name, result in read.items() if result.unit} | dict(table.units),
         notation=notation,
         parsed={name: parsed[name] for name in loose},
+        meant={},
         facts=(*table.facts, *facts),
     )
 
@@ -295,8 +353,12 @@ def filled_table(
     loose: Sequence[int] = (),
     locate: Callable[[int], str] = lambda row: f"row {row + 1}",
     number: Callable[[int], int] = lambda row: row + 1,
+    written: Callable[[Sequence[int]], list[Column]] | None = None,
 ) -> Table:
-    """Return the table of these columns without the rows and the nameless columns in which nothing stands."""
+    """Return the table of these columns without the rows and the nameless columns in which nothing stands.
+
+    Those that are not `loose` are `written` as text by their indices, where this is not None.
+    """
     empty = [_missing(column) for column in columns]
     used = [i for i, header in enumerate(headers) if header.strip() or not empty[i].all()]
     titles = [headers[i] for i in used]
@@ -313,7 +375,17 @@ def filled_table(
     truths = {name: values for name in loosely if (values := _truths(arrays[name])) is not None}
     arrays, loosely = arrays | truths, loosely - {*truths}
     where = lambda row: locate(int(rows[row])), lambda row: number(int(rows[row]))
-    return Table(source, arrays, units, *where, loosely)
+    table = Table(source, arrays, units, *where, loosely)
+    if written is None:
+        return table
+    indices = dict(zip(names, used, strict=True))
+    plain = frozenset(name for name in names if indices[name] not in loose)
+    cells = written
+    return replace(
+        table,
+        plain=plain,
+        written=lambda texts: [column[rows] for column in cells([indices[name] for name in texts])],
+    )
 
 
 def _truths(column: Column) -> Column | None:

@@ -156,8 +156,10 @@ def first_time(table: Table, name: str) -> int:
 
 
 def _with_times(table: Table, name: str, values: Floats, unit: str, note: str, *, calendar: bool) -> Table:
-    columns, units, loose = {**table.columns, name: values}, {**table.units, name: unit}, table.loose - {name}
-    return replace(table, columns=columns, units=units, loose=loose, notes=(*table.notes, note), calendar=calendar)
+    columns, units = {**table.columns, name: values}, {**table.units, name: unit}
+    loose, plain = table.loose - {name}, table.plain - {name}
+    notes = *table.notes, note
+    return replace(table, columns=columns, units=units, loose=loose, plain=plain, notes=notes, calendar=calendar)
 
 
 def _partner(table: Table, name: str, others: Collection[str]) -> str | None:

@@ -39,7 +39,7 @@ from commonlaw.runtime.packages import optional_import
 from commonlaw.runtime.shutdown import put_away_first
 from commonlaw.text import as_text, counted
 from commonlaw.trials import workbook_process
-from commonlaw.trials.columns import Column, Table, column_of, filled_table, frame_table
+from commonlaw.trials.columns import Column, Table, column_of, filled_table, frame_table, stacked_column
 from commonlaw.trials.headers import check_unit, join_header, label, split_header
 from commonlaw.trials.reading import WrittenReading
 from commonlaw.trials.recognition import TRIAL, is_called
@@ -177,7 +177,8 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
         table, table_row = within(row)
         return f"{table.locate(table_row)} of {table.source}"
 
-    columns = {name: np.concatenate([table.columns[name] for table in tables]) for name in tables[0].columns}
+    columns = {name: stacked_column([(table, name) for table in tables]) for name in tables[0].columns}
+    plain = frozenset(name for name in columns if all(name in table.plain for table in tables))
     if "object" not in {name.casefold() for name in columns}:
         for role, labels in _labels_of_files(files).items():
             if role not in columns:
@@ -191,6 +192,8 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
         frozenset().union(*(table.loose for table in tables)),
         notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
         facts=tuple(dict.fromkeys(fact for table in tables for fact in table.facts)),
+        plain=plain,
+        written=lambda names: [np.concatenate(parts) for parts in zip(*(t.texts(names) for t in tables), strict=True)],
         label=as_text(name_of_table(path)) if isinstance(path, str | os.PathLike) else "object",
     )
 

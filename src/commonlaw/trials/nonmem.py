@@ -253,7 +253,7 @@ def with_records(table: Table, reading: Reading, time: str) -> tuple[Table, Read
         raise CommonlawError("nothing-measured", trial=table.source)
     roles: Reading = {**reading, "trial": trial}
     if (runs > 1).any():
-        before = [f"{label(cell)}-" for cell in table.columns[trial].tolist()] if trial else [""] * len(table)
+        before = [f"{label(cell)}-" for cell in table.texts([trial])[0].tolist()] if trial else [""] * len(table)
         roles["trial"] = trial = trial or "trial"
         columns[trial] = np.array(
             [f"{name}{run}" for name, run in zip(before, runs.tolist(), strict=True)], dtype=object
@@ -273,6 +273,7 @@ def with_records(table: Table, reading: Reading, time: str) -> tuple[Table, Read
         columns=columns,
         units={**table.units, **(dict.fromkeys(names, unit) if unit else {})},
         loose=(table.loose | {*names} if items.get("dv") in table.loose else table.loose) - {trial},
+        plain=table.plain - {trial, *names},
         notes=(*table.notes, records.in_words(len({*series[~is_sampled].tolist()}))),
         doses=doses,
         administered=tuple(items[item] for item in ("amt", "rate") if item in items and "amt" in items),
@@ -291,7 +292,7 @@ def _individuals(table: Table, reading: Reading) -> tuple[str, str, Codes]:
     groups = np.zeros(len(table), dtype=np.int64)
     for name in (owner, trial):
         if name:
-            codes = table.joined(name).encoded(name)[0]
+            codes = table.joined(name).codes(name)
             groups = np.unique(groups * (codes.max() + 2) + codes + 1, return_inverse=True)[1]
     return owner or "", trial, groups
 

@@ -17,7 +17,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted, shown
-from commonlaw.trials.columns import Codes, Column, Table, column_of, with_numbers, with_unit
+from commonlaw.trials.columns import Codes, Column, Table, column_of, stacked_column, with_numbers, with_unit
 from commonlaw.trials.dates import (
     Elapsed,
     elapsed,
@@ -66,6 +66,8 @@ def _stacked(table: Table, names: Sequence[str], repeated: Iterable[str], more: 
         number=lambda row: table.number(int(rows[row])),
         rows=table.rows[rows],
         parsed={},
+        meant={},
+        plain=table.plain & {*repeated} - more.keys(),
     )
 
 
@@ -125,7 +127,7 @@ def _runs_across(table: Table) -> Table | None:
     if not complete or len(runs) < 2 or len(names) < 2 or len(times) != 1 or any(len(of) > 1 for of in units.values()):
         return None
     columns = [run[times[0]] for run in runs.values()]
-    more = {name: np.concatenate([table.columns[run[name]] for run in runs.values()]) for name in names}
+    more = {name: stacked_column([(table, run[name]) for run in runs.values()]) for name in names}
     more["object"] = np.repeat(np.array([*runs], dtype=object), len(table))
     long = _stacked(table, columns, (), more)
     shown_runs = f"{counted(len(runs), 'run')}, {shown_columns([*runs])}"
@@ -136,7 +138,7 @@ def _runs_across(table: Table) -> Table | None:
         roles={**table.roles, "object": "object"},
         notes=(*table.notes, f"{table.source}: the columns are of {shown_runs}, each of an object"),
     )
-    return long.taken(np.flatnonzero(np.any([long.encoded(name)[0] >= 0 for name in names], axis=0)))
+    return long.taken(np.flatnonzero(np.any([long.codes(name) >= 0 for name in names], axis=0)))
 
 
 def _objects(table: Table, words: Sequence[str]) -> tuple[str, Column]:
@@ -328,7 +330,7 @@ def _tells_apart(table: Table, name: str, times: Floats, groups: Sequence[Group]
     rows = np.concatenate([group.rows for group in groups])
     owners = np.repeat(np.arange(len(groups)), [len(group.rows) for group in groups])
     try:
-        codes = table.encoded(name)[0][rows]
+        codes = table.codes(name)[rows]
     except CommonlawError:
         return False
     order = np.lexsort((codes, owners))  # stable: of the same cell, rows keep their order
@@ -473,8 +475,9 @@ def _long_rows(table: Table, reading: Reading, columns: ColumnRoles) -> Rows:
             raise CommonlawError("wide-without-deviations", where=table.source, columns=shown_columns(without))
         deviations = [measured.numbers(columns.noise_columns[name], missing=True) for name in names]
         more[noise[state]] = np.concatenate(deviations)
+    texts = table.texts(names) if first else []
     conditions = {
-        label.strip(): np.repeat(column_of([table.columns[name][row] for name in names])[0], len(measured))
+        label.strip(): np.repeat(column_of([cells[row] for cells in texts])[0], len(measured))
         for row, label in enumerate(table.columns[time][:first])
         if isinstance(label, str)
     }

@@ -7,17 +7,21 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, chain, islice, pairwise, zip_longest
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from commonlaw.array_types import Indices
+from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.files import MOST_CELLS, MOST_COLUMNS, MOST_ROWS, check_size, decoded
 from commonlaw.text import counted, shown
-from commonlaw.trials.cells import is_missing
+from commonlaw.trials.cells import factorized, is_missing
 from commonlaw.trials.columns import Column, Table, filled_table
 from commonlaw.trials.dates import elapsed_in_names
 from commonlaw.trials.headers import known_unit, split_header
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _BEYOND = "[<>~\N{LESS-THAN OR EQUAL TO}\N{GREATER-THAN OR EQUAL TO}]? ?"
 _NUMBER = rf"{_BEYOND}[+\-\N{{MINUS SIGN}}]?(\d[\d.,' \N{{NO-BREAK SPACE}}]*+|[.,]\d+)([eE][+-]?\d+)?"
@@ -226,7 +230,7 @@ _MISSING = ["NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
 _QUOTED_MISSING = re.compile(r'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
 _COMMENT = re.compile(r'"[^"]*"|^[ \t]*(?:#|%|//)[^\n]*', re.MULTILINE)
 """A comment line, or a cell in quotes, in which such a line would be text."""
-_COMMENT_LINE, _WRITTEN_LINE = re.compile(r"^[ \t]*(?:#|%|//)", re.MULTILINE), re.compile(r"\S[^\n]*")
+_COMMENT_LINE, _WRITTEN_LINE = re.compile(r"\n[ \t]*(?:#|%|//)"), re.compile(r"\S[^\n]*")
 _COMMENT_MARK = re.compile(r"\s*(?:[#%]+|//)\s*")
 _BLANKS = re.compile(r'"[^"\n]*"|(?<![ \t])[ \t]++(?=[^\s\[(])')
 _WIDE_BLANKS = re.compile(r'"[^"\n]*"|(?<! )(?: {2,}+| *+\t *+)(?=[^\s\[(])')
@@ -238,9 +242,7 @@ _MOST_COMMENTS = 1_000_000
 
 
 def text_table(source: str, content: bytes) -> Table:
-    """Return the table in text, every cell as text."""
-    import pandas as pd
-
+    """Return the table in text: columns of plain numbers as such, and of others every cell as text."""
     text, encoding = decoded(source, content)
     facts = [f"text in {encoding}"] if encoding else []
     text, comments = _without_comments(source, text)
@@ -265,45 +267,33 @@ def text_table(source: str, content: bytes) -> Table:
         facts.append(f"comments left out: {shown(others)}")
     body = text.split("\n", before)[before] if text.count("\n") >= before else ""
     del content, text
-    _check_cells(source, body, delimiter, before)
     body, footer = _without_footer(source, body, delimiter, layout, before)
     facts += footer
     if not body.strip():
         return filled_table(source, header, [np.empty(0, dtype=object)] * len(header))
-    lines = _line_numbers(source, body, delimiter, len(header), before)
-    if '"' in body:
+    if any(f'"{word}"' in body for word in _MISSING):
         # In quotes these words are text: a blank behind them, which is stripped from texts, tells them apart
         body = _QUOTED_MISSING.sub(r'"\1 "', body)
-    try:
-        frame = pd.read_csv(
-            io.StringIO(body),
-            sep=delimiter,
-            header=None,
-            names=range(len(header)),
-            index_col=False,
-            dtype=object,
-            keep_default_na=False,
-            na_values=[""],
-            skip_blank_lines=False,
-            engine="c",
-        )
-    except pd.errors.ParserError as error:
-        raise CommonlawError("quotation-marks", where=source, error=error) from None
-    kept = np.flatnonzero(lines)
-    counts, columns = Counter[tuple[int, str]](), list[Column]()
-    for i in range(len(header)):
-        cells = frame.iloc[:, i].to_numpy(dtype=object)[kept]
-        if (is_word := pd.Series(cells).isin(_MISSING).to_numpy()).any():
-            counts.update((i, word) for word in cells[is_word])
-            cells[is_word] = np.nan
-        columns.append(cells)
+    cells = _Cells.of(source, body, delimiter, len(header), before)
+    del body
+    columns, counts = cells.columns(), Counter[tuple[int, str]]()
+    for i, column in enumerate(columns):
+        if column.dtype.kind == "O":
+            codes, words = factorized(column)
+            marks = {code: word for code, word in enumerate(words.tolist()) if word in _MISSING}
+            if marks:
+                sizes = np.bincount(codes[codes >= 0], minlength=len(words))
+                counts.update({(i, word): int(sizes[code]) for code, word in marks.items()})
+                columns[i] = np.where(np.isin(codes, [*marks]), np.nan, column)
+    lines, kept = cells.lines, cells.rows
     table = filled_table(
         source,
         header,
         columns,
-        loose=range(len(header)),
+        loose=[i for i, column in enumerate(columns) if column.dtype.kind == "O"],
         locate=lambda row: f"row {row + 1} (line {lines[kept[row]]})",
         number=lambda row: int(lines[kept[row]]),
+        written=cells.texts,
     )
     facts += [
         f"read as missing in {split_header(header[i])[0]}: {word!r} in {counted(count, 'cell')}"
@@ -312,13 +302,156 @@ def text_table(source: str, content: bytes) -> Table:
     return replace(table, facts=tuple(facts))
 
 
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """The cells of a table in text below its header, in rows of one width.
+
+    Parameters
+    ----------
+    content
+        The text in UTF-8.
+    lines
+        The number in the file of the last line of each row, 0 of an empty row.
+    begins
+        Which columns have a cell that begins otherwise than its number is written, such as ``007`` or ``+5``, or is in
+        quotation marks, shape (width,).
+    """
+
+    source: str
+    content: bytes
+    delimiter: str
+    lines: Indices
+    begins: Bools
+
+    @classmethod
+    def of(cls, source: str, body: str, delimiter: str, width: int, before: int) -> "_Cells":
+        """Return the cells in a text that begins `before` lines into the file; refused if rows differ in width."""
+        content = (body if body.endswith("\n") else f"{body}\n").encode()
+        if (known := _lines_and_begins(source, content, delimiter, width, before)) is not None:
+            return cls(source, content, delimiter, *known)
+        lines, count, most = [], 0, min(MOST_ROWS, MOST_CELLS // max(width, 1))
+        for row in _read(source, body, delimiter, before):
+            count += bool(row.cells)
+            if count > most:
+                check_size(source, count, width)
+            lines.append(row.line if row.cells else 0)
+            if row.cells and len(row.cells) != width:
+                raise CommonlawError(
+                    "row-length", where=source, row=count, line=row.line, cells=len(row.cells), width=width
+                )
+        return cls(source, content, delimiter, np.array(lines), np.ones(width, dtype=np.bool_))
+
+    @property
+    def rows(self) -> Indices:
+        """The indices of the rows that are not empty."""
+        return np.flatnonzero(self.lines)
+
+    def columns(self) -> list[Column]:
+        """Return the columns: numbers where all cells are plain ones, as Python reads them, or empty; else text."""
+        width, rows = len(self.begins), self.rows
+        first = self._read(range(width), object, max(100_000 // width, 1))
+        texts = {i for i in range(width) if not _are_plain(first[i])}
+        frame = self._read(range(width), dict.fromkeys(texts, object))
+        columns = {i: frame[i].to_numpy() for i in range(width)}
+        again = [i for i, column in columns.items() if column.dtype.kind not in "if" and i not in texts]
+        again += [i for i, column in columns.items() if column.dtype.kind == "i" and self.begins[i]]
+        for i, column in columns.items():
+            if column.dtype.kind == "f" and np.isnan(column).all():
+                columns[i] = column.astype(object)
+        columns |= dict(zip(again, self._texts(again), strict=True))
+        return [columns[i] if len(rows) == len(frame) else columns[i][rows] for i in range(width)]
+
+    def texts(self, indices: Sequence[int]) -> list[Column]:
+        """Return columns, by their indices, as they are written, without the empty rows."""
+        return [column[self.rows] for column in self._texts(indices)]
+
+    def _texts(self, indices: Sequence[int]) -> list[Column]:
+        if not indices:
+            return []
+        frame = self._read(indices, object)
+        return [frame[i].to_numpy(dtype=object) for i in indices]
+
+    def _read(self, indices: Sequence[int], kinds: Any, rows: int | None = None) -> "pd.DataFrame":
+        import pandas as pd
+
+        options: dict[str, Any] = {
+            "sep": self.delimiter,
+            "header": None,
+            "names": range(len(self.begins)),
+            "usecols": indices,
+            "index_col": False,
+            "dtype": kinds,
+            "nrows": rows,
+            "keep_default_na": False,
+            "na_values": [""],
+            "skip_blank_lines": False,
+            "low_memory": False,
+            "engine": "c",
+        }
+        if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):  # Older ones round the last digit unless asked
+            options["float_precision"] = "round_trip"
+        try:
+            return pd.read_csv(io.BytesIO(self.content), **options)
+        except pd.errors.ParserError as error:
+            raise CommonlawError("quotation-marks", where=self.source, error=error) from None
+
+
+def _are_plain(cells: "pd.Series[Any]") -> bool:
+    """Say whether cells may be numbers, as far as they are not empty."""
+    try:
+        cells.to_numpy(dtype=np.float64)
+    except ValueError:
+        return False
+    return True
+
+
+def _lines_and_begins(
+    source: str, content: bytes, delimiter: str, width: int, before: int
+) -> tuple[Indices, Bools] | None:
+    """Return `lines` and `begins` of `_Cells`, by counting separators; None where only reading the rows shows them.
+
+    That is where rows differ in width, or a quotation mark is not at the begin or the end of a cell in one line.
+    """
+    codes, (mark, quote, end) = np.frombuffer(content, dtype=np.uint8), map(ord, (delimiter, '"', "\n"))
+    is_quote = codes == quote
+    quotes, cell_ends = np.flatnonzero(is_quote), np.flatnonzero((codes == mark) | (codes == end))
+    if len(quotes):
+        opening, closing = quotes[::2], quotes[1::2]
+        if len(opening) > len(closing):
+            return None
+        doubled = opening[1:] == closing[:-1] + 1
+        outside = (codes[opening - 1], codes[closing + 1])  # What comes before the first character is the last line end
+        at_begin, at_end = ((character == mark) | (character == end) for character in outside)
+        if not ((at_begin[1:] | doubled).all() and (at_end[:-1] | doubled).all() and at_begin[0] and at_end[-1]):
+            return None
+        is_quoted = np.cumsum(is_quote, dtype=np.uint8)[cell_ends] % 2 == 1
+        if (codes[cell_ends[is_quoted]] == end).any():
+            return None
+        cell_ends = cell_ends[~is_quoted]
+    del is_quote
+    last = np.flatnonzero(codes[cell_ends] == end)  # Of each line, the index of its last cell among all cells
+    is_blank = np.diff(cell_ends[last], prepend=-1) == 1
+    check_size(source, int(np.sum(~is_blank)), width)
+    is_regular = is_blank | (np.diff(last, prepend=-1) == width)
+    if not is_regular.all() or np.diff(cell_ends, prepend=-1).max() > csv.field_size_limit():
+        return None
+    lines = np.where(is_blank, 0, before + 1 + np.arange(len(last)))
+    begin = np.append(0, cell_ends[:-1] + 1)
+    first, second = codes[begin], codes[np.minimum(begin + 1, len(codes) - 1)]
+    is_zero = (first == ord("0")) & (second >= ord("0")) & (second <= ord("9"))
+    is_odd = is_zero | (first == ord("+")) | ((first == ord("-")) & (second == ord("0"))) | (first == quote)
+    odd = np.flatnonzero(is_odd)
+    row = np.searchsorted(last, odd)
+    return lines, np.bincount(odd - np.append(0, last[:-1] + 1)[row], minlength=width)[:width] > 0
+
+
 def _without_comments(source: str, text: str) -> tuple[str, dict[int, str]]:
     """Return a text with empty lines in place of comments, and these by the numbers of their lines.
 
     Where they are more than half of what is written, they are no comments.
     """
     comments, line, begin = dict[int, str](), 1, 0
-    for match in _COMMENT.finditer(text) if _COMMENT_LINE.search(text) else ():
+    for match in _COMMENT.finditer(text) if _COMMENT.match(text) or _COMMENT_LINE.search(text) else ():
         if match[0].startswith('"'):
             continue
         line, begin = line + text.count("\n", begin, match.start()), match.start()
@@ -386,26 +519,6 @@ def _read(source: str, text: str, delimiter: str, before: int = 0) -> Iterator[R
         raise CommonlawError("quotation-marks-in-line", source=source, line=line, error=error) from None
 
 
-def _check_cells(source: str, body: str, delimiter: str, before: int) -> None:
-    """Refuse a cell that is too long; one on several lines is in quotes, and refused by `_read`."""
-    ends, limit = _positions(body, "\n"), csv.field_size_limit()
-    for i in np.flatnonzero(np.diff(ends, prepend=-1) > limit).tolist():
-        line = body[ends[i - 1] + 1 if i else 0 : ends[i]]
-        if max(map(len, line.split(delimiter))) > limit:
-            raise CommonlawError("cell-too-long", source=source, line=before + i + 1, limit=limit)
-
-
-def _positions(text: str, mark: str) -> Indices:
-    """Return the indices of a character, part by part, and after the last one that of the end of the text."""
-    parts, size = list[Indices](), 2**24
-    for begin in range(0, len(text), size):
-        # One number for each character, whatever it is
-        codes = np.frombuffer(text[begin : begin + size].encode("utf-32-le"), dtype=np.uint32)
-        parts.append(begin + np.flatnonzero(codes == ord(mark)))
-    ended = text.endswith(mark) or not text
-    return np.concatenate([*parts, np.full(0 if ended else 1, len(text))])
-
-
 def _without_footer(source: str, body: str, delimiter: str, layout: Layout, before: int) -> tuple[str, list[str]]:
     """Return the rows of the table without those at their end that are no measurements, and what these were."""
     # Among the last 100 lines
@@ -420,25 +533,3 @@ def _without_footer(source: str, body: str, delimiter: str, layout: Layout, befo
     if not any(texts):
         return body, []
     return "\n".join(lines), [f"left out below the table: {shown([repr(text) for text in texts if text])}"]
-
-
-def _line_numbers(source: str, body: str, delimiter: str, width: int, before: int) -> Indices:
-    """Return the number of the last line of each row, `before` lines into the file, and 0 for an empty row."""
-    # Counting separators is much faster than reading rows, and says enough where all is in order
-    if '"' not in body:
-        ends = _positions(body, "\n")
-        check_size(source, int(np.count_nonzero(np.diff(ends, prepend=-1) > 1)), width)
-        separators = np.searchsorted(_positions(body, delimiter), ends)
-        if len(ends) and np.all(np.diff(separators, prepend=0) == width - 1):
-            return before + 1 + np.arange(len(ends))
-    lines, count, most = [], 0, min(MOST_ROWS, MOST_CELLS // max(width, 1))
-    for row in _read(source, body, delimiter, before):
-        count += bool(row.cells)
-        if count > most:
-            check_size(source, count, width)
-        lines.append(row.line if row.cells else 0)
-        if row.cells and len(row.cells) != width:
-            raise CommonlawError(
-                "row-length", where=source, row=count, line=row.line, cells=len(row.cells), width=width
-            )
-    return np.array(lines)
