@@ -82,6 +82,9 @@ def constant_columns(table: Table, names: Sequence[str], codes: Codes, *, others
 
 def _refuse_nearly_constant(table: Table, name: str, cells: Floats, codes: Codes) -> None:
     """Refuse a column that is constant for at least half of the objects, and but for a tenth of the rows of others."""
+    of_first = np.unique(cells[codes == codes[0]], return_counts=True)[1]
+    if of_first.sum() - of_first.max() > max(1, 0.1 * of_first.sum()):
+        return
     values = np.unique(cells, return_inverse=True)[1]
     pairs, which, counts = np.unique(codes * len(cells) + values, return_inverse=True, return_counts=True)
     sizes, most = np.bincount(codes), np.zeros(codes.max() + 1, dtype=np.int64)

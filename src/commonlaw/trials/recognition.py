@@ -241,7 +241,7 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
     numbers = [name for name in able if name not in texts and is_called(name, OBJECT - TRIAL)]
     pool = [name for name in texts if not is_called(name, TRIAL)] or texts
     pool = [name for name in pool if not is_covariate(name)] or pool
-    codes = {name: table.encoded(name)[0] for name in (*pool, *numbers)}
+    codes = {name: table.codes(name) for name in (*pool, *numbers)}
     # A number names an object alone if it is never used twice
     pool += [name for name in numbers if all(_determines(codes[name], codes[text]) for text in pool)]
     # A remark changes within trials, too
@@ -259,7 +259,7 @@ def object_column(table: Table, times: Floats, names: Sequence[str]) -> str | No
             return likely[0]
     if not finest:
         return _separating_column(table, times, names)
-    trials = [table.encoded(name)[0] for name in able if is_called(name, TRIAL) and name not in finest]
+    trials = [table.codes(name) for name in able if is_called(name, TRIAL) and name not in finest]
     if any(_separate(times, trial, *(codes[name] for name in finest)) for trial in trials):
         return ", ".join(finest)
     first, second = finest[:2]
@@ -277,10 +277,10 @@ def _separating_column(table: Table, times: Floats, names: Sequence[str]) -> str
     numbers = [name for name in names if table.is_numeric(name) and not is_covariate(name)]
     counted = [[name] for name in numbers if _counts(table, name)]
     for run in [called[:1]] if called else [[], *counted]:
-        runs = table.encoded(run[0])[0] if run else np.zeros(len(table), dtype=np.int64)
+        runs = table.codes(run[0]) if run else np.zeros(len(table), dtype=np.int64)
         if increase_within(runs, times):
             return None
-        codes = {name: table.encoded(name)[0] for name in numbers if name not in (*called, *run)}
+        codes = {name: table.codes(name) for name in numbers if name not in (*called, *run)}
         for name, code in tuple(codes.items()):
             last, changes = int(code.max()), int(np.sum(np.diff(code) != 0))
             is_label_of_rows = code.min() >= 0 and (changes == last or _counts(table, name)) and 3 * last < len(table)
@@ -304,7 +304,7 @@ def joint_objects(table: Table, times: Floats, names: Sequence[str], groups: Cod
     A condition does not change while time increases, or is text or counts.
     """
     able = [name for name in names if not (table.is_numeric(name) and is_covariate(name))]
-    codes = {name: table.encoded(name)[0] for name in able}
+    codes = {name: table.codes(name) for name in able}
     for name, code in tuple(codes.items()):
         is_held = (np.diff(times)[np.diff(code) != 0] <= 0).all()
         if code.min() < 0 or 3 * code.max() >= len(table) or not (is_held or _counts(table, name)):
@@ -370,7 +370,7 @@ def trial_column(table: Table, times: Floats, names: Sequence[str], owners: Code
         for name in able
         if not is_called(name, INPUT)
         and _counts(table, name)
-        and increase_within(owners * len(table) + table.encoded(name)[0], times)
+        and increase_within(owners * len(table) + table.codes(name), times)
     ]
     if len(counted) > 1:
         raise CommonlawError(
@@ -401,14 +401,15 @@ def is_label(table: Table, name: str, times: Floats) -> bool:
         if is_counter(table, name, times):
             return False
     try:
-        codes, labels = table.encoded(name)
+        codes = table.codes(name)
     except CommonlawError:
         return False
-    if (codes < 0).any() or 2 * len(labels) > len(table):
+    labels = int(codes.max(initial=-1)) + 1
+    if (codes < 0).any() or 2 * labels > len(table):
         return False
-    if len(labels) == 1 or not (np.diff(times) > 0).all():
+    if labels == 1 or not (np.diff(times) > 0).all():
         return True
-    if is_called(name, OBJECT | TRIAL) and np.sum(np.diff(codes) != 0) == len(labels) - 1:
+    if is_called(name, OBJECT | TRIAL) and np.sum(np.diff(codes) != 0) == labels - 1:
         return True
     return is_text and _begins_anew(table, codes, times)
 
@@ -662,10 +663,13 @@ def note_on_pulses(name: str) -> str:
 
 def _is_held(values: Floats) -> bool:
     """Say whether a trial of values stays at levels, within noise, and jumps between them, or has single pulses."""
+    is_same = np.diff(values) == 0
+    if 2 * np.sum(is_same) < len(is_same):
+        return _jumps_twice(values)
     levels, ranks = np.unique(values, return_inverse=True)
     jumps = np.diff(ranks)
     kept = np.diff(np.flatnonzero(np.concatenate([[1], jumps, [1]])))
-    if len(levels) < 2 or 2 * np.sum(jumps == 0) < len(jumps) or 2 * np.sum(kept > 1) < len(kept):
+    if len(levels) < 2 or 2 * np.sum(kept > 1) < len(kept):
         return _jumps_twice(values)
     # A coarse sensor passes through neighbouring levels; it skips few, and none at multiples of a number of samples
     skips, intervals = np.abs(jumps) > 1, np.diff(np.flatnonzero(jumps))
@@ -698,8 +702,11 @@ def last_digit(values: Floats) -> float:
         return 0.0
     first = int(np.floor(np.log10(largest)))
     for place in range(first, max(first - 12, -308), -1):  # Smaller powers of ten are zero
-        scaled = finite / 10.0**place
-        if (np.abs(scaled - np.round(scaled)) < 1e-3).all():
+        for part in (finite[:1000], finite):  # The first ones rule out most places
+            scaled = part / 10.0**place
+            if not (np.abs(scaled - np.round(scaled)) < 1e-3).all():
+                break
+        else:
             return float(10.0**place)
     return 0.0
 
@@ -711,8 +718,10 @@ def difference_noise(runs: Sequence[Floats]) -> Floats:
     orders leave least (Gasser, Sroka and Jennen-Steinmetz 1986). Infinite where there are too few samples.
     """
     result = np.full(7, np.inf)
+    differences = [np.diff(values) for values in runs]
     for i, order in enumerate(range(2, 9)):
-        parts = np.concatenate([np.diff(values, order) for values in runs])
+        differences = [np.diff(values) for values in differences]
+        parts = np.concatenate(differences)
         parts = parts[np.isfinite(parts)]
         if len(parts) > order:
             result[i] = np.sqrt(np.mean(parts**2) / comb(2 * order, order))
