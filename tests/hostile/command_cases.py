@@ -63,8 +63,9 @@ def _written(command: click.Command) -> list[click.Parameter]:
 def _arguments(command: click.Command, values: dict[click.Parameter, str] | None = None) -> list[str]:
     """Return the words that a command takes one after the other."""
     usual = {"law_path": "law.json", "path": "drops.csv", "equations": "height' = a", "laws": "height' = b"}
-    taken = [param for param in command.params if isinstance(param, click.Argument) and str(param.name) in usual]
-    return [(values or {}).get(each, usual[str(each.name)]) for each in taken]
+    given = values or {}
+    words = [given.get(each, usual.get(str(each.name))) for each in command.params if isinstance(each, click.Argument)]
+    return [word for word in words if word]
 
 
 def _given(r: random.Random, option: click.Option) -> list[str]:
