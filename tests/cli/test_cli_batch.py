@@ -97,7 +97,18 @@ def test_a_table_of_another_format_is_refused_before_anything_is_done(fails):
     )
 
 
+class _Unreadable:
+    """What can be pickled, but not read back."""
+
+    def __reduce__(self):
+        return int, ("three",)
+
+
 def _piece(number):
+    if number == 4:
+        return _Unreadable()
+    if number == 5:
+        return lambda: number
     if number == 1:
         os._exit(3)
     if number == 2:
@@ -106,7 +117,10 @@ def _piece(number):
 
 
 def test_a_process_that_ends_by_itself_costs_its_own_piece_alone():
-    found = sorted(in_processes(_piece, [0, 1, 2, 3], at_once=1))
+    *found, unreadable, unpicklable = sorted(in_processes(_piece, range(6), at_once=1))
+    assert (unreadable[1], unpicklable[1]) == (None, None)
+    assert "three" in unreadable[2]
+    assert unpicklable[2]
     assert found == [
         (0, 0, ""),
         (1, None, "its process ended by itself, with code 3: is there enough memory?"),

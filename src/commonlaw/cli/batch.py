@@ -6,6 +6,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -47,14 +48,19 @@ def in_processes(
             for connection in cast(list[Connection], wait([*busy])):
                 process, number = busy.pop(connection)
                 try:
-                    answer = connection.recv()
-                    idle.append((process, connection))
+                    content = connection.recv_bytes()
                 except (EOFError, OSError):
                     process.join()
                     connection.close()
                     code = process.exitcode
-                    answer = None, f"its process ended by itself, with code {code}: is there enough memory?"
-                yield number, *answer
+                    yield number, None, f"its process ended by itself, with code {code}: is there enough memory?"
+                    continue
+                idle.append((process, connection))
+                try:
+                    result, failure = ForkingPickler.loads(content)
+                except Exception as error:  # One answer that cannot be read is no reason to lose the others
+                    result, failure = None, in_words(error)
+                yield number, result, failure
     finally:
         for process, connection in (*idle, *((process, connection) for connection, (process, _) in busy.items())):
             process.kill()
@@ -71,10 +77,10 @@ def _serve(connection: Connection, work: Callable[[Any], object]) -> None:
             try:
                 piece = connection.recv()
                 try:
-                    answer: tuple[object, str] = work(piece), ""
+                    content = ForkingPickler.dumps((work(piece), ""))
                 except Exception as error:  # A fault of ours or of others is no reason to lose what the others find
-                    answer = None, in_words(error)
-                connection.send(answer)
+                    content = ForkingPickler.dumps((None, in_words(error)))
+                connection.send_bytes(content)
             except (EOFError, OSError):
                 return
 
