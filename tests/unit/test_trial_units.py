@@ -13,6 +13,7 @@ from commonlaw.library import Variables, parse_library
 from commonlaw.trials import Schema, Trial, Trials, headers
 from commonlaw.trials.headers import known_unit, registry
 from commonlaw.trials.transformations import in_units, with_logarithms, with_starts, without_rates
+from commonlaw.trials.units import Conversion
 from tests.refusals import refused
 
 
@@ -157,3 +158,9 @@ def test_temperatures_are_not_in_coulombs():
     frame = pd.DataFrame({"t (s)": [0.0, 1.0], "Temperature(C)": [20.0, 21.0], "T_out (F)": [1, 2], "Q (C)": [1, 2]})
     units = Trials.from_frame(frame).schema.units
     assert units == {"t": "s", "Temperature": "°C", "T_out": "°F", "Q": "C"}
+
+
+@pytest.mark.parametrize(("given", "wanted"), [("1", "dB"), ("cell", "dB"), ("dB", "1")])
+def test_a_unit_on_a_logarithmic_scale_is_refused_without_a_warning(given, wanted):
+    with refused("units-incompatible", name="x", unit=given, law_unit=wanted):
+        Conversion.between("x", given, wanted)

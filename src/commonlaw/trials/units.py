@@ -35,9 +35,10 @@ class Conversion(NamedTuple):
             return cls()
         given_unit, wanted_unit = parse_unit(given), parse_unit(wanted)
         try:
-            zero, first, second = (
-                float(registry().Quantity(i, given_unit).to(wanted_unit).magnitude) for i in (0.0, 1.0, 2.0)
-            )
+            with np.errstate(all="ignore"):  # The logarithm of zero, as of decibels, is infinite
+                zero, first, second = (
+                    float(registry().Quantity(i, given_unit).to(wanted_unit).magnitude) for i in (0.0, 1.0, 2.0)
+                )
         except (pint.PintError, ArithmeticError, ValueError):
             zero = first = second = np.nan
         bend, largest = abs(second - 2 * first + zero), max(abs(zero), abs(first), abs(second))
