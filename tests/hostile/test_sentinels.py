@@ -4,7 +4,9 @@ import ast
 import io
 import json
 import re
+import shlex
 import subprocess
+import sys
 import zipfile
 from dataclasses import replace
 from functools import cache
@@ -16,12 +18,16 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.cli.results import command_line
 from commonlaw.law import Law, Provenance, from_json, to_json, to_latex, to_script
 from commonlaw.law.io import file_content
 from commonlaw.law.observation import Observation, Restrictions, TrialEstimate
 from commonlaw.law.provenance import Alternative, Domain, Step
 from commonlaw.law.script import Source
+from commonlaw.report import Report, Section, Table, Text, law_report, to_page
+from commonlaw.report.markup import code, literal
 from commonlaw.trials import Schema
+from commonlaw.verdict import find
 
 MARK = "SENTINEL"
 SENTINELS = (
@@ -269,6 +275,38 @@ def table(sentinel):
             f"make {sentinel}": np.repeat([f"A{sentinel}", sentinel], 12),
         }
     )
+
+
+def test_a_page_runs_nothing_of_the_texts_in_it():
+    for sentinel in SENTINELS:
+        values = Table("values", literal(sentinel), pd.DataFrame({sentinel: [sentinel]}))
+        texts = (Text(code(sentinel, "sh")), Text(literal(sentinel)), values)
+        check_page(to_page(Report(sentinel, literal(sentinel), (Section("part", sentinel, texts),))).decode())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(0, len(SENTINELS), 3))
+def test_a_report_on_hostile_names_runs_nothing(first):
+    of_object, of_state, of_property = (text.replace("\n", " ") for text in SENTINELS[first : first + 3])
+    frame = table(of_object).rename(columns={f"x {of_object}": f"x {of_state}", f"make {of_object}": of_property})
+    trials = cl.Trials.from_frame(frame, object=frame.columns[0], time="t", states=[frame.columns[2]], units={})
+    (state,) = trials.schema.states
+    quoted = "`" + state.replace("`", "``") + "`"
+    law = cl.fit(f"{quoted}' = -k {quoted}", trials)
+    made = law_report(find(law, trials, None), shlex.join(["commonlaw", *SENTINELS]))
+    page = to_page(made).decode()
+    check_page(page)
+    assert "onresidual" not in page  # The words of a table are not replaced within names
+
+
+def test_the_command_that_a_report_shows_is_words_of_a_shell(tmp_path, monkeypatch):
+    words = ["report", *SENTINELS, "\udcff.csv"]
+    monkeypatch.setattr(sys, "argv", ["commonlaw", *words])
+    line = command_line()
+    program = f"commonlaw() {{ printf '%s\\0' \"$@\"; }}\n{line}"
+    done = subprocess.run(["sh", "-c", program], cwd=tmp_path, capture_output=True, check=True)
+    assert done.stdout.decode().split("\0")[:-1] == [*words[:-1], r"\xff.csv"]
+    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet", "xlsx"])

@@ -244,14 +244,18 @@ class FitResult:
         return [*self.summary.notes, *findings.failures, *outcomes]
 
 
+def command_line() -> str:
+    """Return this command as words of a shell, which a shell takes as they were given."""
+    return as_text(shlex.join(["commonlaw", *sys.argv[1:]]))
+
+
 def page(
     findings: "Findings", program: "Program | str", show: ProgressCallback, everything: "ManyFindings | None" = None
 ) -> bytes:
     """Return a page about a law, its findings, and how it is made again."""
     from commonlaw.report import law_report, to_page
 
-    command = as_text(shlex.join(["commonlaw", *sys.argv[1:]]))
-    made = law_report(findings, command, program, in_options, show, everything=everything)
+    made = law_report(findings, command_line(), program, in_options, show, everything=everything)
     return to_page(made, lambda name: show(f"drawing {name}"))
 
 
