@@ -73,7 +73,9 @@ def _plain(value: object) -> object:
     """Return a parameter as a message holds it: without what cannot be sent between processes or changes later."""
     if isinstance(value, CommonlawError):
         return value.diagnostic
-    if isinstance(value, str | int | float | bool | Diagnostic | None):
+    if isinstance(value, float):
+        return float(value)  # Not one of NumPy, which is shown as np.float64(...)
+    if isinstance(value, str | int | Diagnostic | None):
         return value
     if isinstance(value, list):
         return [*map(_plain, value)]
@@ -100,8 +102,9 @@ def check_choice(name: str, value: object, choices: Iterable[object]) -> None:
     """Refuse a value that is not among the choices of a setting, with the nearest suggestion."""
     known = list(choices)
     try:
+        hash(value)
         is_known = value in known
-    except ValueError:  # An array or a frame, whose equality is one of its entries
+    except TypeError:  # An array or a frame, whose equality is one of its entries
         is_known = False
     if not is_known:
         raise unknown(name, value, known)

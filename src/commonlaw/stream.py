@@ -28,6 +28,7 @@ from commonlaw.forecast.forecast import Forecast, variation
 from commonlaw.forecast.population import is_typical
 from commonlaw.forecast.prediction import predict
 from commonlaw.law import Law, select_objects
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.cluster import done_in_parts, on_cluster
 from commonlaw.runtime.files import make_folder, write_whole
 from commonlaw.runtime.forking import cached_property
@@ -45,6 +46,7 @@ WITHIN = "within 95 % band"
 """Column with the share of a state's measurements in the bands of its forecast."""
 
 
+@checks_types
 def forecast_stream(
     law: Law,
     stream: TrialStream,
@@ -288,6 +290,7 @@ class StreamResiduals(AbstractPatterns):
         return f"<Residuals of {counted(self.objects.iloc[:, 0].nunique(), 'object')}: {among}>"
 
 
+@checks_types
 def check_stream(
     law: Law, stream: TrialStream, *, client: "Client | None" = None, progress: ProgressCallback | None = None
 ) -> StreamResiduals:

@@ -21,7 +21,7 @@ from commonlaw.differentiation.penalized import SmoothingSpline, TotalVariationD
 from commonlaw.differentiation.robust import RobustSpline
 from commonlaw.differentiation.smoothers import MedianFilter, SavitzkyGolay, SmoothedDifference, WienerFilter
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.arguments import format_spec, parse_spec
+from commonlaw.runtime.arguments import checks_types, format_spec, parse_spec
 
 __all__ = [
     "METHODS",
@@ -80,6 +80,7 @@ def default_differentiation(order: int, samples: float = float("inf")) -> Abstra
     return SmoothingSpline() if samples < smoother.window else SmoothedDifference(smoother, CenteredDifference())
 
 
+@checks_types
 def parse_differentiation(text: str) -> AbstractDifferentiator:
     """Make the differentiator that a text such as ``savgol:35:3`` names.
 

@@ -41,6 +41,7 @@ from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, CappedLibrary, Order, one_order, order_of_each, parse_library
 from commonlaw.library.libraries import LibraryGiven
+from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.runtime.parallel import one_blas_thread
@@ -130,6 +131,10 @@ class LawDiscovery:
             refuse_client(self.client)
             check_gaps(tuple(trials), trials.schema)
             refuse_amounts(trials)
+        asked = vars(self)
+        if isinstance(self.known, Mapping):  # Its coefficients are checked with their terms
+            asked = asked | {"known": None}
+        check_types(LawDiscovery, asked)
         nothing = ("progress", "cache", "client")  # These change nothing in a law
         question = {name: getattr(self, name) for name in _PARAMETERS if name not in nothing}
         progress = self.progress or on_terminal()
@@ -256,9 +261,11 @@ class LawDiscovery:
             trials = with_properties_in(libraries, trials)
         is_first = self.order == "auto" and (derivatives is not None or by_state is not None)
         trials, possible, steps, outcomes = possible_orders(trials, 1 if is_first else self.order)
-        library, known = libraries[0], self.known or {}
+        known = self.known or {}
         if by_state is not None:
             library, absent = of_each_equation(by_state, trials.schema, _lowest(possible))
+        else:
+            (library,) = libraries
         if not isinstance(known, Mapping):
             if isinstance(trials, TrialStream):
                 raise CommonlawError("known-of-stream")

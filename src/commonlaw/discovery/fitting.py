@@ -42,7 +42,7 @@ from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound, check_equations
 from commonlaw.library.equation import split_equations
 from commonlaw.library.functions import functions_in
-from commonlaw.runtime.arguments import check_mapping, check_type
+from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
@@ -207,14 +207,10 @@ def fit(
     if not isinstance(trials, Trials | TrialStream):
         trials = Trials.from_frame(trials)
     check_equations(equations)
-    by_name = {"initial_values": initial_values, "guesses": guesses, "observe": observe, "priors": priors}
-    for name, mapping in by_name.items():
-        check_mapping(name, mapping)
-    check_type("doses", doses, Iterable, "the name of an input, or several")
-    check_type("shared", shared, Iterable, "the name of a parameter, several, or a mapping from such names")
-    check_type("functions", functions, Iterable, "a list of functions")
-    settings = {name: value for name, value in locals().items() if name in settings_of(FitOptions, "fit")}
+    arguments = locals()
+    settings = {name: value for name, value in arguments.items() if name in settings_of(FitOptions, "fit")}
     check_settings("fit", settings)
+    check_types(fit, arguments)
     settings["progress"] = progress
     if named := model_named(equations):
         properties = property_names(trials.properties) if isinstance(trials, Trials) else []

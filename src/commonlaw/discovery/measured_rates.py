@@ -12,6 +12,7 @@ from commonlaw.diagnostics import Outcome, note
 from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import TrialDerivatives
+from commonlaw.runtime.arguments import numbers_of
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
 from commonlaw.trials.transformations import rates_in_words, without_rates
 from commonlaw.trials.trial import with_typical
@@ -209,8 +210,9 @@ def with_derivatives(trials: Trials | TrialStream, given: GivenDerivatives) -> t
 def _of_each(given: Any, trials: Trials) -> list[Floats]:
     """Return an array for each trial: of a list of them, of one array if there is one trial, or of a column."""
     if isinstance(given, str):
+        check_choice("column", given, trials.schema.states)
         return [trial.states[:, trials.schema.states.index(given)] for trial in trials]
     listed = list(given) if isinstance(given, list | tuple) else [given]
     if len(listed) != len(trials):
         raise CommonlawError("derivatives-of-trials", count=len(listed), trials=len(trials))
-    return [np.asarray(array, dtype=np.float64) for array in listed]
+    return [np.atleast_1d(numbers_of("x_dot", array)) for array in listed]

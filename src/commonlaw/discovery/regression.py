@@ -31,7 +31,7 @@ from commonlaw.formulation import (
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, highest_order
-from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.runtime.arguments import check_type, check_types, check_whole_number
 from commonlaw.runtime.cluster import counting, current_cluster
 from commonlaw.runtime.fit_options import documented, setting
 from commonlaw.runtime.parallel import check_n_jobs
@@ -95,6 +95,11 @@ class AbstractRegression(AbstractMethod):
         check_whole_number("n_resamples", self.n_resamples, 0, 10_000)
         check_n_jobs(self.n_jobs)
         object.__setattr__(self, "solver", parsed(self.solver, parse_solver))
+        self._check()
+        check_types(type(self), vars(self))
+
+    def _check(self) -> None:
+        """Refuse values that do not fit, and parse texts."""
 
     @abstractmethod
     def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> AbstractFormulation:
@@ -261,9 +266,10 @@ class DerivativeRegression(AbstractRegression):
         text="Number of rows left out at each end of a trial, where smoothing is least accurate.",
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         object.__setattr__(self, "differentiation", parsed(self.differentiation, parse_differentiation))
+        if self.differentiation is not None:
+            check_type("differentiation", self.differentiation, AbstractDifferentiator, "a differentiation or its text")
         self._form(self.initial_rates(None, 1), 1)  # Refuses states and trims that do not fit
 
     def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> StrongForm | GivenForm:
@@ -322,9 +328,9 @@ class WeakRegression(AbstractRegression):
         "order come from, or its text, such as spline.",
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         object.__setattr__(self, "differentiation", parsed(self.differentiation, parse_differentiation))
+        check_types(WeakRegression, vars(self))
         WeakForm(radii=self.radii)  # Refuses radii that do not fit
 
     def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> WeakForm:

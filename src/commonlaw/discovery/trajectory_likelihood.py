@@ -50,11 +50,12 @@ from commonlaw.inference.verbs.comparison import compare_by_parts, written_alike
 from commonlaw.law import Law, Step, pool_objects
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, order_of_each
+from commonlaw.runtime.arguments import check_type
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.fit_options import FitOptions, documented
 from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, part, silent, unannounced
-from commonlaw.solvers import parse_solver
+from commonlaw.solvers import AbstractSolver, parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
 
@@ -81,6 +82,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_type("solver", self.solver, (AbstractSolver, str, type(None)), "a solver or its text")
         solver = parsed(self.solver, parse_solver)
         if solver is not None and solver.hyperparameter is not None:
             raise CommonlawError("solver-with-value", solver=solver)

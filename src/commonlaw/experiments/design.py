@@ -25,10 +25,12 @@ from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.alignment import has_bands, matched, measured_schema
 from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
 
 
+@checks_types
 def design(
     law: Law | Sequence[Law],
     vary: Mapping[str, object] | None = None,

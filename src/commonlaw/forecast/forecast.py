@@ -14,6 +14,7 @@ from commonlaw.integration import Trajectory
 from commonlaw.law.quantiles import mixture_interval
 from commonlaw.law.uncertainty import IntervalInflation
 from commonlaw.likelihood import WHITE_NOISE, ErrorModel
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
@@ -161,6 +162,7 @@ class Forecast(ShownInNotebooks):
             parts.append(pd.DataFrame(part))
         return pd.concat(parts, ignore_index=True)
 
+    @checks_types
     def smooth(self, points: int = 300) -> "Forecast":
         """Return the forecasts at more times, to draw them as curves.
 
@@ -176,6 +178,7 @@ class Forecast(ShownInNotebooks):
             return self
         return self.at_more_times(more)
 
+    @checks_types
     def interval(self, level: float = 0.95, measured: bool = False) -> "pd.DataFrame":
         """Return a long table: object, trial, time, state, its forecast, and the ends of the prediction interval.
 
@@ -200,6 +203,7 @@ class Forecast(ShownInNotebooks):
                 parts.append(pd.DataFrame(part))
         return pd.concat(parts, ignore_index=True)
 
+    @checks_types
     def bands(self, level: float = 0.95, measured: bool = False) -> tuple[tuple[Floats, Floats], ...]:
         """Return the lower and upper ends of the intervals of each trial, each of shape (n, states); see `interval`."""
         if self.followed is not None:
@@ -222,6 +226,7 @@ class Forecast(ShownInNotebooks):
             for i in range(len(self.trials))
         )
 
+    @checks_types
     def margins(self, level: float = 0.95, measured: bool = False) -> tuple[Floats, ...]:
         """Return half the widths of the intervals of each trial, each of shape (n, states); see `interval`."""
         return tuple((high - low) / 2 for low, high in self.bands(level, measured))
@@ -239,6 +244,7 @@ class Forecast(ShownInNotebooks):
         triples = zip(factors, self.std, self.measurement_std(), strict=True)
         return [wider * np.hypot(std[:, :width], noise) for wider, std, noise in triples]
 
+    @checks_types
     def measurement_std(self, white: bool = False) -> tuple[Floats, ...]:
         """Return standard deviations of measurements, shape (n, states), or of their `white` noise alone.
 
@@ -254,6 +260,7 @@ class Forecast(ShownInNotebooks):
         forecast = zip(self.trials, self._states(), strict=True)
         return tuple(errors(states, trial.std(self.noise)) for trial, states in forecast)
 
+    @checks_types
     def as_measured(self, measured: Trials) -> "Forecast":
         """Return the forecast of measured trials from this one, which has logarithms of some of their states."""
         schema, again = self.trials.schema, self.at_more_times
@@ -311,6 +318,7 @@ class Forecast(ShownInNotebooks):
         missed, varied = self._sums_of_squares().sum(axis=1)
         return float(np.mean(1 - missed[varied > 0] / varied[varied > 0])) if varied.any() else np.nan
 
+    @checks_types
     def metric(self, metric: Metric = "r2") -> float:
         """Return the mean over states of a metric of scikit-learn; missing measurements do not count.
 

@@ -383,8 +383,6 @@ def begin(
 ) -> tuple[Trials, list[StartedTrial]]:
     """Return the trials that can be forecast, with samples at all times that are wanted, and where each starts."""
     wanted = np.unique(numbers_of("times", [] if times is None else times))
-    if not np.isfinite(wanted).all() or (law.order == 0 and len(wanted)):
-        raise CommonlawError("forecast-times")
     if start == "all":
         law, start = with_weights(law, trials), max(map(len, trials))
     if from_time is not None and not np.isfinite(from_time):

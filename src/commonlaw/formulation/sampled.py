@@ -43,7 +43,7 @@ class StrongForm(AbstractSampledForm):
     def __post_init__(self) -> None:
         for order in order_of_each(self.order, 1):
             check_order(order)
-        if self.library_states not in ("smoothed", "measured"):
+        if not isinstance(self.library_states, str) or self.library_states not in ("smoothed", "measured"):
             raise CommonlawError("library-states", library_states=self.library_states)
         if not isinstance(self.trim, int | np.integer) or self.trim < 0:
             raise CommonlawError("trim-not-a-number", trim=self.trim)

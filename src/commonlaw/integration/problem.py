@@ -13,6 +13,7 @@ from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Terms, parse_term
+from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.forking import cached_property
 
 _SIGNS = {"rising": 1, "falling": -1, "any": 0}
@@ -49,6 +50,7 @@ class Event:
     terminal: bool = False
 
     def __post_init__(self) -> None:
+        check_types(Event, vars(self))
         check_choice("direction of an event", self.direction, _SIGNS)
         if not np.isfinite(self.level):
             raise CommonlawError("event-level", expression=self.expression, level=self.level)

@@ -29,6 +29,7 @@ from commonlaw.library import Terms, Variables, parse_terms
 from commonlaw.library.functions import Function, functions_in
 from commonlaw.library.grammar import FUNCTIONS
 from commonlaw.likelihood import ErrorModel
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.files import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, path_of, read_json
 from commonlaw.trials import Schema
 from commonlaw.trials.files import parquet_bytes, parquet_columns
@@ -213,6 +214,7 @@ def _alternative(value: Any) -> Any:
     return {_ALTERNATIVES.get(key, key): _alternative(entry) for key, entry in value.items()}
 
 
+@checks_types
 def to_json(law: Law) -> str:
     """Return the law as JSON in a versioned schema, with terms as expressions such as ``x**2*v``."""
     document = document_of(law)
@@ -309,6 +311,7 @@ def _parsed(kind: Any, value: Any) -> Any:
         raise CommonlawError("law-exponents", exponents=[value]) from None
 
 
+@checks_types
 def from_json(content: str | bytes, functions: Iterable[Callable[..., Any]] = ()) -> Law:
     """Return the law in JSON that was written by `to_json`; its terms may call the given Python functions.
 

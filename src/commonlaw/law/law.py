@@ -4,7 +4,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from numbers import Integral
+from numbers import Integral, Real
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 
@@ -23,7 +23,7 @@ from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, highest_order, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
-from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.runtime.arguments import check_types, check_whole_number, checks_types, numbers_of
 from commonlaw.runtime.files import read_file, write_whole
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.notebooks import ShownInNotebooks
@@ -170,6 +170,7 @@ class Law(ShownInNotebooks):
         """
         return tuple(_call("law.printing:structure", self))
 
+    @checks_types
     def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:
         """Return the equations of one object as text: ``x'' = -9.34 ± 0.12 + (0.047 ± 0.010) v``.
 
@@ -183,10 +184,11 @@ class Law(ShownInNotebooks):
             The object, if there are several. Without it, a law from `explain` has the equations of all objects:
             ``x'' = -9.8 + 0.25 diameter^2/mass v^2``.
         digits
-            Significant digits of coefficients without error.
+            Significant digits of coefficients without error, 1 to 17.
         errors
             Whether to show standard errors; None shows them when they are known.
         """
+        check_whole_number("digits", digits, 1, 17)
         return cast(tuple[str, ...], _call("law.printing:equations", self, name, digits, errors))
 
     def __repr__(self) -> str:
@@ -245,6 +247,7 @@ class Law(ShownInNotebooks):
         """
         return cast("pd.DataFrame", _call("law.tables:parameter_frame", self))
 
+    @checks_types
     def conf_int(self, level: float = 0.95, averaged: bool = False) -> "pd.DataFrame":
         """Return `params` with intervals of another level, or averaged over `models`.
 
@@ -258,6 +261,7 @@ class Law(ShownInNotebooks):
         self.uncertainty.known_covariance()
         return cast("pd.DataFrame", _call("law.tables:parameter_frame", self, level, averaged))
 
+    @checks_types
     def cov_params(self, name: str | None = None) -> "pd.DataFrame":
         """Return the covariance matrix of the parameters of one object, with their names as rows and columns.
 
@@ -272,6 +276,7 @@ class Law(ShownInNotebooks):
         """
         return cast("pd.DataFrame", _call("law.tables:covariance_frame", self, name))
 
+    @checks_types
     def sample(self, n: int = 1000, seed: int = 0, averaged: bool = True) -> "pd.DataFrame":
         """Return posterior draws of the parameters, to propagate their uncertainty.
 
@@ -306,6 +311,7 @@ class Law(ShownInNotebooks):
         """
         return cast("pd.DataFrame", _call("law.tables:sample_frame", self, n, seed, averaged))
 
+    @checks_types
     def quantities(self, level: float = 0.95, initial: Mapping[str, float] | None = None) -> "pd.DataFrame":
         """Return derived quantities of laws of a known form: half-life, carrying capacity, period, terminal speed.
 
@@ -370,6 +376,7 @@ class Law(ShownInNotebooks):
 
     # Right-hand side, simulation, forecasts
 
+    @checks_types
     def rhs(self, name: str, values: ArrayLike) -> Floats:
         """Return the highest derivatives of one object, shape (n, equations).
 
@@ -418,10 +425,12 @@ class Law(ShownInNotebooks):
             Other inputs: values at the times, shape (n,) or (n, inputs), interpolated as in the training data; a
             function of time; or either by name: ``{"voltage": lambda t: np.sin(t), "load": 2.0}``.
         """
+        arguments = locals()
         how = {"tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
         how |= {"inputs": inputs, "sensitivities": sensitivities}
         has_events = self.observation is not None and bool(self.observation.events)
         self._check_integration(method, tolerance, by_shooting=has_events)
+        check_types(Law.simulate, arguments)
         if has_events:
             return cast(dict[str, Trajectory], _call("estimation:simulate_observed", self, times, initial, **how))
         return cast(dict[str, Trajectory], _call("forecast:simulate_law", self, times, initial, method=method, **how))
@@ -483,7 +492,9 @@ class Law(ShownInNotebooks):
         assess : Forecast error, horizon and coverage on held-out trials.
         update : Update the coefficients by new trials.
         """
-        if start not in (None, "all") and (not isinstance(start, Integral) or start < 1):
+        arguments = locals()
+        is_all = isinstance(start, str) and start == "all"
+        if not (start is None or is_all) and (not isinstance(start, Integral) or start < 1):
             raise CommonlawError("forecast-start", start=start)
         self._check_integration(method, tolerance, by_shooting=self.observation is not None)
         check_whole_number("seed", seed, 0, optional=True)
@@ -495,6 +506,12 @@ class Law(ShownInNotebooks):
                 kind = "a law in discrete time" if self.order == 0 else "a law without inputs"
                 option = f"input_interpolation={input_interpolation!r}"
                 raise CommonlawError("option-without-effect", option=option, kind=kind)
+        check_types(Law.predict, arguments)
+        further = numbers_of("times", [] if times is None else times)
+        if not np.isfinite(further).all():
+            raise CommonlawError("forecast-times")
+        if further.size and self.order == 0:
+            raise CommonlawError("forecast-times-discrete")
         options = {"times": times, "start": start, "from_time": from_time, "return_std": return_std}
         options |= {"input_interpolation": input_interpolation, "tolerance": tolerance, "discrepancy": discrepancy}
         if self.observation is not None:  # Without plausible other laws, so that an average is the law itself
@@ -512,6 +529,7 @@ class Law(ShownInNotebooks):
 
     # Comparison with measurements
 
+    @checks_types
     def score(self, trials: Trials, metric: "Metric" = "r2", *, start: int | None = None) -> float:
         """Return the score of forecasts by a metric of scikit-learn, averaged over states.
 
@@ -529,6 +547,7 @@ class Law(ShownInNotebooks):
         """
         return self.predict(trials, start=start).metric(metric)
 
+    @checks_types
     def residuals(self, trials: Trials) -> "Residuals":
         """Return the residuals of trials about the trajectories of the law, with tests for patterns.
 
@@ -554,6 +573,7 @@ class Law(ShownInNotebooks):
         """
         return cast("Residuals", _call("discrepancy:residuals", self, trials))
 
+    @checks_types
     def assess(self, trials: Trials, learned: Trials | None = None) -> "LawVerdict":
         """Assess the forecasts of the law: error, reliable horizon, coverage of the bands, uncertain coefficients.
 
@@ -575,6 +595,7 @@ class Law(ShownInNotebooks):
         """
         return cast("LawVerdict", _call("verdict:assess", self, trials, learned))
 
+    @checks_types
     def discrepancy(
         self,
         trials: Trials,
@@ -626,10 +647,15 @@ class Law(ShownInNotebooks):
         >>> discrepancy.claimed
         True
         """
+        if isinstance(zero_at, str):
+            check_choice("zero_at", zero_at, ("auto",))
+        if isinstance(zero_at, Real) and not np.isfinite(float(zero_at)):
+            raise CommonlawError("finite-number", name="zero_at", value=zero_at)
         options = {"times": times, "equation": equation, "zero_at": zero_at, "noise": noise}
         discrepancy = _call("discrepancy:discrepancy", self, trials, of, huber_threshold=huber_threshold, **options)
         return cast("Discrepancy[Law]", discrepancy)
 
+    @checks_types
     def report(
         self, trials: Trials | TrialStream, learned: Trials | TrialStream | None = None, client: "Client | None" = None
     ) -> "Page":
@@ -652,6 +678,7 @@ class Law(ShownInNotebooks):
 
     # Laws that follow from this one
 
+    @checks_types
     def update(self, trials: Trials) -> "Law":
         """Return the law of the objects in new trials, with coefficients updated by these trials (Bayes).
 
@@ -678,6 +705,7 @@ class Law(ShownInNotebooks):
         """
         return cast("Law", _call("inference:adapt", self, trials))
 
+    @checks_types
     def simplify(self, tolerance: float = 2.0) -> "Simplification[Law]":
         """Return the simplest form of the law that is consistent with the coefficients and their errors.
 
@@ -737,6 +765,7 @@ class Law(ShownInNotebooks):
     # Files
 
     @classmethod
+    @checks_types
     def from_text(
         cls,
         equations: str | Sequence[str],
@@ -770,6 +799,7 @@ class Law(ShownInNotebooks):
         """
         return cls(*stated_law(equations, values or {}, **names))
 
+    @checks_types
     def save(self, path: str | os.PathLike[str], name: str | None = None, initial: "ArrayLike | None" = None) -> None:
         """Save the law in the format of the file extension, or export it as a program in another language.
 
@@ -794,6 +824,7 @@ class Law(ShownInNotebooks):
         write_whole(path, _call("law.io:file_content", self, path, name, initial))
 
     @classmethod
+    @checks_types
     def load(cls, path: str | os.PathLike[str], functions: Iterable[Callable[..., Any]] = ()) -> "Law":
         """Load a law that was written by `save`; Python functions in its terms have to be given again.
 

@@ -8,8 +8,10 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.law.law import Law, object_index
 from commonlaw.law.uncertainty import ObjectEstimates, PlausibleLaw, Uncertainty
+from commonlaw.runtime.arguments import checks_types
 
 
+@checks_types
 def select_objects(law: Law, objects: Sequence[str]) -> Law:
     """Return the law of a subset of the objects.
 
@@ -27,6 +29,7 @@ def select_objects(law: Law, objects: Sequence[str]) -> Law:
     return _of_others(law, tuple(objects), law.coefficients[indices], law.uncertainty.select(indices), others)
 
 
+@checks_types
 def average_law(law: Law) -> Law:
     """Return the law of one object, "average", whose coefficients are the means over all objects.
 

@@ -19,6 +19,7 @@ from commonlaw.law.quantiles import mixture_interval, propagated, two_sided
 from commonlaw.law.text import free_parameter_names
 from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.library import with_rates
+from commonlaw.runtime.arguments import numbers_of
 from commonlaw.runtime.forking import cached_property
 
 if TYPE_CHECKING:
@@ -296,7 +297,7 @@ def vector_field(law: Law, name: str) -> VectorField:
 def right_hand_side(law: Law, name: str, values: ArrayLike) -> Floats:
     """Return the highest derivatives of one object, see `Law.rhs`."""
     coefficients, variables = followed_coefficients(law, name), law.terms.variables
-    points, names = np.asarray(values, dtype=np.float64), variables.measured
+    points, names = numbers_of("values", values), variables.measured
     time = variables.index(variables.time)
     if points.ndim == 2 and points.shape[1] == len(names) - 1:
         used = np.flatnonzero(law.support.any(axis=0))

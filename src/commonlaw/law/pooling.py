@@ -20,6 +20,7 @@ from commonlaw.law.provenance import Step
 from commonlaw.law.script import written
 from commonlaw.law.text import MANY
 from commonlaw.law.uncertainty import Explanation, ObjectEstimates
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.text import shown
 from commonlaw.trials.properties import Properties, given_properties
 from commonlaw.trials.trial import property_names
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+@checks_types
 def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> Law:
     """Return a law with coefficients partially pooled over objects (parametric empirical Bayes; Morris 1983).
 
@@ -192,6 +194,7 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
     return replace(result, schema=replace(law.schema, units=units), properties=properties.values)
 
 
+@checks_types
 def contrasts(law: Law, by: str, reference: str | float | None = None, level: float = 0.95) -> "pd.DataFrame":
     """Return differences of parameters between groups of objects, such as treatments and a control.
 

@@ -28,6 +28,7 @@ from commonlaw.law.text import (
 from commonlaw.law.uncertainty import Explanation
 from commonlaw.library.equation import split_equations
 from commonlaw.library.notation import latex_name, powered, quoted
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import in_line
 from commonlaw.trials.headers import parse_unit
@@ -102,6 +103,7 @@ def latex_lefts(law: Law) -> tuple[str, ...]:
     return (*lefts, *text.latex_observed(observed))
 
 
+@checks_types
 def to_latex(law: Law, name: str | None = None, digits: int = 4, errors: bool | None = None) -> str:
     """Return the equations as a LaTeX ``aligned`` block without dollars, with the arguments of `Law.equations`."""
     lefts = text.latex_left_hand_sides(law.schema.states, law.order)
@@ -124,6 +126,7 @@ def to_latex(law: Law, name: str | None = None, digits: int = 4, errors: bool | 
     return text.aligned(rows)
 
 
+@checks_types
 def to_sympy(law: Law, name: str | None = None) -> "dict[sympy.Expr, sympy.Expr]":
     """Return the equations of one object in SymPy: a mapping from ``Symbol("x''")`` to the right-hand side.
 
@@ -241,6 +244,7 @@ def printed(law: Law) -> str:
     return "\n".join(map(in_line, [*lines, *(f"Note: {diagnostic}" for diagnostic in law.diagnostics)]))
 
 
+@checks_types
 def relations_frame(law: Law) -> "pd.DataFrame":
     """Return a table of the relations of coefficients to properties, found by `Law.explain`.
 

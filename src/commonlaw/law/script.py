@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from commonlaw.law.law import Law, shares_terms
+from commonlaw.runtime.arguments import checks_types
 
 MADE_OF_TRIALS = {
     "cl.discover": ("commonlaw:discover", ("trials",)),
@@ -268,6 +269,7 @@ def written(value: Any) -> str:
     return f"float({str(value)!r})" if isinstance(value, float) and not np.isfinite(value) else repr(value)
 
 
+@checks_types
 def to_script(law: Law, path: str | Source = "trials.csv") -> str:
     """Return a Python script that repeats the analysis of a law from the table of its trials.
 

@@ -17,7 +17,7 @@ from commonlaw.law.parameters import (
 )
 from commonlaw.law.provenance import Alternative
 from commonlaw.law.text import MANY, Written, probability_text, rounded, with_error
-from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.runtime.arguments import check_whole_number, checks_types
 from commonlaw.text import counted
 
 _WITH_ERRORS = ("coefficient", "estimate", "factor", "standard error", "low", "high", "95 %")
@@ -104,6 +104,7 @@ def sample_frame(law: Law, n: int, seed: int, averaged: bool) -> pd.DataFrame:
     return pd.DataFrame(values.reshape(n * len(law.objects), -1), index=index, columns=list(parameters.names))
 
 
+@checks_types
 def to_frame(law: Law, errors: bool = False) -> pd.DataFrame:
     """Return the coefficients as a wide table: a row for each object, a column for each term.
 

@@ -24,7 +24,7 @@ from commonlaw.library.parametric import (
 )
 from commonlaw.library.term import Term, Terms, monomial, parse_term, product, sinusoid
 from commonlaw.library.variables import Variables
-from commonlaw.runtime.arguments import check_whole_number, parse_spec
+from commonlaw.runtime.arguments import check_type, check_types, check_whole_number, parse_spec
 
 MAX_TERMS = 100_000
 
@@ -290,6 +290,7 @@ class PolynomialLibrary(AbstractLibrary):
         check_whole_number("the degree of a library", self.degree, 0, MAX_POWER)
         if self.degree == 0 and not self.constant:
             raise CommonlawError("polynomial-empty")
+        check_types(PolynomialLibrary, vars(self))
 
     def bind(self, variables: Variables) -> Terms:
         terms = _monomials(variables.columns(self.variables), self.degree, self.interactions)
@@ -507,7 +508,10 @@ def _checked_names(names: Sequence[str] | str | None) -> tuple[str, ...] | None:
     """Return names as a tuple, hashable; a text is names between commas; refuse none and names that are there twice."""
     if names is None:
         return None
+    check_type("variables", names, Iterable, "names of variables")
     listed = tuple(name.strip() for name in names.split(",")) if isinstance(names, str) else tuple(names)
+    for name in listed:
+        check_type("variables", name, str, "names of variables")
     if not listed or len(set(listed)) < len(listed):
         raise CommonlawError("library-variables", variables=", ".join(listed) or "none")
     return listed
@@ -595,6 +599,7 @@ def parse_library(given: LibraryGiven) -> AbstractLibrary:
     if isinstance(given, AbstractLibrary):
         return given
     if not isinstance(given, str):
+        check_type("library", given, Iterable, "a library, its text, or a list of them")
         parts = list[AbstractLibrary]()
         for are_libraries, group in groupby(given, lambda x: ":" in x if isinstance(x, str) else not callable(x)):
             members: Any = [*group]

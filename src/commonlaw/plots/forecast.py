@@ -39,6 +39,7 @@ from commonlaw.plots.style import (
     styled,
     thinned,
 )
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.forking import cached_property
 from commonlaw.text import in_line
 from commonlaw.trials import Trials
@@ -47,6 +48,7 @@ _POINTS: Mapping[str, Any] = {"markersize": 3, "alpha": 0.45, "markeredgewidth":
 
 
 @styled()
+@checks_types
 def plot_forecast(forecast: Forecast, objects: Sequence[str] | None = None) -> Figure:
     """Plot forecasts or fits with the measurements, and below them the errors, for each object and state.
 
@@ -297,6 +299,7 @@ def of_objects(forecast: Forecast, objects: Sequence[str]) -> Forecast:
 
 
 @styled()
+@checks_types
 def plot_design(design: Design) -> Figure:
     """Plot the forecasts of plausible laws for the experiments of a design, four of each, with 95 % bands.
 
@@ -414,6 +417,7 @@ class ForecastPanels:
 
 
 @styled()
+@checks_types
 def plot_trials(
     trials: Trials,
     state: str | None = None,

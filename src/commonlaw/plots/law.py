@@ -42,6 +42,7 @@ from commonlaw.plots.style import (
     styled,
     unit_text,
 )
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.forking import cached_property
 from commonlaw.summary import true_coefficients
 from commonlaw.trials import Trials
@@ -242,6 +243,7 @@ def _draw_dots(panel: Axes, numbers: Floats) -> None:
 
 
 @styled()
+@checks_types
 def plot_intervals(law: Law) -> Figure:
     """Plot the coefficients of all objects as dots with 95 % intervals (a forest plot).
 
@@ -310,6 +312,7 @@ def _draw_in_order(panel: Axes, each: Coefficient) -> None:
 
 
 @styled()
+@checks_types
 def plot_coefficients(law: Law, terms: Literal["all", "support"] = "all") -> Figure:
     """Plot a heat map of the magnitudes of the coefficients, objects by terms, for each equation.
 
@@ -449,6 +452,7 @@ def _magnitudes(values: Floats) -> Floats:
 
 
 @styled()
+@checks_types
 def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = None) -> Figure:
     """Plot the profile likelihood of a parameter of one object, with its 95 % interval.
 
@@ -491,6 +495,7 @@ def plot_profile(law: Law, trials: Trials, parameter: str, name: str | None = No
 
 
 @styled()
+@checks_types
 def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> Figure:
     """Plot a law: its equations, its fit to trials with residuals, and its coefficients.
 

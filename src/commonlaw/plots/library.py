@@ -27,6 +27,7 @@ from commonlaw.plots.style import (
     show_lowest_ticks,
     styled,
 )
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.trials import Trial
 from commonlaw.trials.headers import parse_unit
 
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 
 @styled()
+@checks_types
 def plot_library(trial: Trial, form: StrongForm, terms: Terms, units: Mapping[str, str] | None = None) -> Figure:
     """Plot the candidate functions along one trial, a panel for each (de Silva et al. 2020).
 
@@ -75,6 +77,7 @@ _ERROR, _DEVIATION = "held-out error", "standard error"
 
 
 @styled()
+@checks_types
 def plot_path(law: Law, hyperparameter: str = "threshold", *, marks: Mapping[str, float] | None = None) -> Figure:
     """Plot the regularization path: number of terms and held-out error against the hyperparameter of the solver.
 

@@ -28,6 +28,7 @@ from commonlaw.plots.style import (
     styled,
     unit_text,
 )
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.trials import Trials
 
 _MARKS: Mapping[str, Mapping[str, object]] = {
@@ -39,6 +40,7 @@ _MARKS: Mapping[str, Mapping[str, object]] = {
 
 
 @styled()
+@checks_types
 def plot_phase_plane(
     law: Law, trials: Trials | Forecast, name: str | None = None, inputs: Mapping[str, float] | None = None
 ) -> Figure:

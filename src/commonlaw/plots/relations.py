@@ -30,6 +30,7 @@ from commonlaw.plots.style import (
     plain,
     styled,
 )
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.text import in_line
 
 
@@ -63,6 +64,7 @@ class _RelatedCoefficient:
 
 
 @styled()
+@checks_types
 def plot_relations(law: Law) -> Figure:
     """Plot the coefficients against the properties on which they depend, with 95 % intervals.
 

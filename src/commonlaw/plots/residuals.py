@@ -29,9 +29,11 @@ from commonlaw.plots.style import (
     styled,
     thinned,
 )
+from commonlaw.runtime.arguments import checks_types
 
 
 @styled()
+@checks_types
 def plot_residuals(residuals: Residuals) -> Figure:
     """Plot standardized residuals, one row for each state.
 
@@ -137,6 +139,7 @@ def _quantiles(panel: Axes, own: Floats) -> None:
 
 
 @styled()
+@checks_types
 def plot_errors(forecast: Forecast) -> Figure:
     """Plot forecast errors (forecast minus measured states) of all trials against time, a panel for each state.
 
@@ -177,6 +180,7 @@ def _errors(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @styled()
+@checks_types
 def plot_discrepancy(found: Discrepancy[Law]) -> Figure:
     """Plot a discrepancy as a function of its coordinate, with a 95 % band and the density of samples.
 

@@ -19,6 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 
 from commonlaw.errors import check_choice
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.files import write_whole
 from commonlaw.runtime.packages import quiet
 from commonlaw.text import in_line
@@ -225,6 +226,7 @@ _METADATA: Mapping[str, Mapping[str, Any]] = {
 }
 
 
+@checks_types
 def figure_format(path: str | os.PathLike[str]) -> str:
     """Return the figure format of a path or suffix: ``"png"``, ``"svg"`` or ``"pdf"``."""
     name = Path(path)
@@ -233,6 +235,7 @@ def figure_format(path: str | os.PathLike[str]) -> str:
     return kind
 
 
+@checks_types
 def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> bytes:
     """Return the content of a figure file in the format of a name or suffix; the same data give the same bytes.
 
@@ -252,6 +255,7 @@ def render(figure: Figure, path: str | os.PathLike[str], text: bool = False) -> 
     return content.getvalue()
 
 
+@checks_types
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Save a figure in the format of the suffix of the path, completely or not at all."""
     write_whole(path, render(figure, path))

@@ -1,10 +1,13 @@
 """Checks of arguments, and the short texts that stand for them."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cache, wraps
 from math import inf, isfinite, nan
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, TypeVar
+from os import PathLike
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
 from commonlaw.errors import CommonlawError, check_choice
 
@@ -18,9 +21,110 @@ def check_type(name: str, value: object, kinds: type | tuple[type, ...], expecte
         raise CommonlawError("argument-type", name=name, kind=type(value).__name__, expected=expected)
 
 
-def check_mapping(name: str, value: object) -> None:
-    """Refuse an argument that is neither a mapping by names nor None."""
-    check_type(name, value, (Mapping, type(None)), "a mapping by names, such as {'x': 1.0}")
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def checks_types(function: F) -> F:
+    """Let a function refuse arguments of other types than its signature has, see `check_types`."""
+    signature = inspect.signature(function)
+
+    @wraps(function)
+    def checked(*arguments: Any, **named: Any) -> Any:
+        try:
+            given = signature.bind(*arguments, **named).arguments
+        except TypeError:  # The call itself says which argument is missing
+            return function(*arguments, **named)
+        check_types(function, given)
+        return function(*arguments, **named)
+
+    return cast(F, checked)
+
+
+def check_types(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
+    """Refuse arguments, by name, of other types than the signature of a function or of a class has.
+
+    Annotations of arrays, and those in quotes of what is not imported, allow anything. A class with the attribute
+    `stands_for` may be given in place of that class, and refuses by itself what it lacks.
+    """
+    for parameter in _signature(function).parameters.values():
+        name, annotation = parameter.name, parameter.annotation
+        if name not in given or annotation is parameter.empty:
+            continue
+        if isinstance(annotation, str):
+            annotation = getattr(function, "__globals__", {}).get(annotation, Any)
+        if parameter.kind is parameter.VAR_POSITIONAL:
+            _check_annotated(name, given[name], Sequence[annotation])
+        elif parameter.kind is parameter.VAR_KEYWORD:
+            kinds = get_args(annotation)[0].__annotations__ if get_args(annotation) else {}
+            for key, value in given[name].items():
+                _check_annotated(key, value, kinds.get(key, Any))
+        else:
+            _check_annotated(name, given[name], annotation)
+
+
+_signature = cache(inspect.signature)
+
+
+def _check_annotated(name: str, value: object, annotation: Any) -> None:
+    if not _fits(value, annotation):
+        kind = type(value).__name__
+        raise CommonlawError("argument-type", name=name, kind=kind, expected=" or ".join(_expected(annotation)))
+
+
+def _fits(value: Any, annotation: Any) -> bool:
+    """Whether a value, and what it holds, is of the type of an annotation."""
+    kind, inner = get_origin(annotation) or annotation, get_args(annotation)
+    if kind in (Union, UnionType):
+        return any(_fits(value, part) for part in inner)
+    if kind is Literal:
+        return isinstance(value, str)  # A function names its choices itself
+    if annotation in (None, NoneType):
+        return value is None
+    if kind in (Any, object) or not isinstance(kind, type) or getattr(kind, "_is_protocol", False):
+        return True  # An annotation in quotes, a type variable or an array are among these
+    if kind is bool:
+        return type(value).__name__ in ("bool", "bool_")
+    if kind in (int, float):
+        return isinstance(value, Integral if kind is int else Real) and not isinstance(value, bool)
+    if isinstance(value, str | bytes):
+        return isinstance(value, kind) and kind not in (Sequence, Iterable)
+    if kind is Mapping:
+        keys, values = inner
+        return isinstance(value, Mapping) and all(
+            _fits(key, keys) and _fits(part, values) for key, part in value.items()
+        )
+    if kind is tuple and inner[-1] is not ...:
+        return isinstance(value, tuple | list) and len(value) == len(inner) and all(map(_fits, value, inner))
+    if kind in (tuple, Sequence, Iterable):
+        if isinstance(value, Mapping) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) != 1:
+            return False  # A frame is a sequence of the names of its columns
+        return not isinstance(value, Collection) or all(_fits(part, inner[0]) for part in value)
+    return isinstance(value, kind) or getattr(type(value), "stands_for", None) is kind
+
+
+_EXPECTED: Mapping[Any, str] = {
+    bool: "True or False",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    Mapping: "a mapping by names, such as {'x': 1.0}",
+    tuple: "a list",
+    Sequence: "a list",
+    Iterable: "a list",
+    Callable: "a function",
+    PathLike: "the name of a file",
+}
+"""What is asked for in place of a value of another type."""
+
+
+def _expected(annotation: Any) -> list[str]:
+    """Return what an annotation allows, in words."""
+    kind, inner = get_origin(annotation) or annotation, get_args(annotation)
+    if kind in (Union, UnionType):
+        return list(dict.fromkeys(words for part in inner if part is not NoneType for words in _expected(part)))
+    if kind is Literal:
+        return [*map(repr, inner)]
+    return [_EXPECTED.get(kind, kind.__name__)]
 
 
 def numbers_of(name: str, value: Any) -> "Floats":
@@ -81,6 +185,7 @@ def parse_spec(kind: str, text: str, makers: Mapping[str, Callable[..., T]]) -> 
     >>> parse_spec("number", "complex:3:imag=4", {"complex": complex})
     (3+4j)
     """
+    check_type(kind, text, str, "a text")
     name, *parts = text.split(":")
     check_choice(kind, name, makers)
     positional = [_value(part) for part in parts if "=" not in part]

@@ -208,6 +208,8 @@ def on_cluster(client: "Client | None") -> Iterator[None]:
     if client is None:
         yield
         return
+    if not hasattr(client, "scheduler_info"):
+        raise CommonlawError("argument-type", name="client", kind=type(client).__name__, expected="a dask client")
     cluster = Cluster(client)
     cluster.check()
     token = _CLUSTER.set(cluster)

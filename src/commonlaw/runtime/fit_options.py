@@ -13,7 +13,7 @@ from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin
 
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.runtime.arguments import check_types, check_whole_number
 from commonlaw.runtime.parallel import check_n_jobs
 
 if TYPE_CHECKING:
@@ -305,6 +305,7 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         check_settings("discover", vars(self))
+        check_types(FitOptions, vars(self))
 
 
 def check_settings(function: str, values: Mapping[str, Any]) -> None:

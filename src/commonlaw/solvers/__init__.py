@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.runtime.arguments import parse_spec
+from commonlaw.runtime.arguments import checks_types, parse_spec
 from commonlaw.solvers.base import AbstractSolver, Candidate
 from commonlaw.solvers.constrained import ConstrainedSolver, constrained_least_squares
 from commonlaw.solvers.lasso import Lasso
@@ -85,6 +85,7 @@ SOLVERS: Mapping[str, Callable[..., AbstractSolver]] = {
 """What makes a solver from the arguments of its text."""
 
 
+@checks_types
 def parse_solver(text: str) -> AbstractSolver:
     """Make a solver from text: ``stlsq:0.04``, ``best-subset:3``, ``group-stlsq:0.2:quantile:0.25``.
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools
-from commonlaw.runtime.arguments import check_number, check_whole_number
+from commonlaw.runtime.arguments import check_number, check_types, check_whole_number
 from commonlaw.solvers.base import (
     AbstractSolver,
     Candidate,
@@ -59,6 +59,7 @@ class SR3(AbstractSolver):
         check_number("nu", self.nu, 0, above=True)
         check_whole_number("max_iterations", self.max_iterations, 1)
         check_shared(self.shared)
+        check_types(SR3, vars(self))
 
     def path(self, problems: Problems, target: int, allowed: Bools, values: Values = None) -> Candidates:
         norms, terms = np.array([problem.norms for problem in problems]), problems[0].terms

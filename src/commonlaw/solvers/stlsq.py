@@ -4,12 +4,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from numbers import Real
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.runtime.arguments import check_number, check_whole_number
+from commonlaw.runtime.arguments import check_number, check_types, check_whole_number
 from commonlaw.solvers.base import (
     AbstractSolver,
     Candidate,
@@ -69,7 +70,7 @@ class Quantile(AbstractImportance):
     level: float = 0.25
 
     def __post_init__(self) -> None:
-        if isinstance(self.level, str) or not 0 <= self.level <= 1:
+        if not isinstance(self.level, Real) or not 0 <= self.level <= 1:
             raise CommonlawError("quantile-level", level=self.level)
 
     def measure(self, magnitudes: Floats) -> Floats:
@@ -83,7 +84,7 @@ class Count(AbstractImportance):
     magnitude: float = 0.1
 
     def __post_init__(self) -> None:
-        if isinstance(self.magnitude, str) or not self.magnitude > 0:
+        if not isinstance(self.magnitude, Real) or not self.magnitude > 0:
             raise CommonlawError("vote-magnitude", magnitude=self.magnitude)
 
     def measure(self, magnitudes: Floats) -> Floats:
@@ -133,6 +134,7 @@ class STLSQ(AbstractSolver):
         check_number("ridge", self.ridge, 0)
         check_whole_number("max_iterations", self.max_iterations, 1)
         check_shared(self.shared)
+        check_types(STLSQ, vars(self))
         if not self.shared and self.importance != L1():
             raise CommonlawError("importance-own-terms", importance=self.importance)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.errors import CommonlawError
 from commonlaw.trials.trial import Schema, Trial, TrialData
 
 if TYPE_CHECKING:
@@ -258,6 +259,8 @@ def regular_length(times: Floats, tolerance: float | None) -> int:
 
 
 def _irregular(times: Floats, tolerance: float | None) -> Bools:
+    if tolerance is not None and not tolerance > 0:
+        raise CommonlawError("step-tolerance", tolerance=tolerance)
     steps = np.diff(times)
     median = np.median(steps) if len(steps) else 0.0
     return np.asarray(np.abs(steps - median) > (0.075 * median if tolerance is None else tolerance))

@@ -6,12 +6,13 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, compress, groupby
 from pathlib import Path
-from typing import NoReturn, Unpack, cast
+from typing import ClassVar, NoReturn, Unpack, cast
 from urllib.parse import unquote
 
 import numpy as np
 
 from commonlaw.errors import CommonlawError
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.files import MOST_CELLS
 from commonlaw.runtime.progress import ProgressCallback, check_memory, on_terminal
@@ -52,6 +53,8 @@ class TrialStream:
     schema: Schema
     source: Callable[[], Iterable[Trial]]
     parts: Sequence["TrialStream"] = ()
+
+    stands_for: ClassVar[type] = Trials
 
     def __repr__(self) -> str:
         of = f"{counted(len(self.parts), 'part')}, " if self.parts else ""
@@ -106,6 +109,7 @@ class TrialStream:
             raise CommonlawError("split-one-sided")
         return chosen, rest
 
+    @checks_types
     def until(self, time: float) -> "TrialStream":
         """Return the stream of the samples up to a time, without trials that begin later.
 
@@ -118,6 +122,7 @@ class TrialStream:
             raise CommonlawError("trials-begin-later", time_name=self.schema.time, time=time)
         return self._of([*compress(kept, begun)])
 
+    @checks_types
     def joined(self, other: "TrialStream") -> "TrialStream":
         """Return the concatenation with another stream of the same variables."""
         return self._of([*(self.parts or (self,)), *(other.parts or (other,))])
@@ -147,6 +152,7 @@ class TrialStream:
         return TrialStream(self.schema, partial(chain.from_iterable, parts), parts)
 
     @classmethod
+    @checks_types
     def from_parquet(cls, path: str | os.PathLike[str], **roles: Unpack[Roles]) -> "TrialStream":
         """Return the stream of Parquet files in which the rows of each trial are contiguous.
 

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import isnan
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Self, Unpack, overload
 
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.array_types import Floats, same_content
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.runtime.arguments import check_type
+from commonlaw.runtime.arguments import check_type, checks_types
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
@@ -58,6 +59,10 @@ class Until:
     """Keeps the samples up to a time, and nothing of trials that begin later."""
 
     time: float
+
+    def __post_init__(self) -> None:
+        if isnan(self.time):
+            raise CommonlawError("finite-number", name="time", value=self.time)
 
     def __call__(self, trial: Trial) -> Trial | None:
         stop = int(np.searchsorted(trial.times, self.time, side="right"))
@@ -141,6 +146,7 @@ class Trials(ShownInNotebooks):
         check_properties(self.properties, self.objects, self.schema)
 
     @classmethod
+    @checks_types
     def read(cls, path: TablePath, *, sheet: str | None = None, **roles: Unpack[Reading]) -> "Trials":
         """Read trials from a table with a row for each sample: CSV, TSV, Parquet or Excel, recognized by its content.
 
@@ -189,6 +195,7 @@ class Trials(ShownInNotebooks):
         return cls(*rows_of(read_table(path, sheet), roles).data)
 
     @classmethod
+    @checks_types
     def from_frame(cls, frame: Any, **roles: Unpack[Reading]) -> "Trials":
         """Return the trials in a data frame with a row for each sample.
 
@@ -202,6 +209,7 @@ class Trials(ShownInNotebooks):
         return cls(*rows_of(frame_table(frame), roles).data)
 
     @classmethod
+    @checks_types
     def from_arrays(
         cls,
         times: Sequence[Any] | NDArray[Any] | float,
@@ -297,6 +305,7 @@ class Trials(ShownInNotebooks):
         of = f"{counted(len(self), 'trial')} of {counted(len(self.objects), 'object')}"
         return f"<Trials: {of}, {counted(sum(map(len, self.trials)), 'sample')} of {', '.join(self.schema.states)}>"
 
+    @checks_types
     def with_trials(self, trials: Sequence[Trial], note: str | None = None) -> "Trials":
         """Return a collection of `trials` with the schema, notes and properties of this one."""
         names = {trial.object for trial in trials}
@@ -304,6 +313,7 @@ class Trials(ShownInNotebooks):
         notes = self.notes if note is None else (*self.notes, note)
         return Trials(tuple(trials), self.schema, properties, notes, self.nameless, self.guessed)
 
+    @checks_types
     def with_properties(self, values: ObjectProperties) -> "Trials":
         """Return the trials with further properties of their objects.
 
@@ -317,10 +327,12 @@ class Trials(ShownInNotebooks):
         given = {name: {**self.properties.get(name, {}), **value} for name, value in values.items()}
         return replace(self, properties={**self.properties, **given})
 
+    @checks_types
     def of_object(self, name: str) -> tuple[Trial, ...]:
         """Return the trials of one object."""
         return self._by_object.get(name, ())
 
+    @checks_types
     def until(self, time: float) -> "Trials":
         """Return the samples up to a time, without trials that begin later.
 
@@ -331,6 +343,7 @@ class Trials(ShownInNotebooks):
             raise CommonlawError("trials-begin-later", time_name=self.schema.time, time=time)
         return self.with_trials(kept)
 
+    @checks_types
     def exclude(self, /, *, between: tuple[float, float] | None = None, **conditions: object) -> "Trials":
         """Return the trials without those that meet all conditions of `select`.
 
@@ -366,6 +379,7 @@ class Trials(ShownInNotebooks):
             raise CommonlawError("everything-excluded")
         return self.with_trials(kept)
 
+    @checks_types
     def subtract_blanks(self, *blanks: str) -> "Trials":
         """Return the trials of all other objects minus the mean of the blanks, such as wells with medium only.
 
@@ -401,6 +415,7 @@ class Trials(ShownInNotebooks):
             changed.append(replace(trial, states=trial.states - level, below=trial.below - level))
         return self.with_trials(changed, f"subtracted as blanks: {', '.join(labels(blanks))}")
 
+    @checks_types
     def clip_irregular(self, tolerance: float | None = None) -> "Trials":
         """Return the trials clipped at their last irregular time step (de Silva et al. 2020); a note lists them.
 
@@ -410,8 +425,6 @@ class Trials(ShownInNotebooks):
 
         Raises `CommonlawError` if the tolerance is not positive.
         """
-        if tolerance is not None and not tolerance > 0:
-            raise CommonlawError("step-tolerance", tolerance=tolerance)
         kept = [trial.cut(regular_length(trial.times, tolerance)) for trial in self.trials]
         shorter = [
             f"{before.label} from {len(before)} to {len(after)} samples"
@@ -427,6 +440,7 @@ class Trials(ShownInNotebooks):
         bare = tuple(replace(trial, noise=np.empty((0, 0))) for trial in self.trials)
         return replace(self, trials=bare, schema=replace(self.schema, noise_columns={}))
 
+    @checks_types
     def check(self, tolerance: float | None = None, *, order: int | None = None, library: Any = None) -> Report:
         """Check the data: summary of each trial, irregularities, outliers, copies, and confounded variables.
 
@@ -450,6 +464,7 @@ class Trials(ShownInNotebooks):
             {name: pd.Series(column).infer_objects() for name, column in columns_of(self._data).items()}
         )
 
+    @checks_types
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV file with the columns of `to_frame` and units in the headers: ``height [m]``.
 
@@ -460,6 +475,7 @@ class Trials(ShownInNotebooks):
         """
         to_csv(self._data, path)
 
+    @checks_types
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
         """Write a Parquet file that includes the roles of its columns, so that `read` needs no keywords.
 

@@ -20,6 +20,7 @@ from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.law.text import free_parameter_names
 from commonlaw.library import Terms, parse_term, parse_terms
 from commonlaw.library.notation import quoted
+from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal, silent
 from commonlaw.trials import Trials
@@ -121,6 +122,7 @@ class Bounds(ShownInNotebooks):
         return "\n".join(self.sentences)
 
 
+@checks_types
 def bounds(
     law: Law,
     trials: Trials,

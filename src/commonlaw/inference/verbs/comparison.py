@@ -22,6 +22,7 @@ from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched, measured_schema
 from commonlaw.library import parse_terms
 from commonlaw.likelihood import ERRORS
+from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, changed_settings, check_settings
 from commonlaw.runtime.parallel import in_parallel, threads
@@ -94,11 +95,12 @@ def compare(
     ["x'' = a + b v", "x'' = a + b v^2"]
     """
     check_settings("compare", locals())
-    if not isinstance(laws, Mapping):
+    arguments = locals()
+    if isinstance(laws, Sequence):
         laws = {f"law {i}": law for i, law in enumerate(laws, start=1)}
-    others = [name for name, law in laws.items() if not isinstance(law, Law)]
-    if others or not laws:
+    if isinstance(laws, Mapping) and not (laws and all(isinstance(law, Law) for law in laws.values())):
         raise CommonlawError("laws-without-names")
+    check_types(compare, arguments)
     observed = any(law.observation is not None for law in laws.values())
     states = [measured_schema(law).measured if observed else law.schema.states for law in laws.values()]
     if len(listed := dict.fromkeys(", ".join(sorted(state)) for state in states)) > 1:

@@ -36,6 +36,7 @@ from commonlaw.law.parameters import refuse_infinite, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
+from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
@@ -122,6 +123,7 @@ def refine(
     """
     given = locals()
     check_settings("refine", given)
+    check_types(refine, given)
     calls = (*law.provenance.calls, call(refine, given, "cl.refine", "law", "trials"))
     progress = on_terminal() if progress is None else progress
     if law.observation is not None:
