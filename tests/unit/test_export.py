@@ -15,10 +15,12 @@ from openpyxl.utils import range_boundaries
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.estimation.beginning import begin
 from commonlaw.estimation.fitting import fit_model
 from commonlaw.estimation.model import ModelText
 from commonlaw.law.export import _plain_names
+from commonlaw.library import grammar
 from tests.refusals import refused
 
 TIMES = np.linspace(0.0, 2.0, 11)
@@ -27,7 +29,8 @@ LAWS = {
     "two objects": ("x'' = -g - c v", {"g": 9.8, "c": {"Ball 1": 0.2, '=Ball " 2*/': 0.5}}, [20.0, 1.0]),
     "ratio": ("s' = -V s/(K + s); b' = m s b/(K + s) - 0.1 b", {"V": 1.0, "K": 0.7, "m": 0.4}, [3.0, 0.2]),
     "functions": (
-        "x' = a exp(-x) + b cos(2 t) - c abs(x)^1.5 sign(x) + log(1 + x^2) - d sqrt(abs(x)) tanh(x); y' = -y^2 + f x",
+        "x' = a exp(-x) + b cos(2 t) - c abs(x)^1.5 sign(x) + log(1 + x^2) - d sqrt(abs(x)) tanh(x)"
+        "; y' = -y^2 + f x + 0.1 asin(x/9) acos(x/9) + 0.1 cot(1 + t/9) log10(2 + x^2) - 0.1 log2(3 + x) sech(t)",
         {"a": 0.5, "b": 0.3, "c": 0.2, "d": 0.1, "f": -0.3},
         [0.5, 1.0],
     ),
@@ -87,8 +90,9 @@ def as_python(text, power="^"):
 
 
 FUNCTIONS = {
-    name: getattr(math, name) for name in ("exp", "log", "sin", "cos", "tan", "tanh", "sqrt", "atan", "sinh", "cosh")
-} | {"abs": abs, "sign": lambda x: int(x > 0) - int(x < 0)}
+    name: getattr(math, name)
+    for name in ("exp", "sin", "cos", "tan", "tanh", "sqrt", "atan", "sinh", "cosh", "asin", "acos", "log10", "log2")
+} | {"abs": abs, "sign": lambda x: int(x > 0) - int(x < 0), "log": lambda x, base=math.e: math.log(x) / math.log(base)}
 
 
 def compiled(law, folder):
@@ -123,6 +127,25 @@ def test_c_is_compiled_and_run(case, tmp_path):
     for name, parameters in zip(law.objects, table, strict=True):
         found = advanced(library, TIMES, initial, parameters)
         np.testing.assert_allclose(found, expected[name], rtol=1e-6, atol=1e-7)
+
+
+def test_functions_have_their_forms_in_programs_or_are_refused(tmp_path):
+    """C and Python have all functions; workbooks round by INT, and have the arguments of ATAN2 the other way round."""
+    inner = {"arccosh": "2 + x^2", "arctan2": "0.5, x - 3"}
+    parts = [f"{name}({inner.get(name, 'x/9')})" for name in grammar.FUNCTIONS]
+    law = cl.Law.from_text(f"x' = 0.02 x*({' + '.join(parts)})", {})
+    expected = law.simulate(TIMES, [1.0])["object"].states
+    found = advanced(compiled(law, tmp_path), TIMES, [1.0], None)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    np.testing.assert_allclose(simulated_in_python(law, tmp_path, TIMES, [1.0]), expected, rtol=1e-5)
+    law = cl.Law.from_text("x' = floor(x) + ceil(x) + arctan2(0.5, x) + erfc(x) + asinh(x) + log2(x)", {})
+    law.save(tmp_path / "law.xlsx", initial=[1.0])
+    formula = str(openpyxl.load_workbook(tmp_path / "law.xlsx")["Simulation"]["C2"].value)
+    for part in ("INT(B2)", "(-INT(-(B2)))", "ATAN2(B2,0.5)", "ERFC(B2)", "ASINH(B2)", "LOG(B2,2)"):
+        assert part in formula
+    for ending in ("xml", "mo"):
+        with refused(Diagnostic("function-unavailable", {"function": "erf"})):
+            cl.Law.from_text("x' = -k erf(x)", {"k": 1.0}).save(tmp_path / f"law.{ending}")
 
 
 def simulated_in_python(law, folder, *arguments, **inputs):
@@ -184,10 +207,12 @@ OPERATIONS = {
     "power": lambda x, y: x**y,
     "root": math.sqrt,
     "ln": math.log,
-    "arctan": math.atan,
+    "log": lambda *x: math.log10(x[0]) if len(x) == 1 else math.log(x[1], x[0]),
+    "arcsin": math.asin,
+    "arccos": math.acos,
     "gt": lambda x, y: x > y,
     "lt": lambda x, y: x < y,
-    **FUNCTIONS,
+    **{name: function for name, function in FUNCTIONS.items() if name != "log"},
 }
 
 
@@ -203,6 +228,8 @@ def mathml(node, values):
             parts = list(piece)
             if len(parts) == 1 or mathml(parts[1], values):
                 return mathml(parts[0], values)
+    if kind == "logbase":
+        return mathml(inner[0], values)
     operator, *operands = inner
     return OPERATIONS[operator.tag.removeprefix(MATHML)](*(mathml(operand, values) for operand in operands))
 

@@ -37,6 +37,9 @@ ERRORS = (1.0, 0.3, 0.03, 0.003)
 
 FUNCTIONS_OF_TERMS = {
     **{name: f"{name}(x)" for name in FUNCTIONS},
+    **{name: f"{name}(sin(x)/2)" for name in ("arcsin", "arccos", "arctanh")},
+    "arccosh": "arccosh(1+x**2)",
+    "arctan2": "arctan2(x, sin(y))",
     "power": "x**2.5",
     "negative power": "(1+x)**-3",
     "whole power": "exp((1+y)**4/9)",

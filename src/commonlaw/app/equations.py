@@ -24,7 +24,7 @@ from commonlaw.law.text import aligned, latex_left_hand_sides, latex_observed
 from commonlaw.library import with_rates
 from commonlaw.library.bounds import parts_of as parts_of_text
 from commonlaw.library.equation import split_equations
-from commonlaw.library.grammar import FUNCTIONS
+from commonlaw.library.grammar import FUNCTION_NAMES
 from commonlaw.report.markup import formula, parts_of
 from commonlaw.trials import Trials
 from commonlaw.trials.equation_columns import as_named
@@ -52,7 +52,7 @@ def words(trials: Trials) -> list[str]:
     """Return what may stand in equations: states, rates, inputs, time, properties and functions."""
     schema = trials.schema
     measured = [*schema.states, *(f"{name}'" for name in schema.states), *schema.inputs]
-    return [*measured, "t", *property_names(trials.properties), *(f"{f}(" for f in FUNCTIONS)]
+    return [*measured, "t", *property_names(trials.properties), *(f"{f}(" for f in FUNCTION_NAMES)]
 
 
 def named(trials: Trials) -> list[dict[str, Any]]:

@@ -17,7 +17,7 @@ from commonlaw.law.parse import event_equations, event_expressions, meanings_of,
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
 from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of, split_outside, with_steps
 from commonlaw.library.equation import DERIVATIVE, check_length, split_equations
-from commonlaw.library.grammar import FUNCTIONS, columns_in, read, write
+from commonlaw.library.grammar import FUNCTION_NAMES, STAIRS, columns_in, read, tree_of, write
 from commonlaw.library.notation import NAME, quoted, unquoted
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
@@ -26,7 +26,7 @@ from commonlaw.trials import Schema, Trial
 
 _DELAYED = re.compile(rf"(?<![^\W\d])(?P<name>{NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{NAME})\s*\)|`(?:[^`]|``)+`")
 _NAMED = re.compile(r"`((?:[^`]|``)+?)(\(t - (?:`(?:[^`]|``)+`|\w+)\))`")
-_CALLED = re.compile(rf"{_DELAYED.pattern}|(?P<step>step)\s*\(")
+_CALLED = re.compile(rf"{_DELAYED.pattern}|(?P<jump>step|heaviside|floor|ceil|mod)\s*\(")
 _INITIAL = re.compile(rf"(?P<name>{NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)", re.DOTALL)
 _OBSERVED = re.compile(rf"(?P<name>{NAME})\s*=(?P<right>.*)", re.DOTALL)
 _CHANGED = re.compile(rf"(?P<name>{NAME})(?P<rate>'?)\s*=(?P<right>.+)", re.DOTALL)
@@ -80,10 +80,9 @@ class ModelText:
 
     @property
     def is_plain(self) -> bool:
-        """Whether there are differential equations and bounds alone, without delays, switches and events."""
+        """Whether there are differential equations and bounds alone, without delays, jumps and events."""
         calls = (match for text in self.equations for match in _CALLED.finditer(text))
-        names = (match["step"] or match["name"] for match in calls)
-        special = any(name == "step" or (name and name not in FUNCTIONS) for name in names)
+        special = any(match["jump"] or (match["name"] and match["name"] not in FUNCTION_NAMES) for match in calls)
         return not (self.observed or self.initial or self.events or special)
 
 
@@ -311,6 +310,15 @@ def _check_endless(text: str, event: tuple[str, tuple[str, ...]], variables: Var
     raise CommonlawError("equation-event-endless", text=text, name=variables.states[j], s=parts)
 
 
+def _check_stairs(expressions: Iterable[str], variables: Variables) -> None:
+    """Refuse a state inside of a function whose jumps are not located, so that derivatives by parameters are wrong."""
+    for node in (node for expression in expressions for node in ast.walk(tree_of(expression))):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in STAIRS:
+            column = min(columns_in(node), default=len(variables.states))
+            if column < len(variables.states):
+                raise CommonlawError("stairs-of-state", function=ast.unparse(node.func), state=variables.states[column])
+
+
 def _steady_inputs(written: set[str], measured: Schema) -> dict[str, str]:
     """Return the inputs of the steady state as they are written in all of the initial values that are said to be it."""
     if len({"".join(start.split()) for start in written}) > 1:
@@ -339,7 +347,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
         if not match["name"]:
             return match[0]
         name, delay = unquoted(match["name"]), unquoted(match["delay"])
-        if name in FUNCTIONS and name not in measured.inputs:
+        if name in FUNCTION_NAMES and name not in measured.inputs:
             return match[0]
         if name not in measured.inputs:
             raise CommonlawError("equation-with-delay", name=name)
@@ -414,6 +422,7 @@ def read_model(text: ModelText, measured: Schema, properties: Sequence[str]) -> 
     for j, expression in zip(highest_columns(order, len(states)), expressions, strict=False):
         rows[j] = expression
     texts = dict(zip((*starts, *before), expressions[len(parsed) + len(observed) :], strict=False))
+    _check_stairs(expressions, variables)
     events = event_expressions(occurring, variables, meanings)
     for name, event in zip(text.events, events, strict=True):
         _check_endless(name, event, variables)

@@ -27,10 +27,10 @@ from commonlaw.integration.problem import (
 )
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Term
-from commonlaw.library.grammar import Algebra, evaluate
+from commonlaw.library.grammar import SHORT_NAMES, Algebra, evaluate
 
-_FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")
-"""Functions that are analytic in their domain, besides arctan; abs, sign and step are not at 0."""
+_FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "erf", "erfc")
+"""Functions that are analytic in their domain, besides inverse functions and other logarithms."""
 
 
 class UnsupportedError(Exception):
@@ -58,7 +58,7 @@ def _power(base: Any, exponent: Any) -> Any:
 
 
 def _refused(name: str, _: Any) -> NoReturn:
-    raise UnsupportedError(f"{name} has no Taylor series at 0")
+    raise UnsupportedError(f"{name} has no Taylor series where it jumps or bends")
 
 
 _OPERATIONS: Mapping[str, Callable[..., Any]] = {
@@ -68,9 +68,11 @@ _OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "divide": operator.truediv,
     "power": _power,
     "negate": operator.neg,
-    "arctan": heyoka.atan,
+    "log2": lambda x: heyoka.log(x) / math.log(2),
+    "log10": lambda x: heyoka.log(x) / math.log(10),
+    **{name: getattr(heyoka, short) for short, name in SHORT_NAMES.items()},
     **{name: getattr(heyoka, name) for name in _FUNCTIONS},
-    **{name: partial(_refused, name) for name in ("abs", "sign", "step")},
+    **{name: partial(_refused, name) for name in ("abs", "sign", "step", "floor", "ceil")},
 }
 _ALGEBRA = Algebra(lambda number: heyoka.expression(float(number)), _OPERATIONS)
 

@@ -54,6 +54,25 @@ void operate(int64_t operation, const double *x, const double *y, double *restri
     case STEP: EACH_LANE { out[l] = x[l] > 0 ? 1.0 : x[l] <= 0 ? 0.0 : x[l]; left[l] = 0; } return;
     case TAN: EACH_LANE { out[l] = tan(x[l]); left[l] = 1 + out[l] * out[l]; } return;
     case ARCTAN: EACH_LANE { out[l] = atan(x[l]); left[l] = 1 / (1 + x[l] * x[l]); } return;
+    case LOG10: EACH_LANE { out[l] = log10(x[l]); left[l] = 1 / (log(10) * x[l]); } return;
+    case LOG2: EACH_LANE { out[l] = log2(x[l]); left[l] = 1 / (log(2) * x[l]); } return;
+    case FLOOR: EACH_LANE { out[l] = floor(x[l]); left[l] = 0; } return;
+    case CEIL: EACH_LANE { out[l] = ceil(x[l]); left[l] = 0; } return;
+    case ARCSIN: EACH_LANE { out[l] = asin(x[l]); left[l] = 1 / sqrt((1 - x[l]) * (1 + x[l])); } return;
+    case ARCCOS: EACH_LANE { out[l] = acos(x[l]); left[l] = -1 / sqrt((1 - x[l]) * (1 + x[l])); } return;
+    case ARCSINH: EACH_LANE { out[l] = asinh(x[l]); left[l] = 1 / sqrt(1 + x[l] * x[l]); } return;
+    case ARCCOSH: EACH_LANE { out[l] = acosh(x[l]); left[l] = 1 / (sqrt(x[l] - 1) * sqrt(x[l] + 1)); } return;
+    case ARCTANH: EACH_LANE { out[l] = atanh(x[l]); left[l] = 1 / ((1 - x[l]) * (1 + x[l])); } return;
+    case ARCTAN2:
+        EACH_LANE {
+            double square = x[l] * x[l] + y[l] * y[l];
+            out[l] = atan2(x[l], y[l]);
+            left[l] = y[l] / square;
+            right[l] = -x[l] / square;
+        }
+        return;
+    case ERF: EACH_LANE out[l] = erf(x[l]); break;
+    case ERFC: EACH_LANE out[l] = erfc(x[l]); break;
     case POWER: EACH_LANE out[l] = pow(x[l], y[l]); break;
     case SIN: EACH_LANE out[l] = sin(x[l]); break;
     case COS: EACH_LANE out[l] = cos(x[l]); break;
@@ -71,6 +90,8 @@ void operate(int64_t operation, const double *x, const double *y, double *restri
             right[l] = out[l] == 0 ? 0.0 : out[l] * log(x[l]);
         }
         return;
+    case ERF: EACH_LANE left[l] = 2 / sqrt(acos(-1)) * exp(-x[l] * x[l]); return;
+    case ERFC: EACH_LANE left[l] = -2 / sqrt(acos(-1)) * exp(-x[l] * x[l]); return;
     case SIN: EACH_LANE left[l] = cos(x[l]); return;
     case COS: EACH_LANE left[l] = -sin(x[l]); return;
     case SINH: EACH_LANE left[l] = cosh(x[l]); return;
@@ -83,7 +104,7 @@ void operate(int64_t operation, const double *x, const double *y, double *restri
 static void differentiate(const Workspace *work, const int64_t *code, int64_t into, const double *left,
                           const double *right) {
     int64_t S = work->S;
-    bool binary = code[0] <= POWER;
+    bool binary = code[0] <= ARCTAN2;
     for (int64_t s = 0; s < S; ++s) {
         if (!work->depends[into * S + s]) continue;
         const double *a = work->slopes + (code[1] * S + s) * LANES, *b = work->slopes + (code[2] * S + s) * LANES;

@@ -86,9 +86,10 @@ typedef struct {
 
 enum { START, END, MIDDLE };
 
-/* Operations, in the order of library/grammar.py; those up to POWER have two operands. */
+/* Operations, in the order of library/grammar.py; those up to ARCTAN2 have two operands. */
 enum {
-    ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, NEGATE, ABS, SQRT, EXP, LOG, SIN, COS, TAN, SINH, COSH, TANH, ARCTAN, SIGN, STEP
+    ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, ARCTAN2, NEGATE, ABS, SQRT, EXP, LOG, SIN, COS, TAN, SINH, COSH, TANH, ARCTAN,
+    SIGN, STEP, ARCSIN, ARCCOS, ARCSINH, ARCCOSH, ARCTANH, LOG10, LOG2, ERF, ERFC, FLOOR, CEIL
 };
 
 /* Which operations have to be done for some coefficients. */

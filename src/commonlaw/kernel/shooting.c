@@ -42,7 +42,7 @@ static void run_program(Shooting *s, bool linear) {
     double left[LANES], right[LANES];
     for (int64_t m = 0; m < program->operations; ++m) {
         const int64_t *code = program->code + 3 * m;
-        bool binary = code[0] <= POWER;
+        bool binary = code[0] <= ARCTAN2;
         operate(code[0], s->registers + code[1] * LANES, s->registers + code[2] * LANES,
                 s->registers + (first + m) * LANES, left, right, linear);
         if (!linear) continue;

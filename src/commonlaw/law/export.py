@@ -21,7 +21,7 @@ from commonlaw.law.law import Law, only_object
 from commonlaw.law.parameters import followed_coefficients, named_parameters
 from commonlaw.law.parse import event_equations, event_expressions, meanings_of
 from commonlaw.library import highest_columns, with_rates
-from commonlaw.library.grammar import Algebra, evaluate
+from commonlaw.library.grammar import FUNCTIONS, SHORT_NAMES, Algebra, evaluate
 from commonlaw.runtime.files import read_file
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import in_line
@@ -156,11 +156,14 @@ def _number(value: float) -> str:
     return repr(float(value)) if value >= 0 else f"({float(value)!r})"
 
 
-def _infix(functions: Mapping[str, str], **others: Callable[..., str]) -> Algebra:
-    """Return a language with infix operators: names of its functions where they differ, and other forms."""
+_SHORT = {name: short for short, name in SHORT_NAMES.items()}
+
+
+def _infix(functions: Mapping[str, str], missing: Sequence[str] = (), **others: Callable[..., str]) -> Algebra:
+    """Return a language with infix operators: names of its functions where they differ, missing ones, other forms."""
+    names = {name: functions.get(name, _SHORT.get(name, name)) for name in FUNCTIONS if name not in missing}
     operations: dict[str, Callable[..., str]] = {
-        name: lambda x, name=name: f"{functions.get(name, name)}({x})"
-        for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "arctan", "sign")
+        name: lambda *operands, word=word: f"{word}({', '.join(operands)})" for name, word in names.items()
     }
     operations |= {
         "add": lambda x, y: f"({x} + {y})",
@@ -174,21 +177,25 @@ def _infix(functions: Mapping[str, str], **others: Callable[..., str]) -> Algebr
     return Algebra(_number, {**operations, **others})
 
 
-_C = _infix(
-    {"abs": "fabs", "arctan": "atan"}, power=lambda x, y: f"pow({x}, {y})", sign=lambda x: f"(({x} > 0) - ({x} < 0))"
-)
+_C = _infix({"abs": "fabs"}, power=lambda x, y: f"pow({x}, {y})", sign=lambda x: f"(({x} > 0) - ({x} < 0))")
 _PYTHON = _infix(
-    {name: f"math.{name}" for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh")}
-    | {"arctan": "math.atan"},
+    {name: f"math.{_SHORT.get(name, name)}" for name in FUNCTIONS if name != "abs"},
     power=lambda x, y: f"(({x})**({y}))",
     sign=lambda x: f"math.copysign(float({x} != 0), {x})",
 )
-_MATLAB = _infix({"arctan": "atan"})
-_MODELICA = _infix({"arctan": "atan"}, step=lambda x: f"(if {x} > 0 then 1.0 else 0.0)")
+_MATLAB = _infix({})
+_MODELICA = _infix(
+    {},
+    ("arcsinh", "arccosh", "arctanh", "erf", "erfc"),
+    step=lambda x: f"(if {x} > 0 then 1.0 else 0.0)",
+    log2=lambda x: f"(log({x})/log(2.0))",
+)
 _EXCEL = _infix(
-    {name: name.upper() for name in ("abs", "sqrt", "exp", "sin", "cos", "tan", "sinh", "cosh", "tanh", "sign")}
-    | {"log": "LN", "arctan": "ATAN"},
+    {name: _SHORT.get(name, name).upper() for name in FUNCTIONS} | {"log": "LN", "floor": "INT"},
     step=lambda x: f"IF({x}>0,1,0)",
+    log2=lambda x: f"LOG({x},2)",
+    ceil=lambda x: f"(-INT(-({x})))",
+    arctan2=lambda y, x: f"ATAN2({x},{y})",
 )
 
 
@@ -214,8 +221,9 @@ def _piecewise(*pieces: tuple[float, str], otherwise: float) -> Callable[[str], 
 
 _MATHML = Algebra(
     _mathml_number,
-    {name: _applied(name) for name in ("power", "abs", "exp", "sin", "cos", "tan", "sinh", "cosh", "tanh", "arctan")}
+    {name: _applied(name) for name in FUNCTIONS if name not in ("erf", "erfc", "arctan2")}
     | {
+        "power": _applied("power"),
         "add": _applied("plus"),
         "subtract": _applied("minus"),
         "multiply": _applied("times"),
@@ -223,6 +231,9 @@ _MATHML = Algebra(
         "negate": _applied("minus"),
         "sqrt": _applied("root"),
         "log": _applied("ln"),
+        "log10": _applied("log"),
+        "log2": lambda x: _applied("log")(f"<logbase>{_mathml_number(2.0)}</logbase>", x),
+        "ceil": _applied("ceiling"),
         "sign": _piecewise((1.0, "gt"), (-1.0, "lt"), otherwise=0.0),
         "step": _piecewise((1.0, "gt"), otherwise=0.0),
     },

@@ -18,7 +18,7 @@ from commonlaw.law.text import aligned, latex_left_hand_sides
 from commonlaw.library import one_order
 from commonlaw.library.bounds import is_bound, parts_of
 from commonlaw.library.equation import split_equations
-from commonlaw.library.grammar import FUNCTIONS, OTHER_NAMES
+from commonlaw.library.grammar import FUNCTION_NAMES
 from commonlaw.library.notation import latex_name, quoted
 from commonlaw.runtime.files import read_file
 from commonlaw.trials import Schema
@@ -152,7 +152,7 @@ class NamedModel:
             check_choice(f"variable or parameter of {self.name}", name, (*self.variables, *self.parameters))
 
 
-_NEED_QUOTES = (*FUNCTIONS, *OTHER_NAMES, "e", "pi", "t", "time")
+_NEED_QUOTES = (*FUNCTION_NAMES, "e", "pi", "t", "time")
 """Words that have another meaning in equations."""
 
 

@@ -74,7 +74,7 @@ def shortest(law: Law, right_hand_sides: "Sequence[sympy.Expr]") -> tuple[str, .
 def written(expression: "sympy.Expr", order: str = "lex") -> str:
     """Return an expression in the words of equations."""
     text = str(symbolic().sstr(expression, order=order))
-    for theirs, ours in (("**", "^"), ("Abs(", "abs("), ("atan(", "arctan(")):
+    for theirs, ours in (("**", "^"), ("Abs(", "abs("), ("atan(", "arctan("), ("ceiling(", "ceil(")):
         text = text.replace(theirs, ours)
     return text
 

@@ -11,7 +11,16 @@ from commonlaw.diagnostics import Diagnostic
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.bounds import EVENT, is_bound, parts_of
 from commonlaw.library.expansion import NotAFactorError, Product, multiplied_out
-from commonlaw.library.grammar import FUNCTIONS, MAX_CHARACTERS, MAX_DEPTH, OTHER_NAMES, length, read, with_names, write
+from commonlaw.library.grammar import (
+    FUNCTION_NAMES,
+    MAX_CHARACTERS,
+    MAX_DEPTH,
+    OTHER_NAMES,
+    length,
+    read,
+    with_names,
+    write,
+)
 from commonlaw.library.notation import NAME, expression_latex, quoted, unquoted
 from commonlaw.library.term import Term, parse_term
 from commonlaw.library.variables import Variables
@@ -268,25 +277,27 @@ class _Reader:
 
     def _addends(self) -> list[tuple[float, _Token, str]]:
         """Return sign, first token and text of each addend, as the grammar of terms writes it: with all signs."""
-        result, opened, before = list[tuple[float, _Token, str]](), list[_Token](), ""
+        result, opened, before = list[tuple[float, _Token, str]](), list[tuple[_Token, bool]](), ""
         factor, start, text = 1.0, self.tokens[0], ""
         for token in self.tokens:
             is_sign, ends_operand = token.kind in ("+", "-"), before in ("number", "name", ")")
+            if token.kind == "," and not (opened and opened[-1][1]):
+                self._fail(token, Diagnostic("equation-character", {"character": ","}))
             if token.kind in ("number", "name", "function", "("):
                 if before == "/" and token.kind == "number" and not float(token.text):
                     self._fail(token, Diagnostic("equation-divides-by-zero"))
                 start = token if not text else start
                 text += ("*" if ends_operand else "") + (quoted(token.text) if token.kind == "name" else token.text)
-                opened += [token] if token.kind == "(" else []
+                opened += [(token, before == "function")] if token.kind == "(" else []
             elif is_sign and not text:
                 factor *= -1.0 if token.kind == "-" else 1.0
             elif not ends_operand and not is_sign:
                 what = "it ends" if token.kind == "end" else f"{token.text!r} stands"
                 self._fail(token, Diagnostic("operand-missing", {"what": what}))
-            elif token.kind in (")", ",") and not opened:
+            elif token.kind == ")" and not opened:
                 self._fail(token, Diagnostic("parenthesis-not-opened"))
             elif token.kind == "end" and opened:
-                self._fail(opened[-1], Diagnostic("parenthesis-not-closed"))
+                self._fail(opened[-1][0], Diagnostic("parenthesis-not-closed"))
             elif token.kind == "end" or (is_sign and ends_operand and not opened):
                 result.append((factor, start, text))
                 factor, text = -1.0 if token.kind == "-" else 1.0, ""
@@ -321,7 +332,7 @@ class _Reader:
         while match := _TOKEN.match(text, position):
             kind = str(next(group for group in ("number", "name", "sign", "bad") if match[group]))
             token = _Token(kind if kind != "sign" else match["sign"], match[kind], match.start(kind))
-            if kind == "bad" or (token.text == "," and not self.variables.functions):
+            if kind == "bad":
                 self._fail(token, Diagnostic("equation-character", {"character": token.text}))
             if kind == "name":
                 token = self._named(token, match["mark"], match.end())
@@ -346,7 +357,7 @@ class _Reader:
         elif not token.text.startswith("`"):
             if name in self.variables.arities and is_called:
                 return _Token("function", name, token.position)
-            if name in (*FUNCTIONS, *OTHER_NAMES):
+            if name in FUNCTION_NAMES:
                 if not is_called:
                     self._fail(token, Diagnostic("function-not-called", {"name": name}))
                 return _Token("function", OTHER_NAMES.get(name, name), token.position)
@@ -355,7 +366,7 @@ class _Reader:
             if name in CONSTANTS:
                 return _Token("number", repr(CONSTANTS[name]), token.position)
             if text.startswith("(", end) and not _LETTER.fullmatch(name):
-                self._fail(token, unknown("function", name, (*FUNCTIONS, *self.variables.arities)).diagnostic)
+                self._fail(token, unknown("function", name, (*FUNCTION_NAMES, *self.variables.arities)).diagnostic)
         return _Token("name", name, token.position)
 
     def _fail(self, token: _Token, problem: Diagnostic) -> NoReturn:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.grammar import FUNCTIONS, OTHER_NAMES, columns_in, constant, read, with_names, write
+from commonlaw.library.grammar import FUNCTION_NAMES, columns_in, constant, read, with_names, write
 from commonlaw.library.notation import quoted
 
 _MAX_SUMMANDS = 200
@@ -122,7 +122,7 @@ def _plain(tree: ast.expr) -> Product:
     return Product(1.0, {}, ((tree, 1),))
 
 
-_NAMES = {"absolute": "abs", **OTHER_NAMES}
+_NAMES = {"absolute": "abs", "remainder": "mod"}
 _SIGNS = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "power": "**"}
 _COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 
@@ -144,10 +144,10 @@ class Traced(NDArrayOperatorsMixin):
             return Traced(f"({_code(values[0])} {_SIGNS[name]} {_code(values[1])})")
         if method == "__call__" and name == "square":
             return Traced(f"({_code(values[0])} ** 2)")
-        if method == "__call__" and name in (*FUNCTIONS, "negative", "positive"):
+        if method == "__call__" and name in (*FUNCTION_NAMES, "negative", "positive"):
             sign = {"negative": "-", "positive": "+"}.get(name, name)
-            return Traced(f"({sign}({_code(values[0])}))")
-        raise CommonlawError("known-function-numpy", function=function.__name__, functions=FUNCTIONS)
+            return Traced(f"({sign}({', '.join(map(_code, values))}))")
+        raise CommonlawError("known-function-numpy", function=function.__name__, functions=FUNCTION_NAMES)
 
 
 def traced(function: Callable[..., Any], values: dict[str, float | None]) -> Any:

@@ -1,8 +1,8 @@
 """The small language that terms are written in, read without ever running what it says.
 
 A term is made of numbers, names of variables, ``+ - * /``, powers ``**`` or ``^`` with a number or parameters above,
-and the `FUNCTIONS`. Names that are not plain words stand between backticks. Law files come from strangers: a text is
-read by Python's parser, never by its evaluator, and what is long, deep or huge is refused.
+and the `FUNCTION_NAMES`. Names that are not plain words stand between backticks. Law files come from strangers: a text
+is read by Python's parser, never by its evaluator, and what is long, deep or huge is refused.
 """
 
 import ast
@@ -28,12 +28,27 @@ def step(x: Any, out: Floats | None = None) -> Any:
     return np.heaviside(x, 0.0, out)
 
 
+def erf(x: Any, out: Floats | None = None) -> Any:
+    """Return the error function."""
+    from scipy.special import erf as function
+
+    return function(x, out)
+
+
+def erfc(x: Any, out: Floats | None = None) -> Any:
+    """Return the complementary error function, 1 - erf(x), which keeps its digits for large x."""
+    from scipy.special import erfc as function
+
+    return function(x, out)
+
+
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "add": np.add,
     "subtract": np.subtract,
     "multiply": np.multiply,
     "divide": np.divide,
     "power": np.power,
+    "arctan2": np.arctan2,
     "negate": np.negative,
     "abs": np.absolute,
     "sqrt": np.sqrt,
@@ -48,10 +63,39 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "arctan": np.arctan,
     "sign": np.sign,
     "step": step,
+    "arcsin": np.arcsin,
+    "arccos": np.arccos,
+    "arcsinh": np.arcsinh,
+    "arccosh": np.arccosh,
+    "arctanh": np.arctanh,
+    "log10": np.log10,
+    "log2": np.log2,
+    "erf": erf,
+    "erfc": erfc,
+    "floor": np.floor,
+    "ceil": np.ceil,
 }
-"""What expressions are made of, in the order of the kernel's operations."""
-FUNCTIONS = tuple(OPERATIONS)[6:]
-OTHER_NAMES = {"atan": "arctan"}
+"""What expressions are made of, in the order of the kernel's operations; those up to arctan2 have two operands."""
+FUNCTIONS = (*tuple(OPERATIONS)[7:], "arctan2")
+STAIRS = ("floor", "ceil")
+"""Functions that jump, and are constant elsewhere, so that no derivative moves a parameter inside."""
+_SAME = {"ln": "log", "heaviside": "step"}
+SHORT_NAMES = {f"a{name[3:]}": name for name in FUNCTIONS if name.startswith("arc")}
+OTHER_NAMES = _SAME | SHORT_NAMES
+"""Functions of the same meaning by other names: ``asin`` is ``arcsin``."""
+_DERIVED = {
+    "cot": ("1/tan({0})", 1),
+    "sec": ("1/cos({0})", 1),
+    "csc": ("1/sin({0})", 1),
+    "coth": ("1/tanh({0})", 1),
+    "sech": ("1/cosh({0})", 1),
+    "csch": ("1/sinh({0})", 1),
+    "cbrt": ("sign({0})*abs({0})**(1/3)", 1),
+    "mod": ("({0}) - ({1})*floor(({0})/({1}))", 2),
+}
+"""Functions that are read as expressions of the others, with the number of their arguments."""
+FUNCTION_NAMES = (*FUNCTIONS, *OTHER_NAMES, *_DERIVED)
+"""All names of functions in texts."""
 _OPERATORS: Mapping[type[ast.AST], str] = {
     ast.Add: "add",
     ast.Sub: "subtract",
@@ -82,14 +126,14 @@ _NUMBERS = Algebra(np.float64, OPERATIONS)
 def read(text: str, names: Sequence[str], parameters: int = 0, functions: Mapping[str, int] = {}) -> ast.expr:
     """Return the tree of an expression, with ``v<i>`` for column i; so many of the last names are parameters.
 
-    `functions` are the numbers of arguments of other functions than `FUNCTIONS` by their names.
+    `functions` are the numbers of arguments of other functions than `FUNCTION_NAMES` by their names.
     """
     shown = text if len(text) <= 60 else f"{text[:57]}..."
     if (characters := length(text)) > MAX_CHARACTERS:
         raise CommonlawError("term-too-long", term=shown, characters=characters, limit=MAX_CHARACTERS)
     try:
         code = _TOKEN.sub(lambda token: _translated(token, names, functions), text).strip()
-        tree = ast.parse(code, mode="eval").body
+        tree = _Expansion().visit(ast.parse(code, mode="eval").body)
         _check(tree, 0, 1, len(names) - parameters, functions)
     except SyntaxError as error:
         index = with_names(code[max(0, (error.offset or 1) - 1) :], names)
@@ -196,24 +240,42 @@ def _translated(token: re.Match[str], names: Sequence[str], functions: Mapping[s
     text, kind = token[0], token.lastgroup
     if kind == "power":
         return "**"
-    if kind == "bad" and text == "," and functions:
-        return text
-    if kind == "bad":
+    if kind == "bad" and text != ",":
         raise CommonlawError("character-unknown", character=text)
     if kind == "function":
         if text in names:
             raise CommonlawError("variable-called", variable=text)
         function = text if text in functions else OTHER_NAMES.get(text, text)
-        if function not in (*FUNCTIONS, *functions):
-            raise unknown("function", text, (*FUNCTIONS, *functions))
+        if function not in (*FUNCTIONS, *_DERIVED, *functions):
+            raise unknown("function", text, (*FUNCTION_NAMES, *functions))
         return function
-    if kind == "number":
+    if kind in ("number", "bad"):
         return text
     name = text if kind == "name" else token["quoted"].replace("``", "`")
     if name not in names:
         raise unknown("variable", name, names)
     column = f"v{names.index(name)}"
     return column if kind == "name" else f" {column} "
+
+
+class _Expansion(ast.NodeTransformer):
+    """Puts expressions in place of derived functions."""
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        self.generic_visit(node)
+        if not isinstance(node.func, ast.Name) or node.func.id not in _DERIVED:
+            return node
+        form, arguments = _DERIVED[node.func.id]
+        _check_arguments(node.func.id, arguments, len(node.args))
+        text = form.format(*map(ast.unparse, node.args))
+        if len(text) > MAX_CHARACTERS:
+            raise CommonlawError("function-too-long", function=node.func.id, characters=len(text), limit=MAX_CHARACTERS)
+        return ast.parse(text, mode="eval").body
+
+
+def _check_arguments(function: str, arguments: int, given: int) -> None:
+    if given != arguments:
+        raise CommonlawError("function-arity", function=function, arguments=arguments, given=given)
 
 
 def _check(tree: ast.expr, depth: int, power: float, variables: int, functions: Mapping[str, int]) -> None:
@@ -233,14 +295,19 @@ def _check(tree: ast.expr, depth: int, power: float, variables: int, functions: 
             raise CommonlawError("division-by-zero")
         case ast.BinOp(op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div(), left=left, right=right):
             inside = (left, right)
-        case ast.Call(func=ast.Name(id=name), args=[operand], keywords=[]) if name in FUNCTIONS:
-            inside = (operand,)
+        case ast.Call(func=ast.Name(id=name), args=operands, keywords=[]) if name in FUNCTIONS:
+            _check_arguments(name, 2 if name == "arctan2" else 1, len(operands))
+            if name in STAIRS and max(columns_in(tree), default=-1) >= variables:
+                raise CommonlawError("stairs-of-parameter", function=name)
+            inside = tuple(operands)
         case ast.Call(func=ast.Name(id=name), args=operands, keywords=[]) if name in functions:
             if len(operands) != functions[name] or not columns_in(tree):
                 raise CommonlawError("function-call", function=name, arguments=functions[name])
             inside = tuple(operands)
+        case ast.Tuple(elts=[_, *_]):
+            raise CommonlawError("character-unknown", character=",")
         case _:
-            raise CommonlawError("expression-forbidden", functions=(*FUNCTIONS, *functions))
+            raise CommonlawError("expression-forbidden", functions=(*FUNCTION_NAMES, *functions))
     for subtree in inside:
         _check(subtree, depth + 1, power, variables, functions)
     if power > MAX_POWER:

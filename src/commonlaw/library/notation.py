@@ -5,10 +5,11 @@ import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.grammar import FUNCTIONS, MAX_NUMBER, Algebra, evaluate
+from commonlaw.library.grammar import FUNCTIONS, MAX_NUMBER, SHORT_NAMES, Algebra, evaluate
 from commonlaw.runtime.packages import optional_import
 from commonlaw.text import in_latex
 
@@ -97,7 +98,17 @@ _FORMS = {
     "abs": (r"\left|{{{}}}\right|", _Binding.WHOLE),
     "sqrt": (r"\sqrt{{{}}}", _Binding.WHOLE),
     "exp": ("e^{{{}}}", _Binding.POWER),
+    "floor": (r"\left\lfloor{{{}}}\right\rfloor", _Binding.WHOLE),
+    "ceil": (r"\left\lceil{{{}}}\right\rceil", _Binding.WHOLE),
 }
+_LATEX_NAMES = {
+    **{
+        name: f"\\{name}" for name in ("log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "arcsin", "arccos", "arctan")
+    },
+    "log10": r"\log_{10}",
+    "log2": r"\log_{2}",
+}
+"""Functions that LaTeX has a command for."""
 
 
 def expression_latex(code: str, names: Sequence[str]) -> str:
@@ -145,8 +156,7 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
             if name in _FORMS:
                 form, binding = _FORMS[name]
                 return form.format(inner), binding
-            plain = name not in FUNCTIONS or name in ("sign", "step")
-            function = rf"\operatorname{{{in_latex(name)}}}" if plain else f"\\{name}"
+            function = _LATEX_NAMES.get(name, rf"\operatorname{{{in_latex(name)}}}")
             return function + (rf"\left({inner}\right)" if r"\frac" in inner else f"({inner})"), _Binding.POWER
     raise CommonlawError("not-an-expression", expression=ast.unparse(tree)[:30])
 
@@ -154,18 +164,29 @@ def _formula(tree: ast.expr, names: Sequence[str]) -> _Formula:
 def sympy_form(code: str, symbols: Sequence["sympy.Symbol"]) -> "sympy.Expr":
     """Return what `commonlaw.library.grammar.write` returned as a SymPy expression in symbols, one for each column."""
     sympy = optional_import("sympy", "the SymPy form of a term", "symbolic")
-    renamed = {"abs": "Abs", "arctan": "atan", "step": "Heaviside"}
-    functions = {name: _guarded(getattr(sympy, renamed.get(name, name))) for name in FUNCTIONS}
+    renamed = {
+        "abs": "Abs",
+        "step": "Heaviside",
+        "ceil": "ceiling",
+        **{name: short for short, name in SHORT_NAMES.items()},
+    }
+    bases = {f"log{base}": partial(_logarithm, sympy, base) for base in (2, 10)}
+    functions = {name: _guarded(bases.get(name) or getattr(sympy, renamed.get(name, name))) for name in FUNCTIONS}
     return evaluate(code, symbols, Algebra(sympy.sympify, {**_OPERATORS, **functions}))
 
 
-def _guarded(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def _logarithm(sympy: Any, base: int, argument: Any) -> Any:
+    return sympy.log(argument) / sympy.log(base)
+
+
+def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return the SymPy function for arguments that it can take without computing for ever."""
 
-    def apply(argument: Any) -> Any:
-        number = None if argument.free_symbols else argument.evalf(5)
-        if number is not None and not (number.is_finite and abs(number) <= MAX_NUMBER):
-            raise CommonlawError("number-in-term", limit=MAX_NUMBER)
-        return function(argument)
+    def apply(*arguments: Any) -> Any:
+        for argument in arguments:
+            number = None if argument.free_symbols else argument.evalf(5)
+            if number is not None and not (number.is_finite and abs(number) <= MAX_NUMBER):
+                raise CommonlawError("number-in-term", limit=MAX_NUMBER)
+        return function(*arguments)
 
     return apply

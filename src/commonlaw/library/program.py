@@ -30,6 +30,7 @@ _SLOPES: Mapping[str, tuple[_Slope, ...]] = {
     # That of a power of zero by its exponent is zero whatever stands above. Infinite slopes of roots at zero are zero,
     # so that ``sqrt(max(x, 0))`` has derivatives where it is constant
     "power": (_root_or_power_slope, lambda x, _, value: np.where(value == 0, 0.0, value * np.log(x))),
+    "arctan2": (lambda y, x, _: x / (x * x + y * y), lambda y, x, _: -y / (x * x + y * y)),
     "negate": (lambda *_: -1.0,),
     "abs": (lambda x, *_: np.sign(x),),
     "sqrt": (lambda _x, _, value: np.where(value == 0, 0.0, 0.5 / value),),
@@ -44,6 +45,17 @@ _SLOPES: Mapping[str, tuple[_Slope, ...]] = {
     "arctan": (lambda x, *_: 1 / (1 + x**2),),
     "sign": (lambda x, *_: 0.0 * x,),
     "step": (lambda x, *_: 0.0 * x,),
+    "arcsin": (lambda x, *_: 1 / np.sqrt((1 - x) * (1 + x)),),
+    "arccos": (lambda x, *_: -1 / np.sqrt((1 - x) * (1 + x)),),
+    "arcsinh": (lambda x, *_: 1 / np.sqrt(1 + x * x),),
+    "arccosh": (lambda x, *_: 1 / (np.sqrt(x - 1) * np.sqrt(x + 1)),),
+    "arctanh": (lambda x, *_: 1 / ((1 - x) * (1 + x)),),
+    "log10": (lambda x, *_: 1 / (np.log(10) * x),),
+    "log2": (lambda x, *_: 1 / (np.log(2) * x),),
+    "erf": (lambda x, *_: 2 / np.sqrt(np.pi) * np.exp(-x * x),),
+    "erfc": (lambda x, *_: -2 / np.sqrt(np.pi) * np.exp(-x * x),),
+    "floor": (lambda x, *_: 0.0 * x,),
+    "ceil": (lambda x, *_: 0.0 * x,),
 }
 """The derivatives of each operation by its operands x and y, given its value."""
 

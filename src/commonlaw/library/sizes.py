@@ -41,11 +41,11 @@ class _Sizes:
     def _operation(self, name: str, one: _Size, other: _Size | None = None) -> _Size:
         unit = self._number(1.0)
         if other is None:
-            if name in ("abs", "negate"):
+            if name in ("abs", "negate", "floor", "ceil"):
                 return one
             if name == "sqrt":
                 return _Size(one.known / 2, one.unknown / 2)
-            if name != "log":
+            if name not in ("log", "log10", "log2"):
                 self.equal(one, unit)
             return unit._replace(value=None)
         if name == "multiply":
@@ -58,6 +58,8 @@ class _Sizes:
             self.equal(other, unit)
             return _Size(one.known, one.unknown)
         self.equal(one, other)
+        if name == "arctan2":
+            return unit._replace(value=None)
         return other if one.value == 0.0 else one
 
 

@@ -227,8 +227,10 @@ def parse_term(text: str, variables: Variables) -> Term:
 
     Products and whole powers are taken apart, so that equal terms compare equal however they are written. Expressions
     have numbers, variables (between backticks unless they are plain words), ``+ - * /``, ``**`` or ``^`` with a number
-    or parameters above, and the functions abs, sqrt, exp, log, sin, cos, tan, sinh, cosh, tanh, arctan (or atan) and
-    sign.
+    or parameters above, and the functions abs, sqrt, cbrt, exp, log (or ln), log10, log2, sin, cos, tan, cot, sec, csc,
+    arcsin (or asin), arccos, arctan, arctan2(y, x), the same of hyperbolas (sinh, ..., arctanh), sign, step (or
+    heaviside), erf, erfc, floor, ceil and mod(x, y), which is x - y floor(x/y). Inside of floor, ceil and mod stand no
+    parameters.
 
     Raises `CommonlawError` if the text is not an expression, has an unknown name or a numeric factor (terms have no
     coefficients of their own), or is too long or too large.

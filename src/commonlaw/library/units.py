@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.library.grammar import FUNCTIONS, columns_in, constant, evaluate, tree_of
+from commonlaw.library.grammar import FUNCTIONS, OPERATIONS, Algebra, columns_in, constant, evaluate, tree_of
 from commonlaw.library.term import Term, Terms
 from commonlaw.library.variables import Variables
 from commonlaw.trials.headers import check_unit, parse_unit, registry
@@ -42,6 +42,10 @@ def term_unit(term: Term, variables: Variables, units: "Mapping[str, str | pint.
     return result
 
 
+_QUANTITIES = Algebra(float, {**OPERATIONS, **dict.fromkeys(("erf", "erfc", "floor", "ceil"), np.exp)})
+"""Operations on quantities; those that pint lacks, or computes in the unit at hand, are of numbers without unit."""
+
+
 def _expression_unit(code: str, units: Mapping[int, "pint.Unit"]) -> "pint.Unit | None":
     """Return the unit of an expression by computing it for quantities of these units."""
     import pint
@@ -49,7 +53,7 @@ def _expression_unit(code: str, units: Mapping[int, "pint.Unit"]) -> "pint.Unit 
     quantities = [registry().Quantity(np.ones(1), units.get(i)) for i in range(max(units) + 1)]
     try:
         with np.errstate(all="ignore"):
-            return registry().Unit(registry().Quantity(evaluate(code, quantities)).units)
+            return registry().Unit(registry().Quantity(evaluate(code, quantities, _QUANTITIES)).units)
     except (pint.PintError, TypeError, CommonlawError):  # Functions of Python have no unit
         return None
 
@@ -84,6 +88,10 @@ def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Uni
             _look(operand, wanted, known, first)
         case ast.Call(func=ast.Name(id=name), args=[argument]) if name in FUNCTIONS:
             _look(argument, None if name in _OF_ANY_UNIT else none, known, first)
+        case ast.Call(func=ast.Name(id="arctan2"), args=sides):
+            both = next((unit for side in sides if (unit := _tree_unit(side, known)) is not None), None)
+            for side in sides:
+                _look(side, both, known, first)
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             number = constant(exponent)
             root = None if wanted is None or not number else registry().Unit(wanted ** (1 / number))
