@@ -104,9 +104,11 @@ def _under_residual_noise(fit: Fit) -> Fit:
         return fit
     for _ in range(settings.MAX_ITERATIONS):
         scale = residual_scale(fit)
-        if np.abs(np.log(scale)).max() < settings.CONVERGED_NOISE:
+        if np.all(scale == 1):
             break
         fit = _fitted(replace(fit, problem=fit.problem.with_scaled_noise(scale, FROM_RESIDUALS)))
+        if np.abs(np.log(scale)).max() < settings.CONVERGED_NOISE:  # What is left is a small share of this
+            break
     return fit
 
 
