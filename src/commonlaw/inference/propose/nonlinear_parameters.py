@@ -26,7 +26,13 @@ from commonlaw.inference.fit.annealing import fit_with
 from commonlaw.inference.fit.fit import NO_MODEL_ERROR
 from commonlaw.inference.fit.integral_form import Integrals, least_squares, values_between_jumps
 from commonlaw.inference.fit.lack_of_fit import has_pole
-from commonlaw.inference.fit.parameter_grid import divisors, factor_powers, grid_product, parameter_values
+from commonlaw.inference.fit.parameter_grid import (
+    divisors,
+    factor_powers,
+    frequencies_in_time,
+    grid_product,
+    parameter_values,
+)
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.structural_identifiability import are_confounded
 from commonlaw.inference.search.setup import FitSetup
@@ -359,6 +365,10 @@ class _Grid:
 
         listed = [self.values[i] for i in np.argsort(deviances, kind="stable") if np.isfinite(deviances[i])]
         low, high = np.array([limits_of(name, self.bounds) for name in self.names]).reshape(-1, 2).T
+        in_time = [self.law.terms.variables.names[column] for column in frequencies_in_time(self.law.terms)]
+        for i, bank in enumerate(self.banks):
+            if self.names[i] in in_time and len(bank) > 1:  # Beyond the largest one are aliases of those on the grid
+                low[i], high[i] = max(low[i], -bank.max()), min(high[i], bank.max())
         begun, wanted = list[Floats](), holds
         # Linear coefficients may end at their bounds: if those of no value are within, the fit starts outside
         for wanted in (holds, lambda start: bool(np.all((low <= start) & (start <= high)))):
