@@ -310,6 +310,9 @@ def maximize(
         if end < score:
             score, unknowns, noise = end, values, levels
     alike = sum(end - score < 0.01 for end in ends)
+    if not given and not problem.censored.any() and _noise_matters(problem):
+        unknowns = _under_restricted_noise(problem, unknowns, noise, bounds)
+        noise = _not_zero(problem.noise_levels(unknowns, noise), problem)
     return _summary(problem, unknowns, noise, bounds, given, alike)
 
 
@@ -390,9 +393,7 @@ def _finished(
     free = np.ones(len(start), dtype=np.bool_)
     unknown = ~problem.known_noise & (problem.counts > 0)
     fixed = given or not unknown.any()
-    # The least squares of one quantity do not depend on its noise
-    once = fixed or (int(unknown.sum()) == 1 and not problem.known_noise.any() and not problem.priors)
-    once = once and not problem.censored.any()
+    once = (given or not _noise_matters(problem)) and not problem.censored.any()
     for round_ in range(60):
         objective = Objective(middling, noise)
         unknowns, _ = minimum(objective, unknowns, free, bounds, tolerance=1e-10, steps=100)
@@ -405,6 +406,28 @@ def _finished(
         if done:
             break
     return score, unknowns, noise
+
+
+def _noise_matters(problem: Problem) -> bool:
+    """Return whether estimates depend on noise that is estimated: the least squares of one quantity do not."""
+    unknown = int((~problem.known_noise & (problem.counts > 0)).sum())
+    return unknown > 1 or (unknown == 1 and (bool(problem.known_noise.any()) or bool(problem.priors)))
+
+
+def _under_restricted_noise(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds) -> Floats:
+    """Return estimates under the noise of restricted maximum likelihood, by fixed-point iteration.
+
+    That of maximum likelihood is too small, the more so the more unknowns an observable determines, whose measurements
+    would then weigh too much (Harville 1977, J. Am. Stat. Assoc. 72, 320).
+    """
+    for _ in range(60):
+        free = (unknowns != bounds.low) & (unknowns != bounds.high)
+        levels = problem.noise_levels(unknowns, noise, problem.leverage(unknowns, noise, free))
+        noise, before = _not_zero(levels, problem), noise
+        unknowns = _polished(problem, unknowns, noise, bounds)
+        if np.allclose(noise, before, rtol=1e-6):
+            break
+    return unknowns
 
 
 def _score(problem: Problem, unknowns: Floats, noise: Floats, fixed: bool) -> tuple[float, Floats]:
