@@ -1,0 +1,397 @@
+"""Collocation and shooting state the same of one law, however it is spelled.
+
+Equations alone are fitted by collocation; with a start, ``x(0) = h``, or groups of parameters, by shooting. Where the
+models are the same, so are the laws, but for what `DIFFERENCES` and `REFUSED` list.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from random import Random
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import commonlaw as cl
+from commonlaw.law.parameters import named_parameters
+from commonlaw.trials.trial import property_names
+from tests.simulations import simulated
+
+pytestmark = pytest.mark.usefixtures("few_starts")
+
+LIMITS = {
+    "estimates": 1e-3,
+    "standard errors": 5e-4,
+    "log-likelihood": 1e-3,
+    "intervals": 1e-3,
+    "forecasts": 1e-3,
+    "forecast errors": 1e-3,
+    "bands": 1e-3,
+}
+"""Of estimates, ends of intervals and forecasts in their standard errors; of these and of widths of bands relative."""
+
+
+class Problem(NamedTuple):
+    """Equations, what is added to them for shooting, trials that follow them, and first values for shooting.
+
+    Instead of a start groups of parameters may be added, which are the objects, as they are by default.
+    """
+
+    equations: str
+    added: str | Mapping[str, str]
+    rates: Callable[..., Sequence[float]]
+    numbers: Mapping[str, Sequence[float]]
+    starts: Sequence[Sequence[float]]
+    times: np.ndarray
+    noise: Any
+    names: Sequence[str] = ("x",)
+    guesses: Mapping[str, float] | None = None
+    change: Callable[[cl.Trials], cl.Trials] = lambda trials: trials
+    options: Mapping[str, Any] | None = None
+
+    def trials(self) -> cl.Trials:
+        made = simulated(
+            self.rates, self.numbers, self.starts, self.times, self.noise, self.names, seed=1, absolute=True
+        )
+        return self.change(made)
+
+    def fit(self, trials: cl.Trials, equations: str = "", **more: Any) -> cl.Law:
+        asked = {"errors": "white", "n_jobs": 1} | dict(self.options or {}) | more
+        return cl.fit(equations or self.equations, trials, **asked)
+
+    def shoot(self, trials: cl.Trials, near: cl.Law | None = None, equations: str = "", **more: Any) -> cl.Law:
+        """Return the law by shooting, from first values near those of another law."""
+        first = dict(self.guesses or {})
+        if near is not None:
+            parameters = named_parameters(near)
+            estimates = dict(zip(parameters.names, parameters.values.mean(axis=0).tolist(), strict=True))
+            first |= {name: value for name, value in estimates.items() if name not in property_names(trials.properties)}
+        equations = equations or self.equations
+        if isinstance(self.added, str):
+            return self.fit(trials, f"{equations}; {self.added}", guesses=first or None, **more)
+        return self.fit(trials, equations, guesses=first or None, **{"shared": self.added} | more)
+
+
+def _drive(times: np.ndarray) -> np.ndarray:
+    return np.interp(times, [0, 2, 3, 6, 7, 12], [0, 0, 1, 1, 0, 0])
+
+
+def _driven(trials: cl.Trials) -> cl.Trials:
+    made = tuple(replace(trial, inputs=_drive(trial.times)[:, np.newaxis]) for trial in trials)
+    return cl.Trials(made, cl.Schema(trials.schema.states, ("u",)))
+
+
+def _with_gaps(trials: cl.Trials) -> cl.Trials:
+    """Return trials without every third value of the first state, from the second on."""
+    states = [trial.states.copy() for trial in trials]
+    for values in states:
+        values[1::3, 0] = np.nan
+    made = tuple(replace(trial, states=values) for trial, values in zip(trials, states, strict=True))
+    return cl.Trials(made, trials.schema)
+
+
+def _scattered(trials: cl.Trials) -> cl.Trials:
+    """Return trials with errors of 5 % of the values."""
+    random = np.random.default_rng(2)
+    made = (
+        replace(trial, states=trial.states * np.exp(0.05 * random.standard_normal(trial.states.shape)))
+        for trial in trials
+    )
+    return cl.Trials(tuple(made), trials.schema)
+
+
+def _with_volumes(trials: cl.Trials) -> cl.Trials:
+    properties = {name: {"V": 2.0 + i} for i, name in enumerate(trials.objects)}
+    return cl.Trials(trials.trials, trials.schema, properties)
+
+
+line = np.linspace
+decay = Problem(
+    "x' = -k x", "x(0) = h", lambda _, x, k: [-k * x[0]], {"a": (0.5,), "b": (0.8,), "c": (1.1,)}, [(4.0,)],
+    line(0, 4, 15), 0.1, guesses={"h": 4.0},
+)  # fmt: skip
+relaxation = decay._replace(
+    equations="x' = k (a - x)", rates=lambda _, x, k, a: [k * (a - x[0])], numbers={"a": (1.1, 2.0), "b": (0.7, 2.9)},
+    starts=[(6.0,)],
+)  # fmt: skip
+falling = Problem(
+    "x'' = -g - c v", "x(0) = h", lambda _, x, c: [x[1], -9.8 - c * x[1]], {"a": (0.2,), "b": (0.5,)},
+    [(12.0, 0.0)], line(0, 1.2, 20), 0.01, guesses={"h": 12.0},
+)  # fmt: skip
+growth = Problem(
+    "x' = r x (1 - x/K)", "x(0) = h", lambda _, x, r, k: [r * x[0] * (1 - x[0] / k)],
+    {"a": (0.8, 50.0), "b": (1.2, 40.0)}, [(2.0,)], line(0, 9, 20), 1.0, guesses={"h": 2.0},
+)  # fmt: skip
+enzyme = Problem(
+    "S' = -Vm S/(Km + S)", "S(0) = h", lambda _, x, v, k: [-v * x[0] / (k + x[0])],
+    {"a": (1.0, 2.0), "b": (1.6, 3.0)}, [(10.0,)], line(0, 12, 20), 0.1, ("S",), guesses={"h": 10.0},
+)  # fmt: skip
+predation = Problem(
+    "x' = a x - b x y; y' = -c y + d x y", "x(0) = h; y(0) = l",
+    lambda _, x: [x[0] - 0.1 * x[0] * x[1], -1.5 * x[1] + 0.075 * x[0] * x[1]], {"a": ()}, [(10.0, 5.0)],
+    line(0, 7, 25), (0.7, 0.5), ("x", "y"), guesses={"h": 10.0, "l": 5.0},
+)  # fmt: skip
+turning = Problem(
+    "x'' = m (1 - x^2) v - k x", "x(0) = h",
+    lambda _, x, m, k: [x[1], m * (1 - x[0] ** 2) * x[1] - k * x[0]], {"a": (1.0, 1.0)}, [(0.5, 0.0)],
+    line(0, 10, 40), 0.05, guesses={"h": 0.5},
+)  # fmt: skip
+
+FAST = {
+    "decay": decay,
+    "decay, two trials": decay._replace(
+        added={"k": "object"}, numbers={"a": (0.5,), "b": (0.8,)}, starts=[(4.0,), (6.0,)], guesses=None
+    ),
+    "decay, known noise": decay._replace(options={"noise": {"x": 0.12}}),
+    "decay, logarithms": decay._replace(noise=0.0, change=_scattered, options={"log_states": ["x"]}),
+    "decay, a volume": decay._replace(equations="x' = -CL/V x", change=_with_volumes),
+    "fall": falling,
+    "logistic growth": growth,
+    "predation, missing values": predation._replace(change=_with_gaps, added="y(0) = l", guesses={"l": 5.0}),
+    "Michaelis and Menten": enzyme._replace(numbers={"a": (1.0, 2.0)}),
+    "van der Pol": turning,
+    "relaxation, an input": Problem(
+        "x' = -k x + b u", "x(0) = h", lambda t, x, k: [-k * x[0] + 2 * _drive(t)], {"a": (0.3,), "b": (0.5,)},
+        [(1.0,)], line(0, 12, 37), 0.05, guesses={"h": 1.0}, change=_driven, options={"input_interpolation": "linear"},
+    ),
+    "reaction": Problem(
+        "a' = -k a; b' = k a - m b", "a(0) = h", lambda _, x, k, m: [-k * x[0], k * x[0] - m * x[1]],
+        {"a": (0.8, 0.3)}, [(2.0, 0.3)], line(0, 6, 12), 0.03, ("a", "b"), guesses={"h": 2.0},
+    ),
+}  # fmt: skip
+SLOW = {
+    "relaxation": relaxation,
+    "fall, known gravity": falling._replace(equations="x'' = -9.8 - c v"),
+    "Michaelis and Menten, two objects": enzyme,
+    "predation": predation,
+    "fall, two trials": falling._replace(added={"c": "object"}, starts=[(12.0, 0.0), (13.0, 3.0)], guesses=None),
+    "fall, both starts": falling._replace(added="x(0) = h; v(0) = w"),
+    "fall, squared drag": falling._replace(
+        equations="x'' = -g - c v abs(v)", rates=lambda _, x, c: [x[1], -9.8 - c * x[1] * abs(x[1])]
+    ),
+    "logistic growth, logarithms": growth._replace(noise=0.0, change=_scattered, options={"log_states": ["x"]}),
+    "predation, three objects": predation._replace(numbers={"a": (), "b": (), "c": ()}, times=line(0, 12, 40)),
+    "van der Pol, both states": turning._replace(
+        equations="x' = y; y' = m y - m x^2 y - k x", numbers={"a": (1.0, 1.0), "b": (1.5, 1.2)}, names=("x", "y")
+    ),
+    "oscillation, an input": Problem(
+        "x'' = -k x - c v + b u", "x(0) = h", lambda t, x, k: [x[1], -k * x[0] - 0.3 * x[1] + 2 * _drive(t)],
+        {"a": (2.0,), "b": (3.0,)}, [(1.0, 0.0)], line(0, 12, 49), 0.03, guesses={"h": 1.0}, change=_driven,
+        options={"input_interpolation": "linear"},
+    ),
+    "oscillation by a cosine": Problem(
+        "x' = -k x + b cos(w t)", "x(0) = h", lambda t, x, k: [-k * x[0] + np.cos(1.3 * t)], {"a": (0.5,), "b": (0.8,)},
+        [(2.0,)], line(0, 12, 40), 0.03, guesses={"h": 2.0},
+    ),
+    "competition": Problem(
+        "x' = r x (1 - (x + a y)/K); y' = s y (1 - (y + b x)/L)", "x(0) = h",
+        lambda _, x: [0.9 * x[0] * (1 - (x[0] + 0.6 * x[1]) / 50), 0.7 * x[1] * (1 - (x[1] + 0.4 * x[0]) / 40)],
+        {"a": ()}, [(3.0, 5.0)], line(0, 16, 30), 0.8, ("x", "y"), guesses={"h": 3.0},
+    ),
+    "absorption, a latent state": Problem(
+        "c' = a g - k c; g' = -a g", "g(0) = 5", lambda _, x, a, k: [a * x[1] - k * x[0], -a * x[1]],
+        {"a": (1.5, 0.3), "b": (1.2, 0.4)}, [(0.0, 5.0)], line(0, 12, 20), 0.05, ("c",),
+    ),
+    "pendulum": Problem(
+        "x'' = -k sin(x) - c v", "x(0) = h", lambda _, x, k, c: [x[1], -k * np.sin(x[0]) - c * x[1]],
+        {"a": (2.0, 0.1), "b": (3.0, 0.2)}, [(2.0, 0.0)], line(0, 8, 40), 0.02, guesses={"h": 2.0},
+    ),
+    "power of a state": Problem(
+        "x' = -a abs(x)^p", "x(0) = h", lambda _, x, a: [-a * abs(x[0]) ** 0.6], {"a": (0.5,), "b": (0.8,)}, [(4.0,)],
+        line(0, 2, 25), 0.01, guesses={"h": 4.0},
+    ),
+    "Gompertz growth": Problem(
+        "x' = -r x log(x/K)", "x(0) = h", lambda _, x, r, k: [-r * x[0] * np.log(x[0] / k)],
+        {"a": (0.8, 5.0), "b": (0.6, 4.0)}, [(0.3,)], line(0, 6, 25), 0.03, guesses={"h": 0.3},
+    ),
+}  # fmt: skip
+
+
+def log_likelihood(law: cl.Law, trials: cl.Trials, curves: cl.Forecast) -> float:
+    """Return that of the measurements about the curves of a law, at the noise that is known, or fits best."""
+    total, given = 0.0, law.uncertainty.degrees_of_freedom is None
+    for j, name in enumerate(trials.schema.states):
+        pairs = zip(trials, curves.trajectories, strict=True)
+        columns = [(trial.states[:, j], curve.states[: len(trial), j]) for trial, curve in pairs]
+        if name in law.schema.logarithmic:
+            columns = [(np.log(measured), np.log(states)) for measured, states in columns]
+        squares = np.concatenate([(measured - states) ** 2 for measured, states in columns])
+        squares = squares[np.isfinite(squares)]
+        variance = law.uncertainty.noise[j] ** 2 if given else float(np.mean(squares))
+        total -= float(np.sum(np.log(2 * np.pi * variance) + squares / variance)) / 2
+    return total
+
+
+def largest(values: Any) -> float:
+    return float(np.max(np.abs(values)))
+
+
+def differences_of_parameters(plain: cl.Law, other: cl.Law) -> dict[str, float]:
+    """Return the largest differences of estimates, their errors and intervals of two laws."""
+    one, two = named_parameters(plain), named_parameters(other)
+    kept = np.flatnonzero(one.errors[0])  # Properties have no errors
+    places, errors = [two.names.index(one.names[i]) for i in kept], one.errors[:, kept]
+    ends = zip(one.intervals(), two.intervals(), strict=True)
+    return {
+        "estimates": largest((two.values[:, places] - one.values[:, kept]) / errors),
+        "standard errors": largest(two.errors[:, places] / errors - 1),
+        "intervals": max(largest((two_end[:, places] - end[:, kept]) / errors) for end, two_end in ends),
+    }
+
+
+def differences(trials: cl.Trials, plain: cl.Law, shot: cl.Law) -> dict[str, float]:
+    """Return the largest differences of what a law by collocation and one by shooting state of the same trials."""
+    times, count = trials[0].times[-1] * np.array([1.1, 1.25]), len(trials.schema.states)
+    curves = [law.predict(trials, start="all", times=times, return_std=True) for law in (plain, shot)]
+    states, std, widths = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
+    for forecast in curves:
+        states.append(np.concatenate([curve.states[:, :count] for curve in forecast.trajectories]))
+        std.append(np.concatenate([values[:, :count] for values in forecast.std or ()]))
+        widths.append(np.concatenate([(high - low)[:, :count] for low, high in forecast.bands(measured=True)]))
+    assert shot.observation is not None
+    likelihood = log_likelihood(plain, trials, curves[0])
+    return differences_of_parameters(plain, shot) | {
+        "log-likelihood": largest(shot.observation.log_likelihood - likelihood),
+        "forecasts": largest((states[1] - states[0]) / std[0]),
+        "forecast errors": largest(std[1] / std[0] - 1),
+        "bands": largest(widths[1] / widths[0] - 1),
+    }
+
+
+@pytest.mark.parametrize("name", [*FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+def test_both_schemes_state_the_same(name):
+    problem = (FAST | SLOW)[name]
+    trials = problem.trials()
+    latent = {"initial_values": {"g": 5.0}} if name.startswith("absorption") else {}
+    plain = problem.fit(trials, **latent)
+    shot = problem.shoot(trials, plain)
+    assert plain.observation is None
+    result = differences(trials, plain, shot)
+    assert {what: size for what, size in result.items() if not size < LIMITS[what]} == {}
+
+
+class Difference(NamedTuple):
+    """Why the two ways to one law differ, and by how much today, in the units of `LIMITS` or twice the log-evidence."""
+
+    reason: str
+    size: Callable[[], float]
+    today: float
+
+
+def _of_shared(name: str, parameter: str) -> float:
+    problem = FAST[name]
+    trials = problem.trials()
+    plain = problem.fit(trials, shared=[parameter])
+    return differences_of_parameters(plain, problem.shoot(trials, plain, shared={parameter: "all"}))["estimates"]
+
+
+def _of_evidence(less: str, more: str) -> float:
+    trials = falling.trials()
+    plain = [falling.fit(trials, equations) for equations in (less, more)]
+    shot = [falling.shoot(trials, law, law.provenance.equations[0]) for law in plain]
+    gains = [_above(laws, trials) @ (1, -1) for laws in (plain, shot)]
+    return float(abs(gains[1] - gains[0]))
+
+
+def _of_order() -> float:
+    trials = relaxation.trials()
+    return float(
+        np.ptp(_above([relaxation.fit(trials, text) for text in ("x' = k a - k x", "x' = -k x + k a")], trials))
+    )
+
+
+def _above(laws: Sequence[cl.Law], trials: cl.Trials) -> np.ndarray:
+    """Return twice the log-evidence of the best law over that of each."""
+    frame = cl.compare({str(i): law for i, law in enumerate(laws)}, trials, errors="white", n_jobs=1)
+    return frame.set_index("law")["2 log B"].loc[[str(i) for i in range(len(laws))]].to_numpy()
+
+
+POOLED = "collocation pools estimates of objects that were fitted apart, to first order; shooting fits them together"
+SCORES = "evidence is that of random effects by collocation, and the Bayesian information criterion by shooting"
+DIFFERENCES = {
+    "shared g": Difference(POOLED, partial(_of_shared, "fall", "g"), 1.2e-3),
+    "shared b": Difference(POOLED, partial(_of_shared, "relaxation, an input", "b"), 9.6e-3),
+    "evidence of drag": Difference(SCORES, partial(_of_evidence, "x'' = -g", "x'' = -g - c v"), 9.0),
+    "order of terms": Difference("the scatter of a term over objects is chosen given those before it", _of_order, 1.4),
+}
+"""Known differences: this table and the next become empty as both schemes get one likelihood and one score."""
+
+COLLOCATION, SHOOTING = Problem.fit, Problem.shoot
+REFUSED = {
+    "a shared parameter in a quotient": (growth, COLLOCATION, {"shared": ["K"]}, "parameter-is-quotient"),
+    "a number before a sum": (
+        enzyme._replace(equations="S' = -Vm S/(2 (Km + S))"), COLLOCATION, {}, "term-unusable",
+    ),
+    "proportional errors": (decay, SHOOTING, {"errors": "proportional"}, "not-with-observation"),
+    "autocorrelated errors": (decay, SHOOTING, {"errors": "autocorrelated"}, "not-with-observation"),
+    "outliers": (decay, SHOOTING, {"huber_threshold": 2.0}, "not-with-observation"),
+    "partial pooling": (decay, SHOOTING, {"partial_pooling": True}, "not-with-observation"),
+    "bootstrap": (decay, SHOOTING, {"covariance": "bootstrap"}, "not-with-observation"),
+}  # fmt: skip
+"""What one of the schemes, or both, refuses: collocation has coefficients, and shooting white noise alone."""
+
+
+@pytest.mark.parametrize("name", DIFFERENCES)
+def test_known_differences_are_as_large_as_listed(name):
+    difference = DIFFERENCES[name]
+    assert difference.size() == pytest.approx(difference.today, rel=0.1)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_one_scheme_lacks_is_refused(name):
+    problem, scheme, options, code = REFUSED[name]
+    with pytest.raises(cl.CommonlawError) as refusal:
+        scheme(problem, problem.trials(), **options)
+    assert refusal.value.code == code
+
+
+def spelled(tree: Any, random: Random) -> str:
+    """Return an expression in one of its spellings: a name, or an operator with its operands.
+
+    Factors and terms are in any order, in needless parentheses or not; what stands before a difference may be
+    multiplied out.
+    """
+    if isinstance(tree, str):
+        return random.choice([tree, tree, f"({tree})"])
+    operator, *operands = tree
+    if operator == "*" and operands[-1][0] == "-" and random.random() < 0.3:
+        *factors, (_, first, second) = operands
+        return spelled(("-", ("*", *factors, first), ("*", *factors, second)), random)
+    parts = [spelled(operand, random) for operand in operands]
+    parts = [part if isinstance(operand, str) else f"({part})" for part, operand in zip(parts, operands, strict=True)]
+    if operator in "*+":
+        random.shuffle(parts)
+    if operator == "*":
+        return random.choice([" ", "*", " * "]).join(parts)
+    first, second = parts
+    return (
+        random.choice([f"{first} - {second}", f"-{second} + {first}"]) if operator == "-" else first + operator + second
+    )
+
+
+SPELLINGS = [
+    (relaxation._replace(numbers={"a": (1.1, 2.0)}), "x' = ", ("*", "k", ("-", "a", "x"))),
+    (growth._replace(numbers={"a": (0.8, 50.0)}), "x' = ", ("*", "r", "x", ("-", "1", ("/", "x", "K")))),
+    pytest.param(
+        enzyme._replace(numbers={"a": (1.0, 2.0)}), "S' = -", ("*", "Vm", ("/", "S", ("+", "Km", "S"))),
+        marks=pytest.mark.slow,
+    ),
+]  # fmt: skip
+"""Laws of one object, of which the order of terms has no effect on the score."""
+
+
+@pytest.mark.parametrize(("problem", "left", "tree"), SPELLINGS)
+def test_spellings_of_one_law_are_one_law(problem, left, tree):
+    trials, random = problem.trials(), Random(3)
+    texts = [problem.equations, *(left + spelled(tree, random) for _ in range(4))]
+    laws = [problem.fit(trials, text) for text in texts]
+    for law in laws[1:]:
+        assert max(differences_of_parameters(laws[0], law).values()) < 1e-4, law.structure
+    assert np.ptp(_above(laws, trials)) < 0.01
+
+
+def test_a_written_start_leaves_the_score():
+    trials = decay.trials()
+    plain = decay.fit(trials)
+    assert np.ptp(_above([plain, decay.shoot(trials, plain)], trials)) < 0.01
