@@ -369,3 +369,9 @@ def test_combinations_of_many_parameters_are_drawn():
     assert values.shape == (settings.MAX_COMBINATIONS, 20)
     assert values.mean() == pytest.approx(12.5, abs=0.1)
     assert grid_product([np.array([1.0, 2.0]), np.array([3.0, 4.0])]).tolist() == [[1, 3], [1, 4], [2, 3], [2, 4]]
+
+
+def test_a_power_that_is_infinite_at_a_sample_is_refused_without_a_warning():
+    times = np.linspace(0, 0.7, 6)
+    with refused("terms-nowhere-finite"):
+        cl.fit("x' = abs(t)^a", cl.Trials.from_arrays(times, 21 + np.exp(9 * times), names=["x"]))

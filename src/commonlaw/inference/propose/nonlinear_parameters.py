@@ -125,7 +125,8 @@ class _Profile:
         field = VectorField(plain, self.fitted(parameters)[0], order, free=np.isnan(self.known))
         linear = field.linearize(self.values).by_parameters
         columns = linear.reshape(-1, linear.shape[2])
-        return np.asarray(columns / column_scales(columns))
+        with np.errstate(invalid="ignore"):  # An infinite column over its norm, which the caller refuses
+            return np.asarray(columns / column_scales(columns))
 
     def fitted(self, parameters: Floats) -> tuple[Floats, list[Floats]]:
         """Return all coefficients, shape (equations, terms), linear ones by least squares, and residuals by equation.
