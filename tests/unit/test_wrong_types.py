@@ -20,7 +20,7 @@ WRONG = (NEVER_RIGHT, None, 5, "zz", [], float("nan"), True, -1, 10**9, b"x", [N
 EXPENSIVE = ("Law.report", "Law.assess", "Law.discrepancy", "Law.simplify", "LawDiscovery.fit", "design", "discover")
 """What works on values that fit; without the slow tests they get the value that never does."""
 
-METHODS_OF = ("Forecast", "Law", "LawDiscovery", "Schema", "Trial", "TrialStream", "Trials")
+METHODS_OF = ("Forecast", "Law", "LawDiscovery", "Schema", "TrialStream", "Trials")
 MODULES = ("datasets", "differentiation", "law", "library", "plots", "solvers")
 VERBS_OF = ("datasets.", "law.", "plots.", "library.parse_library", "solvers.parse", "differentiation.parse")
 """Functions of modules that users call; the others work on arrays and terms."""
@@ -73,9 +73,6 @@ RIGHT = {
     "objects": lambda _: ["object"],
     "parameter": lambda _: "k",
     "path": lambda folder: folder / "law.json",
-    "stop": lambda _: 5,
-    "chosen": lambda _: slice(0, 5),
-    "typical": lambda _: np.ones(1),
     "progress": lambda _: begin,
 }
 """Values of arguments that fit, by name; `RIGHT_OF` has those of a function where they differ."""
@@ -105,7 +102,6 @@ OF_CLASS = {
     "Law": lambda _: law(),
     "LawDiscovery": lambda _: cl.LawDiscovery(),
     "Schema": lambda _: TRIALS.schema,
-    "Trial": lambda _: TRIALS.trials[0],
     "TrialStream": stream,
     "Trials": lambda _: TRIALS,
 }

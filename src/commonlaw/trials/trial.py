@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, Indices, same_content
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.runtime.arguments import check_types, checks_types
+from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials.headers import label, plain
 
@@ -331,7 +331,6 @@ class Trial:
         """Whether every state was measured in every sample."""
         return not np.isnan(self.states).any()
 
-    @checks_types
     def cut(self, stop: int) -> "Trial":
         """Return the trial's first `stop` samples."""
         return self.rows(slice(stop))
@@ -343,7 +342,6 @@ class Trial:
         kept = np.asarray(np.isfinite(self.states).any(axis=1))
         return self if kept.all() else self.rows(kept)
 
-    @checks_types
     def rows(self, chosen: slice | Bools) -> "Trial":
         """Return the chosen samples of the trial."""
         parts = {name: getattr(self, name)[chosen] for name in _ARRAYS}
@@ -354,7 +352,6 @@ class Trial:
         cycle = self.cycle if is_whole else 0.0
         return replace(self, **parts, repeats=repeats, earlier=earlier, begins_with_dose=begins_with_dose, cycle=cycle)
 
-    @checks_types
     def std(self, typical: Floats) -> Floats:
         """Return the standard deviation of each state, shape (n, states).
 
