@@ -192,6 +192,7 @@ def test_laws_with_constants_are_compared_with_others(fitted, enzymes):
         (f"{SATURATING}; 2 < K < 1", Diagnostic("bound-empty", {"text": "2 < K < 1"})),
         (f"{SATURATING}; Q > 0", Diagnostic("unknown-name", {"kind": "coefficient", "name": "Q"})),
         ("s' = -k s + b sin(q)", Diagnostic("parameters-not-identifiable", {"names": "b, q", "variables": "s, t"})),
+        ("s' = -k abs(w)", Diagnostic("parameters-not-identifiable", {"names": "k, w"})),
         ("s' = -exp(-E/(2 R)) s", Diagnostic("parameters-not-identifiable", {"names": "E, R"})),
         ("s' = -V sqrt(-abs(s) - K^2)", "terms-nowhere-finite"),
         ("s[k+1] = V s/(K + s)", Diagnostic("discrete-with-parameters", {"names": "K"})),

@@ -116,8 +116,9 @@ class _Profile:
             weights = np.abs(numbers) * np.linalg.norm(sides[:, 1 : len(bound) + 1], axis=0)
             rows += list(powers[bound] * weights[:, np.newaxis])
             logarithms += (weights * np.log(np.abs(numbers) + np.finfo(float).tiny)).tolist()
-        scale = np.max(np.abs(rows), initial=0.0) or 1.0
-        return np.asarray(np.exp(np.linalg.lstsq(np.array(rows) / scale, np.array(logarithms) / scale)[0]))
+        exponents = np.reshape(rows, (-1, len(columns)))  # No rows where no term has a coefficient
+        scale = np.max(np.abs(exponents), initial=0.0) or 1.0
+        return np.asarray(np.exp(np.linalg.lstsq(exponents / scale, np.array(logarithms) / scale)[0]))
 
     def derivatives(self, parameters: Floats, order: Order) -> Floats:
         """Return the derivatives of rates by all estimated coefficients, of unit norm, shape (m, parameters)."""
