@@ -1,7 +1,6 @@
 """Which experiment next: the most informative one among those that can be made."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from commonlaw.experiments.experiment import (
 )
 from commonlaw.experiments.plan import Design, Forecasts, Gain, Planned
 from commonlaw.experiments.predictive import Hypothesis
-from commonlaw.experiments.search import POINTS, SETTLED, Search
+from commonlaw.experiments.search import POINTS, SETTLED, Effort, Search
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.alignment import has_bands, matched, measured_schema
 from commonlaw.law.parameters import named_parameters, state_rates
@@ -155,7 +154,16 @@ def design(
                 ranges[name] = Range(min(values), max(values))
         limits = ranges | limits
     search = Search(first, hypotheses, aim, settings, limits, unit_costs, known, seed, points)
-    chosen = search.chosen(experiments, budget, on_terminal() if progress is None else progress)
+    return _designed(search, plausible, experiments, budget, on_terminal() if progress is None else progress)
+
+
+def _designed(
+    search: Search, plausible: tuple[PlausibleLaw, ...], most: int, budget: float, progress: ProgressCallback
+) -> Design:
+    """Return up to so many of the best experiments of a search, and what is to be expected of them; see `design`."""
+    first, hypotheses, aim = search.law, search.hypotheses, search.aim
+    prior = np.array([model.probability for model in plausible])
+    chosen = search.chosen(most, budget, progress)
     steps = [search.evidence(chosen[: i + 1]) for i in range(len(chosen))]
     repeats = search.repeats(chosen) if aim.of_law else None
     units = [unit or "" for unit in named_parameters(first).units for _ in hypotheses[0].objects]
@@ -231,12 +239,20 @@ def _setting_of(law: Law) -> tuple[object, ...]:
     return *names, law.objects, given_starts(law)
 
 
+_LITTLE_EFFORT = Effort(16, 16, 32, patience=2)
+"""Of suggestions: an experiment is looked at by 16 simulated measurements, and reported by 32."""
+_MIN_POINTS, _MAX_TRAJECTORIES, _MAX_REFITS = 16, 500, 350
+"""Of suggestions: experiments, trajectories of all laws, and refits for an experiment that is looked at; a trajectory
+takes about a millisecond, and a refit two."""
+
+
 def suggestions(law: Law, trials: Trials, most: int = 1) -> dict[str, Design]:
     """Return what to measure next by purpose: the law if it is in doubt, all coefficients, the worst one.
 
     Trials start in the visited ranges, with rates, inputs, duration and samples as in the given trials, and end where
-    they leave what was visited. All experiments for a purpose have at most `most` trials. Laws without noise or
-    covariance, and laws in discrete time, have no suggestions.
+    they leave what was visited. All experiments for a purpose have at most `most` trials. Work is bounded: few
+    experiments are compared, and laws refitted to few simulated measurements, to none where laws and objects are many.
+    Laws without noise or covariance, and laws in discrete time, have no suggestions.
     """
     if not has_bands(law) or law.order == 0 or not law.support.any():
         return {}
@@ -254,10 +270,19 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> dict[str, Design]:
         name = parameters.names[int(column)]
         about = name if len(law.objects) == 1 else f"{name} of {law.objects[int(owner)]}"
         purposes.append((f"To know {about} better, the coefficient that is known worst", about))
+    plausible = tuple(law.models)
+    settings = Settings.of(law, vary, {})
+    hypotheses = tuple(Hypothesis.of(model.law, settings.objects) for model in plausible)
+    trajectories = len(plausible) * len(settings.objects)
+    points = max(_MIN_POINTS, min(POINTS // 4, _MAX_TRAJECTORIES // trajectories))
+    refits = trajectories * max(len(plausible), _LITTLE_EFFORT.look)
+    effort = _LITTLE_EFFORT if refits <= _MAX_REFITS else _LITTLE_EFFORT._replace(look=0)
+    prior, over = np.array([model.probability for model in plausible]), None
     for purpose, about in purposes:
-        settings: dict[str, Any] = {"experiments": most, "about": about, "points": POINTS // 4}
+        aim = Aim.of(about, prior, hypotheses)
+        over = Search(law, hypotheses, aim, settings, spans, {"trial": 1.0}, {}, 0, points, effort, over)
         try:
-            result[purpose] = design(law, vary, within=spans, progress=lambda _: None, **settings)
+            result[purpose] = _designed(over, plausible, most, np.inf, lambda _: None)
         except CommonlawError:  # Forecasts may diverge from everywhere
             continue
     return result

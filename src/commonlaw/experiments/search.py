@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +21,25 @@ from commonlaw.runtime.forking import cached_property
 POINTS = 256
 """Experiments that are looked at all over the ranges."""
 
-_MIN_DRAWS, _DRAWS, _MAX_DRAWS = 16, 64, 192
-"""Of measurements by all hypotheses together: to look at an experiment that seems best, to choose by, and of what is
-said of the chosen."""
+
+class Effort(NamedTuple):
+    """How many measurements all hypotheses together make, with all of them refitted to each.
+
+    To look at an experiment that seems best, 0 without refits; to choose by; and for what is said of the chosen. After
+    `patience` experiments in a row that are no better than the best, no more are looked at.
+    """
+
+    look: int = 16
+    choose: int = 64
+    report: int = 192
+    patience: int = 6
+
+
+USUAL_EFFORT = Effort()
+
+
+_DRAWS = 64
+"""Draws by which linearized information is averaged."""
 
 SETTLED = 0.95
 """The chance that counts as settled: that of an interval."""
@@ -65,7 +82,8 @@ class Search:
     """All that experiments are chosen by.
 
     For `settings`, `limits` of states and rates, where trials end, `unit_costs` and `start_std` see `design`. The seed
-    is that of the draws and of the places that are examined, `points` all over the ranges, besides their corners.
+    is that of the draws and of the places that are examined, `points` all over the ranges, besides their corners; these
+    are taken `over` from a search with another aim, if one is given.
     """
 
     law: Law
@@ -77,6 +95,8 @@ class Search:
     start_std: Mapping[str, float]
     seed: int
     points: int = POINTS
+    effort: Effort = USUAL_EFFORT
+    over: "Search | None" = None
 
     def chosen(self, count: int, budget: float, progress: Callable[[str], None]) -> list[Candidate]:
         """Return up to so many experiments within a budget, fewer where the law is settled before.
@@ -110,6 +130,8 @@ class Search:
 
     @cached_property
     def _spread(self) -> list[Candidate]:
+        if self.over is not None:
+            return self.over._spread
         return self.candidates(self.settings.spread(self.points, self.seed))
 
     def _best(self, chosen: Chosen, budget: float, first: Candidate | None = None) -> Candidate | None:
@@ -118,7 +140,8 @@ class Search:
         In place of a first one its cost counts only as a limit.
         """
         place = chosen.index(None)
-        evidences = {draws: self._evidences(chosen, draws) for draws in (_MIN_DRAWS, _DRAWS)}
+        simulated = [*dict.fromkeys(self.effort[:2])] if self.aim.of_law and self.effort.look else []
+        evidences = {draws: self._evidences(chosen, draws) for draws in (*simulated, _DRAWS)}
         others = {draws: [_sum(parts)] if parts else [] for draws, parts in evidences.items()}
 
         def worth(candidate: Candidate) -> float:
@@ -129,15 +152,17 @@ class Search:
 
         enough = 1 + MIN_RELATIVE_GAIN if self.aim.of_law else 1.0
         best, most = first, worth(first) if first else -np.inf
-        listed = self._spread
+        listed = [*self._spread]
         # Then an eighth as many in each of the narrowing surroundings of the best
         for round_, width in enumerate((0.2, 0.05, None)):
             values = [worth(candidate) if candidate.experiment.cost <= budget else -np.inf for candidate in listed]
             failed = 0
-            # No more are simulated after six in a row that tell no more than the best so far
-            while failed < 6 and max(values, default=-np.inf) > (most * enough if most > 0 else most):
+            # No more are simulated after some in a row that tell no more than the best so far
+            while failed < self.effort.patience and max(values, default=-np.inf) > (
+                most * enough if most > 0 else most
+            ):
                 i = values.index(max(values))
-                for draws in (_MIN_DRAWS, _DRAWS) if self.aim.of_law else ():
+                for draws in simulated:
                     if values[i] > most and listed[i].simulated < draws:
                         listed[i] = replace(listed[i], simulated=draws)
                         values[i] = worth(listed[i])
@@ -178,13 +203,13 @@ class Search:
         starts = [value for name in names for value in numbers_of(self.settings.options.get(name, ()))]
         return 1000 * float(np.abs([*been, *starts]).max()) if been else None
 
-    def chance(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> float:
+    def chance(self, chosen: Chosen, draws: int | None = None) -> float:
         """Return how probable it is that the right law is the most probable after these experiments."""
         return self.evidence(chosen, draws).chance(self.aim.prior)
 
-    def evidence(self, chosen: Chosen, draws: int = _MAX_DRAWS) -> Evidence:
+    def evidence(self, chosen: Chosen, draws: int | None = None) -> Evidence:
         """Return what experiments, one or more, say together."""
-        return _sum(self._evidences(chosen, draws))
+        return _sum(self._evidences(chosen, self.effort.report if draws is None else draws))
 
     def _evidences(self, chosen: Chosen, draws: int) -> list[Evidence]:
         return [self._evidence_of(candidate, draws, i) for i, candidate in enumerate(chosen) if candidate is not None]
@@ -234,7 +259,7 @@ class Search:
         """Return how often all must be made for a chance that counts as settled; None if `MAX_REPEATS` do not do."""
 
         def settled(times: int) -> bool:
-            draws = _DRAWS if times > 1 else _MAX_DRAWS
+            draws = self.effort.choose if times > 1 else self.effort.report
             return self.chance([candidate.repeated(times) for candidate in chosen], draws) >= SETTLED
 
         if settled(1):
@@ -248,7 +273,9 @@ class Search:
         often = [candidate.repeated(MAX_REPEATS) for candidate in self._spread]
         further = max(often, key=lambda candidate: self.chance([candidate], _DRAWS))
         these = [candidate and candidate.repeated(MAX_REPEATS) for candidate in chosen]
-        return max(self.chance(experiments, _DRAWS) for experiments in (these, [replace(further, simulated=_DRAWS)]))
+        draws = self.effort.choose
+        further = replace(further, simulated=draws if self.effort.look else 0)
+        return max(self.chance(experiments, draws) for experiments in (these, [further]))
 
 
 def _sum(parts: Iterable[Evidence]) -> Evidence:

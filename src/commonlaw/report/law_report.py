@@ -18,7 +18,7 @@ from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, relations_frame, to_script
-from commonlaw.law.alignment import TRIALS
+from commonlaw.law.alignment import TRIALS, has_bands
 from commonlaw.law.equilibria import depends_on, has_phase_plane
 from commonlaw.law.parameters import named_parameters, state_rates, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
@@ -349,6 +349,9 @@ def experiments(case: Summary) -> Iterator[Block]:
     """Yield what to measure next."""
     designs = suggestions(case.law, case.findings.training)
     if not designs:
+        if has_bands(case.law) and case.law.order != 0 and case.law.support.any():
+            yield Text("No suggestion: all experiments in the range of the data diverge by one of the plausible laws.")
+            return
         needs = "a law in continuous time of measured states, with a covariance matrix"
         yield Text(f"No suggestion: experimental design needs {needs}.")
         return
