@@ -12,11 +12,12 @@ import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.experiments import suggestions
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
-from commonlaw.experiments.predictive import refitted
+from commonlaw.experiments.predictive import Hypothesis, refitted
 from commonlaw.experiments.search import MAX_REPEATS, Search
 from commonlaw.forecast.initial_state import model_error_std
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import Inputs
+from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.library import Terms, Variables
 from commonlaw.likelihood import ErrorModel
 from tests.known_laws import NOISE, falling, known, said
@@ -262,6 +263,20 @@ def test_what_to_measure_next_is_suggested_within_what_was_visited():
         assert len(made.experiments) == 2
         assert all(low <= experiment.experiment.start[0] <= high for experiment in made.experiments)
     assert suggestions(cl.Law.from_text("x'' = -g", {"g": dict.fromkeys(drops.objects, 9.8)}), drops) == {}
+
+
+def test_suggestions_refit_rivals_to_few_measurements(monkeypatch):
+    times = np.linspace(0, 2, 9)
+    trials = cl.Trials.from_arrays(times, np.exp(0.5 * times), object="ball", names=["x"])
+    law, rival = known("x' = a x", {"a": 0.5}, [[0.1]]), known("x' = a", {"a": 1.5}, [[0.1]])
+    doubtful = replace(law, uncertainty=replace(law.uncertainty, other_laws=(PlausibleLaw(0.4, rival),)))
+    refits, refit = [], Hypothesis.refitted
+    monkeypatch.setattr(
+        Hypothesis, "refitted", lambda self, *given: (refits.append(len(given[2])), refit(self, *given))[1]
+    )
+    aims = [design.aim for design in suggestions(doubtful, trials).values()]
+    assert [aim.of_law for aim in aims] == [True, False]
+    assert 0 < sum(refits) < 1000
 
 
 @pytest.mark.parametrize("enough", [1, 2, 63, 80, 100, 101])

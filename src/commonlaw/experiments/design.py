@@ -239,8 +239,8 @@ def _setting_of(law: Law) -> tuple[object, ...]:
     return *names, law.objects, given_starts(law)
 
 
-_LITTLE_EFFORT = Effort(16, 16, 32, patience=2)
-"""Of suggestions: an experiment is looked at by 16 simulated measurements, and reported by 32."""
+_LITTLE_EFFORT = Effort(8, 8, 32, patience=2)
+"""Of suggestions: an experiment is looked at by 8 simulated measurements, and reported by 32."""
 _MIN_POINTS, _MAX_TRAJECTORIES, _MAX_REFITS = 16, 500, 350
 """Of suggestions: experiments, trajectories of all laws, and refits for an experiment that is looked at; a trajectory
 takes about a millisecond, and a refit two."""
