@@ -110,17 +110,25 @@ def is_missing(cell: str) -> bool:
     return cell.strip().casefold() in _MISSING
 
 
-def are_meant_as_numbers(cells: Sequence[str]) -> bool:
-    """Say whether more than half of some cells are numbers in any way of writing, with a unit or without.
+def are_meant_as_numbers(column: NDArray[Any]) -> bool:
+    """Say whether more than half of the cells of a column of text are numbers in any way of writing.
 
-    Cells beyond a limit count, but not where they are all, as the classes ``< 5`` and ``>= 5`` are.
+    They may have units. Cells beyond a limit count, but not where they are all, as the classes ``< 5`` and ``>= 5``
+    are.
     """
-    counts = Counter(cell for cell in cells if not _CLOCK.match(cell))
-    texts = {cell: _bare(cell) for cell in counts}
-    numbers = {cell: _number_and_unit(text)[0] for cell, text in texts.items()}
-    plain = {cell for cell, number in numbers.items() if any(regex.fullmatch(number) for regex in _NUMBERS.values())}
-    beyond = {cell for cell, text in texts.items() if _CENSORED.fullmatch(text)}
-    return bool(plain) and sum(counts[cell] for cell in plain | beyond) > 0.5 * len(cells)
+    codes, unique = factorized(column)
+    sizes = np.bincount(codes[codes >= 0], minlength=len(unique)).tolist()
+    cells = [str(cell).strip() for cell in unique]
+    others = [(cell, size) for cell, size in zip(cells, sizes, strict=True) if not _CLOCK.match(cell)]
+    if 2 * sum(size for _, size in others) <= sum(sizes):
+        return False
+    total = sum(size for cell, size in zip(cells, sizes, strict=True) if cell and not is_missing(cell))
+    texts = [(_bare(cell), size) for cell, size in others]
+    numbers = [_number_and_unit(text)[0] for text, _ in texts]
+    plain = [any(regex.fullmatch(number) for regex in _NUMBERS.values()) for number in numbers]
+    beyond = [_CENSORED.fullmatch(text) is not None for text, _ in texts]
+    meant = sum(size for (_, size), *kinds in zip(texts, plain, beyond, strict=True) if any(kinds))
+    return any(plain) and meant > 0.5 * total
 
 
 def factorized(column: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[Any]]:
@@ -155,9 +163,9 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
             if text.isascii() and "_" not in text:  # Which Python reads, too
                 return _without_sentinels(Numerals(numbers), notation)
     codes, unique = factorized(column)
-    cells = [str(cell).strip() for cell in unique]
-    if (word := _first_word(cells, notation)) is not None:
+    if (word := _first_word([str(cell).strip() for cell in unique[:100]], notation)) is not None:
         return Unreadable(word, Diagnostic("cell-not-a-number", {"cell": word}))
+    cells = [str(cell).strip() for cell in unique]
     counts = np.bincount(codes[codes >= 0], minlength=len(cells))
     plain, mark = _plain_cells(cells, notation)
     others = sorted({*range(len(cells))}.difference(plain))
@@ -183,9 +191,9 @@ def numerals(column: NDArray[Any], notation: Notation) -> Numerals | Unreadable:
 
 
 def _first_word(cells: Sequence[str], notation: Notation) -> str | None:
-    """Return the cell for which a column is text, if one of the first few shows it, whatever the others are."""
+    """Return the cell for which a column is text, if one of its first few shows it, whatever the others are."""
     patterns = [pattern for mark, pattern in _NUMBERS.items() if notation.decimal in (None, mark)]
-    for cell in cells[:100]:
+    for cell in cells:
         text = _bare(cell)
         if _number_and_unit(text)[1]:
             return None

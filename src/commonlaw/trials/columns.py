@@ -16,12 +16,12 @@ from commonlaw.errors import CommonlawError
 from commonlaw.runtime.forking import cached_property
 from commonlaw.text import counted
 from commonlaw.trials.cells import (
+    DecimalMark,
     Notation,
     Numerals,
     Unreadable,
     are_meant_as_numbers,
     factorized,
-    is_missing,
     numerals,
 )
 from commonlaw.trials.headers import find_name, known_unit, label, plain, split_headers
@@ -124,9 +124,7 @@ class Table:
         if name not in self.meant:
             parsed = self._parsed(name)
             self.meant[name] = (
-                are_meant_as_numbers([cell for cell in self._cells(name) if cell and not is_missing(cell)])
-                if isinstance(parsed, Unreadable)
-                else not np.isnan(parsed.values).all()
+                are_meant_as_numbers(column) if isinstance(parsed, Unreadable) else not np.isnan(parsed.values).all()
             )
         return self.meant[name]
 
@@ -136,7 +134,7 @@ class Table:
         if column.dtype.kind != "O":
             with np.errstate(over="ignore"):
                 values = column.astype(np.float64)
-        elif _kind(column) != "str":
+        elif name not in self.loose and _kind(column) != "str":
             raise CommonlawError("column-not-numbers", where=self.source, column=name, kind=_kind(column))
         elif isinstance(parsed := self._parsed(name), Unreadable) and self.is_switch(name):
             words = {word: state for states in _SWITCHES for word, state in states.items()}
@@ -289,15 +287,17 @@ def with_numbers(table: Table, notation: Notation) -> Table:
         table = table.as_texts(table.fractional)
     loose = [name for name in table.columns if name in table.loose]
     parsed = {name: numerals(table.columns[name], notation) for name in loose}
-    shown = {result.decimal for result in parsed.values() if isinstance(result, Numerals) and result.decimal}
+    shown = {mark for result in parsed.values() if (mark := _decimal(result)) is not None}
     if "," in shown:
         table = table.as_texts(table.fractional)
         loose = [name for name in table.columns if name in table.loose]
     if "," in shown or any(isinstance(result, Unreadable) and result.is_ambiguous for result in parsed.values()):
-        fractional = [*loose, *table.fractional]
-        shown |= {"."} if any(map(_shows_points, table.texts(fractional))) else set()
+        others = [name for name in (*loose, *table.fractional) if _decimal(parsed.get(name)) != ","]
+        shown |= {"."} if any(map(_shows_points, table.texts(others))) else set()
         notation = replace(notation, usual=frozenset(shown))
-        parsed = {name: numerals(table.columns[name], notation) for name in loose}
+        # A column that shows its decimal mark is read as before
+        again = [name for name in loose if _decimal(parsed.get(name)) is None]
+        parsed |= {name: numerals(table.columns[name], notation) for name in again}
     columns = dict(table.columns)
     if notation.missing_numbers:
         parsed |= {name: numerals(column, notation) for name, column in columns.items() if column.dtype.kind in "iuf"}
@@ -335,6 +335,11 @@ def with_numbers(table: Table, notation: Notation) -> Table:
         meant={},
         facts=(*table.facts, *facts),
     )
+
+
+def _decimal(result: Numerals | Unreadable | None) -> DecimalMark | None:
+    """Return the decimal mark that a column shows."""
+    return result.decimal if isinstance(result, Numerals) else None
 
 
 def _shows_points(column: Column) -> bool:

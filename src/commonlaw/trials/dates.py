@@ -24,6 +24,7 @@ _OFFSET = r" ?(Z|[+-]\d\d(:?\d\d)?)"
 _ISO = re.compile(rf"\d{{4}}-\d\d(-\d\d([T ]\d\d(:?\d\d){{1,2}}([.,]\d+)?({_OFFSET})?)?)?|\d{{8}}T\d{{4}}(\d\d)?Z?")
 """2020-03, 2020-03-01, 2020-03-01 12:30, 2020-03-01T12:30:05.25Z, 20200301T1230."""
 _WITH_OFFSET = re.compile(rf".*[T ][\d:.,]*( ?[apAP]\.?[mM]\.?)?{_OFFSET}")
+_ZEROS = str.maketrans("123456789", "0" * 9)
 _DIGITS = re.compile(r"\d{8}", re.ASCII)
 _YEARS = 1800, 2200
 """In which numbers such as 20200331 are taken for dates."""
@@ -273,11 +274,11 @@ def _stamps(table: Table, name: str, order: DateOrder | None) -> "pd.Series[Any]
     cells, present = _cells(table.columns[name])
     # Where some dates have an offset from UTC and others none, it is not known what is meant
     rows = np.flatnonzero(present)
+    shapes = [_shape(cell) if isinstance(cell, str) else "" for cell in cells[rows]]
+    with_offset = {shape: _WITH_OFFSET.fullmatch(shape) is not None for shape in {*shapes}}
     offset = np.array([
-        _WITH_OFFSET.fullmatch(cell) is not None
-        if isinstance(cell, str)
-        else isinstance(cell, datetime) and cell.tzinfo is not None
-        for cell in cells[rows]
+        with_offset[shape] if shape else isinstance(cell, datetime) and cell.tzinfo is not None
+        for cell, shape in zip(cells[rows], shapes, strict=True)
     ])  # fmt: skip
     if offset.any() and not offset.all():
         aware, naive = int(rows[offset][0]), int(rows[~offset][0])
@@ -290,12 +291,18 @@ def _stamps(table: Table, name: str, order: DateOrder | None) -> "pd.Series[Any]
             naive=str(cells[naive]),
             naive_row=table.locate(naive),
         )
-    texts = _in_iso_order(table, name, cells, present, order)
+    is_iso = all(_ISO.fullmatch(shape) for shape in {*shapes} - {""})
+    texts = cells if is_iso else _in_iso_order(table, name, cells, present, order)
     stamps = pd.Series(pd.to_datetime(texts, format="ISO8601", utc=True, errors="coerce"))
     wrong = np.flatnonzero(np.asarray(stamps.isna()) & present)
     if len(wrong):
         raise _no_date(table, name, int(wrong[0]), "a date such as 2020-03-31 or 2020-03-31 12:30:05")
     return stamps
+
+
+def _shape(cell: str) -> str:
+    """Return a cell with each digit as 0, which how it is written does not depend on."""
+    return cell.translate(_ZEROS)
 
 
 def _no_date(table: Table, name: str, row: int, what: str) -> CommonlawError:
@@ -395,9 +402,10 @@ def _compact(values: Floats) -> tuple[Column, Bools] | None:
     """Return numbers as dates in text, and which are there; None if not even half of them are such as 20200331."""
     import pandas as pd
 
-    numbers, codes = np.unique(values[np.isfinite(values)], return_inverse=True)
-    if not len(numbers) or numbers[0] < _YEARS[0] * 10_000 or numbers[-1] >= _YEARS[1] * 10_000:
+    finite = values[np.isfinite(values)]
+    if not len(finite) or finite.min() < _YEARS[0] * 10_000 or finite.max() >= _YEARS[1] * 10_000:
         return None
+    numbers, codes = np.unique(finite, return_inverse=True)
     texts = np.array([f"{number:.15g}" for number in numbers], dtype=object)
     dates = np.asarray(pd.to_datetime(pd.Series(texts), format="%Y%m%d", errors="coerce").notna(), dtype=np.bool_)
     if 2 * np.sum(dates) <= len(dates):

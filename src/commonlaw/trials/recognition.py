@@ -717,11 +717,11 @@ def difference_noise(runs: Sequence[Floats]) -> Floats:
     The difference of order m of white noise of variance s^2 has variance (2m choose m) s^2; of a smooth course high
     orders leave least (Gasser, Sroka and Jennen-Steinmetz 1986). Infinite where there are too few samples.
     """
-    result = np.full(7, np.inf)
-    differences = [np.diff(values) for values in runs]
+    result, differences = np.full(7, np.inf), np.diff(np.concatenate(runs))
+    run = np.repeat(np.arange(len(runs)), [len(values) for values in runs])
     for i, order in enumerate(range(2, 9)):
-        differences = [np.diff(values) for values in differences]
-        parts = np.concatenate(differences)
+        differences = np.diff(differences)
+        parts = differences[run[order:] == run[:-order]]
         parts = parts[np.isfinite(parts)]
         if len(parts) > order:
             result[i] = np.sqrt(np.mean(parts**2) / comb(2 * order, order))

@@ -144,8 +144,10 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
 
     def take(columns: Iterable[str], reason: str = "") -> tuple[str, ...]:
         """Return columns that are free, which then they are no longer."""
-        taken = tuple(name for name in columns if name in free)
-        free[:] = [name for name in free if name not in taken]
+        able = {*free}
+        taken = tuple(name for name in columns if name in able)
+        able -= {*taken}
+        free[:] = [name for name in free if name in able]
         reasons.update(dict.fromkeys(taken, reason))
         return taken
 
@@ -169,7 +171,8 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     if not (states or is_given):
         left_out += take(other_clocks(table, numbers, times, owners * len(table) + runs))
     if not (states or wide or owner or trial or "object_name" in roles or roles.get("object") == ""):
-        alike, on_columns = columns_of_one_quantity(table, [name for name in numbers if name in free], times)
+        able = {*free}
+        alike, on_columns = columns_of_one_quantity(table, [name for name in numbers if name in able], times)
         wide, states = bool(alike) or None, take(alike)
     begun = np.cumsum(np.diff(times, prepend=times[:1]) < 0) if roles.get("restarts") == "trials" else runs
     order = np.lexsort((times, begun, runs, owners))
@@ -177,8 +180,9 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     trials = np.split(order, np.flatnonzero(changes) + 1)
     if "states" not in roles and "inputs" not in roles:
         driving = input_columns(table, numbers, times, trials)
-        for name, reason in (common_inputs(table, driving, numbers) if is_given else driving).items():
-            inputs += take([name], reason)
+        driving = common_inputs(table, driving, numbers) if is_given else driving
+        taken = take(driving)
+        inputs, reasons = (*inputs, *taken), reasons | {name: driving[name] for name in taken}
         switches = [name for name in free if table.is_switch(name)]
         changing = [name for name in switches if any(np.ptp(readable(table, name)[rows]) > 0 for rows in trials)]
         inputs += take(changing, "its words are 1 and 0")
@@ -188,14 +192,15 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     if not states:
         states = tuple(name for name in free if table.is_numeric(name))
         reasons |= dict.fromkeys(states[1:], "")  # which may be inputs
-        free = [name for name in free if name not in states]
+        free = [name for name in free if not table.is_numeric(name)]
         notes += wide_hint(table, states) if not (wide or owner or on_columns) else ()
     notes += on_columns
     if trial is not None and trial not in named and owner is None and (absent := absent_states(table, states, runs)):
         # An object without a species has no coefficients of its equation
         remedy = "" if any(absent.values()) else f"; if it names objects, read it with `object={trial!r}`"
         notes.append(f"{trial} labels trials of one object, as some have no {', '.join(absent)}{remedy}")
-    if unused := [name for name in table.columns if name in left_out or name in free]:
+    idle = {*left_out, *free}
+    if unused := [name for name in table.columns if name in idle]:
         notes.append(f"columns left out: {', '.join(unused)}")
     if not states:
         if held := [name for name in properties or () if given is None and table.is_numeric(name)]:

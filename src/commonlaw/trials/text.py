@@ -15,7 +15,7 @@ from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.files import MOST_CELLS, MOST_COLUMNS, MOST_ROWS, check_size, decoded
 from commonlaw.text import counted, shown
-from commonlaw.trials.cells import factorized, is_missing
+from commonlaw.trials.cells import is_missing
 from commonlaw.trials.columns import Column, Table, filled_table
 from commonlaw.trials.dates import elapsed_in_names
 from commonlaw.trials.headers import known_unit, split_header
@@ -243,6 +243,8 @@ _MOST_COMMENTS = 1_000_000
 
 def text_table(source: str, content: bytes) -> Table:
     """Return the table in text: columns of plain numbers as such, and of others every cell as text."""
+    import pandas as pd
+
     text, encoding = decoded(source, content)
     facts = [f"text in {encoding}"] if encoding else []
     text, comments = _without_comments(source, text)
@@ -265,8 +267,9 @@ def text_table(source: str, content: bytes) -> Table:
     facts += [*layout.facts]
     if others := [repr(row.text) for row in remarks if row.line != layout.header_line and row.text]:
         facts.append(f"comments left out: {shown(others)}")
-    body = text.split("\n", before)[before] if text.count("\n") >= before else ""
-    del content, text
+    _, *below = text.split("\n", before)[before - 1 :] if before else ("", text)
+    body = below[0] if below else ""
+    del content, text, below
     body, footer = _without_footer(source, body, delimiter, layout, before)
     facts += footer
     if not body.strip():
@@ -279,12 +282,10 @@ def text_table(source: str, content: bytes) -> Table:
     columns, counts = cells.columns(), Counter[tuple[int, str]]()
     for i, column in enumerate(columns):
         if column.dtype.kind == "O":
-            codes, words = factorized(column)
-            marks = {code: word for code, word in enumerate(words.tolist()) if word in _MISSING}
-            if marks:
-                sizes = np.bincount(codes[codes >= 0], minlength=len(words))
-                counts.update({(i, word): int(sizes[code]) for code, word in marks.items()})
-                columns[i] = np.where(np.isin(codes, [*marks]), np.nan, column)
+            is_word = pd.Series(column, dtype=object).isin(_MISSING).to_numpy()
+            if is_word.any():
+                counts.update((i, word) for word in column[is_word])
+                columns[i] = np.where(is_word, np.nan, column)
     lines, kept = cells.lines, cells.rows
     table = filled_table(
         source,
@@ -349,8 +350,8 @@ class _Cells:
     def columns(self) -> list[Column]:
         """Return the columns: numbers where all cells are plain ones, as Python reads them, or empty; else text."""
         width, rows = len(self.begins), self.rows
-        first = self._read(range(width), object, max(100_000 // width, 1))
-        texts = {i for i in range(width) if not _are_plain(first[i])}
+        first = self._read(range(width), object, max(100_000 // width, 1)).to_numpy(dtype=object)
+        texts = {i for i in range(width) if not _are_plain(first[:, i])}
         frame = self._read(range(width), dict.fromkeys(texts, object))
         columns = {i: frame[i].to_numpy() for i in range(width)}
         again = [i for i, column in columns.items() if column.dtype.kind not in "if" and i not in texts]
@@ -396,10 +397,10 @@ class _Cells:
             raise CommonlawError("quotation-marks", where=self.source, error=error) from None
 
 
-def _are_plain(cells: "pd.Series[Any]") -> bool:
+def _are_plain(cells: Column) -> bool:
     """Say whether cells may be numbers, as far as they are not empty."""
     try:
-        cells.to_numpy(dtype=np.float64)
+        cells.astype(np.float64)
     except ValueError:
         return False
     return True
@@ -523,8 +524,9 @@ def _without_footer(source: str, body: str, delimiter: str, layout: Layout, befo
     """Return the rows of the table without those at their end that are no measurements, and what these were."""
     # Among the last 100 lines
     lines, texts = body.rstrip("\n").rsplit("\n", 100), list[str]()
+    above = before + lines[0].count("\n")
     while len(lines) > 1 and not lines[-1].count('"') % 2:
-        line = before + body.count("\n", 0, len(lines[0])) + len(lines) - 1
+        line = above + len(lines) - 1
         cells = next((row.cells for row in _read(source, lines[-1], delimiter, line)), [])
         if not layout.is_below(cells):
             break
