@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -19,8 +20,9 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
 from commonlaw.estimation.beginning import FREE, InitialGiven, begin, initial_time_of, written_starts
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
-from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
+from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model, notes_of_limits
 from commonlaw.estimation.model import ModelText
+from commonlaw.estimation.one_sided import MAX_PROFILES
 from commonlaw.estimation.profile import one_sided_limit
 from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -38,6 +40,7 @@ from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.law.text import with_error
+from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound, check_equations
 from commonlaw.library.equation import split_equations
@@ -367,8 +370,12 @@ def fit(
         return pool_objects(refine(begun, trials, **{**apart, "errors": "white"}), equal, partial_pooling)
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
-    limits = () if called else tuple(_one_sided_limits(law, trials))
-    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *limits, *outcomes_of_units(law))
+    law = law if called else with_one_sided_limits(law, trials)
+    if any(_exceeds_estimate(law, limit) for limit in law.uncertainty.limits):
+        # Estimates of other parameters, and their errors, are those beside a value that has no meaning
+        with suppress(CommonlawError):
+            return jointly()
+    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law))
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
 
@@ -437,22 +444,29 @@ def _of_model(
     return replace(law, provenance=replace(law.provenance, history=history, outcomes=tuple(outcomes)))
 
 
-_MAX_PROFILES = 20
-"""Poorly identified parameters whose likelihood is profiled."""
+def with_one_sided_limits(law: Law, trials: Trials) -> Law:
+    """Return a law with the limits, and notes on these, of poorly identified parameters that have only one.
 
-
-def _one_sided_limits(law: Law, trials: Trials) -> Iterator[Outcome]:
-    """Yield notes on parameters of which only a lower limit of the size can be given."""
-    parameters = named_parameters(law)
-    unsure = np.argwhere(parameters.errors > 0.5 * np.abs(parameters.values))[:_MAX_PROFILES].tolist()
+    Without white noise, or where the likelihood of a law has no profile, it stays as it is.
+    """
+    parameters, limits = named_parameters(law), list[OneSidedLimit]()
+    unsure = np.argwhere(parameters.errors > 0.5 * np.abs(parameters.values))[:MAX_PROFILES].tolist()
     for o, p in unsure if shares_terms(law) else ():
-        name, owner = parameters.names[p], law.objects[o]
-        try:
-            limit = one_sided_limit(law, trials, name, owner)
-        except CommonlawError:  # A law whose likelihood has no profile
-            continue
-        if limit is not None:
-            yield note("one-sided-limit", owner if len(law.objects) > 1 else "", name=name, limit=limit.text)
+        with suppress(CommonlawError):
+            limit = one_sided_limit(law, trials, parameters.names[p], law.objects[o])
+            limits += [] if limit is None else [limit]
+    if not limits:
+        return law
+    outcomes = (*law.provenance.outcomes, *notes_of_limits(limits, law.objects))
+    uncertainty = replace(law.uncertainty, limits=tuple(limits))
+    return replace(law, uncertainty=uncertainty, provenance=replace(law.provenance, outcomes=outcomes))
+
+
+def _exceeds_estimate(law: Law, limit: OneSidedLimit) -> bool:
+    """Whether the standard error of a parameter that has only a limit exceeds its estimate."""
+    parameters = named_parameters(law)
+    place = law.objects.index(limit.object), parameters.names.index(limit.parameter)
+    return bool(parameters.errors[place] > abs(parameters.values[place]))
 
 
 def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:

@@ -1,20 +1,21 @@
 """Maximum-likelihood estimates of models, and the laws of these."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.diagnostics import Outcome, note
 from commonlaw.differentiation.noise import noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import Beginning, beginning_of
 from commonlaw.estimation.interchange import EqualMaximum, latent_states, with_fastest_latent_states
+from commonlaw.estimation.one_sided import MAX_PROFILES, OneSided, one_sided
 from commonlaw.estimation.problem import NormalPrior
-from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Optimum, maximize
+from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Optimum, maximize, summarized
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import object_index
@@ -24,6 +25,7 @@ from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import Product, read_equations
 from commonlaw.law.provenance import Domain
 from commonlaw.law.text import with_error
+from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.library import Term, Terms
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.runtime.progress import ProgressCallback
@@ -80,7 +82,8 @@ def updated(law: Law, trials: Trials) -> Law:
     """Return a law whose parameters were updated by new trials, see `Law.update`.
 
     Of each object the parameters p of the law, with their covariance, are the prior of the likelihood of its trials,
-    under the noise of the law. What differs between trials, and initial values, has the priors of the law's fit.
+    under the noise of the law; those that had only a limit have none. What differs between trials, and initial values,
+    has the priors of the law's fit.
     """
     trials, parts = matched(law, trials, observed=True), list[Law]()
     named, observation = named_parameters(law), law.observation
@@ -94,14 +97,19 @@ def updated(law: Law, trials: Trials) -> Law:
     for owner in trials.objects:
         begun, o = beginning_of(law, trials.select(object=owner), levels), object_index(law, owner)
         names, problem = begun.unknowns.names, begun.problem
+        free = {limit.parameter for limit in law.uncertainty.limits if limit.object == owner}
         by = {name: begun.restrictions.shared.get(name, OBJECT) for name in named.names}
-        indices = [i for i, name in enumerate(names) if name in by and not by_trial(by[name], trials.schema)]
+        indices = [
+            i
+            for i, name in enumerate(names)
+            if name in by and name not in free and not by_trial(by[name], trials.schema)
+        ]
         at = [named.names.index(names[i]) for i in indices]
-        prior = NormalPrior.joint(indices, named.values[o, at], named.covariance[o][np.ix_(at, at)])
+        prior = NormalPrior.joint(indices, named.values[o, at], named.covariance[o][np.ix_(at, at)]) if at else None
         others = [normal_prior for normal_prior in problem.priors if not {*normal_prior.indices.tolist()} & {*indices}]
         guessed = begun.guessed.copy()
         guessed[indices] = True
-        begun = replace(begun, guessed=guessed, problem=replace(problem, priors=(*others, prior)))
+        begun = replace(begun, guessed=guessed, problem=replace(problem, priors=(*others, *filter(None, [prior]))))
         parts.append(fit_model(begun, 0, lambda _: None).law(()))
     coefficients, covariance = of_all_objects(parts)
     observations = [part.observation for part in parts if part.observation is not None]
@@ -111,7 +119,11 @@ def updated(law: Law, trials: Trials) -> Law:
         law,
         objects=trials.objects,
         coefficients=coefficients,
-        uncertainty=Uncertainty(covariance=covariance, degrees_of_freedom=law.uncertainty.degrees_of_freedom),
+        uncertainty=Uncertainty(
+            covariance=covariance,
+            degrees_of_freedom=law.uncertainty.degrees_of_freedom,
+            limits=tuple(limit for part in parts for limit in part.uncertainty.limits),
+        ),
         properties={owner: attribute for part in parts for owner, attribute in part.properties.items()},
         observation=replace(observation, estimated=estimated, log_likelihood=likelihood),
     )
@@ -131,11 +143,47 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     if draws > 1 and lack_of_fit:
         optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood)
         lack_of_fit = _lack_of_fit(begun, optimum)
-    lost = np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance) + optimum.unknowns))
-    if len(lost):
+    others = tuple[EqualMaximum, ...]()
+    if draws > 1 and not len(_lost(optimum)):
+        optimum, others = with_fastest_latent_states(begun.problem, optimum, begun.bounds)
+    optimum, limits = _with_limits(begun, optimum)
+    if len(lost := _lost(optimum)):
         raise CommonlawError("parameters-not-identified", names=[begun.unknowns.labels[i] for i in lost[:8]])
-    optimum, others = with_fastest_latent_states(begun.problem, optimum, begun.bounds) if draws > 1 else (optimum, ())
-    return Fitted(begun, optimum, lack_of_fit, others)
+    return Fitted(begun, optimum, lack_of_fit, others, limits)
+
+
+def _lost(optimum: Optimum) -> Indices:
+    """Return the unknowns that the measurements do not determine, by index."""
+    return np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance) + optimum.unknowns))
+
+
+def _with_limits(begun: Beginning, optimum: Optimum) -> tuple[Optimum, dict[int, OneSided]]:
+    """Return limits of the parameters that have only one, by index, and the optimum given those in the flat part.
+
+    These are held there where standard errors, which are those of a parabola, exceed the estimates.
+    """
+    shared, schema, names = begun.restrictions.shared, begun.trials.schema, begun.unknowns.names
+    of_objects = {k for row in begun.unknowns.parameters for k in row if k >= 0}
+
+    def vague(share: float) -> list[int]:
+        errors = np.sqrt(np.diagonal(optimum.covariance))
+        return [
+            k
+            for k in np.flatnonzero((errors > share * np.abs(optimum.unknowns)) & ~optimum.at_bound).tolist()
+            if k in of_objects and not by_trial(shared.get(names[k], OBJECT), schema)
+        ]
+
+    problem, limits, degrees = begun.problem, dict[int, OneSided](), float(np.min(optimum.degrees_of_freedom))
+    for k in vague(0.5)[:MAX_PROFILES]:
+        limit = one_sided(problem, optimum.unknowns, optimum.noise, begun.bounds, k, degrees)
+        if limit is not None:
+            limits[k] = limit
+    held = list[int]()
+    while beyond := [k for k in vague(1.0) if k in limits and k not in held]:
+        unknowns = optimum.unknowns if held else limits[beyond[0]].unknowns
+        held.append(beyond[0])
+        optimum = summarized(problem, unknowns, optimum.noise, begun.bounds, optimum.starts_alike, held)
+    return optimum, limits
 
 
 def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
@@ -159,12 +207,16 @@ def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model with its maximum-likelihood estimates and equal ones, and quantities whose residuals exceed the noise."""
+    """A model with its maximum-likelihood estimates and equal ones, and quantities whose residuals exceed the noise.
+
+    Limits are those of unknowns that have only one, by index.
+    """
 
     begun: Beginning
     optimum: Optimum
     lack_of_fit: Sequence[str]
     equal: Sequence[EqualMaximum] = ()
+    limits: Mapping[int, OneSided] = field(default_factory=dict)
 
     @property
     def parameters(self) -> int:
@@ -295,11 +347,20 @@ class Fitted:
                 covariance=covariance,
                 shared_factor=shared,
                 degrees_of_freedom=observation.degrees_of(model.schema.states),
+                limits=tuple(self._limits()),
             ),
             provenance=provenance,
             properties=properties,
             observation=observation,
         )
+
+    def _limits(self) -> Iterator[OneSidedLimit]:
+        """Yield the only limits of parameters, of each object that they are of."""
+        trials, unknowns = self.begun.trials, self.begun.unknowns
+        for k, limit in self.limits.items():
+            rows = zip(trials, unknowns.parameters, strict=True)
+            for owner in dict.fromkeys(trial.object for trial, indices in rows if k in indices):
+                yield OneSidedLimit(owner, unknowns.names[k], limit.limit, limit.is_lower)
 
     def _zeros_before_doses(self) -> Iterator[Step]:
         """Yield the states that are zero before the first dose of some trials, if there are any."""
@@ -321,6 +382,8 @@ class Fitted:
             yield estimate_at_bound(where, name, end, end == begun.bounds.low[i], value, error, text, degrees)
         errors = np.sqrt(np.diagonal(optimum.covariance))
         vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
+        vague = np.setdiff1d(vague, [*self.limits])
+        yield from notes_of_limits([*self._limits()], begun.trials.objects)
         if len(vague):
             yield note("parameters-without-limits", parameters=[labels[i] for i in vague[:8]])
         if self.equal:
@@ -401,6 +464,14 @@ def _differing_trials(fitted: Fitted, rounding: float = 1e-9) -> list[str]:
         if factors:
             p_values[owner] = heterogeneity_p_value(factors, measurements)
     return [owner for owner, p_value in p_values.items() if p_value < HETEROGENEITY_LEVEL / len(p_values)]
+
+
+def notes_of_limits(limits: Sequence[OneSidedLimit], objects: Sequence[str]) -> Iterator[Outcome]:
+    """Yield notes on parameters of which only a limit can be given, once for objects that share one."""
+    for name, text in dict.fromkeys((limit.parameter, limit.text) for limit in limits):
+        of = [limit.object for limit in limits if (limit.parameter, limit.text) == (name, text)]
+        where = "" if len(of) == len(objects) else shown(of)
+        yield note("one-sided-limit", where, name=name, limit=text)
 
 
 def estimate_at_bound(

@@ -9,7 +9,7 @@ from scipy.special import log_ndtr
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.estimation.model import Model
-from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, Solution, shoot
+from commonlaw.integration.shooting import MAX_STEPS, NO_INPUTS, DelayedInputs, Solution, shoot
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.library.grammar import columns_in
 from commonlaw.runtime.forking import cached_property
@@ -152,8 +152,8 @@ class Problem:
         How large states and rates get, shape (D,).
     priors
         Of unknowns, no two of the same one.
-    tolerance
-        Relative error of a step of a solution.
+    tolerance, max_steps
+        Relative error of a step of a solution, and how many there may be.
     """
 
     model: Model
@@ -163,6 +163,7 @@ class Problem:
     sizes: Floats
     priors: tuple[NormalPrior, ...]
     tolerance: float = 1e-8
+    max_steps: int = MAX_STEPS
 
     def predicted(self, data: TrialData, unknowns: Floats, slopes: bool = True) -> Predicted:
         """Return what a trial should be."""
@@ -189,6 +190,7 @@ class Problem:
                 data.inputs,
                 derivatives=slopes,
                 tolerance=self.tolerance,
+                max_steps=self.max_steps,
             )
         else:
             shape = len(data.times), width

@@ -1,13 +1,13 @@
 """Profile likelihood of a parameter: how far it may move when all others follow."""
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.beginning import Beginning, beginning_of
+from commonlaw.estimation.one_sided import one_sided
 from commonlaw.estimation.search import Objective, minimum
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, measured_schema
@@ -15,6 +15,7 @@ from commonlaw.law.law import only_object, shares_terms
 from commonlaw.law.observation import OBJECT, TRIAL, Restrictions, by_trial
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.quantiles import two_sided
+from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.trials import Trials
 
 _STEPS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0)
@@ -112,66 +113,18 @@ def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginn
     return begun, index, known
 
 
-@dataclass(frozen=True)
-class OneSidedLimit:
-    """The least size of a parameter whose likelihood is flat to infinity in one direction, with 95 % confidence."""
-
-    value: float
-
-    @property
-    def text(self) -> str:
-        """The inequality, such as ``> 21.3``."""
-        return f"{'>' if self.value > 0 else '<'} {self.value:.3g}"
-
-
-_DECADES = 4
-"""Powers of ten about an estimate within which its profile is computed, on a logarithmic scale."""
-
-
 def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None = None) -> OneSidedLimit | None:
     """Return the limit of a parameter that has no other one, such as a rate too fast to be measured; None of others.
 
-    The deviance ``2 (log L(best) - log L(k))`` of the profile likelihood stays below the quantile of a one-sided 95 %
-    interval, 2.71 for known noise, over the last two powers of ten in one direction, exceeds it in the other, and has
-    crossed it at the limit. The law and its trials are those of `likelihood_profile`, with the same refusals.
+    See `commonlaw.estimation.one_sided`. The law and its trials are those of `likelihood_profile`, with the same
+    refusals.
     """
     owner = only_object(law, name)
     begun, index, known = _begun(law, trials, parameter, owner)
-    parameters = named_parameters(law)
-    o, p = law.objects.index(owner), parameters.names.index(parameter)
-    size = max(abs(float(parameters.values[o, p])), float(np.nan_to_num(parameters.errors[o, p])))
-    if known is None or not 0 < size < np.inf:
+    if known is None:
         return None
-    quantile = float(two_sided(0.90, _degrees_of_freedom(law, parameter))) ** 2
-    others = np.ones(len(begun.first), dtype=np.bool_)
-    others[index] = False
-    objective = Objective(begun.problem, known)
-
-    @cache
-    def cost(value: float) -> float:
-        start = begun.first.copy()
-        start[index] = value
-        return minimum(objective, start, others, begun.bounds, tolerance=1e-8, steps=40)[1]
-
-    grid = (size * np.geomspace(10.0**-_DECADES, 10.0**_DECADES, 4 * _DECADES + 1)).tolist()
-    near, far = (min(cost(value), cost(-value)) for value in (grid[2 * _DECADES], grid[-1]))
-    if not np.isfinite(far) or far - near > quantile:  # Bounded in both directions, at a tenth of the effort
-        return None
-    costs = np.array([[cost(side * value) for value in grid] for side in (1.0, -1.0)])
-    if not np.isfinite(costs).any():
-        return None
-    above = costs - costs.min() > quantile
-    flat, bounded = ~above[:, -4:].any(axis=1), above[:, -4:].all(axis=1)
-    for side, i in ((1.0, 0), (-1.0, 1)):
-        if flat[i] and bounded[1 - i] and above[i].any():
-            last = int(np.flatnonzero(above[i])[-1])
-            low, high = grid[last], grid[last + 1]
-            for _ in range(8):
-                middle = float(np.sqrt(low * high))
-                is_above = cost(side * middle) - costs.min() > quantile
-                low, high = (middle, high) if is_above else (low, middle)
-            return OneSidedLimit(float(side * high))
-    return None
+    found = one_sided(begun.problem, begun.first, known, begun.bounds, index, _degrees_of_freedom(law, parameter))
+    return None if found is None else OneSidedLimit(owner, parameter, found.limit, found.is_lower)
 
 
 def _degrees_of_freedom(law: Law, parameter: str) -> float:

@@ -444,13 +444,26 @@ def _not_zero(levels: Floats, problem: Problem) -> Floats:
     return np.maximum(levels, rough_noise(problem, 1e-13))
 
 
-def summarized(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, alike: int) -> Optimum:
-    """Return the optimum at given unknowns, under the noise of maximum likelihood where it is not known."""
+def summarized(
+    problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, alike: int, held: Sequence[int] = ()
+) -> Optimum:
+    """Return the optimum at given unknowns, under the noise of maximum likelihood where it is not known.
+
+    The covariance is that given the unknowns that are held, whose variances are zero.
+    """
     noise = _not_zero(problem.noise_levels(unknowns, noise), problem)
-    return _summary(problem, unknowns, noise, bounds, given=False, alike=alike)
+    return _summary(problem, unknowns, noise, bounds, given=False, alike=alike, held=held)
 
 
-def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, given: bool, alike: int) -> Optimum:
+def _summary(
+    problem: Problem,
+    unknowns: Floats,
+    noise: Floats,
+    bounds: Bounds,
+    given: bool,
+    alike: int,
+    held: Sequence[int] = (),
+) -> Optimum:
     """Return what is known where the likelihood is largest; what `_polished` left at a bound is exactly there."""
     log_likelihood = problem.log_likelihood(unknowns, noise)
     at_bound = (unknowns == bounds.low) | (unknowns == bounds.high)
@@ -460,7 +473,7 @@ def _summary(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, 
     unbiased = _not_zero(unbiased, problem)
     rows = problem.information(unknowns, unbiased)
     covariance = np.zeros((len(unknowns), len(unknowns)))
-    inner = np.flatnonzero(~at_bound)
+    inner = np.setdiff1d(np.flatnonzero(~at_bound), held)
     covariance[np.ix_(inner, inner)] = _inverse(rows[:, inner])
     beyond, errors = unknowns.copy(), np.zeros(len(unknowns))
     if at_bound.any():

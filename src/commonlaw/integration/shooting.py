@@ -20,6 +20,9 @@ from commonlaw.kernel import CONSTANTS, ProgramStructure, address, kernel
 from commonlaw.library.program import Program
 from commonlaw.runtime.forking import cached_property
 
+MAX_STEPS = 200_000
+"""Steps of a solution by the kernel."""
+
 _MAX_EVALUATIONS = 100_000
 """Evaluations of a right-hand side by SciPy; some laws with infinite slopes would need as many as one likes."""
 
@@ -85,6 +88,7 @@ def shoot(
     *,
     derivatives: bool = True,
     tolerance: float = 1e-8,
+    max_steps: int = MAX_STEPS,
 ) -> Solution:
     """Solve ``x' = f(x, u, t, p)`` from the initial values at the first of the times.
 
@@ -106,6 +110,8 @@ def shoot(
         Increasing, shape (n,).
     inputs
         The inputs, if there are any.
+    max_steps
+        Of the kernel, after which the solution ends.
     """
     states = np.full((len(times), len(initial)), np.nan)
     states[0] = initial
@@ -130,7 +136,7 @@ def shoot(
         *map(address, inputs.arrays),
         tolerance,
         address(absolute),
-        200_000,
+        max_steps,
         address(states),
         0 if slopes is None else address(slopes),
     )

@@ -24,7 +24,14 @@ from commonlaw.law.objects import select_objects
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative, Domain, Provenance, Step
-from commonlaw.law.uncertainty import Explanation, IntervalInflation, ObjectEstimates, PlausibleLaw, Uncertainty
+from commonlaw.law.uncertainty import (
+    Explanation,
+    IntervalInflation,
+    ObjectEstimates,
+    OneSidedLimit,
+    PlausibleLaw,
+    Uncertainty,
+)
 from commonlaw.library import Terms, Variables, parse_terms
 from commonlaw.library.functions import Function, functions_in
 from commonlaw.library.grammar import FUNCTIONS
@@ -84,6 +91,7 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
     pooled: EstimatesDocument | None = None
     degrees_of_freedom: Floats | None = None
     interval_inflation: IntervalInflation | None = None
+    limits: tuple[OneSidedLimit, ...] = ()
 
 
 class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -291,6 +299,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         pooled=estimates(uncertainty.pooled),
         degrees_of_freedom=uncertainty.degrees_of_freedom,
         interval_inflation=uncertainty.interval_inflation,
+        limits=uncertainty.limits,
     )
 
 
@@ -464,6 +473,7 @@ def _read_uncertainty(
         saved.degrees_of_freedom,
         saved.interval_inflation,
         document.explanation,
+        saved.limits,
     )
 
 

@@ -1,13 +1,14 @@
 """Laws of some of the objects of a law, of their mean, or with other coefficients of each."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.law.law import Law, object_index
-from commonlaw.law.uncertainty import ObjectEstimates, PlausibleLaw, Uncertainty
+from commonlaw.law.parameters import named_parameters
+from commonlaw.law.uncertainty import ObjectEstimates, OneSidedLimit, PlausibleLaw, Uncertainty
 from commonlaw.runtime.arguments import checks_types
 
 
@@ -33,7 +34,8 @@ def select_objects(law: Law, objects: Sequence[str]) -> Law:
 def average_law(law: Law) -> Law:
     """Return the law of one object, "average", whose coefficients are the means over all objects.
 
-    Their covariance is that of the mean of independent objects, or of partially pooled ones if the law is pooled.
+    Their covariance is that of the mean of independent objects, or of partially pooled ones if the law is pooled. Where
+    some objects have only a limit of a parameter, the mean has that of the ends of all intervals.
 
     Examples
     --------
@@ -44,7 +46,17 @@ def average_law(law: Law) -> Law:
     """
     mean = law.coefficients.mean(axis=0, keepdims=True)
     others = law.uncertainty.map_other_laws(average_law)
-    return _of_others(law, ("average",), mean, law.uncertainty.average(), others)
+    known = replace(law.uncertainty.average(), limits=tuple(_mean_limits(law)))
+    return _of_others(law, ("average",), mean, known, others)
+
+
+def _mean_limits(law: Law) -> Iterator[OneSidedLimit]:
+    """Yield limits of the mean over objects of parameters of which some objects have only a limit."""
+    parameters = named_parameters(law)
+    for p, name in enumerate(parameters.names):
+        for end, is_lower in zip(parameters.intervals(), (True, False), strict=True):
+            if parameters.limited[:, p].any() and np.isfinite(value := end[:, p].mean()):
+                yield OneSidedLimit("average", name, float(value), is_lower)
 
 
 def _of_others(

@@ -17,7 +17,7 @@ from commonlaw.law.law import Law, object_index, shares_terms
 from commonlaw.law.parse import Coefficient, Part, Product, read_equations
 from commonlaw.law.quantiles import mixture_interval, propagated, two_sided
 from commonlaw.law.text import free_parameter_names
-from commonlaw.law.uncertainty import PlausibleLaw
+from commonlaw.law.uncertainty import OneSidedLimit, PlausibleLaw
 from commonlaw.library import with_rates
 from commonlaw.runtime.arguments import numbers_of
 from commonlaw.runtime.forking import cached_property
@@ -68,6 +68,31 @@ class Parameters:
             errors = np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
         errors.flags.writeable = False
         return errors
+
+    @cached_property
+    def limits(self) -> dict[tuple[int, int], OneSidedLimit]:
+        """The only limits of parameters, by the indices of object and parameter; see `Uncertainty.limits`."""
+        indices = {name: i for i, name in enumerate(self.names)}
+        return {
+            (object_index(self.law, limit.object), indices[limit.parameter]): limit
+            for limit in self.law.uncertainty.limits
+            if limit.parameter in indices
+        }
+
+    @cached_property
+    def limited(self) -> Bools:
+        """Which parameters have only a limit on one side, shape (objects, parameters)."""
+        result = np.zeros(self.values.shape, dtype=np.bool_)
+        for place in self.limits:
+            result[place] = True
+        return result
+
+    def texts(self, o: int) -> list[str]:
+        """Return the estimates of an object with their standard errors, or their only limits, as text."""
+        pairs = zip(self.values[o].tolist(), np.nan_to_num(self.errors[o]).tolist(), strict=True)
+        return [
+            self.limits[o, p].text if (o, p) in self.limits else text.with_error(*pair) for p, pair in enumerate(pairs)
+        ]
 
     @cached_property
     def covariance(self) -> Floats:
@@ -125,7 +150,8 @@ class Parameters:
     def intervals(self, level: float = 0.95, averaged: bool = False) -> tuple[Floats, Floats]:
         """Return the ends of intervals given the terms, each of shape (objects, parameters); NaN where unknown.
 
-        Those of ratios are Fieller's, see `propagated`; averaged ones are those of `coefficient_intervals`.
+        Those of ratios are Fieller's, see `propagated`; averaged ones are those of `coefficient_intervals`. Parameters
+        with a limit on one side only have that of 95 % up to this level, and none beyond.
         """
         j, k = self.places
         if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
@@ -145,6 +171,8 @@ class Parameters:
             for o, covariance in enumerate(covariances if len(definition.parts) > 1 else ()):
                 interval = propagated(value, self.law.coefficients[o, support], covariance, float(reach[o, i]))
                 low[o, i], high[o, i] = interval.low, interval.high
+        for place, limit in self.limits.items():
+            low[place], high[place] = limit.interval if level <= 0.95 else (np.nan, np.nan)
         return low, high
 
     def draws(self, n: int, seed: int, averaged: bool) -> Floats:

@@ -1,8 +1,9 @@
 """Laws as text, LaTeX and SymPy, with what decides their coefficients by `Law.explain`."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import compress
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,13 +20,14 @@ from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import (
     Addend,
     coefficient_table,
+    estimate_cells,
     free_parameter_names,
     latex_with_error,
     summed,
     with_error,
     with_units,
 )
-from commonlaw.law.uncertainty import Explanation
+from commonlaw.law.uncertainty import Explanation, OneSidedLimit
 from commonlaw.library.equation import split_equations
 from commonlaw.library.notation import latex_name, powered, quoted
 from commonlaw.runtime.arguments import checks_types
@@ -80,19 +82,26 @@ def equations(law: Law, name: str | None, digits: int, errors: bool | None) -> t
         related = related_rows(law, PLAIN, lefts, law.terms.factors, digits, errors is not False)
         return text.written_equations(*zip(*related, strict=True))
     values = _Values.of(law, name, errors)
+    limits = values.limits(law, errors)
     if law.provenance.equations:
 
         def number(value: float, error: float) -> Callable[[bool], tuple[bool, str]]:
             return lambda is_factor: (value < 0, with_error(abs(value), error, digits, bracket=is_factor))
 
-        numbers = {key: number(*pair) for key, pair in values.parameters(law).items()}
+        numbers = {key: number(*pair) for key, pair in values.parameters(law).items() if key not in limits}
         return tuple(equation.with_numbers(numbers) for equation in split_equations(law.provenance.equations))
-    parameters = [text.with_error(*pair, digits, bracket=True) for pair in values.inner_parameters(law)]
+    parameters = [
+        name if name in limits else text.with_error(*pair, digits, bracket=True)
+        for name, pair in zip(law.terms.variables.parameters, values.inner_parameters(law), strict=True)
+    ]
     written = (f"({parameter})" if parameter.startswith("-") else parameter for parameter in parameters)
     names = law.terms.factors_over((*law.terms.variables.measured, *written))
-    pairs = zip(values.factors(law), values.errors, strict=True)
     return text.written_equations(
-        lefts, (text.addends_of(*pair, names, digits, law.terms.have_parameters) for pair in pairs)
+        lefts,
+        (
+            text.addends_of(*pair, names, digits, law.terms.have_parameters, limited=_limited(law, limits, j))
+            for j, pair in enumerate(zip(values.factors(law), values.errors, strict=True))
+        ),
     )
 
 
@@ -112,18 +121,31 @@ def to_latex(law: Law, name: str | None = None, digits: int = 4, errors: bool | 
     if name is None and _has_relations(law):
         return text.aligned(related_rows(law, LATEX, (*lefts, *parameters), terms, digits, errors is not False))
     values, rows = _Values.of(law, name, errors), list[tuple[str, Iterable[Addend]]]()
+    limits = values.limits(law, errors)
+    latex_limits = {latex_name(key): limit.latex for key, limit in limits.items()}
     if law.provenance.equations:
         rows += zip(latex_lefts(law), latex_structure(law), strict=True)
         pairs = {latex_name(key): pair for key, pair in values.parameters(law).items()}
     else:
         numbers = zip(values.factors(law), values.errors, strict=True)
         have = law.terms.have_parameters
-        sums = (text.addends_of(*pair, terms, digits, have, latex_with_error) for pair in numbers)
+        sums = (
+            text.addends_of(
+                *pair,
+                terms,
+                digits,
+                have,
+                latex_with_error,
+                {k: latex_name(parameter) for k, parameter in _limited(law, limits, j).items()},
+            )
+            for j, pair in enumerate(numbers)
+        )
         rows += zip(lefts, sums, strict=True)
         pairs = dict(zip(parameters, values.inner_parameters(law), strict=True))
     for key, (value, error) in pairs.items():
-        rows.append((key, [Addend(value < 0, latex_with_error(abs(value), error, digits), "1")]))
-    return text.aligned(rows)
+        if key not in latex_limits:
+            rows.append((key, [Addend(value < 0, latex_with_error(abs(value), error, digits), "1")]))
+    return text.aligned(rows, latex_limits)
 
 
 @checks_types
@@ -177,6 +199,11 @@ class _Values(NamedTuple):
         pairs = zip(known.values[self.position].tolist(), errors.tolist(), strict=True)
         return dict(zip(known.names, pairs, strict=True))
 
+    def limits(self, law: Law, errors: bool | None) -> dict[str, OneSidedLimit]:
+        """Return the only limits of parameters, which stand in equations with errors by their names."""
+        known = named_parameters(law).limits if errors is not False else {}
+        return {limit.parameter: limit for (o, _), limit in known.items() if o == self.position}
+
     def inner_parameters(self, law: Law) -> list[tuple[float, float]]:
         """Return the value and the error of each parameter inside terms."""
         coefficients, pairs = law.coefficients[self.position], []
@@ -188,6 +215,16 @@ class _Values(NamedTuple):
     def factors(self, law: Law) -> Floats:
         """Return the coefficients that are factors of terms, shape (equations, terms)."""
         return np.where(law.terms.is_factor, law.coefficients[self.position], 0.0)
+
+
+def _limited(law: Law, limits: Collection[str], equation: int) -> dict[int, str]:
+    """Return the names of coefficients of an equation that have only a limit, by term."""
+    definitions = named_parameters(law).definitions if limits else ()
+    return {
+        definition.term: definition.name
+        for definition in definitions
+        if definition.name in limits and definition.equation == equation and law.terms.is_factor[definition.term]
+    }
 
 
 def _has_relations(law: Law) -> bool:
@@ -234,11 +271,13 @@ def printed(law: Law) -> str:
     """Return a law as `print` shows it: equations, what names stand for, and what a user should know."""
     known, values, body = named_parameters(law), list[str](), equation_lines(law)
     heads = text.with_units(known.names, known.units)
-    if len(law.objects) == 1 and law.provenance.equations:
-        pairs = zip(known.values[0], np.nan_to_num(known.errors[0]), strict=True)
-        values = [f"{head} = {text.with_error(*pair)}" for head, pair in zip(heads, pairs, strict=True)]
-    elif len(law.objects) > 1 and not _has_relations(law) and shares_terms(law) and known.names:
-        body += ["", *text.coefficient_table(law.objects, heads, known.values, known.errors)]
+    if len(law.objects) == 1:
+        # Coefficients of terms stand in the equations
+        shown = np.ones(len(heads), dtype=np.bool_) if law.provenance.equations else known.limited[0]
+        values = [*compress(map(text.assigned, heads, known.texts(0)), shown)]
+    elif not _has_relations(law) and shares_terms(law) and known.names:
+        rows = map(known.texts, range(min(len(law.objects), text.MANY)))
+        body += ["", *text.coefficient_table(law.objects, heads, [*rows])]
     meanings = ", ".join([*(f"{rate} = {state}'" for state, rate in state_rates(law)), *values])
     lines = [*body, *(["", f"with {meanings}"] if meanings else []), *within_errors(law)]
     return "\n".join(map(in_line, [*lines, *(f"Note: {diagnostic}" for diagnostic in law.diagnostics)]))
@@ -374,7 +413,7 @@ def relation_lines(law: Law) -> list[str]:
         values, errors = law.coefficients[:, law.support][:, specific], standard_errors(law)[:, law.support]
         pairs = zip(parameters, units, strict=True)
         heads = with_units(*zip(*((name, unit) for name, unit in pairs if name), strict=True))
-        lines += ["", *coefficient_table(law.objects, heads, values, errors[:, specific])]
+        lines += ["", *coefficient_table(law.objects, heads, estimate_cells(values, errors[:, specific]))]
     return lines
 
 

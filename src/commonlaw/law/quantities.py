@@ -17,8 +17,9 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.equilibria import Quantity, equilibria, modes
 from commonlaw.law.law import Law
+from commonlaw.law.parameters import Parameters, named_parameters
 from commonlaw.law.parse import GivenEquations, read_equations
-from commonlaw.law.quantiles import Function, propagated
+from commonlaw.law.quantiles import Estimate, Function, propagated
 from commonlaw.library import Variables, order_of_each, term_unit, with_rates
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
@@ -395,6 +396,30 @@ def _most_specific(matches: Sequence[_Match]) -> list[_Match]:
     return specific[::-1]
 
 
+def _limited(function: Function, parameters: Parameters, o: int) -> Estimate | None:
+    """Return a quantity of an object with its only limit, if it depends on one parameter that has only a limit.
+
+    A monotonic quantity is on one side of its value at the limit of the parameter. One of several such parameters, as a
+    ratio of both, may have two limits.
+    """
+    support, law, found = parameters.law.support, parameters.law, list[Estimate]()
+    for limit in (limit for (owner, _), limit in parameters.limits.items() if owner == o):
+        by_name = dict(zip(parameters.names, parameters.values[o], strict=True))
+        is_outward, values = (limit.value > 0) == limit.is_lower, list[float]()
+        for value in (limit.value, 1e6 * limit.value if is_outward else float(by_name[limit.parameter])):
+            by_name[limit.parameter] = np.float64(value)
+            coefficients = law.coefficients[o].copy()
+            for product in parameters.products:
+                coefficients[product.equation, product.term] = product.value(by_name)
+            with np.errstate(all="ignore"):
+                values.append(float(function(coefficients[support][np.newaxis])[0]))
+        end, beyond = values
+        if np.isfinite(end) and not np.isclose(end, beyond, rtol=1e-6, atol=0.0):
+            ends = (end, np.inf) if beyond > end else (-np.inf, end)
+            found.append(Estimate(float(function(law.coefficients[o, support][np.newaxis])[0]), np.nan, *ends))
+    return found[0] if len(found) == 1 else None
+
+
 def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) -> "pd.DataFrame":
     """Return what is quoted of the forms that a law has, and its equilibria, see `Law.quantities`."""
     import pandas as pd
@@ -402,7 +427,7 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
     for name in initial or {}:
         check_choice("state", name, law.schema.states)
     reach = float(law.uncertainty.reach(len(law.schema.states), level).max())
-    matches = _matches(law) if law.order != 0 else []
+    matches, known = _matches(law) if law.order != 0 else [], named_parameters(law)
     rows = list[tuple[object, ...]]()
     for i, owner in enumerate(law.objects if law.order != 0 else ()):
         parameters = law.coefficients[i, law.support]
@@ -414,7 +439,9 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
         if not specific:
             quantities += [("Linear system", quantity) for quantity in modes(law, parameters)]
         for title, quantity in quantities:
-            estimate = propagated(quantity.function, parameters, covariance, reach)
+            estimate = _limited(quantity.function, known, i) or propagated(
+                quantity.function, parameters, covariance, reach
+            )
             if np.isfinite(estimate.value):
                 rows.append((owner, title, quantity.name, quantity.symbol, *estimate, quantity.unit))
         points = [*equilibria(law, parameters, covariance, reach)]

@@ -5,7 +5,7 @@ from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from commonlaw.array_types import Floats
-from commonlaw.law.text import coefficient_table, with_error
+from commonlaw.law.text import coefficient_table, estimate_cells, with_error
 from commonlaw.trials import Trials
 
 LawType = TypeVar("LawType")
@@ -71,7 +71,11 @@ class Simplification(Generic[LawType]):
         if self.replaced:
             freedom = f"{self.degrees_of_freedom} degree{'s' if self.degrees_of_freedom > 1 else ''} of freedom"
             lines += [f"together: chi-square {self.chi_square:.3g} with {freedom}, p = {self.p_value:.2g}"]
-        table = coefficient_table(self.objects, self.parameters, self.values, self.errors) if self.parameters else []
+        table = (
+            coefficient_table(self.objects, self.parameters, estimate_cells(self.values, self.errors))
+            if self.parameters
+            else []
+        )
         return "\n".join([*self.equations, "", *lines, *([""] if table else []), *table])
 
 

@@ -16,7 +16,7 @@ from commonlaw.law.parameters import (
     tabulated_parameters,
 )
 from commonlaw.law.provenance import Alternative
-from commonlaw.law.text import MANY, Written, probability_text, rounded, with_error
+from commonlaw.law.text import MANY, Written, one_sided_text, probability_text, rounded, with_error
 from commonlaw.runtime.arguments import check_whole_number, checks_types
 from commonlaw.text import counted
 
@@ -45,8 +45,12 @@ MEANINGS = {
 
 
 def readable(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table whose estimates have the decimal places of the standard error's second digit."""
+    """Return a table whose estimates have the decimal places of the standard error's second digit.
+
+    An estimate without a standard error whose interval has one end is written as that limit.
+    """
     shown, errors = frame.copy(), frame.get("standard error")
+    ends = [frame.get(f"95 % {end}", frame.get(end)) for end in ("low", "high")]
     for name in map(str, frame.columns):
         if "probability" in name:
             texts = [probability_text(probability) for probability in frame[name]]
@@ -54,6 +58,10 @@ def readable(frame: pd.DataFrame) -> pd.DataFrame:
             texts = [f"{number:.1f}" if number < 99.95 else f"{number:.0f}" for number in frame[name]]
         elif errors is not None and name.startswith(_WITH_ERRORS):
             texts = [rounded(*pair) for pair in zip(frame[name], errors, strict=True)]
+            if name == "estimate" and ends[0] is not None and ends[1] is not None:
+                limits = [one_sided_text(*interval) for interval in zip(*ends, strict=True)]
+                numbers = zip(texts, limits, errors.isna(), strict=True)
+                texts = [limit if limit and alone else number for number, limit, alone in numbers]
         else:
             continue
         shown[name] = pd.Series(map(Written, texts), frame.index, dtype=object).where(frame[name].notna(), Written())
@@ -73,7 +81,7 @@ def parameter_frame(law: Law, level: float = 0.95, averaged: bool = False) -> pd
             "term": [law.terms.names[place.term] for place in places],
             "parameter": [parameters.names[i] for i in columns],
             "estimate": parameters.values[rows, columns],
-            "standard error": parameters.errors[rows, columns],
+            "standard error": np.where(parameters.limited, np.nan, parameters.errors)[rows, columns],
             "low": low[rows, columns],
             "high": high[rows, columns],
             "unit": [parameters.units[i] or "" for i in columns],
@@ -125,7 +133,7 @@ def to_frame(law: Law, errors: bool = False) -> pd.DataFrame:
     if errors:
         law.uncertainty.known_covariance()
     parameters, lefts, is_given = tabulated_parameters(law), left_hand_sides(law), bool(law.provenance.equations)
-    values, deviations = parameters.values, np.nan_to_num(parameters.errors)
+    values, deviations = parameters.values, np.where(parameters.limited, np.nan, np.nan_to_num(parameters.errors))
     keys = [
         ("", definition.name) if is_given else (lefts[definition.equation], law.terms.names[definition.term])
         for definition in parameters.definitions
@@ -142,7 +150,7 @@ def to_frame(law: Law, errors: bool = False) -> pd.DataFrame:
 
 def interval_frame(law: Law, level: float = 0.95) -> pd.DataFrame:
     """Return `Law.conf_int` with stable names of columns, followed by the intervals averaged over `Law.models`."""
-    intervals = law.conf_int(level)
+    intervals = _without_limited_estimates(law.conf_int(level))
     by_name = bool(law.provenance.equations)
     if law.uncertainty.other_laws and not by_name:
         averaged, after = law.conf_int(level, averaged=True), [*intervals.columns].index("high") + 1
@@ -155,10 +163,17 @@ def interval_frame(law: Law, level: float = 0.95) -> pd.DataFrame:
     return intervals if intervals["unit"].any() else intervals.drop(columns="unit")
 
 
+def _without_limited_estimates(intervals: pd.DataFrame) -> pd.DataFrame:
+    """Return `Law.conf_int` without estimates of parameters that have only a limit."""
+    is_limited = intervals["standard error"].isna() & (np.isinf(intervals["low"]) ^ np.isinf(intervals["high"]))
+    return intervals.assign(estimate=intervals["estimate"].mask(is_limited))
+
+
 def coefficient_rows(law: Law) -> pd.DataFrame:
     """Return `Law.params` as a table for other programs; what is not known is empty."""
     names = ["parameter"] if law.provenance.equations else ["equation", "term"]
-    rows: pd.DataFrame = law.params[["object", *names, "estimate", "standard error", "low", "high", "unit"]]
+    parameters = _without_limited_estimates(law.params)
+    rows: pd.DataFrame = parameters[["object", *names, "estimate", "standard error", "low", "high", "unit"]]
     return rows.set_axis(["object", *names, "value", "standard error", "low", "high", "unit"], axis=1)
 
 
@@ -260,9 +275,8 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
             with_error(estimate.value, estimate.error)
         )
     rows = list[list[str]]()
-    for name, *estimates in zip(
-        law.objects, parameters.values, np.nan_to_num(parameters.errors), low, high, strict=True
-    ):
+    errors = np.where(parameters.limited, np.nan, np.nan_to_num(parameters.errors))
+    for name, *estimates in zip(law.objects, parameters.values, errors, low, high, strict=True):
         rows.append([name, *(with_interval(*numbers) for numbers in zip(*estimates, strict=True))])
         for trial, cells in by_trial.get(name, {}).items():
             if not cells.keys().isdisjoint(parameters.names):
@@ -283,15 +297,19 @@ def quantities_by_object(law: Law) -> pd.DataFrame:
     for row in shown.fillna({"unit": ""} if "unit" in shown else {}).to_dict("records"):
         part = f"{row['form']}: " if row["symbol"] in repeated else ""
         title = with_unit(f"{part}{row['quantity']} {row['symbol']}", row.get("unit"))
-        error = float(np.nan_to_num(row.get("standard error", 0.0)))
-        cell = with_interval(row["estimate"], error, *(row[end] for end in ("low", "high") if end in row))
+        cell = with_interval(
+            row["estimate"], row.get("standard error", 0.0), *(row[end] for end in ("low", "high") if end in row)
+        )
         columns.setdefault(title, {})[row["object"]] = cell
     rows = [[name, *(cells.get(name, Written()) for cells in columns.values())] for name in law.objects if columns]
     return pd.DataFrame(rows, columns=[law.schema.object, *columns], dtype=object)
 
 
 def with_interval(value: float, error: float, *ends: float) -> Written:
-    """Return a value with its standard error, and on a line below the ends of its interval."""
+    """Return a value with its standard error, and on a line below the ends of its interval; or its only limit."""
+    if np.isnan(error) and len(ends) == 2 and (limit := one_sided_text(*ends)):
+        return Written(limit)
+    error = float(np.nan_to_num(error))
     interval = f"\n{' to '.join(rounded(end, error) for end in ends)}" if error > 0 else ""
     return Written(with_error(value, error) + interval)
 
@@ -339,13 +357,13 @@ def spread_tables(law: Law, count: int, universal: bool = True) -> tuple[pd.Data
     for all objects, may be left out; None if no parameter is left.
     """
     parameters, heads = named_parameters(law), [*starmap(with_unit, coefficient_names(law))]
-    values, errors = parameters.values, np.nan_to_num(parameters.errors)
+    values = parameters.values
     kept = np.array([name != law.schema.object for name in parameters.names])
     if not universal:
         kept &= ~np.isclose(values, values[0], rtol=1e-9).all(axis=0)
     if not kept.any():
         return None
-    heads, values, errors = [*compress(heads, kept)], values[:, kept], errors[:, kept]
+    heads, values = [*compress(heads, kept)], values[:, kept]
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)
     # Standard deviations between the fourths of a normal distribution
     scale = (high - low) / 1.349
@@ -354,7 +372,7 @@ def spread_tables(law: Law, count: int, universal: bool = True) -> tuple[pd.Data
     rows = [
         [
             law.objects[i],
-            *(Written(with_error(*pair)) for pair in zip(values[i].tolist(), errors[i].tolist(), strict=True)),
+            *map(Written, compress(parameters.texts(i), kept)),
             heads[int(distances[i].argmax())],
             float(distances[i].max()),
         ]

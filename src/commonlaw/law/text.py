@@ -1,9 +1,10 @@
 """Numbers with their standard errors, and equations, as text and as LaTeX."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from math import isfinite
 from string import ascii_lowercase
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,26 @@ def with_error(value: float, error: float, digits: int = 4, bracket: bool = Fals
     pair = f"{number} ± {uncertainty}" if uncertainty else number
     power = f"e{exponent:+03d}" if exponent else ""
     return f"({pair}){power}" if uncertainty and (bracket or power) else pair + power
+
+
+def one_sided_text(low: float, high: float) -> str:
+    """Return what stands in place of an estimate with its error if its 95 % interval has one end; else nothing.
+
+    >>> one_sided_text(3.21, np.inf), one_sided_text(-np.inf, 0.5), one_sided_text(1.0, 2.0)
+    ('> 3.21 (95 %)', '< 0.5 (95 %)', '')
+    """
+    if isfinite(low) == isfinite(high):
+        return ""
+    return f"> {low:.3g} (95 %)" if isfinite(low) else f"< {high:.3g} (95 %)"
+
+
+def assigned(name: str, value: str) -> str:
+    """Return a name with its value, or with its only limit.
+
+    >>> assigned("k", "9.81"), assigned("k", one_sided_text(3.21, np.inf))
+    ('k = 9.81', 'k > 3.21 (95 %)')
+    """
+    return f"{name} {value}" if value.startswith((">", "<")) else f"{name} = {value}"
 
 
 class Written(str):
@@ -124,10 +145,11 @@ class Addend(NamedTuple):
     name: str
 
 
-def aligned(rows: Iterable[tuple[str, Iterable[Addend]]]) -> str:
-    """Return equations, left-hand sides and addends in LaTeX, as an ``aligned`` block."""
+def aligned(rows: Iterable[tuple[str, Iterable[Addend]]], limits: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return equations, left-hand sides and addends in LaTeX, and limits by name, as an ``aligned`` block."""
     times = r"\, "
     lines = [f"{left_side} &= {summed(addends, times)}" for left_side, addends in rows]
+    lines += [f"{name} &{limit}" for name, limit in limits.items()]
     return "\\begin{aligned}\n" + " \\\\\n".join(lines) + "\n\\end{aligned}"
 
 
@@ -196,11 +218,15 @@ def with_units(names: Iterable[str], units: Iterable[str | None]) -> list[str]:
     return [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
 
 
-def coefficient_table(objects: Sequence[str], head: Sequence[str], coefficients: Floats, errors: Floats) -> list[str]:
-    """Return lines of objects' coefficients, shape (objects, parameters), under their names; of very many the first."""
+def estimate_cells(values: Floats, errors: Floats) -> list[list[str]]:
+    """Return estimates with their standard errors, each of shape (objects, parameters), as text; of many the first."""
+    pairs = zip(values[:MANY].tolist(), np.nan_to_num(errors[:MANY]).tolist(), strict=True)
+    return [[with_error(*pair) for pair in zip(*both, strict=True)] for both in pairs]
+
+
+def coefficient_table(objects: Sequence[str], head: Sequence[str], cells: Sequence[Sequence[str]]) -> list[str]:
+    """Return lines of objects' coefficients under their names, as they are written; of very many the first."""
     few, left_out = objects[:MANY], len(objects) - MANY
-    pairs = zip(coefficients[:MANY], np.nan_to_num(errors[:MANY]), strict=True)
-    cells = [[with_error(*pair) for pair in zip(*both, strict=True)] for both in pairs]
     widths = [max(map(len, column)) for column in zip(head, *cells, strict=True)]
     names = ["", *map(in_line, few)]
     first = max(map(len, names))
@@ -246,18 +272,23 @@ def addends_of(
     digits: int,
     numbered: Sequence[bool],
     write: Callable[..., str] = with_error,
+    limited: Mapping[int, str] = MappingProxyType({}),
 ) -> Iterator[Addend]:
     """Yield coefficients that are not zero, with a function that writes a number and its error, and their names.
 
-    Before names that have numbers of their own (`numbered`) a known coefficient of one is left out.
+    Before names that have numbers of their own (`numbered`) a known coefficient of one is left out. Coefficients that
+    have only a limit, by index, are written by their own names.
 
     >>> errors = np.array([0.12, np.nan, 0.0051])
     >>> summed(addends_of(np.array([-9.34, 0.0, 0.0466]), errors, ["1", "x", "v"], 4, [False] * 3), " ")
     '-9.34 ± 0.12 + (0.0466 ± 0.0051) v'
     """
     first = True
-    for c, error, name, alone in zip(coefficients, errors, names, numbered, strict=True):
-        if c:
+    for k, (c, error, name, alone) in enumerate(zip(coefficients, errors, names, numbered, strict=True)):
+        if k in limited:
+            yield Addend(False, limited[k], name)
+            first = False
+        elif c:
             one = alone and abs(c) == 1 and error == 0
             yield Addend(c < 0, "" if one else write(abs(c), error, digits, bracket=not first or name != "1"), name)
             first = False

@@ -11,6 +11,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.quantiles import two_sided
+from commonlaw.law.text import one_sided_text
 from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Heteroscedastic
 from commonlaw.runtime.arguments import check_whole_number
 
@@ -102,6 +103,35 @@ class PlausibleLaw(NamedTuple, Generic[LawType]):
     law: LawType
 
 
+@dataclass(frozen=True)
+class OneSidedLimit:
+    """The only limit of an object's parameter, with 95 % confidence: it is larger (`is_lower`) or smaller than this.
+
+    >>> OneSidedLimit("cup", "k", 3.21, is_lower=True).text
+    '> 3.21 (95 %)'
+    """
+
+    object: str
+    parameter: str
+    value: float
+    is_lower: bool
+
+    @property
+    def text(self) -> str:
+        """What stands in place of an estimate with its standard error."""
+        return one_sided_text(*self.interval)
+
+    @property
+    def latex(self) -> str:
+        """The same as LaTeX."""
+        return self.text.replace(" (", r"\ (").replace(" %", r"\,\%")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The ends of the interval, of which one is infinite."""
+        return (self.value, np.inf) if self.is_lower else (-np.inf, self.value)
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectEstimates:
     """Parameters of each object, shape (objects, parameters), and their covariances."""
@@ -166,6 +196,9 @@ class Uncertainty:
         Inflation of forecast intervals, calibrated on held-out data (conformal).
     explanation
         Relations of the coefficients to properties, from `Law.explain`.
+    limits
+        Of parameters that have a limit on one side only, such as rates too fast to be measured: their estimates and
+        errors have no meaning.
     other_laws
         Plausible laws besides this one, with posterior probabilities, see `Law.models`.
     """
@@ -180,6 +213,7 @@ class Uncertainty:
     degrees_of_freedom: Floats | None = None
     interval_inflation: IntervalInflation | None = None
     explanation: Explanation | None = None
+    limits: tuple[OneSidedLimit, ...] = ()
     other_laws: tuple[PlausibleLaw[Any], ...] = ()
 
     def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
@@ -198,6 +232,8 @@ class Uncertainty:
         known: dict[str, Any] = {
             name: checked(getattr(self, name), *how) for name, *how in arrays if getattr(self, name) is not None
         }
+        limits = tuple(limit for limit in self.limits if limit.object in objects)
+        checked([limit.value for limit in limits], "array of limits", "parameters", (len(limits),))
         if self.covariance is not None:
             known["covariance"] = checked_covariance(self.covariance, objects, size)
         return replace(
@@ -208,6 +244,7 @@ class Uncertainty:
             pooled=self.pooled and self.pooled.checked(objects, size),
             interval_inflation=self.interval_inflation and self.interval_inflation.checked(),
             explanation=self.explanation and _checked_explanation(self.explanation, size),
+            limits=limits,
         )
 
     @property
@@ -288,7 +325,8 @@ class Uncertainty:
         restricted = self._changed(
             lambda values: values[:, parameters], lambda matrices: matrices[:, parameters][:, :, parameters]
         )
-        return restricted if parameters.all() else replace(restricted, explanation=None)
+        # Names of parameters are those of terms
+        return restricted if parameters.all() else replace(restricted, explanation=None, limits=())
 
     def _changed(self, rows: Callable[[Floats], Floats], matrices: Callable[[Floats], Floats]) -> "Uncertainty":
         """Return that whose parameters, and the matrices between them, are changed alike, where they are known."""

@@ -12,6 +12,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
+from matplotlib.markers import CARETLEFT, CARETRIGHT
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 
@@ -23,7 +24,7 @@ from commonlaw.hierarchy import informative
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import has_bands
 from commonlaw.law.parameters import equation_label, left_hand_sides, named_parameters, tabulated_parameters
-from commonlaw.law.text import MANY, with_error
+from commonlaw.law.text import MANY, one_sided_text, with_error
 from commonlaw.library.notation import latex_name
 from commonlaw.plots.equations import equation_labels, equation_lines, parameter_label, term_labels
 from commonlaw.plots.forecast import draw_forecast, forecast_grid, forecast_keys, of_objects, omission, representative
@@ -57,7 +58,7 @@ class Coefficient:
     """One coefficient of every object: equation, left-hand side, term, labels; values, shape (objects,), and intervals.
 
     It is a coefficient by its name where the law was given as equations. Unknown names and units are empty, unknown
-    values NaN, and unknown standard errors zero.
+    values NaN, and unknown standard errors zero. Where only a limit is known there is no estimate, and one end.
     """
 
     equation: int
@@ -76,6 +77,12 @@ class Coefficient:
     def label(self) -> str:
         """Its parameter and unit, as far as there are any."""
         return " ".join(filter(None, (self.parameter, f"({self.unit})" if self.unit else "")))
+
+    @property
+    def limits(self) -> Floats:
+        """The ends of intervals that have one only, NaN elsewhere, shape (objects,)."""
+        is_limited = np.isnan(self.learned) & (np.isfinite(self.low) ^ np.isfinite(self.high))
+        return np.where(is_limited, np.where(np.isfinite(self.low), self.low, self.high), np.nan)
 
     @property
     def numbers(self) -> Floats:
@@ -102,7 +109,7 @@ class DotPlot:
         support = law.support if known is None else np.ones_like(law.support)
         parameters = tabulated_parameters(law, None if is_named else support)
         low, high = (parameters.values,) * 2 if law.uncertainty.covariance is None else parameters.intervals()
-        errors = np.nan_to_num(parameters.errors)
+        errors = np.where(parameters.limited, 0.0, np.nan_to_num(parameters.errors))
         for i, (definition, unit) in enumerate(zip(parameters.definitions, parameters.units, strict=True)):
             j, k, name = definition.equation, definition.term, definition.name
             learned = parameters.values[:, i] if is_named else absent_as_nan(parameters.values[:, i])
@@ -114,7 +121,8 @@ class DotPlot:
                 # The equations of an explained law have parameters of their own
                 name = parameter_label(law, j, k) if law.uncertainty.explanation is None else ""
                 where = j, lefts[j], law.terms.names[k], labels[k], name
-            if np.any(np.isfinite([learned, true])):
+            learned = np.where(parameters.limited[:, i], np.nan, learned)
+            if np.any(np.isfinite([learned, true])) or parameters.limited[:, i].any():
                 numbers = learned, true, errors[:, i], low[:, i], high[:, i]
                 result.append(Coefficient(*where, unit_text(unit or ""), *numbers))
         return result
@@ -200,7 +208,12 @@ class DotPlot:
             _draw_dots(panel, np.array([coefficient.numbers[:, 0] for coefficient in group]).reshape(-1, 5).T)
             for height, coefficient in enumerate(group):  # Its value, right of its dot and interval
                 value, error = coefficient.learned[0], coefficient.errors[0]
-                if np.isfinite(value):
+                limit = one_sided_text(coefficient.low[0], coefficient.high[0])
+                if np.isnan(value) and limit:
+                    at = (coefficient.limits[0], height)
+                    text = f"{limit} {coefficient.unit}".rstrip()
+                    panel.annotate(text, at, (8, 0), textcoords="offset points", va="center", fontsize=9)
+                elif np.isfinite(value):
                     number = powers_of_ten(with_error(value, error)) if error else number_text(value, 4)
                     at = (np.fmax(value, coefficient.high[0]), height)
                     text = f"{number} {coefficient.unit}".rstrip()
@@ -211,7 +224,7 @@ class DotPlot:
             panel.set_title(f"{what} of {label}", loc="left")
             panel.margins(x=0.4 if self.law.uncertainty.covariance is None else 0.7)  # room for the printed values
         panels[-1].locator_params(axis="x", nbins=5)
-        numbers = [[*coefficient.learned, *coefficient.true] for coefficient in self.coefficients]
+        numbers = [[*coefficient.learned, *coefficient.true, *coefficient.limits] for coefficient in self.coefficients]
         values = np.abs(np.array(numbers, dtype=np.float64))
         values = values[np.isfinite(values) & (values > 0)]
         high = values.max(initial=0.0)
@@ -233,13 +246,18 @@ class DotPlot:
 
 
 def _draw_dots(panel: Axes, numbers: Floats) -> None:
-    """Draw `Coefficient.numbers` below each other, with 95 % intervals where errors are known."""
+    """Draw `Coefficient.numbers` below each other, with 95 % intervals where errors are known, or their only ends."""
     learned, true, errors, low, high = numbers
     heights = np.arange(len(learned))
     panel.plot(learned, heights, **_DOT)
     panel.plot(true, heights, **_OPEN)
+    for end, other, marker in ((low, high, CARETRIGHT), (high, low, CARETLEFT)):
+        alone = np.isnan(learned) & np.isfinite(end) & ~np.isfinite(other)
+        if alone.any():
+            panel.plot(end[alone], heights[alone], **{**_DOT, "marker": marker})
     if errors.any():
-        panel.hlines(heights, low, high, color=COLORS[0], linewidth=1.4)
+        both = np.isfinite(low) & np.isfinite(high)
+        panel.hlines(heights[both], low[both], high[both], color=COLORS[0], linewidth=1.4)
 
 
 @styled()
