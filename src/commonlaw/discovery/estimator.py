@@ -31,6 +31,7 @@ from commonlaw.discovery.orders import AskedOrder, possible_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.formulation import TrialDerivatives, refuse_vanishing_states
 from commonlaw.inference.data.subsampling import can_be_subsampled
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -227,7 +228,9 @@ class LawDiscovery:
         outcomes = (*outcomes, *outcomes_of_separate_states(law), *outcomes_of_units(law))
         domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
         law = replace(law, provenance=replace(provenance, domain=domain))
-        return replace(law, provenance=replace(law.provenance, outcomes=(*outcomes, *outcomes_of_rivals(law, trials))))
+        outcomes = (*outcomes, *outcomes_of_rivals(law, trials))
+        law = replace(law, provenance=replace(law.provenance, outcomes=outcomes))
+        return law if library.functions else with_one_sided_limits(law, trials)
 
     def _method_for(
         self, trials: Trials | TrialStream, derivatives: TrialDerivatives | None

@@ -20,10 +20,9 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
 from commonlaw.estimation.beginning import FREE, InitialGiven, begin, initial_time_of, written_starts
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
-from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model, notes_of_limits
+from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
 from commonlaw.estimation.model import ModelText
-from commonlaw.estimation.one_sided import MAX_PROFILES
-from commonlaw.estimation.profile import one_sided_limit
+from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
@@ -31,7 +30,6 @@ from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.chunks import fitted_by_parts
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects, select_objects
-from commonlaw.law.law import shares_terms
 from commonlaw.law.models import model_named
 from commonlaw.law.objects import of_all_objects
 from commonlaw.law.observation import ALL
@@ -371,8 +369,8 @@ def fit(
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
     law = law if called else with_one_sided_limits(law, trials)
-    if any(_exceeds_estimate(law, limit) for limit in law.uncertainty.limits):
-        # Estimates of other parameters, and their errors, are those beside a value that has no meaning
+    if any(_is_misfit(law, limit) for limit in law.uncertainty.limits):
+        # Other estimates, and their errors, are those given a value that has no meaning
         with suppress(CommonlawError):
             return jointly()
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law))
@@ -444,29 +442,12 @@ def _of_model(
     return replace(law, provenance=replace(law.provenance, history=history, outcomes=tuple(outcomes)))
 
 
-def with_one_sided_limits(law: Law, trials: Trials) -> Law:
-    """Return a law with the limits, and notes on these, of poorly identified parameters that have only one.
-
-    Without white noise, or where the likelihood of a law has no profile, it stays as it is.
-    """
-    parameters, limits = named_parameters(law), list[OneSidedLimit]()
-    unsure = np.argwhere(parameters.errors > 0.5 * np.abs(parameters.values))[:MAX_PROFILES].tolist()
-    for o, p in unsure if shares_terms(law) else ():
-        with suppress(CommonlawError):
-            limit = one_sided_limit(law, trials, parameters.names[p], law.objects[o])
-            limits += [] if limit is None else [limit]
-    if not limits:
-        return law
-    outcomes = (*law.provenance.outcomes, *notes_of_limits(limits, law.objects))
-    uncertainty = replace(law.uncertainty, limits=tuple(limits))
-    return replace(law, uncertainty=uncertainty, provenance=replace(law.provenance, outcomes=outcomes))
-
-
-def _exceeds_estimate(law: Law, limit: OneSidedLimit) -> bool:
-    """Whether the standard error of a parameter that has only a limit exceeds its estimate."""
+def _is_misfit(law: Law, limit: OneSidedLimit) -> bool:
+    """Whether an estimate that has only a limit is beyond it, or less than its standard error."""
     parameters = named_parameters(law)
     place = law.objects.index(limit.object), parameters.names.index(limit.parameter)
-    return bool(parameters.errors[place] > abs(parameters.values[place]))
+    value, error = float(parameters.values[place]), float(parameters.errors[place])
+    return (value < limit.value) == limit.is_lower or error > abs(value)
 
 
 def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:

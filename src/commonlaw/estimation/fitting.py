@@ -13,7 +13,7 @@ from commonlaw.differentiation.noise import noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import Beginning, beginning_of
 from commonlaw.estimation.interchange import EqualMaximum, latent_states, with_fastest_latent_states
-from commonlaw.estimation.one_sided import MAX_PROFILES, OneSided, one_sided
+from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, OneSided, one_sided
 from commonlaw.estimation.problem import NormalPrior
 from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Optimum, maximize, summarized
 from commonlaw.law import Law, Provenance, Step, Uncertainty
@@ -167,14 +167,16 @@ def _with_limits(begun: Beginning, optimum: Optimum) -> tuple[Optimum, dict[int,
 
     def vague(share: float) -> list[int]:
         errors = np.sqrt(np.diagonal(optimum.covariance))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = np.where(optimum.at_bound, 0.0, errors / np.abs(optimum.unknowns))
         return [
             k
-            for k in np.flatnonzero((errors > share * np.abs(optimum.unknowns)) & ~optimum.at_bound).tolist()
-            if k in of_objects and not by_trial(shared.get(names[k], OBJECT), schema)
+            for k in np.argsort(-relative, kind="stable").tolist()
+            if relative[k] > share and k in of_objects and not by_trial(shared.get(names[k], OBJECT), schema)
         ]
 
     problem, limits, degrees = begun.problem, dict[int, OneSided](), float(np.min(optimum.degrees_of_freedom))
-    for k in vague(0.5)[:MAX_PROFILES]:
+    for k in vague(VAGUE)[:MAX_PROFILES]:
         limit = one_sided(problem, optimum.unknowns, optimum.noise, begun.bounds, k, degrees)
         if limit is not None:
             limits[k] = limit

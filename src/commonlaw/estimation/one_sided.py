@@ -9,8 +9,14 @@ from commonlaw.estimation.problem import Problem
 from commonlaw.estimation.search import Bounds, Objective, minimum
 from commonlaw.law.quantiles import two_sided
 
+VAGUE = 0.03
+"""Relative standard error from which on the likelihood of a parameter is profiled.
+
+A rate k that leaves ``A exp(-k h)`` at the first sample h, under noise of s, has the error ``s/(A exp(-k h))/h``: where
+it has no upper limit this may be as little as 0.6/(k h) of it."""
+
 MAX_PROFILES = 20
-"""Poorly identified parameters whose likelihood is profiled."""
+"""Parameters whose likelihood is profiled, the least certain ones."""
 
 _FAR = (1e3, 1e2)
 """Multiples of an estimate up to which the likelihood of a parameter without an upper limit is flat."""

@@ -1,13 +1,15 @@
 """Profile likelihood of a parameter: how far it may move when all others follow."""
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.beginning import Beginning, beginning_of
-from commonlaw.estimation.one_sided import one_sided
+from commonlaw.estimation.fitting import notes_of_limits
+from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, one_sided
 from commonlaw.estimation.search import Objective, minimum
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, measured_schema
@@ -125,6 +127,26 @@ def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None =
         return None
     found = one_sided(begun.problem, begun.first, known, begun.bounds, index, _degrees_of_freedom(law, parameter))
     return None if found is None else OneSidedLimit(owner, parameter, found.limit, found.is_lower)
+
+
+def with_one_sided_limits(law: Law, trials: Trials) -> Law:
+    """Return a law with the limits, and notes on these, of the least certain parameters that have only one.
+
+    Where the likelihood of a law has no profile, as in discrete time or with terms of each object, there are none.
+    """
+    parameters, limits = named_parameters(law), list[OneSidedLimit]()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.nan_to_num(parameters.errors / np.abs(parameters.values))
+    ranked = np.argsort(-relative, axis=None, kind="stable")[:MAX_PROFILES]
+    unsure = zip(*np.unravel_index(ranked[relative.flat[ranked] > VAGUE], relative.shape), strict=True)
+    for o, p in unsure if shares_terms(law) else ():
+        with suppress(CommonlawError):
+            limit = one_sided_limit(law, trials, parameters.names[p], law.objects[o])
+            limits += [] if limit is None else [limit]
+    others = [outcome for outcome in law.provenance.outcomes if outcome.code != "one-sided-limit"]
+    outcomes = (*others, *notes_of_limits(limits, law.objects))
+    uncertainty = replace(law.uncertainty, limits=tuple(limits))
+    return replace(law, uncertainty=uncertainty, provenance=replace(law.provenance, outcomes=outcomes))
 
 
 def _degrees_of_freedom(law: Law, parameter: str) -> float:

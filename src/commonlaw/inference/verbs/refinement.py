@@ -9,6 +9,7 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import check_white, refit, updated
+from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -143,7 +144,8 @@ def refine(
         refined = how.refined(law, trials, partial_pooling, progress)
     refined = pool_objects(replace(refined, provenance=replace(refined.provenance, calls=calls)), None, partial_pooling)
     refuse_infinite(refined)
-    return refined
+    # Laws of a search have neither
+    return with_one_sided_limits(refined, trials) if law.provenance.calls or law.provenance.equations else refined
 
 
 def _of_observation(
