@@ -207,7 +207,7 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
 def _unknowns(law: Law, trials: Trials) -> int:
     """Return how many parameters and initial values of trials were estimated; what objects share counts once."""
     parameters = named_parameters(law)
-    is_free = parameters.errors > 0
+    is_free = (parameters.errors > 0) | parameters.limited
     listed = zip(parameters.values.T, is_free.T, strict=True)
     count = sum(len(np.unique(values[free])) for values, free in listed)
     if law.observation is not None:

@@ -177,15 +177,16 @@ def _with_limits(begun: Beginning, optimum: Optimum) -> tuple[Optimum, dict[int,
 
     problem, limits, degrees = begun.problem, dict[int, OneSided](), float(np.min(optimum.degrees_of_freedom))
     for k in vague(VAGUE)[:MAX_PROFILES]:
-        limit = one_sided(problem, optimum.unknowns, optimum.noise, begun.bounds, k, degrees)
+        error = float(np.sqrt(optimum.covariance[k, k]))
+        limit = one_sided(problem, optimum.unknowns, optimum.noise, begun.bounds, k, error, degrees)
         if limit is not None:
             limits[k] = limit
-    held = list[int]()
+    held, log_likelihood = list[int](), optimum.log_likelihood
     while beyond := [k for k in vague(1.0) if k in limits and k not in held]:
         unknowns = optimum.unknowns if held else limits[beyond[0]].unknowns
         held.append(beyond[0])
         optimum = summarized(problem, unknowns, optimum.noise, begun.bounds, optimum.starts_alike, held)
-    return optimum, limits
+    return replace(optimum, log_likelihood=max(log_likelihood, optimum.log_likelihood)), limits
 
 
 def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:

@@ -18,14 +18,17 @@ it has no upper limit this may be as little as 0.6/(k h) of it."""
 MAX_PROFILES = 20
 """Parameters whose likelihood is profiled, the least certain ones."""
 
-_FAR = (1e3, 1e2)
-"""Multiples of an estimate up to which the likelihood of a parameter without an upper limit is flat."""
+_FAR = 1e3
+"""Multiple of an estimate up to which the likelihood of a parameter without an upper limit is flat."""
 
-_NEAR = tuple(10.0**-power for power in range(9))
-"""Multiples of an estimate among which the limit is looked for, each a power of ten below the last."""
+_NEAR_ERRORS = 4.0
+"""Standard errors at which the deviance of most unknowns is above the quantile."""
 
-_HALVINGS = 6
-"""Of the power of ten that has the limit, on a logarithmic scale: it is within 2 % then."""
+_DECADES = (0, 1, 2, 3, 4, 5, 7, 10, 15, 20)
+"""Powers of ten by which a value is divided where the limit is looked for, first; then intervals are halved."""
+
+_PRECISION = 0.02
+"""Relative, of a limit."""
 
 _MAX_STEPS = 5000
 """Steps of a solution far from the estimate, where equations may oscillate or grow as fast as one likes."""
@@ -44,14 +47,21 @@ class OneSided:
 
 
 def one_sided(
-    problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, index: int, degrees_of_freedom: float
+    problem: Problem,
+    unknowns: Floats,
+    noise: Floats,
+    bounds: Bounds,
+    index: int,
+    error: float,
+    degrees_of_freedom: float,
 ) -> OneSided | None:
     """Return the limit of an unknown that has no other one, None of others.
 
     The deviance ``2 (log L(best) - log L(k))`` of the profile likelihood, under known noise, stays below the squared
     quantile of a one-sided 95 % interval up to a thousand times the estimate on one side of zero, and is above it at
     the limit, nearer to zero, and on the other side. That is of Student's t distribution with the degrees of freedom of
-    the noise, infinite where it is known.
+    the noise, infinite where it is known. A deviance that is above it at four standard errors on both sides, as that of
+    most unknowns, is not followed further.
     """
     size = abs(float(unknowns[index]))
     if not 0 < size < np.inf:
@@ -73,30 +83,36 @@ def one_sided(
         here = cost(value, start)
         return here - min(squares for squares, _ in costs.values()) <= quantile
 
-    best = cost(float(unknowns[index]), unknowns)
-    sides = [side for side in (1.0, -1.0) if cost(side * _FAR[0] * size, unknowns) - best <= quantile]
+    estimate = float(unknowns[index])
+    best, near = cost(estimate, unknowns), min(_NEAR_ERRORS * error, _FAR * size)
+    if all(cost(estimate + side * near, unknowns) - best > quantile for side in (1.0, -1.0)):
+        return None
+    # An estimate whose error is larger is in the flat part
+    far = size if error > _FAR * size else _FAR * size
+    sides = [side for side in (1.0, -1.0) if cost(side * far, unknowns) - best <= quantile]
     if len(sides) != 1:
         return None
     side = sides[0]
 
     def at(value: float) -> Floats:
-        return costs[float(np.clip(value, bounds.low[index], bounds.high[index]))][1]
+        return costs[float(np.clip(side * value, bounds.low[index], bounds.high[index]))][1]
 
-    low, high, flat = 0.0, _FAR[0] * size, at(side * _FAR[0] * size)
-    for multiple in (*_FAR[1:], 10.0, *_NEAR):
-        if not is_likely(side * multiple * size, flat):
-            low = multiple * size
+    low, high, flat = 0.0, far, at(far)
+    for power in _DECADES:
+        value = far * 10.0**-power
+        if not is_likely(side * value, flat):
+            low = value
             break
-        high, flat = multiple * size, at(side * multiple * size)
-    if low in (0.0, _FAR[1] * size):  # It may be zero, or has a limit beyond, too
+        high, flat = value, at(value)
+    if low == 0 or high == far > size:  # It may be zero, or has a limit beyond, too
         return None
-    for _ in range(_HALVINGS):
+    while high > (1 + _PRECISION) * low:
         middle = float(np.sqrt(low * high))
         if is_likely(side * middle, flat):
-            high, flat = middle, at(side * middle)
+            high, flat = middle, at(middle)
         else:
             low = middle
-    if any(is_likely(-side * multiple, flat) for multiple in (low, 10 * low, _FAR[1] * size)):
+    if any(is_likely(-side * value, flat) for value in (low, 10 * low, 0.1 * far)):
         return None
-    inside = min(10 * high, _FAR[0] * size)
-    return None if not is_likely(side * inside, flat) else OneSided(side * high, side > 0, at(side * inside))
+    inside = min(10 * high, far)
+    return OneSided(side * high, side > 0, at(inside)) if is_likely(side * inside, flat) else None

@@ -125,7 +125,10 @@ def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None =
     begun, index, known = _begun(law, trials, parameter, owner)
     if known is None:
         return None
-    found = one_sided(begun.problem, begun.first, known, begun.bounds, index, _degrees_of_freedom(law, parameter))
+    parameters = named_parameters(law)
+    error = float(parameters.errors[law.objects.index(owner), parameters.names.index(parameter)])
+    degrees = _degrees_of_freedom(law, parameter)
+    found = one_sided(begun.problem, begun.first, known, begun.bounds, index, error, degrees)
     return None if found is None else OneSidedLimit(owner, parameter, found.limit, found.is_lower)
 
 

@@ -264,8 +264,11 @@ def coefficients(case: Summary) -> Iterator[Block]:
         text = "Because of lack of fit, these are best-fitting rather than true values; their 95 % intervals "
         text += "reflect sampling error only."
     yield Text(text)
-    pairs = zip(coefficient_names(law), named_parameters(law).errors.T, strict=True)
-    if given := [name for (name, _), errors in pairs if known and not errors.any()]:
+    parameters = named_parameters(law)
+    free = ((parameters.errors != 0) | parameters.limited).any(axis=0)
+    if given := [
+        name for (name, _), is_free in zip(coefficient_names(law), free, strict=True) if known and not is_free
+    ]:
         yield Text(f"Fixed: {literal(', '.join(given))}.")
     intervals, panels = ", with 95 % intervals" if known else "", IntervalPanels(law)
     if len(law.objects) == 1 or len(panels.captions) <= 2:

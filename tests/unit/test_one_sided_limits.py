@@ -1,0 +1,157 @@
+"""Parameters that have a limit on one side only: against profiles in closed form, and wherever they are printed."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import commonlaw as cl
+from commonlaw.app.result import _editable, _table
+from commonlaw.law import average_law, from_json, select_objects, to_json, to_latex
+from commonlaw.law.tables import coefficient_rows, interval_frame, quantities_by_object, spread_tables, to_frame
+from commonlaw.law.uncertainty import OneSidedLimit
+from commonlaw.plots.law import DotPlot
+from commonlaw.summary import parameter_table
+from tests.unit.decays import estimates
+
+pytestmark = pytest.mark.usefixtures("few_starts")
+
+NOISE, STEP = 0.05, 2.0
+TIMES = STEP * np.arange(12)
+RANDOM = np.random.default_rng(4)
+
+
+def _cooling(rate, times=TIMES):
+    return 20 + 60 * np.exp(-rate * times) + NOISE * RANDOM.standard_normal(len(times))
+
+
+FAST = _cooling(5.0)
+
+
+def _trials(temperatures=FAST, times=TIMES):
+    return cl.Trials.from_arrays(times, temperatures, names=["T"])
+
+
+def _limit(temperatures, quantile=2.7055):
+    """Return where the profile of k is, above its least value, by the squared quantile of one side of 95 %."""
+
+    def least(rate):
+        columns = np.stack([1 - np.exp(-rate * TIMES), np.exp(-rate * TIMES)], axis=1)
+        return np.linalg.lstsq(columns, temperatures, rcond=None)[1][0] / NOISE**2
+
+    best = min(map(least, np.geomspace(0.5, 50, 500)))
+    return brentq(lambda rate: least(rate) - best - quantile, 0.5, 6.0)
+
+
+@pytest.fixture(scope="module")
+def law():
+    return cl.fit("T' = -k (T - c); T(0) = a", _trials(), noise={"T": NOISE})
+
+
+def test_the_limit_is_where_the_profile_in_closed_form_has_it(law):
+    (limit,) = law.uncertainty.limits
+    assert (limit.parameter, limit.is_lower) == ("k", True)
+    assert limit.value == pytest.approx(_limit(FAST), rel=0.03)
+    assert [diagnostic.code for diagnostic in law.diagnostics] == ["one-sided-limit"]
+    # Others are those of the samples after the first one, in which nothing is left of the beginning
+    assert estimates(law)["c"] == pytest.approx((FAST[1:].mean(), NOISE / np.sqrt(len(FAST) - 1)), rel=1e-4)
+    assert estimates(law)["a"] == pytest.approx((FAST[0], NOISE), rel=1e-4)
+
+
+@pytest.mark.parametrize("rate", [1.2, 2.0, 30.0])
+def test_plain_fits_have_limits_only_of_what_has_no_other_one(rate):
+    temperatures = _cooling(rate)
+    law = cl.fit("T' = -k (T - c)", _trials(temperatures), noise={"T": NOISE})
+    remains = 60 * np.exp(-rate * STEP) / NOISE
+    assert [limit.parameter for limit in law.uncertainty.limits] == ([] if remains > 10 else ["k"])
+    for limit in law.uncertainty.limits:
+        assert limit.value == pytest.approx(_limit(temperatures), rel=0.05)
+        assert limit.value < rate
+
+
+def test_a_limit_stands_in_place_of_estimate_error_and_interval(law):
+    (limit,) = law.uncertainty.limits
+    text = f"> {limit.value:.3g} (95 %)"
+    assert f"k {text}" in str(law)
+    assert "±" not in law.equations()[0].partition("(T")[0]
+    assert law.equations()[0].startswith("T' = -k (T - (")
+    assert f"k &{limit.latex}" in to_latex(law)
+    assert text in law.summary()
+    cells = parameter_table(law).set_index("parameter").loc["k"]
+    assert np.isnan(cells["standard error"])
+    assert (cells["95 % low"], cells["95 % high"]) == (limit.value, np.inf)
+    assert text in str(_table(parameter_table(law))["rows"])
+    assert text in quantities_by_object(law).iloc[0, 1]
+    dots = {dot.name: dot for dot in DotPlot(law).coefficients}
+    assert (np.isnan(dots["k"].learned[0]), dots["k"].limits[0]) == (True, limit.value)
+    assert np.isnan(dots["c"].limits[0])
+    assert np.isnan(to_frame(law, errors=True).iloc[0, 1])
+    assert text in spread_tables(law, 1)[1].iloc[0].tolist()
+    # An estimate to begin with elsewhere is no measurement
+    assert np.isfinite(_editable(law)["errors"]["k"])
+
+
+def test_tables_for_programs_have_the_limit_and_no_estimate(law):
+    (limit,) = law.uncertainty.limits
+    for frame, estimate in ((coefficient_rows(law), "value"), (interval_frame(law), "coefficient")):
+        row = frame.set_index("parameter").loc["k"]
+        assert np.isnan([row[estimate], row["standard error"]]).all()
+        assert (row["low"], row["high"]) == (limit.value, np.inf)
+    at_levels = [law.conf_int(level).set_index("parameter").loc["k", "low"] for level in (0.8, 0.95, 0.99)]
+    assert at_levels[:2] == [limit.value] * 2
+    assert np.isnan(at_levels[2])
+
+
+def test_quantities_of_a_limited_parameter_have_one_end(law):
+    (limit,) = law.uncertainty.limits
+    rows = law.quantities().set_index("symbol")
+    assert rows.loc["τ", "high"] == pytest.approx(1 / limit.value)
+    assert rows.loc["k", "low"] == pytest.approx(limit.value)
+    assert np.isinf(rows.loc["τ", "low"])
+    assert rows.loc["T*", "standard error"] == pytest.approx(NOISE / np.sqrt(len(FAST) - 1), rel=1e-3)
+
+
+def test_limits_are_saved_and_laws_without_them_still_read(law):
+    assert from_json(to_json(law)) == law
+    assert from_json(to_json(law)).uncertainty.limits == law.uncertainty.limits
+    document = json.loads(to_json(law))
+    del document["uncertainty"]["limits"]
+    assert from_json(json.dumps(document)).uncertainty.limits == ()
+
+
+def test_limits_go_with_their_objects():
+    law = cl.Law.from_text("x' = -k x", {"k": {"cup": 0.5, "mug": 9.0}})
+    limits = (OneSidedLimit("mug", "k", 3.0, is_lower=True),)
+    covariance = np.array([[[0.01]], [[400.0]]])
+    law = cl.law.Law(
+        law.terms,
+        law.schema,
+        law.order,
+        law.objects,
+        law.coefficients,
+        cl.law.Uncertainty(covariance, limits=limits),
+        provenance=law.provenance,
+    )
+    assert select_objects(law, ["mug"]).uncertainty.limits == limits
+    assert select_objects(law, ["cup"]).uncertainty.limits == ()
+    (mean,) = average_law(law).uncertainty.limits
+    assert mean.value == pytest.approx((0.5 - 1.96 * 0.1 + 3.0) / 2, rel=1e-3)
+    lines = str(law).splitlines()
+    assert [line for line in lines if line.startswith("mug")] == ["mug   > 3 (95 %)"]
+
+
+def test_new_data_determine_what_had_only_a_limit(law):
+    times = np.linspace(0.0, 1.0, 15)
+    updated = law.update(_trials(_cooling(5.0, times), times).select(object="object"))
+    assert updated.uncertainty.limits == ()
+    assert estimates(updated)["k"][0] == pytest.approx(5.0, abs=4 * estimates(updated)["k"][1])
+    assert 0 < estimates(updated)["k"][1] < 0.1
+
+
+def test_laws_of_a_search_have_limits_too():
+    law = cl.discover(_trials(), order=1, library="poly:1", method=cl.TrajectoryLikelihood(noise={"T": NOISE}))
+    assert law.uncertainty.limits
+    for limit in law.uncertainty.limits:
+        assert f"{limit.parameter} {limit.text}" in str(law)
+        assert f"{limit.parameter} &" in to_latex(law)
