@@ -230,7 +230,8 @@ class Law(ShownInNotebooks):
         Columns: object, equation, term, parameter, estimate, standard error, low, high and unit; for terms chosen by
         evidence also the inclusion probability. Parameters have their names in `structure`; a parameter of given
         equations has its first term. Standard errors and intervals are conditional on the terms of this law.
-        Unknown values are NaN or empty.
+        Unknown values are NaN or empty. A parameter that has a limit on one side only, such as a rate too fast to be
+        measured, has no standard error, and an interval with one end.
 
         See Also
         --------
