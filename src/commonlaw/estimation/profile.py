@@ -128,8 +128,8 @@ def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None =
     parameters = named_parameters(law)
     error = float(parameters.errors[law.objects.index(owner), parameters.names.index(parameter)])
     degrees = _degrees_of_freedom(law, parameter)
-    found = one_sided(begun.problem, begun.first, known, begun.bounds, index, error, degrees)
-    return None if found is None else OneSidedLimit(owner, parameter, found.limit, found.is_lower)
+    limit = one_sided(begun.problem, begun.first, known, begun.bounds, index, error, degrees)
+    return None if limit is None else OneSidedLimit(owner, parameter, limit.limit, limit.is_lower)
 
 
 def with_one_sided_limits(law: Law, trials: Trials) -> Law:
