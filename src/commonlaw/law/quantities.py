@@ -402,7 +402,7 @@ def _limited(function: Function, parameters: Parameters, o: int) -> Estimate | N
     A monotonic quantity is on one side of its value at the limit of the parameter. One of several such parameters, as a
     ratio of both, may have two limits.
     """
-    support, law, found = parameters.law.support, parameters.law, list[Estimate]()
+    support, law, limited = parameters.law.support, parameters.law, list[Estimate]()
     for limit in (limit for (owner, _), limit in parameters.limits.items() if owner == o):
         by_name = dict(zip(parameters.names, parameters.values[o], strict=True))
         is_outward, values = (limit.value > 0) == limit.is_lower, list[float]()
@@ -416,8 +416,8 @@ def _limited(function: Function, parameters: Parameters, o: int) -> Estimate | N
         end, beyond = values
         if np.isfinite(end) and not np.isclose(end, beyond, rtol=1e-6, atol=0.0):
             ends = (end, np.inf) if beyond > end else (-np.inf, end)
-            found.append(Estimate(float(function(law.coefficients[o, support][np.newaxis])[0]), np.nan, *ends))
-    return found[0] if len(found) == 1 else None
+            limited.append(Estimate(float(function(law.coefficients[o, support][np.newaxis])[0]), np.nan, *ends))
+    return limited[0] if len(limited) == 1 else None
 
 
 def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) -> "pd.DataFrame":
