@@ -251,8 +251,8 @@ def _draw_dots(panel: Axes, numbers: Floats) -> None:
     heights = np.arange(len(learned))
     panel.plot(learned, heights, **_DOT)
     panel.plot(true, heights, **_OPEN)
-    for end, other, marker in ((low, high, CARETRIGHT), (high, low, CARETLEFT)):
-        alone = np.isnan(learned) & np.isfinite(end) & ~np.isfinite(other)
+    for end, opposite, marker in ((low, high, CARETRIGHT), (high, low, CARETLEFT)):
+        alone = np.isnan(learned) & np.isfinite(end) & ~np.isfinite(opposite)
         if alone.any():
             panel.plot(end[alone], heights[alone], **{**_DOT, "marker": marker})
     if errors.any():
