@@ -273,7 +273,7 @@ def computed(book):
             cells = [value(sheet, f"A{row}") for row in range(top, bottom + 1)]
             row = range_boundaries(found[1])[1] + cells.index(value(sheet, found[2]))
             return value(sheet, f"{re.match('[A-Z]+', found[1])[0]}{row}")
-        reference = r"(?:(Parameters)!)?(\$?[A-Z]+\$?\d+)\b"
+        reference = r"(?:(Parameters)!)?(\$?[A-Z]+\$?\d+)\b(?!\()"
         code = re.sub(reference, lambda found: f"value({(found[1] or sheet)!r}, {found[2]!r})", formula)
         functions = {name.upper(): each for name, each in FUNCTIONS.items()} | {"LN": math.log}
         return eval(code.replace("^", "**"), {**functions, "value": value})
