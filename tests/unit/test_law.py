@@ -26,7 +26,7 @@ from commonlaw.law import (
     to_latex,
     to_sympy,
 )
-from commonlaw.law.parameters import coefficient_units
+from commonlaw.law.parameters import coefficient_units, named_parameters
 from commonlaw.law.provenance import Domain
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
 from commonlaw.likelihood import ErrorModel
@@ -484,3 +484,8 @@ def test_the_residuals_of_all_objects_tell_the_noise_of_few_samples_each():
     # With the noise integrated out, of 48 measurements and 16 parameters
     assert (48 - 16) * np.log(ratio) < table["first"] < 48 * np.log(ratio)
     assert table["second"] == 0
+
+
+def test_the_equations_of_a_law_are_read_once():
+    law = cl.Law.from_text("s' = -V s/(K + s)", {"V": 1.0, "K": 2.0})
+    assert named_parameters(law).products is named_parameters(law).products

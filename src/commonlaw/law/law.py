@@ -17,7 +17,7 @@ from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.integration import BETWEEN, METHODS, Event, OutputOptions, Trajectory
 from commonlaw.law import text
 from commonlaw.law.observation import Observation
-from commonlaw.law.parse import Names, read_equations, stated_law
+from commonlaw.law.parse import GivenEquations, Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
@@ -134,10 +134,9 @@ class Law(ShownInNotebooks):
         twice = [name for name, count in Counter(variables.names).items() if count > 1]
         if twice:
             raise CommonlawError("variable-twice", name=twice[0])
-        if self.provenance.equations:
-            given = read_equations(self.provenance.equations, schema, variables)
-            if (given.terms, given.order) != (self.terms, self.order):
-                raise CommonlawError("law-terms-and-equations", terms=self.terms.names, equations=given.texts)
+        given = self._given
+        if given is not None and (given.terms, given.order) != (self.terms, self.order):
+            raise CommonlawError("law-terms-and-equations", terms=self.terms.names, equations=given.texts)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Law):
@@ -150,6 +149,11 @@ class Law(ShownInNotebooks):
     @cached_property
     def _indices(self) -> dict[str, int]:
         return {name: index for index, name in enumerate(self.objects)}
+
+    @cached_property
+    def _given(self) -> GivenEquations | None:
+        texts = self.provenance.equations
+        return read_equations(texts, self.schema, self.terms.variables) if texts else None
 
     @cached_property
     def _shares_terms(self) -> bool:
@@ -851,6 +855,11 @@ def only_object(law: Law, name: str | None) -> str:
     if name is None and len(law.objects) > 1:
         raise CommonlawError("several-objects", objects=", ".join(law.objects))
     return law.objects[0] if name is None else name
+
+
+def given_equations(law: Law) -> GivenEquations | None:
+    """Return what the equations say that a law was given by, read once; None of a law that has none."""
+    return law._given
 
 
 def shares_terms(law: Law) -> bool:

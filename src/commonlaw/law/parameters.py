@@ -13,8 +13,8 @@ from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy.relation import units_of_coefficients
 from commonlaw.integration import VectorField
 from commonlaw.law import text
-from commonlaw.law.law import Law, object_index, shares_terms
-from commonlaw.law.parse import Coefficient, Part, Product, read_equations
+from commonlaw.law.law import Law, given_equations, object_index, shares_terms
+from commonlaw.law.parse import Coefficient, Part, Product
 from commonlaw.law.quantiles import mixture_interval, propagated, two_sided
 from commonlaw.law.text import free_parameter_names
 from commonlaw.law.uncertainty import OneSidedLimit, PlausibleLaw
@@ -198,8 +198,7 @@ def named_parameters(law: Law) -> Parameters:
 
     One for each coefficient that is no known number, or those of the equations that were given.
     """
-    if law.provenance.equations:
-        given = read_equations(law.provenance.equations, law.schema, law.terms.variables)
+    if (given := given_equations(law)) is not None:
         return Parameters(law, given.coefficients, given.products)
     known = np.all((standard_errors(law) == 0) & (law.coefficients == law.coefficients[:1]), axis=0)
     places = np.argwhere(law.support & ~(known & law.terms.is_factor)).tolist()
