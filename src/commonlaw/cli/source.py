@@ -523,7 +523,10 @@ def check(source: Source, order: int | None, library: str | None, save: tuple[st
         say("Data checks: no problem found.")
     say("")
     frame = report.to_frame()
-    print_frame(frame, {name: name.replace("_", " ") for name in map(str, frame)})
+    if not any("`clip_irregular()`" in text for text in report.findings):
+        frame = frame.drop(columns="clipped")  # Where no frame is out of the ordinary it is no advice
+    headings = {name: name.replace("_", " ") for name in map(str, frame)}
+    print_frame(frame, headings | {"clipped": "cut by --clip"})
     for path in save:
         say(f"Wrote {path}")
     print_notes(trials.notes)
