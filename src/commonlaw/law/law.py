@@ -216,7 +216,7 @@ class Law(ShownInNotebooks):
         with v = x', g [m/s²] = 9.769 ± 0.075, c [1/s] = 0.0992 ± 0.0052
         <BLANKLINE>
         object equation term parameter estimate standard error    low   high unit
-        Ball 1      x''    1         g    9.769          0.075  9.619  9.919 m/s²
+        Ball 1      x''    1         g    9.769          0.075  9.619  9.918 m/s²
         Ball 1      x''    v         c   0.0992         0.0052 0.0889 0.1096  1/s
         <BLANKLINE>
         object                  form       quantity symbol estimate standard error  low  high unit
