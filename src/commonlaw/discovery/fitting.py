@@ -18,10 +18,17 @@ from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation import needs_model
-from commonlaw.estimation.beginning import FREE, InitialGiven, begin, initial_time_of, written_starts
+from commonlaw.estimation.beginning import (
+    FREE,
+    InitialGiven,
+    begin,
+    initial_time_of,
+    refuse_zero_columns,
+    written_starts,
+)
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
 from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
-from commonlaw.estimation.model import ModelText
+from commonlaw.estimation.model import ModelText, read_model
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -235,6 +242,8 @@ def fit(
     if input_interpolation is None:
         _refuse_interpolated_amounts(model, trials, doses)
     dosed = with_doses(trials, doses)
+    if not called:
+        _refuse_zero_columns(model, dosed)
     starts = written_starts(model, initial_values or {})
     initial_time = usual_initial_time(trials) if initial_time is None else initial_time
     at = initial_time_of(dosed, initial_time, starts)
@@ -384,6 +393,15 @@ def _refuse_interpolated_amounts(model: ModelText, trials: Trials, doses: Sequen
         occurrence = re.compile(rf"(?<!\w)`?{re.escape(name)}`?(?!\w)")
         if name not in doses and any(occurrence.search(equation) for equation in model.equations):
             raise CommonlawError("doses-interpolated", name=name)
+
+
+def _refuse_zero_columns(text: ModelText, trials: Trials) -> None:
+    """Refuse parameters of columns of zeros; what else may be wrong with equations is refused where they are fitted."""
+    try:
+        model = read_model(text, trials.schema, property_names(trials.properties))
+    except CommonlawError:
+        return
+    refuse_zero_columns(model, trials)
 
 
 def _refuse_free_starts(trials: Trials, states: Sequence[str]) -> None:

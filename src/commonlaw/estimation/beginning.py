@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
-from itertools import pairwise
+from itertools import compress, pairwise
 from numbers import Real
 
 import numpy as np
@@ -495,3 +495,31 @@ def _values_of(law: Law, begun: "Beginning") -> Floats:
             if value != 0 and np.isfinite(value):
                 result[k] = value
     return result
+
+
+def refuse_zero_columns(model: Model, trials: Trials) -> None:
+    """Refuse parameters that multiply, or are powers of, nothing but inputs and properties that are zero everywhere.
+
+    Rates, observables and initial values then have no derivative by them, whatever the states are; with other values of
+    these columns they have.
+    """
+    inputs, given = trials.schema.inputs, trials.properties
+    is_zero = [all(not trial.inputs[:, c].any() for trial in trials) for c in range(len(inputs))]
+    signals = [is_zero[c] for c in model.column]
+    zero = [all(given.get(owner, {}).get(name) == 0 for owner in trials.objects) for name in model.parameters]
+    columns = [*compress(inputs, is_zero), *compress(model.parameters, zero)]
+    if not columns or model.events:
+        return
+    points = np.random.default_rng(0).uniform(0.5, 2.0, (20, len(model.variables.names)))
+    without, first = points.copy(), model.first_parameter
+    without[:, model.width : model.width + len(signals)][:, signals] = 0.0
+    without[:, first:][:, zero] = 0.0
+
+    def matters(values: Floats) -> Bools:
+        with np.errstate(all="ignore"):
+            slopes = [program.jacobian(values)[:, :, first:] for program in (model.rates, model.outputs, model.starts)]
+        return np.any(np.nan_to_num(np.concatenate(slopes, axis=1)) != 0, axis=(0, 1))
+
+    lost = matters(points) & ~matters(without) & ~np.array(zero)
+    if lost.any():
+        raise CommonlawError("parameters-of-zero-column", names=[*compress(model.parameters, lost)], columns=columns)
