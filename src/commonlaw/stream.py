@@ -28,7 +28,7 @@ from commonlaw.forecast.forecast import Forecast, variation
 from commonlaw.forecast.population import is_typical
 from commonlaw.forecast.prediction import predict
 from commonlaw.law import Law, select_objects
-from commonlaw.runtime.arguments import checks_types
+from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import done_in_parts, on_cluster
 from commonlaw.runtime.files import make_folder, write_whole
 from commonlaw.runtime.forking import cached_property
@@ -46,7 +46,6 @@ WITHIN = "within 95 % band"
 """Column with the share of a state's measurements in the bands of its forecast."""
 
 
-@checks_types
 def forecast_stream(
     law: Law,
     stream: TrialStream,
@@ -85,6 +84,7 @@ def forecast_stream(
     """
     if not isinstance(stream, TrialStream):
         raise CommonlawError("forecast-not-a-stream", type=type(stream).__name__)
+    check_types(forecast_stream, locals())
     with on_cluster(client):
         parts = forecast_parts(law, stream, progress, folder, start=start, from_time=from_time)
     result = [frame for frame in parts if len(frame)]
@@ -290,7 +290,6 @@ class StreamResiduals(AbstractPatterns):
         return f"<Residuals of {counted(self.objects.iloc[:, 0].nunique(), 'object')}: {among}>"
 
 
-@checks_types
 def check_stream(
     law: Law, stream: TrialStream, *, client: "Client | None" = None, progress: ProgressCallback | None = None
 ) -> StreamResiduals:
@@ -316,6 +315,7 @@ def check_stream(
 
     if not isinstance(stream, TrialStream):
         raise CommonlawError("residuals-not-a-stream", type=type(stream).__name__)
+    check_types(check_stream, locals())
     refuse_discrete_time(law)
     parts, progress = stream.parts or (stream,), progress or on_terminal()
     with on_cluster(client):

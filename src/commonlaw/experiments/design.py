@@ -24,12 +24,11 @@ from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.alignment import has_bands, matched, measured_schema
 from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
-from commonlaw.runtime.arguments import checks_types
+from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.trials import Trials
 
 
-@checks_types
 def design(
     law: Law | Sequence[Law],
     vary: Mapping[str, object] | None = None,
@@ -112,10 +111,14 @@ def design(
     >>> found.chance > found.chance_now
     True
     """
-    if experiments < 1:
-        raise CommonlawError("design-count", count=experiments)
+    arguments = locals()
     if vary is not None and not isinstance(vary, Mapping):
         raise CommonlawError("design-trials-by-name")
+    # Laws and amounts in lists and mappings are checked by name below
+    inside = [name for name in ("law", "start_std", "cost") if isinstance(arguments[name], Mapping | Sequence)]
+    check_types(design, {name: value for name, value in arguments.items() if name not in inside})
+    if experiments < 1:
+        raise CommonlawError("design-count", count=experiments)
     laws = [law] if isinstance(law, Law) else list(law)
     if not laws or not all(isinstance(model, Law) for model in laws):
         raise CommonlawError("design-without-laws")

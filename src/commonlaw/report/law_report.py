@@ -442,7 +442,7 @@ def curve_blocks(forecast: Forecast, kind: str) -> Iterator[Block]:
     errors = errors if forecast.outcomes else errors.drop(columns="diverged after")
     errors = errors.assign(state=[with_unit(state, units.get(state)) for state in errors["state"]])
     named = {"rms error": f"RMS {what}", "largest error": f"largest {what}", "last error": f"last {what}"}
-    errors = errors.rename(columns=named)
+    errors.columns = [named.get(name, name) for name in map(str, errors)]
     yield folded(Table(f"{kind}-errors", f"{word} by trial.", errors, 3), f"{word} by trial")
     yield Fold(f"{word} of all trials", (Picture(f"{kind}-all", f"{word}.", partial(plot_errors, forecast)),))
 
