@@ -685,9 +685,11 @@ def _jumps_twice(values: Floats) -> bool:
     steps = np.abs(np.diff(values))
     if len(values) < 9:
         return False
-    parts = np.split(values, np.flatnonzero(steps > 10 * np.median(steps)) + 1)
-    within = sum(float(np.sum((part - part.mean()) ** 2)) for part in parts)
-    return len(parts) > 2 and min(map(len, parts)) >= 3 and within < 0.01 * len(values) * float(np.var(values))
+    jumps = np.flatnonzero(steps > 10 * np.median(steps)) + 1
+    if len(jumps) < 2 or np.diff(jumps, prepend=0, append=len(values)).min() < 3:
+        return False
+    within = sum(float(np.sum((part - part.mean()) ** 2)) for part in np.split(values, jumps))
+    return within < 0.01 * len(values) * float(np.var(values))
 
 
 def last_digit(values: Floats) -> float:

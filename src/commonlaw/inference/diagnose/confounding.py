@@ -64,14 +64,16 @@ def confounded_sets(
     Raises `CommonlawError` if the library does not fit the variables.
     """
     given = None if library is None else parse_library(library)
-    curves = _curves(trials, order)
     variables, states = law_variables(trials.schema, order), trials.schema.states
     orders = order_of_each(order, len(states))
+    if given is None and len(variables.states) + len(variables.inputs) > settings.MAX_VARIABLES:
+        return ()
     choices = [given] if given else [PolynomialLibrary(degree) for degree in (3, 2, 1)]
-    for terms in (choice.bind(replace(variables, functions=choice.functions)) for choice in choices):
-        used = sorted(set().union(*(term.columns() for term in terms.terms)))
-        if not 1 < len(used) <= settings.MAX_VARIABLES:
-            continue
+    offered = [choice.bind(replace(variables, functions=choice.functions)) for choice in choices]
+    columns = [sorted(set().union(*(term.columns() for term in terms.terms))) for terms in offered]
+    usable = [pair for pair in zip(offered, columns, strict=True) if 1 < len(pair[1]) <= settings.MAX_VARIABLES]
+    curves = _curves(trials, order) if usable else []
+    for terms, used in usable:
         forms = {n: _IntegralForm.of(curves, terms, n) for n in {*orders}}
         if all(form.objects for form in forms.values()):
             confounded = (_one_equation(forms[n], j, used, curves) for j, n in enumerate(orders))
