@@ -99,3 +99,14 @@ def test_cells_that_show_nothing_more_are_read_as_all_are():
                     continue
                 alone = numerals(np.array([cell], dtype=object), replace(notation, decimal=result.decimal or "."))
                 assert isinstance(alone, Unreadable) or alone.values[0] == result.values[i]
+
+
+def test_rows_of_several_blocks_are_those_of_one():
+    line = b'%d;"a;' + b"b" * 3000 + b'";%d.5\n'
+    content = b"t;word;x\n" + b"".join(line % (i, i % 7) if i % 1000 else b"\n" for i in range(1, 6_001))
+    table = table_in("t.csv", content)
+    assert len(content) > 2**24
+    assert len(table) == 5_994
+    np.testing.assert_array_equal(table.numbers("x"), table.numbers("t") % 7 + 0.5)
+    assert table.number(999) == 1002
+    assert table.locate(len(table) - 1) == "row 5994 (line 6000)"

@@ -37,9 +37,8 @@ MOST_LINES = 2 * MOST_ROWS
 """Lines of text, with blank ones and comments."""
 LONGEST_LINE = 2**22
 """Bytes of a line of text: 400 characters in each of `MOST_COLUMNS`."""
-LARGEST_INFLATION = 100
 LARGEST_INFLATED = 2**28
-"""Ratio of unpacked to packed bytes beyond which a file is an attack (Apache POI), and bytes up to which it may be."""
+"""Bytes to which a compressed file may unpack: text of 10 bytes in each of `MOST_CELLS`."""
 LARGEST_JSON = 2**26
 """Bytes of a law, and of what a Parquet file says of its columns."""
 DEEPEST = 32
@@ -131,17 +130,17 @@ def check_size(source: str, rows: int, columns: int) -> None:
 def unpacked(source: str, content: bytes) -> bytes:
     """Return what a file holds that may be compressed: by gzip, bzip2 or xz.
 
-    Raises `CommonlawError` if it is damaged, unpacks to more than `LARGEST_FILE`, takes more memory for that, or is
-    text of more or longer lines than `MOST_LINES` and `LONGEST_LINE`.
+    Raises `CommonlawError` if it is damaged, unpacks to more than `LARGEST_INFLATED`, takes more memory for that, or
+    is text of more or longer lines than `MOST_LINES` and `LONGEST_LINE`.
     """
     import lzma
 
     if not content.startswith((_GZIP, _BZIP2, _XZ)):
-        _check_parts(source, (content[i : i + 2**20] for i in range(0, len(content), 2**20)), len(content))
+        _check_parts(source, (content[i : i + 2**20] for i in range(0, len(content), 2**20)), LARGEST_FILE)
         return content
     try:
         # Counted first, as a small file may unpack to more than the memory holds
-        _check_parts(source, _parts(content), len(content))
+        _check_parts(source, _parts(content), LARGEST_INFLATED)
         whole = io.BytesIO()
         whole.writelines(_parts(content))
         return whole.getvalue()
@@ -151,9 +150,8 @@ def unpacked(source: str, content: bytes) -> bytes:
         raise CommonlawError("not-unpacked", source=source, error=error) from None
 
 
-def _check_parts(source: str, parts: Iterable[bytes], packed: int) -> None:
-    """Refuse content at the first part with which it is too large; `packed` is the number of bytes of the file."""
-    limit = min(LARGEST_FILE, max(LARGEST_INFLATED, LARGEST_INFLATION * packed))
+def _check_parts(source: str, parts: Iterable[bytes], limit: int) -> None:
+    """Refuse content at the first part with which it is larger than a number of bytes, or has too many lines."""
     size = lines = length = 0
     is_text = True
     for part in parts:

@@ -10,6 +10,7 @@ from itertools import accumulate, chain, islice, pairwise, zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import CommonlawError
@@ -406,6 +407,10 @@ def _are_plain(cells: Column) -> bool:
     return True
 
 
+_BLOCK = 2**24
+"""Bytes of text that are looked through at a time."""
+
+
 def _lines_and_begins(
     source: str, content: bytes, delimiter: str, width: int, before: int
 ) -> tuple[Indices, Bools] | None:
@@ -413,7 +418,24 @@ def _lines_and_begins(
 
     That is where rows differ in width, or a quotation mark is not at the begin or the end of a cell in one line.
     """
-    codes, (mark, quote, end) = np.frombuffer(content, dtype=np.uint8), map(ord, (delimiter, '"', "\n"))
+    lines, begins, start, rows, stop = list[Indices](), np.zeros(width, dtype=np.bool_), 0, 0, before
+    while start < len(content):
+        end = content.find(b"\n", start + _BLOCK) + 1 or len(content)
+        known = _blank_lines_and_begins(np.frombuffer(content, np.uint8, end - start, start), delimiter, width)
+        if known is None:
+            return None
+        is_blank, is_odd = known
+        rows += int(np.sum(~is_blank))
+        check_size(source, rows, width)
+        lines.append(np.where(is_blank, 0, stop + 1 + np.arange(len(is_blank))))
+        begins |= is_odd
+        start, stop = end, stop + len(is_blank)
+    return np.concatenate(lines), begins
+
+
+def _blank_lines_and_begins(codes: NDArray[np.uint8], delimiter: str, width: int) -> tuple[Bools, Bools] | None:
+    """Return which lines of a block of text are empty, and `begins` of `_Cells`; see `_lines_and_begins`."""
+    mark, quote, end = map(ord, (delimiter, '"', "\n"))
     is_quote = codes == quote
     quotes, cell_ends = np.flatnonzero(is_quote), np.flatnonzero((codes == mark) | (codes == end))
     if len(quotes):
@@ -429,21 +451,18 @@ def _lines_and_begins(
         if (codes[cell_ends[is_quoted]] == end).any():
             return None
         cell_ends = cell_ends[~is_quoted]
-    del is_quote
     last = np.flatnonzero(codes[cell_ends] == end)  # Of each line, the index of its last cell among all cells
     is_blank = np.diff(cell_ends[last], prepend=-1) == 1
-    check_size(source, int(np.sum(~is_blank)), width)
     is_regular = is_blank | (np.diff(last, prepend=-1) == width)
     if not is_regular.all() or np.diff(cell_ends, prepend=-1).max() > csv.field_size_limit():
         return None
-    lines = np.where(is_blank, 0, before + 1 + np.arange(len(last)))
     begin = np.append(0, cell_ends[:-1] + 1)
     first, second = codes[begin], codes[np.minimum(begin + 1, len(codes) - 1)]
     is_zero = (first == ord("0")) & (second >= ord("0")) & (second <= ord("9"))
     is_odd = is_zero | (first == ord("+")) | ((first == ord("-")) & (second == ord("0"))) | (first == quote)
     odd = np.flatnonzero(is_odd)
     row = np.searchsorted(last, odd)
-    return lines, np.bincount(odd - np.append(0, last[:-1] + 1)[row], minlength=width)[:width] > 0
+    return is_blank, np.bincount(odd - np.append(0, last[:-1] + 1)[row], minlength=width)[:width] > 0
 
 
 def _without_comments(source: str, text: str) -> tuple[str, dict[int, str]]:
