@@ -188,3 +188,11 @@ def test_a_fast_beginning_between_samples_costs_no_accuracy():
     rates, start, times = np.array([[-1e5, 1e5], [-1.0, 0.0]]), np.array([3.0, 1.0]), np.linspace(0, 3, 4)
     (found,) = simulate([InitialValueProblem(VectorField(terms, rates), start, times)], method="scipy")
     np.testing.assert_allclose(found.states, [expm(rates * t) @ start for t in times], rtol=2e-7)
+
+
+def test_a_state_that_overflows_within_the_first_step_has_diverged():
+    law = cl.Law.from_text("x'' = k v", {"k": 1e5})
+    how = {"method": "scipy", "tolerance": 1e-5, "sensitivities": True}
+    trajectory = law.simulate([0.0, 0.07], [11.0, -4935.0], **how)["object"]
+    assert trajectory.outcome.code == "diverged"
+    assert trajectory.ended < 0.001

@@ -238,7 +238,7 @@ def _steps(rhs: RightHandSide, states: Floats, time: float, stops: Floats, rtol:
             yield solver
             if count % _RESTART_STEPS == 0:
                 restarts = restarts + 1 if solver.t - mark < least and solver.status == "running" else 0
-                if restarts > _MAX_RESTARTS:
+                if restarts > _MAX_RESTARTS or not np.isfinite(solver.y).all():
                     return
                 if restarts:
                     solver = begin(solver.t, solver.y)
