@@ -13,6 +13,8 @@ import commonlaw as cl
 from commonlaw import CommonlawError
 from commonlaw.app.equations import solved
 from commonlaw.app.question import Equations, Table
+from commonlaw.cli.results import load
+from commonlaw.cli.source import Source
 from commonlaw.trials.trial import Dose
 from commonlaw.verdict import find
 
@@ -265,6 +267,14 @@ def test_tables_of_forecasts_have_times_measured_or_wanted_and_states_after_dose
     later = law.predict(trials, times=wanted, from_time=3.0, return_std=True).interval()
     assert later["TIME"].tolist() == [3, 4, 5, 7, 9]
     assert (later["high"] > later["low"]).all()
+
+
+@pytest.mark.parametrize("given", [{}, {"inputs": ("dose",)}])
+def test_compartments_need_no_column_where_there_are_doses(given: dict[str, tuple[str, ...]], tmp_path: Path) -> None:
+    (tmp_path / "oral.csv").write_text("patient,h,dose,conc\n1,0,320,\n1,1,,4\n1,2,,5\n1,4,,3\n1,9,,1\n")
+    source = Source.of(str(tmp_path / "oral.csv"), given)
+    trials = load(source, ["depot' = -ka depot + dose; conc' = ka depot/V - k conc"], dosed=bool(given))
+    assert (trials.schema.states, trials.schema.inputs) == (("conc",), given.get("inputs", ()))
 
 
 def test_other_verbs_take_the_doses(tmp_path: Path) -> None:

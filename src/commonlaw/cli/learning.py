@@ -170,7 +170,7 @@ def fit(
         known = {name: number_or_text(value) for name, value in by_name("--initial-value", initial_values).items()}
         groups = {name: by or ALL for name, _, by in (group.partition("=") for group in shared)}
         others = [rival] if rival else []
-        trials = without_notes_on(doses, load(source, [equations], others, known, groups.values()))
+        trials = without_notes_on(doses, load(source, [equations], others, known, groups.values(), bool(doses)))
         training = source.select(trials)
         origin = None if initial_time is None else number_or_text(initial_time)
         settings |= {"initial_time": origin, "doses": doses, "guesses": numbers("--guess", guesses) or None}

@@ -68,11 +68,12 @@ def load(
     laws: "Iterable[Law]" = (),
     starts: Container[str] = (),
     groups: Iterable[str] = (),
+    dosed: bool = False,
 ) -> "Trials":
     """Return the trials, their columns in the roles that equations and other laws give them.
 
-    What has an equation and a column was measured; states of observation equations, or with initial values, need none.
-    Columns of `groups` are inputs.
+    What has an equation and a column was measured; states of observation equations, or with initial values, need none,
+    and none do where there are doses, before which they are zero. Columns of `groups` are inputs.
     """
     from commonlaw.estimation.model import ModelText
 
@@ -83,7 +84,8 @@ def load(
     named = text.named
     trials = as_named(trials, named, "; ".join(equations))
     columns = (*trials.schema.states, *trials.schema.inputs)
-    states = tuple(name for name in named if name in columns or (text.is_plain and name not in starts))
+    may_be_latent = not text.is_plain or dosed or trials.schema.administered
+    states = tuple(name for name in named if name in columns or not (may_be_latent or name in starts))
     if source.dataset or "states" in source.roles:
         return trials
     if trials.schema.wide and len(states) == 1:
