@@ -372,6 +372,14 @@ def test_combinations_of_many_parameters_are_drawn():
     assert grid_product([np.array([1.0, 2.0]), np.array([3.0, 4.0])]).tolist() == [[1, 3], [1, 4], [2, 3], [2, 4]]
 
 
+@pytest.mark.parametrize("text", ["x' = tan(0.5/w)", "x' = exp(w x)"])
+def test_parameters_at_the_end_of_numbers_are_refused_without_a_warning(text):
+    """The angle is constant; the variance overflows."""
+    times = np.linspace(0, 2, 12)
+    with refused("parameters-not-identified", names=["w"]):
+        cl.fit(text, cl.Trials.from_arrays(times, 50 - 4.9 * times**2, names=["x"]), errors="white")
+
+
 def test_a_power_that_is_infinite_at_a_sample_is_refused_without_a_warning():
     times = np.linspace(0, 0.7, 6)
     with refused("terms-nowhere-finite"):

@@ -201,4 +201,5 @@ def _inverse(factor: Floats) -> Floats:
     values, directions = np.linalg.svd(factor / norms)[1:]
     values = np.append(values, np.zeros(len(directions) - len(values)))
     inverse = (directions.T / np.maximum(values, 1e-14 * values.max(initial=0.0))) / norms[:, np.newaxis]
-    return np.asarray(inverse @ inverse.T)
+    with np.errstate(over="ignore"):  # Of a parameter that the measurements do not determine
+        return np.asarray(inverse @ inverse.T)

@@ -110,7 +110,7 @@ def _add_grids(
         case ast.BinOp(op=op, left=left, right=right):
             for operand, sibling, first in ((right, left, False), (left, right, True)):
                 other_size = _size(sibling, values)
-                if angle and isinstance(operand, ast.Name) and other_size is not None:
+                if angle and isinstance(operand, ast.Name) and other_size and np.ptp(_along(sibling, values)):
                     if isinstance(op, ast.Mult):
                         grids.setdefault(int(operand.id[1:]), _frequencies(sibling, values))
                     elif isinstance(op, ast.Div) and not first:
