@@ -19,6 +19,12 @@ _STEP = re.compile(r"step\([^()]*\)")
 _SIMPLE = re.compile(r"[\w.]+|`[^`]+`")
 _QUOTED = re.compile(r"`(?:[^`]|``)+`")
 _BRACED = re.compile(rf"{_QUOTED.pattern}|\{{([^{{}}`]+)\}}")
+_DOMAIN = re.compile(
+    r"(?P<function>(?<!\w)(?:sqrt|ln|log\w*|acos\w*|arccos\w*)(?=\())?(?P<argument>\(|`[^`]*`|(?<!\w)[^\W\d]\w*(?![\w(]))"
+)
+"""What may be the argument of a root or logarithm, or the base of a power."""
+_POWER = re.compile(r"\s*(?:\^|\*\*)(?!\s*\d+(?![\w.]))")
+"""A power that is not a whole number."""
 _SEPARATOR = re.compile(r"[;\n]")
 _TRIAL = re.compile(r"@\s*\"([^\"]*)\"")
 
@@ -98,7 +104,8 @@ def _call(name: str, inner: str, whole: str) -> str:
         raise CommonlawError("switch-arguments", name=name, expression=whole)
     if name == "where":
         condition, *both = arguments
-        yes, no = map(_factor, both)
+        holds = condition if _STEP.fullmatch(condition) else f"({condition})"
+        yes, no = map(_factor, (_guarded(both[0], holds), _guarded(both[1], f"(1 - {holds})")))
         return f"({condition}*{yes})" if no == "0" else f"({condition}*{yes} + (1 - {condition})*{no})"
     first, second = map(_factor, arguments)
     if name.startswith("max") and "0" in (first, second):
@@ -106,6 +113,40 @@ def _call(name: str, inner: str, whole: str) -> str:
         return f"(step({positive})*{positive})"
     larger = f"{first} - {second}" if name.startswith("max") else f"{second} - {first}"
     return f"({second} {'+' if name.startswith('max') else '-'} step({larger})*({larger}))"
+
+
+def _guarded(branch: str, holds: str) -> str:
+    """Return a branch whose roots, logarithms and powers have a value where its condition does not hold.
+
+    There what they are of is one: ``sqrt(g)`` is ``sqrt(holds*g + (1 - holds))``, or ``sqrt(max(g, 0))`` if the
+    condition is ``g > 0``. A branch that is not taken would be times zero, and no number times zero is no number.
+    """
+    guarded, at = "", 0
+    for match in _DOMAIN.finditer(branch):
+        if match.start() < at:
+            continue
+        begins = match.start("argument")
+        ends = _closing(branch, begins, branch) + 1 if branch[begins] == "(" else match.end("argument")
+        power = _POWER.match(branch, ends)
+        if not (match["function"] or power):
+            continue
+        argument = branch[begins:ends]
+        inner = _guarded(argument[1:-1], holds) if argument[0] == "(" else argument
+        is_root = power is not None or match["function"] == "sqrt"
+        if is_root and _is_positive(inner, holds):
+            inner = f"step({inner})*{_factor(inner)}"
+        else:
+            inner = f"{holds}*{_factor(inner)} + (1 - {holds})"
+        guarded += f"{branch[at : match.start()]}{match['function'] or ''}({inner})"
+        at = ends
+    return guarded + branch[at:]
+
+
+def _is_positive(text: str, holds: str) -> bool:
+    """Return whether a condition, or the opposite of one, is that a number is not negative."""
+    opposite = re.fullmatch(r"\(1 - step\((.+) - (.+)\)\)", holds)
+    below = opposite and (opposite[2] if opposite[1] == "0" else f"{opposite[2]} - {opposite[1]}")
+    return text == below or holds == f"step({text})"
 
 
 def _factor(text: str) -> str:
