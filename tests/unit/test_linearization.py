@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+import commonlaw as cl
 from benchmarks.variational import cramer_rao, solve
 from commonlaw.library import with_rates
-from commonlaw.likelihood import Estimate, ObservationModel, TrajectoryModel, fit, linearize, meshes
+from commonlaw.likelihood import Estimate, LatentProcesses, ObservationModel, TrajectoryModel, fit, linearize, meshes
 from commonlaw.likelihood.collocation import jacobians
 from commonlaw.likelihood.fitting import eliminate_states
 from tests.unit.trajectories import DIFFICULT, SUPPORT, difficult, information, of_prey, prey, terms_of, trial
@@ -136,3 +137,46 @@ def test_the_linearization_about_the_best_fit_has_its_minimum_and_curvature_ther
     again = rows.least_squares(SUPPORT.ravel(), 0).reshape(SUPPORT.shape)
     np.testing.assert_allclose((again - found.coefficients)[SUPPORT] / errors, 0, atol=0.05)
     np.testing.assert_allclose(information(model, found, SUPPORT, 0.1), held, rtol=1e-6)
+
+
+def autocorrelated(order, white, correlated, points):
+    """Return the linearization of exact samples of x' = a x or x'' = a x under AR(1) errors, by nodes between them."""
+    times, rate = np.linspace(0, 4, 40), -0.7 if order == 1 else -4.0
+    law = cl.Law.from_text("x' = a x" if order == 1 else "x'' = a x", {"a": rate})
+
+    def states(grid):
+        if order == 1:
+            return 4 * np.exp(rate * grid)[:, np.newaxis]
+        return 4 * np.column_stack([np.cos(2 * grid), -2 * np.sin(2 * grid)])
+
+    grid = meshes(list(cl.Trials.from_arrays(times, states(times)[:, :1], names=["x"])), points)
+    unit = np.array([white, white / times[1]])[:order]
+    latent = LatentProcesses(np.array([correlated]), 0.5)
+    model = TrajectoryModel(law.terms, grid, ObservationModel(np.array([white])), unit, latent)
+    nodes = tuple(np.column_stack([states(mesh.times), 0 * mesh.times]) for mesh in grid)
+    return linearize(model, Estimate(nodes, np.array([[rate]])), 1e-5)
+
+
+def by_generalized_least_squares(order, white, correlated):
+    """Return the same from a dense covariance: the standard error of a, and the deviance with starts integrated out."""
+    t = np.linspace(0, 4, 40)
+    starts, slope = np.exp(-0.7 * t)[:, np.newaxis], 4 * t * np.exp(-0.7 * t)
+    if order == 2:
+        starts, slope = np.column_stack([np.cos(2 * t), np.sin(2 * t) / 2]), t * np.sin(2 * t)
+    covariance = white**2 * np.eye(40) + correlated**2 * np.exp(-np.abs(t - t[:, np.newaxis]) / 0.5)
+    columns = np.column_stack([slope, starts])
+    information = columns.T @ np.linalg.solve(covariance, columns)
+    deviance = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(information[1:, 1:])[1]
+    return np.sqrt(np.linalg.inv(information)[0, 0]), deviance
+
+
+@pytest.mark.parametrize("points", [1, 2, 4])
+@pytest.mark.parametrize("white", [0.03, 0.001])
+@pytest.mark.parametrize("order", [1, 2])
+def test_nodes_between_samples_leave_errors_and_evidence_of_autocorrelated_noise(order, white, points):
+    inside = [autocorrelated(order, white, level, points) for level in (0.1, 0.3)]
+    exact = [by_generalized_least_squares(order, white, level) for level in (0.1, 0.3)]
+    errors = [1 / abs(linear.problem.factor[0, 0]) for linear in inside]
+    assert errors == pytest.approx([error for error, _ in exact], rel=2e-3)
+    change = inside[1].log_determinant - inside[0].log_determinant
+    assert change == pytest.approx(exact[1][1] - exact[0][1], abs=0.02)

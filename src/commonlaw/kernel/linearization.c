@@ -33,43 +33,58 @@ typedef struct {
     double missing, rate, hidden;
 } Vagueness;
 
-/* Fill the variances of states and latent processes that were not measured. */
-static void fill_vague(const Model *model, const Mesh *mesh, Vagueness beyond, double *vague) {
-    const int64_t d = model->equations, D = d + model->rates;
+/* Variances of states and latent processes that were not measured, their logarithms at the ends of steps, and of first
+   points those of their ratios to the variances under white noise alone; W each. */
+typedef struct {
+    double *variances, *logs, *ratios;
+} Vague;
+
+/* Fill them. */
+static void fill_vague(const Model *model, const Mesh *mesh, Vagueness beyond, Vague vague) {
+    const int64_t d = model->equations, D = d + model->rates, W = D + model->latent;
     const double rate = beyond.rate / mesh->typical_step;
+    memset(vague.ratios, 0, sizeof(double) * (size_t)W);
     for (int64_t j = 0; j < d; ++j) {
         double variance = 0;
         for (int64_t i = 0; i < mesh->points; ++i) variance += mesh->std[i * d + j] * mesh->std[i * d + j];
         variance /= (double)mesh->points;
-        vague[j] = beyond.missing * beyond.missing * variance;
-        if (model->highest[j] != j) vague[model->highest[j]] = rate * rate * variance;
+        const double error = model->correlated ? beyond.hidden * model->latent_std[j] : 0;
+        const double white = beyond.missing * beyond.missing * variance, white_rate = rate * rate * variance;
+        const int64_t a = model->highest[j];
+        vague.variances[j] = white + error * error;
+        vague.ratios[j] = log(vague.variances[j] / white);
+        if (a == j) continue;
+        vague.variances[a] = white_rate + error * error / (mesh->typical_step * mesh->typical_step);
+        vague.ratios[a] = log(vague.variances[a] / white_rate);
     }
     for (int64_t l = 0; l < model->latent; ++l) {
         const double std = beyond.hidden * model->latent_std[l];
-        vague[D + l] = std * std;
+        vague.variances[D + l] = std * std;
     }
+    for (int64_t a = 0; a < W; ++a) vague.logs[a] = log(vague.variances[a]);
 }
 
 /* Fill what is known of one point: the covariance of its states and latent processes, W x W, and their centre less the
-   estimate. Returns the sum of the logarithms of variances of what was not measured. */
-static double measured_at(const Model *model, const Mesh *mesh, const double *vague, int64_t i, const double *states,
+   estimate. Returns the sum of the logarithms of variances of what was not measured, or at first points of ratios. */
+static double measured_at(const Model *model, const Mesh *mesh, Vague vague, int64_t i, const double *states,
                           double *covariance, double *offset) {
     const int64_t d = model->equations, D = d + model->rates, w = model->latent, W = D + w;
+    const double *logs = i > 0 && mesh->contiguous[i - 1] ? vague.logs : vague.ratios;
     double unmeasured = 0;
     memset(covariance, 0, sizeof(double) * (size_t)(W * W));
     for (int64_t a = 0; a < W; ++a) {
         const bool begun = a >= D && mesh->anchors[i * w + a - D] > 0;
-        covariance[a * W + a] = begun ? model->latent_std[a - D] * model->latent_std[a - D] : vague[a];
+        covariance[a * W + a] = begun ? model->latent_std[a - D] * model->latent_std[a - D] : vague.variances[a];
         offset[a] = a >= D ? -states[a] : 0;
     }
-    for (int64_t a = d; a < W; ++a) unmeasured += log(covariance[a * W + a]);
+    for (int64_t a = d; a < W; ++a) unmeasured += logs[a];
     for (int64_t j = 0; j < d; ++j) {
         const double std = mesh->std[i * d + j], difference = mesh->measured[i * d + j] - states[j];
         const double size = fabs((model->correlated ? difference - states[D + j] : difference) / std);
         const double weight = isnan(size) ? 0 : 1 / fmax(size / model->huber_threshold, 1.0) / (std * std);
         if (isfinite(mesh->measured[i * d + j])) offset[j] = difference;
         if (!(weight > 0)) {
-            unmeasured += log(covariance[j * W + j]);
+            unmeasured += logs[j];
             continue;
         }
         covariance[j * W + j] = 1 / weight;
@@ -178,15 +193,14 @@ static void take_before(const double *factor, Parts own, const double *rows_befo
                 rows[a * columns + r] -= link[a * W + c] * rows_before[c * columns + r];
 }
 
-static bool whiten(const Workspace *work, const Mesh *mesh, const double *vague, const double *states, double model_error,
+static bool whiten(const Workspace *work, const Mesh *mesh, Vague vague, const double *states, double model_error,
                    const double *start, const double *end, double *rows, int64_t columns, Parts own, double *factor,
                    double *result) {
     const int64_t W = work->W;
-    double total = 0, turned = 0, unmeasured = 0;
-    measured_at(work->model, mesh, vague, 0, states, own.before, own.offset);
+    double total = 0, turned = 0;
+    double unmeasured = measured_at(work->model, mesh, vague, 0, states, own.before, own.offset);
     for (int64_t i = 0; i + 1 < mesh->points; ++i, start += W * W, end += W * W, rows += W * columns) {
-        const double logs =
-            measured_at(work->model, mesh, vague, i + 1, states + (i + 1) * W, own.after, own.next);
+        unmeasured += measured_at(work->model, mesh, vague, i + 1, states + (i + 1) * W, own.after, own.next);
         for (int64_t a = 0; a < W; ++a)
             for (int64_t b = 0; b < W; ++b)
                 rows[a * columns + columns - 1] -= start[a * W + b] * own.offset[b] + end[a * W + b] * own.next[b];
@@ -197,7 +211,6 @@ static bool whiten(const Workspace *work, const Mesh *mesh, const double *vague,
         if (mesh->contiguous[i]) {
             memcpy(own.by_end, end, sizeof(double) * (size_t)(W * W));
             turned += log_determinant(own.by_end, W);
-            unmeasured += logs;
         }
         double *spare = own.before;
         own.before = own.after;
@@ -217,9 +230,10 @@ EXPORTED int commonlaw_whiten(const Model *model, const Mesh *mesh, const double
                               double *result) {
     Workspace work = {.model = model, .d = model->equations, .D = model->equations + model->rates, .w = model->latent};
     const int64_t W = work.W = work.D + work.w;
-    double *memory = malloc(sizeof(double) * (size_t)(7 * W * W + 3 * W));
+    double *memory = malloc(sizeof(double) * (size_t)(7 * W * W + 5 * W));
     if (!memory) return NO_MEMORY;
-    double *vectors = memory + 7 * W * W, *vague = vectors + 2 * W;
+    double *vectors = memory + 7 * W * W;
+    const Vague vague = {vectors + 2 * W, vectors + 3 * W, vectors + 4 * W};
     Parts own = {memory,
                  memory + W * W,
                  memory + 2 * W * W,

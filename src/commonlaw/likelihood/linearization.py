@@ -84,11 +84,11 @@ def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Flo
 
 
 MISSING = 100.0
-"""Standard deviation of an unmeasured state, in units of the noise: vague, and small enough for elimination without
+"""Standard deviation of an unmeasured state, in units of white noise: vague, and small enough for elimination without
 rounding errors."""
 
 HIDDEN = 1000.0
-"""The same for latent processes, in units of their standard deviation."""
+"""The same for latent processes, and for states under autocorrelated errors, in units of their standard deviation."""
 
 RATE = 3.0
 """The same for a rate, in units of the noise per sampling step: vague compared with differences of states."""
@@ -169,9 +169,7 @@ def _whitened(
     mesh, states, latent = part
     with np.errstate(all="ignore"):
         linear = jacobians(model.field(coefficients, free), mesh, states, latent)
-    covariances, offsets, unmeasured = _measured(model, mesh, states, latent)
-    if from_starts:
-        covariances[mesh.first] = offsets[mesh.first] = 0.0
+    covariances, offsets, unmeasured = _measured(model, mesh, states, latent, from_starts)
     defects = linear.defects + np.matmul(linear.start, offsets[:-1, :, np.newaxis])[:, :, 0]
     defects += np.matmul(linear.end, offsets[1:, :, np.newaxis])[:, :, 0]
     library = linear.coefficients.reshape(defects.size, -1)
@@ -230,12 +228,13 @@ def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
 
 
 def _measured(
-    model: TrajectoryModel, mesh: Mesh, states: Floats, latent: LatentSteps | None
+    model: TrajectoryModel, mesh: Mesh, states: Floats, latent: LatentSteps | None, from_starts: bool
 ) -> tuple[Floats, Floats, float]:
     """Return the covariances of states given measurements, (n, D + w, D + w), offsets (n, D + w), and a constant.
 
     Unmeasured states have vague variances. The constant is the sum of their logarithms at the ends of steps, which is
-    not part of the likelihood.
+    not part of the likelihood; at first points it is that of their ratios to those of white noise, such that initial
+    states have the same prior under any errors. These are known with `from_starts`.
     """
     equations, width = model.equations, model.width
     residuals = model.residuals(mesh, states)
@@ -254,6 +253,9 @@ def _measured(
     unknown[:, :equations] = ~seen
     ends = np.append(False, mesh.contiguous)
     unmeasured = float(np.sum(np.log(variances[ends]), where=unknown[ends]))
+    if not from_starts:
+        ratios = variances[:, : model.width] / _vague_by_noise(model, mesh)
+        unmeasured += float(np.sum(np.log(ratios[~ends]), where=unknown[~ends, : model.width]))
     with np.errstate(divide="ignore"):
         variances[:, :equations] = np.where(seen, 1 / weights, variances[:, :equations])
     covariances = np.zeros((*variances.shape, variances.shape[1]))
@@ -264,17 +266,31 @@ def _measured(
             shared = np.where(seen[:, j], variances[:, error], 0.0)
             covariances[:, j, j] += shared
             covariances[:, j, error] = covariances[:, error, j] = -shared
+    if from_starts:
+        covariances[mesh.first] = offsets[mesh.first] = 0.0
     return covariances, offsets, unmeasured
 
 
 def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Floats:
-    """Return the vague variances of unmeasured states and latent processes, shape (D + w,)."""
-    hidden = np.zeros(0) if latent is None else HIDDEN * latent.std
-    return np.concatenate([(MISSING * _typical_noise(model, mesh)) ** 2, variance_of_rates(model, mesh), hidden**2])
+    """Return the vague variances of unmeasured states and latent processes, shape (D + w,).
+
+    Those of states are in units of white noise, plus those of autocorrelated errors, which are latent processes.
+    """
+    variances = _vague_by_noise(model, mesh)
+    if model.latent.correlated is not None:
+        errors = (HIDDEN * model.latent.correlated) ** 2
+        of_rates = errors[with_rates(model.order, model.equations)] / mesh.typical_step**2
+        variances = variances + np.concatenate([errors, of_rates])
+    return variances if latent is None else np.concatenate([variances, (HIDDEN * latent.std) ** 2])
+
+
+def _vague_by_noise(model: TrajectoryModel, mesh: Mesh) -> Floats:
+    """Return the vague variances of unmeasured states and rates in units of white noise alone, shape (D,)."""
+    return np.append((MISSING * _typical_noise(model, mesh)) ** 2, variance_of_rates(model, mesh))
 
 
 def variance_of_rates(model: TrajectoryModel, mesh: Mesh) -> Floats:
-    """Return the vague variances of rates, shape (D - d,)."""
+    """Return the prior variances of initial rates, in units of white noise, shape (D - d,)."""
     noise = _typical_noise(model, mesh)[with_rates(model.order, model.equations)]
     return np.asarray((RATE * noise / mesh.typical_step) ** 2)
 
