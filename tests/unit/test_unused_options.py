@@ -1,9 +1,14 @@
 """Options of forecasts and simulations: each is used, or refused by name."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.estimation.beginning import begin
+from commonlaw.estimation.fitting import fit_model
+from commonlaw.estimation.model import ModelText
 from commonlaw.law import Law, Uncertainty
 from tests.refusals import refused
 
@@ -26,6 +31,14 @@ def reset():
     """A law with an event, which halves the state at 1.5, and its trials."""
     signal = np.where(TIMES <= 1.5, 1.0, 0.5) * np.exp(-0.5 * TIMES) + 0.002 * np.cos(9 * TIMES)
     return cl.fit("x' = -k x; t > 1.5: x = x/2; x(0) = 1", _trials(signal))
+
+
+@pytest.fixture(scope="module")
+def schemes():
+    """Return measurements and laws of them without and with an observation equation, the latter by a vague prior."""
+    states = 2 * np.exp(-0.5 * TIMES) + 0.05 * np.cos(9 * TIMES)
+    trials = _trials(states).with_trials([*_trials(states), *_trials(1.1 * states, trial=["late"])])
+    return trials, [cl.fit("x' = -k x", trials), cl.fit("x' = -k x", trials, priors={"k": (0.5, 100.0)})]
 
 
 KINDS = {
@@ -110,3 +123,65 @@ def test_an_average_over_one_law_is_the_law(decay):
     law, trials = decay
     states = [law.predict(trials, averaged=averaged).trajectories[0].states for averaged in (True, False)]
     np.testing.assert_array_equal(*states)
+
+
+@pytest.mark.parametrize(
+    ("options", "title"),
+    [
+        ({}, "forecast from the first sample"),
+        ({"start": 4}, "forecast from the first 4 samples"),
+        ({"start": "all"}, "fit"),
+        ({"from_time": 2.0}, "forecast from t = 2"),
+        ({"times": [4.5, 6.0]}, "forecast from the first sample"),
+    ],
+)
+def test_forecasts_of_all_laws_begin_alike(schemes, options, title):
+    trials, laws = schemes
+    one, other = (law.predict(trials, return_std=True, **options) for law in laws)
+    assert (one.title, other.title) == (title, title)
+    for i in range(len(trials)):
+        assert one.trajectories[i].states == pytest.approx(other.trajectories[i].states, abs=1e-5)
+        assert one.std[i] == pytest.approx(other.std[i], rel=1e-4)
+
+
+def test_standard_deviations_are_of_measured_quantities(schemes, decay):
+    rates = np.full((1, 1, 1), 1e-4)
+    law, trials = KINDS["second order"]
+    noisy = Law(law.terms, law.schema, 2, law.objects, law.coefficients, Uncertainty(rates, noise=np.array([0.01])))
+    for law, data in ((noisy, trials), (schemes[1][1], schemes[0]), decay):
+        forecast = law.predict(data, return_std=True)
+        assert [std.shape for std in forecast.std] == [trial.states.shape for trial in data]
+
+
+def test_forecasts_of_all_laws_leave_out_trials_without_samples_around_a_time(schemes):
+    trials, laws = schemes
+    early = trials.with_trials([trials.trials[0], trials.trials[1].rows(slice(0, 4))])
+    for law in laws:
+        forecast = law.predict(early, from_time=3.0)
+        assert [trial.name for trial in forecast.trials] == [trials.trials[0].name]
+        assert len(forecast.trials.notes) == len(early.notes) + 1
+        with refused("forecast-no-trial"):
+            law.predict(early, from_time=9.0)
+        with refused("argument-type", name="from_time"):
+            law.predict(early, from_time="2")
+        with refused("forecast-from-time"):
+            law.predict(early, from_time=np.nan)
+        with refused("forecast-times"):
+            law.predict(early, times=[np.inf])
+        with refused("uncertainty-unknown"):
+            replace(law, uncertainty=Uncertainty()).predict(early, return_std=True)
+
+
+def test_a_latent_start_takes_as_many_samples_as_it_needs():
+    times = np.linspace(0, 6, 13)
+    z, y = np.exp(-0.3 * times), 0.3 * (np.exp(-0.3 * times) - np.exp(-times)) / 0.7
+    trials = cl.Trials.from_arrays(times, y + 0.0 * z, names=["y"])
+    law = fit_model(
+        begin(ModelText.of("z' = -a z; y' = a z - y"), trials, {"z": None}, priors={"a": (0.3, 0.001)}),
+        0,
+        lambda _: None,
+        draws=1,
+    ).law(())
+    assert law.predict(trials).title == "forecast from the first 5 samples"
+    later = trials.with_trials([replace(trials.trials[0], states=np.where(times < 4, y, np.nan)[:, np.newaxis])])
+    assert law.predict(later).title == "fit"

@@ -112,7 +112,7 @@ def _first(forecast: Forecast) -> tuple[Floats, Floats]:
     names, followed = forecast.trials.schema.states, forecast.followed
     path = forecast.trajectories[0].states[:, : len(names)]
     relative = np.isin(names, followed.trials.schema.logarithmic if followed else ())
-    return path, np.hypot(forecast.std[0][:, : len(names)], forecast.noise * np.where(relative, path, 1.0))
+    return path, np.hypot(forecast.std[0], forecast.noise * np.where(relative, path, 1.0))
 
 
 def _outcome(law: Law, rival: PlausibleLaw[Law], found: _Found) -> Outcome:

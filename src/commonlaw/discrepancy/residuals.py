@@ -64,7 +64,7 @@ def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals,
     Initial values and parameters count alike for all.
     """
     assert law.observation is not None
-    forecast, measured = law.predict(trials), law.observation.measured
+    forecast, measured = law.predict(trials, start="all"), law.observation.measured
     forecast = forecast.followed or forecast
     shown, curves = forecast.trials, [trajectory.states for trajectory in forecast.trajectories]
     standardized = tuple((trial.states - curve) / trial.std(noise) for trial, curve in zip(shown, curves, strict=True))

@@ -8,18 +8,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Floats, Indices
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialData
 from commonlaw.estimation.search import Bounds, maximize, rough_noise
 from commonlaw.forecast.forecast import Forecast
-from commonlaw.forecast.prediction import initial_value_problems, with_discrepancy
+from commonlaw.forecast.initial_state import MIN_SAMPLES, notes_of_lost
+from commonlaw.forecast.prediction import initial_value_problems, wanted_times, with_discrepancy
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.integration.problem import diverged
 from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, shoot
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched, matched_times
+from commonlaw.law.alignment import matched
 from commonlaw.law.law import object_index
 from commonlaw.law.observation import OBJECT, Observation, Restrictions, by_trial
 from commonlaw.law.parameters import Parameters, named_parameters, state_rates
@@ -169,8 +170,8 @@ def predict_observed(
 ) -> Forecast:
     """Return what should have been measured in trials, see `Law.predict`.
 
-    Initial values that the law does not give are estimated from the first `start` samples, those before `from_time`, or
-    by default all of them, by maximum likelihood at the parameters of the law.
+    Initial values that the law does not give are estimated from the first `start` samples, or those before `from_time`,
+    by maximum likelihood at the parameters of the law.
 
     Raises
     ------
@@ -178,18 +179,29 @@ def predict_observed(
         If something else was measured than for the law, an object is not one of the law, a trial has no sample that
         initial values could be estimated from, or the law has no discrepancy that is asked for.
     """
-    times = matched_times(law, trials, times)
-    if from_time is not None:
-        from_time = float(np.asarray(matched_times(law, trials, from_time)))
+    more, from_time = wanted_times(law, trials, times, from_time)
     trials = matched(law, trials, observed=True)
     if discrepancy:
         law, trials = with_discrepancy(law, trials)
     observation = law.observation
     assert observation is not None
+    if return_std:
+        law.uncertainty.known_covariance()
+        if observation.noise_levels is None:
+            raise CommonlawError("noise-unknown-at-start")
     for name in trials.objects:
         object_index(law, name)
     observed = ObservedLaw.of(law, property_names(trials.properties), input_interpolation)
-    more = np.zeros(0) if times is None else np.atleast_1d(np.asarray(times, dtype=np.float64))
+    if from_time is not None:
+        spans = [(trial, max([trial.times[-1], *more])) for trial in trials]
+        kept = [trial for trial, last in spans if trial.times[0] < from_time <= last]
+        lost = [
+            f"{trial.label}, t = {trial.times[0]:g} to {last:g}"
+            for trial, last in spans
+            if not trial.times[0] < from_time <= last
+        ]
+        notes = notes_of_lost(lost, from_time, len(kept))
+        trials = trials.with_trials(kept, *notes) if lost else trials
     shown = with_noise(with_logarithms(trials, observation.measured.logarithmic), observation.noise_of)
     curves = [_Curve.of(observed, trials, trial, start, from_time, tolerance) for trial in shown]
     points = shown.with_trials([_with_times(trial, more) for trial in shown])
@@ -280,6 +292,8 @@ class _Curve:
         used = np.asarray((np.isfinite(trial.states) | np.isfinite(trial.below)).any(axis=1))
         if from_time is not None:
             used = used & (trial.times < from_time)
+        if start is None and from_time is None:
+            start = _default_start(observed, trial, used)
         if start is not None and start != "all":
             numbers = np.flatnonzero(used)
             used = np.isin(np.arange(len(trial)), numbers[-start:] if from_time is not None else numbers[:start])
@@ -329,6 +343,25 @@ class _Curve:
             variance = np.einsum("nmp,pq,nmq->nm", by_parameters, self.parameter_covariance, by_parameters)
             variance += np.einsum("nmp,pq,nmq->nm", by_initial, self.covariance, by_initial)
             return predicted.values, np.sqrt(np.maximum(variance, 0.0)), predicted.states, predicted.is_endless
+
+
+def _default_start(observed: ObservedLaw, trial: Trial, used: Bools) -> int | Literal["all"]:
+    """Return how many of the used samples determine the initial values of a trial by default.
+
+    The first one, if it has every state with an unknown initial value; else as many as have `MIN_SAMPLES` of each
+    measured quantity, and at least one for each unknown. All if later rows are forecast, or the trial has parameters.
+    """
+    model, free = observed.model, observed.model.free_in(trial)
+    rows = np.flatnonzero(used)
+    if observed.of_trial or not len(rows) or rows[-1] < len(trial) - 1:
+        return "all"
+    seen, names = np.isfinite(trial.states[rows]), observed.observation.measured.states
+    states = [model.variables.states[j] for j in free]
+    measured = [name in names and name not in observed.observation.equations for name in states]
+    if all(measured) and seen[0, [names.index(name) for name in states]].all():
+        return 1
+    counts = seen[:, seen.any(axis=0)].cumsum(axis=0).min(axis=1, initial=len(rows))
+    return int(np.searchsorted(counts, max(MIN_SAMPLES, len(free)))) + 1
 
 
 def simulate_observed(

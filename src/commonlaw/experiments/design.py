@@ -196,7 +196,7 @@ def _designed(
 
 def usual(law: Law, trials: Trials) -> dict[str, Options]:
     """Return how experiments were made: where trials start, how long they take, how many samples they have."""
-    followed = law.predict(trials, averaged=False)
+    followed = law.predict(trials, start="all", averaged=False)
     trials, schema, given = matched(law, trials, observed=True), measured_schema(law), given_starts(law)
     courses = followed.latent or [trajectory.states for trajectory in followed.trajectories]
     starts = np.array([states[0] for states in courses])

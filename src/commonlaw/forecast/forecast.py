@@ -59,8 +59,8 @@ class Forecast(ShownInNotebooks):
     trials, trajectories
         The measurements, and a trajectory for each trial at its sample times.
     std
-        Standard deviations of the states by the errors of coefficients and initial states, of the shape of
-        ``trajectory.states``; None if they were not asked for.
+        Standard deviations of the measured states, or quantities, by the errors of coefficients and initial states, of
+        each trial of shape (n, states), without rates; None if they were not asked for.
     noise
         Standard deviation of the measurement noise of each state, shape (states,), for samples without one of their
         own; None if it is not known.
@@ -235,14 +235,13 @@ class Forecast(ShownInNotebooks):
         """Return what intervals are multiples of, for each trial, of shape (n, states); without what parts differ."""
         if self.std is None:
             raise CommonlawError("forecast-without-deviations")
-        width = len(self.trials.schema.states)
         factors: list[Floats | float] = [1.0] * len(self.std)
         if self.interval_inflation is not None:
             factors = [self.interval_inflation.at(ahead)[:, np.newaxis] for ahead in self.horizons]
         if not measured:
-            return [wider * std[:, :width] for wider, std in zip(factors, self.std, strict=True)]
+            return [wider * std for wider, std in zip(factors, self.std, strict=True)]
         triples = zip(factors, self.std, self.measurement_std(), strict=True)
-        return [wider * np.hypot(std[:, :width], noise) for wider, std, noise in triples]
+        return [wider * np.hypot(std, noise) for wider, std, noise in triples]
 
     @checks_types
     def measurement_std(self, white: bool = False) -> tuple[Floats, ...]:
@@ -267,8 +266,8 @@ class Forecast(ShownInNotebooks):
         states = [natural(trajectory.states, schema) for trajectory in self.trajectories]
         std = None
         if self.std is not None:  # To first order
-            columns = np.isin(schema.states, schema.logarithmic)
-            std = tuple(deviations * np.where(columns, x, 1.0) for deviations, x in zip(self.std, states, strict=True))
+            columns, pairs = np.isin(schema.states, schema.logarithmic), zip(self.std, states, strict=True)
+            std = tuple(deviations * np.where(columns, x[:, : len(columns)], 1.0) for deviations, x in pairs)
         return replace(
             self,
             trials=as_measured(self.trials, measured),

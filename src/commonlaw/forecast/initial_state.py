@@ -1,10 +1,10 @@
 """Where the forecast of a trial starts, by its samples and the law, and how far the law's own error carries it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.diagnostics import Diagnostic, marked
@@ -28,7 +28,6 @@ from commonlaw.likelihood import (
     jacobians,
     meshes,
 )
-from commonlaw.runtime.arguments import numbers_of
 from commonlaw.text import shown
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
@@ -375,22 +374,20 @@ class StartedTrial:
 def begin(
     law: Law,
     trials: Trials,
-    times: ArrayLike | None,
+    times: Floats,
     start: int | Literal["all"] | None,
     from_time: float | None,
     input_interpolation: str | None,
     seed: int,
 ) -> tuple[Trials, list[StartedTrial]]:
     """Return the trials that can be forecast, with samples at all times that are wanted, and where each starts."""
-    wanted = np.unique(numbers_of("times", [] if times is None else times))
+    times = np.unique(times)
     if start == "all":
         law, start = with_weights(law, trials), max(map(len, trials))
-    if from_time is not None and not np.isfinite(from_time):
-        raise CommonlawError("forecast-from-time", from_time=from_time)
     result, lost = [], []
     for trial in trials:
         inputs = Inputs.of(trial.times, trial.inputs, input_interpolation or law.schema.input_interpolation)
-        extended = with_times(trial, inputs, wanted) if len(wanted) else trial
+        extended = with_times(trial, inputs, times) if len(times) else trial
         if from_time is None:
             measured = trial if law.schema.doses else trial.measured()
             count = _count(law, measured, len(measured) < len(trial)) if start is None else start
@@ -408,10 +405,7 @@ def begin(
             result.append(_begin_later(law, trial, extended, inputs, start, from_time, seed))
         else:
             lost.append(f"{trial.label}, t = {trial.times[0]:g} to {extended.times[-1]:g}")
-    why = Diagnostic("no-samples-around", {"from_time": from_time, "trials": shown(lost)})
-    if not result:
-        raise CommonlawError("forecast-no-trial", reason=why)
-    notes = [f"trials not forecast {why.sentence(marked)}"] if lost else []
+    notes = notes_of_lost(lost, from_time, len(result))
     starts = [started.start for started in result if rate_names(law)]
     measured_starts = [start for start in starts if isinstance(start, MeasuredStart)]
     unknown = [start.samples.label for start in measured_starts if len(start.samples) == 1]
@@ -421,6 +415,14 @@ def begin(
     kept = [started.trial for started in result]
     trials = trials if kept == list(trials) else trials.with_trials(kept)
     return (replace(trials, notes=(*trials.notes, *notes)) if notes else trials), result
+
+
+def notes_of_lost(lost: Sequence[str], from_time: float | None, kept: int) -> list[str]:
+    """Return a note on trials without samples on both sides of a time; refused if none is kept."""
+    why = Diagnostic("no-samples-around", {"from_time": from_time, "trials": shown(lost)})
+    if not kept:
+        raise CommonlawError("forecast-no-trial", reason=why)
+    return [f"trials not forecast {why.sentence(marked)}"] if lost else []
 
 
 def _begin_later(

@@ -151,10 +151,7 @@ def predict(
     averaged: bool = True,
 ) -> Forecast:
     """Forecast each trial from its own initial state, see `Law.predict`."""
-    times = matched_times(law, trials, times)
-    if from_time is not None:
-        check_type("from_time", from_time, Real, "a number")
-        from_time = float(np.asarray(matched_times(law, trials, from_time)))
+    wanted, from_time = wanted_times(law, trials, times, from_time)
     trials = matched(law, trials)
     if discrepancy:
         law, trials = with_discrepancy(law, trials)
@@ -166,7 +163,7 @@ def predict(
     followed = with_logarithms(trials, law.schema.logarithmic)
 
     def forecast(law: Law) -> Forecast:
-        begun, started = begin(law, followed, times, start, from_time, input_interpolation, seed)
+        begun, started = begin(law, followed, wanted, start, from_time, input_interpolation, seed)
         return _Forecaster(law, begun, tuple(started), from_time, return_std, method, tolerance).forecast()
 
     first, *others = law.models if averaged else law.models[:1]
@@ -191,9 +188,24 @@ def predict(
         ahead = max(ahead, float(trial.times[-1] - since))
     unit = result.trials.schema.units.get(result.trials.schema.time, "")
     notes += tuple(law.provenance.domain.remarks(visited, unit, ahead))
-    wanted = np.empty(0) if times is None else np.atleast_1d(numbers_of("times", times))
     noted = replace(result.trials, notes=(*result.trials.notes, *notes)) if notes else result.trials
     return replace(result, trials=noted, wanted=wanted)
+
+
+def wanted_times(
+    law: Law, trials: Trials, times: ArrayLike | None, from_time: float | None
+) -> tuple[Floats, float | None]:
+    """Return further times of forecasts and that at which they begin, given in the unit of trials, in that of the law.
+
+    Raises `CommonlawError` if the latter is no finite number.
+    """
+    wanted = np.atleast_1d(numbers_of("times", [] if times is None else matched_times(law, trials, times)))
+    if from_time is not None:
+        check_type("from_time", from_time, Real, "a number")
+        if not np.isfinite(from_time):
+            raise CommonlawError("forecast-from-time", from_time=from_time)
+        from_time = float(np.asarray(matched_times(law, trials, from_time)))
+    return wanted, from_time
 
 
 def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: float | None = None) -> Forecast:
@@ -282,7 +294,7 @@ class _Forecaster:
         return replace(self, trials=trials, started=tuple(finer)).forecast()
 
     def _std(self, trajectories: Sequence[Trajectory]) -> tuple[Floats, ...]:
-        """Return the standard deviations of the states of each trajectory, with what is before its start."""
+        """Return the standard deviations of the states of each trajectory, with those before its start."""
         law, deviations = self.law, []
         covariance, errors = law.uncertainty.known_covariance(), law.uncertainty.error_model
         for started, trajectory in zip(self.started, trajectories, strict=True):
@@ -290,7 +302,8 @@ class _Forecaster:
             std = trajectory_std(carried, covariance[object_index(law, started.trial.object)], initial)
             if errors.of_law:
                 std = np.hypot(std, model_error_std(law, started.ahead, started.inputs, trajectory.states))
-            deviations.append(started.start.std_followed_by(std, started.trial.times))
+            whole = started.start.std_followed_by(std, started.trial.times)
+            deviations.append(whole[:, : len(law.schema.states)])
         return tuple(deviations)
 
     def _problem(self, started: StartedTrial) -> InitialValueProblem:
@@ -429,7 +442,7 @@ def remarks_on(found: Forecast) -> tuple[str, ...]:
         middle = found.trajectories[i].states[:, :width]
         others = [(part.weights[i], part.forecast.trajectories[i].states[:, :width]) for part in found.parts]
         between = np.sqrt(sum(share * (states - middle) ** 2 for share, states in others if share))
-        farthest = max(farthest, float(np.nanmax(between / np.hypot(std[:, :width], noise), initial=0.0)))
+        farthest = max(farthest, float(np.nanmax(between / np.hypot(std, noise), initial=0.0)))
     if farthest <= 1:
         return ()
     second = found.parts[1]
@@ -452,7 +465,7 @@ def _weights(parts: Sequence[Part], trial: int) -> Floats:
 
 
 def _moments(parts: Sequence[Part], trial: int, weights: Floats) -> tuple[Trajectory, Floats]:
-    """Return the median trajectory of a trial and the standard deviation about it, shape (n, width)."""
+    """Return the median trajectory of a trial and the standard deviation of its states about it, shape (n, states)."""
     kept = [(share, part.forecast) for share, part in zip(weights, parts, strict=True) if share]
     states = np.array([forecast.trajectories[trial].states for _, forecast in kept])
     # The least of the values up to which half of the weight lies
@@ -460,8 +473,10 @@ def _moments(parts: Sequence[Part], trial: int, weights: Floats) -> tuple[Trajec
     reached = np.cumsum(weights[weights > 0][order], axis=0) >= 0.5 * (1 - 1e-12)
     places = np.take_along_axis(order, reached.argmax(axis=0)[np.newaxis], axis=0)
     median = np.take_along_axis(states, places, axis=0)[0]
-    variance = np.zeros_like(median)
+    width = len(parts[0].forecast.trials.schema.states)
+    variance = np.zeros_like(median[:, :width])
     for (share, forecast), state in zip(kept, states, strict=True):
         with np.errstate(invalid="ignore"):
-            variance += share * ((0.0 if forecast.std is None else forecast.std[trial]) ** 2 + (state - median) ** 2)
+            about = (state - median)[:, :width]
+            variance += share * ((0.0 if forecast.std is None else forecast.std[trial]) ** 2 + about**2)
     return replace(kept[0][1].trajectories[trial], states=median), np.sqrt(variance)

@@ -471,7 +471,8 @@ class Law(ShownInNotebooks):
             Number of first samples of each trial that determine its initial state. 1: states as measured, rates by the
             law's differentiation. 2 or more: maximum likelihood with fixed coefficients, which needs the noise of the
             law; states may be missing. ``"all"``: a fit to whole trials, not a forecast. Default: 1; with known noise
-            all measured samples if later ones follow, or as many as rates or latent states need.
+            all measured samples if later ones follow, or as many as rates or latent states need. With observation
+            equations any number is of maximum likelihood; parameters that differ between trials need all by default.
         from_time
             Time at which forecasts begin: all samples before it, or the last `start` of them, determine the initial
             state. Trials without samples on both sides are left out, see `Forecast.trials.notes`.

@@ -156,7 +156,7 @@ def bounds(
     pairs = _absent(law, terms)
     if terms is None and len(pairs) > settings.MAX_SCREENED_TERMS:
         raise CommonlawError("limits-of-many-terms", count=len(pairs))
-    forecast = law.predict(trials, averaged=False)
+    forecast = law.predict(trials, start="all", averaged=False)
     states = forecast.latent or [trajectory.states for trajectory in forecast.trajectories]
     pairs_of_trials = zip(forecast.trials, states, strict=True)
     along = [np.column_stack([state, trial.inputs, trial.times]) for trial, state in pairs_of_trials]
