@@ -112,7 +112,7 @@ def test_a_law_with_events_is_printed_saved_and_followed(ball):
     assert again.observation == law.observation
     assert to_json(law) == to_json(again)
     assert BALL in to_script(law, "ball.csv")
-    assert again.predict(measured).metric("rmse") == pytest.approx(0.01, rel=0.2)
+    assert again.predict(measured, start="all").metric("rmse") == pytest.approx(0.01, rel=0.2)
     g, c = law.params["estimate"]
     (path,) = again.simulate(np.linspace(0, 1.5, 40), [1.0, 0.2]).values()
     assert path.states[:, 0] == pytest.approx(heights(path.times, g, c, 1.0, 0.2), abs=1e-6)

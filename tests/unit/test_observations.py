@@ -289,6 +289,7 @@ def test_the_rate_of_a_signal_that_is_zero_has_a_lower_limit_only():
         ("prior-not-positive", "x' = -k x; y = a x", {"priors": {"a": (1, 0)}}),
         ("not-with-observation", "x' = -k x; y = a x", {"errors": "random-walk"}),
         ("not-with-observation", "x' = -k x; y = a x", {"partial_pooling": True}),
+        ("proportional-with-observation", "x' = -k x; y = a x", {"errors": "proportional"}),
         ("prior-not-positive", "y' = -k y", {"initial_values": {"y": (1.0, 0.0)}}),
         ("initial-value-not-finite", "y' = -k y", {"initial_values": {"y": np.inf}}),
         ("unknown-name", "x' = -k x; y = a x", {"shared": "q"}),

@@ -25,6 +25,7 @@ SWALLOWED = np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0])
 WHITE = {"errors": "white", "huber_threshold": np.inf, "partial_pooling": False}
 MICROCONSTANTS = "conc' = -(k10 + k12) conc + k21 tissue; tissue' = k12 conc - k21 tissue"
 EPIDEMIC = "S' = -b S I; I' = b S I - g I"
+ALL_SHARED = {"a": "all", "k": "all"}
 SATURATED = "depot' = -ka depot; conc' = ka depot/V - Vm conc/(Km + conc)"
 
 
@@ -198,3 +199,21 @@ def test_objects_with_as_many_unknowns_as_samples_share_coefficients_in_one_fit(
     row = cl.fit("c' = -k c - m", trials, shared=["k", "m"], errors="white").params.query("object == 'subject 3'")
     np.testing.assert_allclose(row["estimate"], found.x[:2], rtol=1e-4)
     np.testing.assert_allclose(row["standard error"], errors[:2], rtol=0.02)
+
+
+def test_a_comparison_keeps_shared_parameters():
+    """Whichever way they were stated, and of laws that objects do not share: their evidence is that of `cl.fit`."""
+    times, random = np.linspace(0, 4, 12), np.random.default_rng(3)
+    states = [3 * np.exp(-0.5 * times) + 1 + 0.05 * random.standard_normal(12) for _ in range(3)]
+    trials = cl.Trials.from_arrays([times] * 3, states, object=["a", "b", "c"], names=["x"])
+    text = "x' = a - k x"
+    pooled, jointly = (cl.fit(text, trials, shared=shared, errors="white") for shared in (["a", "k"], ALL_SHARED))
+    assert (pooled.observation, jointly.observation is None) == (None, False)
+    apart = cl.fit(text, trials, errors="white")
+    frames = [cl.compare({"shared": law, "apart": apart}, trials).set_index("law") for law in (pooled, jointly)]
+    assert frames[0]["2 log B"].to_dict() == pytest.approx(frames[1]["2 log B"].to_dict(), abs=1e-3)
+    # Four parameters more do not explain the noise: the logarithm of 12 for each
+    assert frames[0]["2 log B"]["apart"] == pytest.approx(4 * np.log(12) - 2 * np.log(3), abs=6)
+    assert frames[0]["2 log B"]["shared"] == 0
+    with refused("shared-under-white-noise", settings=["errors"]):
+        cl.compare({"shared": pooled}, trials, errors="proportional")

@@ -17,7 +17,7 @@ from commonlaw.law import Law
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.law import object_index, shares_terms
 from commonlaw.law.observation import ALL, OBJECT, TRIAL, Restrictions
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import named_parameters, shared_parameters
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.equation import split_equations
 from commonlaw.library.sizes import likely_sizes
@@ -448,7 +448,8 @@ def beginning_of(
     between = input_interpolation or measured_schema(law).input_interpolation
     trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
     written = equations or law.provenance.equations or law.structure
-    text, restrictions, free = ModelText.of(written), Restrictions(), list[str]()
+    text, free = ModelText.of(written), list[str]()
+    restrictions = Restrictions(dict.fromkeys(shared_parameters(law), ALL))
     names = {name for trial in trials for name in (trial.object, trial.label)}
     if observation is not None:
         if observation.restrictions is None:

@@ -40,6 +40,8 @@ _SETTINGS = ("log_states", "input_interpolation", "noise", "errors", "seed", "n_
 def check_white(changed: Mapping[str, Any]) -> None:
     """Refuse settings that were changed and are of other fits than of trajectories under white noise."""
     refused = [name for name in changed if name not in _SETTINGS]
+    if changed.get("errors") == "proportional" and not refused:
+        raise CommonlawError("proportional-with-observation")
     if changed.get("errors", "auto") not in ("auto", "white"):
         refused.append("errors")
     if refused:

@@ -34,7 +34,7 @@ typedef struct {
 } Vagueness;
 
 /* Variances of states and latent processes that were not measured, their logarithms at the ends of steps, and of first
-   points those of their ratios to the variances under white noise alone; W each. */
+   points those of their ratios to the prior variances of initial states; W each. */
 typedef struct {
     double *variances, *logs, *ratios;
 } Vague;
@@ -48,14 +48,15 @@ static void fill_vague(const Model *model, const Mesh *mesh, Vagueness beyond, V
         double variance = 0;
         for (int64_t i = 0; i < mesh->points; ++i) variance += mesh->std[i * d + j] * mesh->std[i * d + j];
         variance /= (double)mesh->points;
-        const double error = model->correlated ? beyond.hidden * model->latent_std[j] : 0;
-        const double white = beyond.missing * beyond.missing * variance, white_rate = rate * rate * variance;
+        const double correlated = model->correlated ? model->latent_std[j] : 0, error = beyond.hidden * correlated;
+        variance += correlated * correlated;
+        const double prior = beyond.missing * beyond.missing * variance, prior_of_rate = rate * rate * variance;
         const int64_t a = model->highest[j];
-        vague.variances[j] = white + error * error;
-        vague.ratios[j] = log(vague.variances[j] / white);
+        vague.variances[j] = prior + error * error;
+        vague.ratios[j] = log(vague.variances[j] / prior);
         if (a == j) continue;
-        vague.variances[a] = white_rate + error * error / (mesh->typical_step * mesh->typical_step);
-        vague.ratios[a] = log(vague.variances[a] / white_rate);
+        vague.variances[a] = prior_of_rate + error * error / (mesh->typical_step * mesh->typical_step);
+        vague.ratios[a] = log(vague.variances[a] / prior_of_rate);
     }
     for (int64_t l = 0; l < model->latent; ++l) {
         const double std = beyond.hidden * model->latent_std[l];

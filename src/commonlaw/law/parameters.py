@@ -208,6 +208,15 @@ def named_parameters(law: Law) -> Parameters:
     return Parameters(law, definitions, tuple(Product(j, k, 1.0, ((name, 1),)) for name, j, k in named))
 
 
+def shared_parameters(law: Law) -> tuple[str, ...]:
+    """Return the names of the estimated parameters that objects of a pooled law have in common."""
+    if law.uncertainty.shared_factor is None or law.uncertainty.explanation is not None:
+        return ()
+    parameters = named_parameters(law)
+    in_common = (np.ptp(parameters.values, axis=0) == 0) & np.all(parameters.errors > 0, axis=0)
+    return tuple(np.array(parameters.names)[in_common].tolist())
+
+
 def tabulated_parameters(law: Law, support: Bools | None = None) -> Parameters:
     """Return what tables have a row or a column for: the parameters of given equations, else every coefficient.
 

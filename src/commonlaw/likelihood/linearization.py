@@ -84,7 +84,7 @@ def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Flo
 
 
 MISSING = 100.0
-"""Standard deviation of an unmeasured state, in units of white noise: vague, and small enough for elimination without
+"""Standard deviation of an unmeasured state, in units of the noise: vague, and small enough for elimination without
 rounding errors."""
 
 HIDDEN = 1000.0
@@ -233,8 +233,8 @@ def _measured(
     """Return the covariances of states given measurements, (n, D + w, D + w), offsets (n, D + w), and a constant.
 
     Unmeasured states have vague variances. The constant is the sum of their logarithms at the ends of steps, which is
-    not part of the likelihood; at first points it is that of their ratios to those of white noise, such that initial
-    states have the same prior under any errors. These are known with `from_starts`.
+    not part of the likelihood; at first points it is that of their ratios to the prior variances of initial states,
+    which are in units of all errors. Initial states are known with `from_starts`.
     """
     equations, width = model.equations, model.width
     residuals = model.residuals(mesh, states)
@@ -254,7 +254,7 @@ def _measured(
     ends = np.append(False, mesh.contiguous)
     unmeasured = float(np.sum(np.log(variances[ends]), where=unknown[ends]))
     if not from_starts:
-        ratios = variances[:, : model.width] / _vague_by_noise(model, mesh)
+        ratios = variances[:, : model.width] / _prior_variances(model, mesh)
         unmeasured += float(np.sum(np.log(ratios[~ends]), where=unknown[~ends, : model.width]))
     with np.errstate(divide="ignore"):
         variances[:, :equations] = np.where(seen, 1 / weights, variances[:, :equations])
@@ -274,9 +274,9 @@ def _measured(
 def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Floats:
     """Return the vague variances of unmeasured states and latent processes, shape (D + w,).
 
-    Those of states are in units of white noise, plus those of autocorrelated errors, which are latent processes.
+    Those of states are in units of all errors, plus those of autocorrelated ones, which are latent processes.
     """
-    variances = _vague_by_noise(model, mesh)
+    variances = _prior_variances(model, mesh)
     if model.latent.correlated is not None:
         errors = (HIDDEN * model.latent.correlated) ** 2
         of_rates = errors[with_rates(model.order, model.equations)] / mesh.typical_step**2
@@ -284,21 +284,22 @@ def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Flo
     return variances if latent is None else np.concatenate([variances, (HIDDEN * latent.std) ** 2])
 
 
-def _vague_by_noise(model: TrajectoryModel, mesh: Mesh) -> Floats:
-    """Return the vague variances of unmeasured states and rates in units of white noise alone, shape (D,)."""
+def _prior_variances(model: TrajectoryModel, mesh: Mesh) -> Floats:
+    """Return the prior variances of unmeasured initial states and rates, in units of all errors, shape (D,)."""
     return np.append((MISSING * _typical_noise(model, mesh)) ** 2, variance_of_rates(model, mesh))
 
 
 def variance_of_rates(model: TrajectoryModel, mesh: Mesh) -> Floats:
-    """Return the prior variances of initial rates, in units of white noise, shape (D - d,)."""
+    """Return the prior variances of initial rates, in units of all errors, shape (D - d,)."""
     noise = _typical_noise(model, mesh)[with_rates(model.order, model.equations)]
     return np.asarray((RATE * noise / mesh.typical_step) ** 2)
 
 
 def _typical_noise(model: TrajectoryModel, mesh: Mesh) -> Floats:
-    """Return the root mean square noise of the measurements of each state, shape (d,)."""
+    """Return the root mean square error of the measurements of each state, white and autocorrelated, shape (d,)."""
     scale = np.sqrt(np.mean(np.broadcast_to(mesh.scale, mesh.measured.shape) ** 2, axis=0))
-    return np.asarray(model.observation.noise * scale)
+    errors = model.latent.correlated
+    return np.asarray(np.hypot(model.observation.noise * scale, 0.0 if errors is None else errors))
 
 
 def _covariance(linear: Jacobians, covariances: Floats, allowed: Floats, mesh: Mesh) -> Floats:

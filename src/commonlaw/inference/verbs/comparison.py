@@ -20,6 +20,7 @@ from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched, measured_schema
+from commonlaw.law.parameters import shared_parameters
 from commonlaw.library import parse_terms
 from commonlaw.likelihood import ERRORS
 from commonlaw.runtime.arguments import check_types
@@ -50,10 +51,11 @@ def compare(
     explains the residuals of the best of them; else each has the error model of its largest evidence, as in `discover`.
     There is no penalty here for the library from which a law was chosen.
 
-    If one of the laws has observation equations or known initial values, all are fitted as by `cl.fit` with these,
-    under white noise, each with its own observation equations, shared parameters, priors and bounds; laws without them
-    are laws of the measured states. Their evidence is the Bayesian information criterion: ``-2 log L`` plus ``log n``
-    for each unknown, where n is the number of measurements that depend on it, with priors integrated out.
+    If one of the laws has observation equations, known initial values or shared parameters, all are fitted as by
+    `cl.fit` with these, under white noise, each with its own observation equations, shared parameters, priors and
+    bounds; laws without observation equations are laws of the measured states. Their evidence is the Bayesian
+    information criterion: ``-2 log L`` plus ``log n`` for each unknown, where n is the number of measurements that
+    depend on it, with priors integrated out.
 
     Parameters
     ----------
@@ -102,16 +104,21 @@ def compare(
         raise CommonlawError("laws-without-names")
     check_types(compare, arguments)
     observed = any(law.observation is not None for law in laws.values())
-    states = [measured_schema(law).measured if observed else law.schema.states for law in laws.values()]
+    jointly = observed or any(shared_parameters(law) for law in laws.values())
+    states = [measured_schema(law).measured if jointly else law.schema.states for law in laws.values()]
     if len(listed := dict.fromkeys(", ".join(sorted(state)) for state in states)) > 1:
         raise CommonlawError("laws-of-other-states", states=listed)
     scales = dict.fromkeys(", ".join(measured_schema(law).logarithmic) or "none" for law in laws.values())
     if len(scales) > 1:
         raise CommonlawError("log-states-differ", scales=scales)
-    if observed:
+    if jointly:
         refuse_client(client)
-        check_white(changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold}))
-        return _of_observations(laws, trials, noise)
+        changed = changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold})
+        refused = [name for name in changed if (name, errors) != ("errors", "white")]
+        if refused and not observed:
+            raise CommonlawError("shared-under-white-noise", settings=refused)
+        check_white(changed)
+        return _fitted_jointly(laws, trials, noise)
     if isinstance(trials, TrialStream):
         kind = "white" if errors == "auto" else errors
         settings = {"noise": noise, "errors": kind, "huber_threshold": huber_threshold, "n_jobs": n_jobs}
@@ -179,11 +186,11 @@ def _with_probabilities(frame: "pd.DataFrame") -> "pd.DataFrame":
     return frame.assign(probability=weights / weights.sum()).sort_values("2 log B", ignore_index=True)
 
 
-def _of_observations(
+def _fitted_jointly(
     laws: Mapping[str, Law], trials: Trials | TrialStream, noise: Mapping[str, float] | None
 ) -> "pd.DataFrame":
     if isinstance(trials, TrialStream):
-        raise CommonlawError("not-refined-file-by-file", what="observation equations")
+        raise CommonlawError("not-refined-file-by-file", what="observation equations or shared parameters")
     units = dict[str, str]()
     for law in laws.values():
         units_of_law = measured_schema(law).units
