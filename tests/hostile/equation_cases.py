@@ -211,7 +211,7 @@ def checks(r: random.Random) -> Case:
 
 USES = (
     "law.summary()", "law.equations()", "law._repr_html_()", "law.params", "law.conf_int()", "law.cov_params()",
-    "law.sample(50)", "law.quantities()", "law.models", "law.comparison()", "str(law.history)", "law.predict(trials)",
+    "law.sample(50)", "law.quantities()", "law.models", "law.comparison", "str(law.history)", "law.predict(trials)",
     "law.predict(trials, return_std=True)", "law.predict(trials, start='all')", "law.predict(trials, times=[1.0, 2.0])",
     "law.predict(trials, from_time=1.0)", "law.score(trials)", "law.score(trials, 'rmse')", "law.residuals(trials)",
     "law.assess(trials)", "law.discrepancy(trials)", "law.report(trials)", "law.update(trials)", "law.simplify()",
