@@ -355,3 +355,9 @@ def test_searches_among_numbers_whose_squares_are_infinite_end(value):
     bounds = Bounds(np.array([-np.inf]), np.array([np.inf]))
     bounded, _ = minimum(_Line(value), np.array([1e200]), np.array([True]), bounds, tolerance=1e-8, steps=20)
     assert np.isfinite([*unknowns, *bounded]).all()
+
+
+def test_measurements_without_any_residual_are_fitted_without_a_warning():
+    times = np.linspace(0, 1, 9)
+    law = cl.fit("x' = a; x(0) = b", cl.Trials.from_arrays(times, 1 + 2 * times, names=["x"]))
+    assert law.params["estimate"].tolist() == pytest.approx([2.0, 1.0])

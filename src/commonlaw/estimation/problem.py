@@ -431,7 +431,8 @@ class Problem:
         unknown, freedom = ~self.known_noise, np.full(len(noise), np.inf)
         for _ in range(20):
             used = self.leverage(unknowns, noise, free)
-            noise, before = self.noise_levels(unknowns, noise, used), freedom
+            levels, before = self.noise_levels(unknowns, noise, used), freedom
+            noise = np.where(levels > 0, levels, noise)  # Without residuals, the leverage is that at any noise
             freedom = np.where(unknown, self.counts - used, np.inf)
             if np.allclose(freedom, before, rtol=1e-6):
                 break
