@@ -271,9 +271,12 @@ def test_suggestions_refit_rivals_to_few_measurements(monkeypatch):
     law, rival = known("x' = a x", {"a": 0.5}, [[0.1]]), known("x' = a", {"a": 1.5}, [[0.1]])
     doubtful = replace(law, uncertainty=replace(law.uncertainty, other_laws=(PlausibleLaw(0.4, rival),)))
     refits, refit = [], Hypothesis.refitted
-    monkeypatch.setattr(
-        Hypothesis, "refitted", lambda self, *given: (refits.append(len(given[2])), refit(self, *given))[1]
-    )
+
+    def counted(self, *given):
+        refits.append(len(given[2]))
+        return refit(self, *given)
+
+    monkeypatch.setattr(Hypothesis, "refitted", counted)
     aims = [design.aim for design in suggestions(doubtful, trials).values()]
     assert [aim.of_law for aim in aims] == [True, False]
     assert 0 < sum(refits) < 1000

@@ -193,9 +193,8 @@ def check(label, folder, wrong):
     needed = {argument.name: right[argument.name](folder) for argument in arguments if argument.is_needed}
     for argument in arguments:
         for value in wrong:
-            named, placed = needed | {argument.name: value}, ()
-            if argument.by_place:
-                placed = (named.pop(argument.name),)
+            named = needed | {argument.name: value}
+            placed = (named.pop(argument.name),) if argument.by_place else ()
             ended = outcome(partial(function, *placed, **named))
             # What is in quotes is for type checkers alone
             if value is NEVER_RIGHT and not (

@@ -519,7 +519,7 @@ def refuse_zero_columns(model: Model, trials: Trials) -> None:
     def matters(values: Floats) -> Bools:
         with np.errstate(all="ignore"):
             slopes = [program.jacobian(values)[:, :, first:] for program in (model.rates, model.outputs, model.starts)]
-        return np.any(np.nan_to_num(np.concatenate(slopes, axis=1)) != 0, axis=(0, 1))
+        return np.asarray(np.any(np.nan_to_num(np.concatenate(slopes, axis=1)) != 0, axis=(0, 1)))
 
     lost = matters(points) & ~matters(without) & ~np.array(zero)
     if lost.any():

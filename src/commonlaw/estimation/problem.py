@@ -419,7 +419,7 @@ class Problem:
         scales = np.linalg.norm(rows, axis=0)
         basis, sizes, _ = np.linalg.svd(rows / np.where(scales > 0, scales, 1.0), full_matrices=False)
         basis = basis[: len(columns), sizes > np.finfo(float).eps * len(rows) * sizes.max(initial=0.0)]
-        return np.bincount(columns, np.sum(basis**2, axis=1), minlength=len(noise))
+        return np.asarray(np.bincount(columns, np.sum(basis**2, axis=1), minlength=len(noise)), dtype=np.float64)
 
     def restricted_noise(self, unknowns: Floats, noise: Floats, free: Bools) -> tuple[Floats, Floats]:
         """Return the noise of restricted maximum likelihood and its degrees of freedom, shape (m,) each.

@@ -161,7 +161,7 @@ def design(
 
 
 def _designed(
-    search: Search, plausible: tuple[PlausibleLaw, ...], most: int, budget: float, progress: ProgressCallback
+    search: Search, plausible: tuple[PlausibleLaw[Law], ...], most: int, budget: float, progress: ProgressCallback
 ) -> Design:
     """Return up to so many of the best experiments of a search, and what is to be expected of them; see `design`."""
     first, hypotheses, aim = search.law, search.hypotheses, search.aim

@@ -133,7 +133,7 @@ def read(text: str, names: Sequence[str], parameters: int = 0, functions: Mappin
         raise CommonlawError("term-too-long", term=shown, characters=characters, limit=MAX_CHARACTERS)
     try:
         code = _TOKEN.sub(lambda token: _translated(token, names, functions), text).strip()
-        tree = _Expansion().visit(ast.parse(code, mode="eval").body)
+        tree: ast.expr = _Expansion().visit(ast.parse(code, mode="eval").body)
         _check(tree, 0, 1, len(names) - parameters, functions)
     except SyntaxError as error:
         index = with_names(code[max(0, (error.offset or 1) - 1) :], names)

@@ -88,10 +88,10 @@ def _look(tree: ast.expr, wanted: "pint.Unit | None", known: "dict[int, pint.Uni
             _look(operand, wanted, known, first)
         case ast.Call(func=ast.Name(id=name), args=[argument]) if name in FUNCTIONS:
             _look(argument, None if name in _OF_ANY_UNIT else none, known, first)
-        case ast.Call(func=ast.Name(id="arctan2"), args=sides):
-            both = next((unit for side in sides if (unit := _tree_unit(side, known)) is not None), None)
-            for side in sides:
-                _look(side, both, known, first)
+        case ast.Call(func=ast.Name(id="arctan2"), args=arguments):
+            common = next((unit for part in arguments if (unit := _tree_unit(part, known)) is not None), None)
+            for part in arguments:
+                _look(part, common, known, first)
         case ast.BinOp(op=ast.Pow(), left=base, right=exponent):
             number = constant(exponent)
             root = None if wanted is None or not number else registry().Unit(wanted ** (1 / number))

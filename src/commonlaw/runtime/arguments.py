@@ -53,7 +53,8 @@ def check_types(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
         if isinstance(annotation, str):
             annotation = getattr(function, "__globals__", {}).get(annotation, Any)
         if parameter.kind is parameter.VAR_POSITIONAL:
-            _check_annotated(name, given[name], Sequence[annotation])
+            for value in given[name]:
+                _check_annotated(name, value, annotation)
         elif parameter.kind is parameter.VAR_KEYWORD:
             kinds = get_args(annotation)[0].__annotations__ if get_args(annotation) else {}
             for key, value in given[name].items():

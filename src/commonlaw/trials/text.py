@@ -393,9 +393,10 @@ class _Cells:
         if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):  # Older ones round the last digit unless asked
             options["float_precision"] = "round_trip"
         try:
-            return pd.read_csv(io.BytesIO(self.content), **options)
+            frame: pd.DataFrame = pd.read_csv(io.BytesIO(self.content), **options)
         except pd.errors.ParserError as error:
             raise CommonlawError("quotation-marks", where=self.source, error=error) from None
+        return frame
 
 
 def _are_plain(cells: Column) -> bool:
