@@ -45,7 +45,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
             estimates = fit.problem.on_half_steps(fit.estimates)
             finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
             if _moved(finer, fit.estimates) < settings.CONVERGED:
-                return finer, True
+                return _rescaled(finer), True  # What is left of the change of the noise is a small share of it
             fit = finer
     return before, is_fitted and before.is_resolved
 
@@ -99,17 +99,31 @@ def _under_residual_noise(fit: Fit) -> Fit:
 
     Noise that is given, or estimated from more samples than are fitted, is kept, and so is that with other errors.
     """
-    fit, problem = _fitted(fit), fit.problem
-    if problem.noise_given or problem.samples or problem.errors:
+    fit = _fitted(fit)
+    if _keeps_noise(fit):
         return fit
     for _ in range(settings.MAX_ITERATIONS):
         scale = residual_scale(fit)
-        if np.all(scale == 1):
+        if np.abs(np.log(scale)).max() < settings.CONVERGED_NOISE:
             break
         fit = _fitted(replace(fit, problem=fit.problem.with_scaled_noise(scale, FROM_RESIDUALS)))
-        if np.abs(np.log(scale)).max() < settings.CONVERGED_NOISE:  # What is left is a small share of this
-            break
     return fit
+
+
+def _rescaled(fit: Fit) -> Fit:
+    """Return the fit after one more iteration of `_under_residual_noise`."""
+    if _keeps_noise(fit):
+        return fit
+    scale = residual_scale(fit)
+    return (
+        fit
+        if np.all(scale == 1)
+        else _fitted(replace(fit, problem=fit.problem.with_scaled_noise(scale, FROM_RESIDUALS)))
+    )
+
+
+def _keeps_noise(fit: Fit) -> bool:
+    return fit.problem.noise_given or bool(fit.problem.samples) or bool(fit.problem.errors)
 
 
 def residual_scale(fit: Fit) -> Floats:
