@@ -136,7 +136,7 @@ def test_a_number_that_cannot_be_opened_is_refused_before_anything_is_written(tm
 def test_a_name_between_backticks_is_never_read(name):
     quoted = between_backticks(name)
     parts = parts_of(f"{quoted}' = -k max({quoted}, 0); `y`' = {quoted}\nk > 0")
-    assert parts == [f"{quoted}' = -k (step({quoted})*{quoted})", f"`y`' = {quoted}", "k > 0"]
+    assert parts == [f"{quoted}' = -k max({quoted}, 0)", f"`y`' = {quoted}", "k > 0"]
     assert [equation.state for equation in split_equations(parts)] == [name, "y"]
 
 

@@ -5,10 +5,12 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
+from commonlaw.estimation.model import ModelText, read_model
 from commonlaw.law import to_latex
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.text import Addend, written_equations
+from commonlaw.library import Variables, parse_term
 from tests.refusals import refused
 
 nan = np.nan
@@ -155,3 +157,30 @@ def test_units_that_are_not_known_cancel_or_hide_that_of_a_coefficient(text, uni
     law = cl.Law.from_text(text, dict.fromkeys(expected, 1.0), units=units)
     parameters = named_parameters(law)
     assert dict(zip(parameters.names, parameters.units, strict=True)) == expected
+
+
+def test_switches_are_read_as_expressions_of_the_unit_step():
+    for text, terms in {
+        "x' = a where(x > 1, x, 0)": "x*step(x - 1)",
+        "x' = a (2 < x <= 5)": "step(5 - x)*step(x - 2)",
+        "x' = a (max(x, 0) >= z)": "step(step(x)*x - z)",
+        "x' = -2 a x > z": "step(-2*a*x - z)",
+    }.items():
+        assert read_equations(text, cl.Schema(("x",), inputs=("z",))).terms.names[0] == terms
+    points = np.random.default_rng(0).normal(size=(20, 3))
+    law = cl.Law.from_text("x' = max(x, 0.1, z, x + z) - min(x, z, -0.2) + where(x > z > -1, x, -z)", inputs=["z"])
+    x, z, _ = points.T
+    expected = np.maximum.reduce([x, 0.1 + 0 * x, z, x + z]) - np.minimum.reduce([x, z, -0.2 + 0 * x])
+    np.testing.assert_allclose(law.rhs("object", points)[:, 0], expected + np.where((x > z) & (z > -1), x, -z))
+    assert law.structure == ("x' = max(x, 0.1, z, x + z) - min(x, z, -0.2) + where(x > z > -1, x, -z)",)
+
+
+def test_names_of_switches_that_are_not_called_are_parameters():
+    assert [each.name for each in read_equations("x' = max - min x", X).coefficients] == ["max", "min"]
+
+
+def test_switches_stand_in_terms_and_observation_equations_too():
+    assert parse_term("max(x, 0)", Variables(("x",))) == parse_term("x*step(x)", Variables(("x",)))
+    model = read_model(ModelText.of("x' = -k x", {"y": "max(x, 0.2)"}), cl.Schema(("y",)), ())
+    points = np.array([[-1.0, 0.0, 0.5], [0.7, 0.0, 0.5]])  # x, t, k
+    np.testing.assert_allclose(model.outputs.evaluate(points)[:, 0], [0.2, 0.7])

@@ -49,7 +49,7 @@ def test_the_time_of_a_switch_is_estimated():
     measured = solution(0.5, 1.0, 6.3) + 0.02 * random.standard_normal(len(t))
     law = cl.fit("x' = -k x + a (t > t0); x(0) = 2", trials_of({"A": (t, measured)}, ["x"]))
     assert_least_squares(law, {"k": 0.45, "a": 0.9, "t0": 6.2}, lambda p: solution(*p) - measured)
-    assert law.structure == ("x' = -k x + a step(t - t0)",)
+    assert law.structure == ("x' = -k x + a (t > t0)",)
 
 
 def test_rates_may_switch_with_the_state():

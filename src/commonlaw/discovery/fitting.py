@@ -132,9 +132,9 @@ def fit(
         grid of values, within the bounds that follow the equations: ``"s' = -V s/(K + s); K > 0"``, ``1 < p < 2``. An
         estimate at its bound is noted, with a one-sided interval.
 
-        Switches: ``"x' = -k x + a (t > t0)"``, ``where(x > c, a, b)``, ``max(a, b)``, ``min(a, b)``, and the unit step
-        ``step(x)``. ``floor``, ``ceil`` and ``mod`` take times and inputs, whose jumps are given. Other functions: see
-        `commonlaw.library.parse_term`.
+        Switches: ``"x' = -k x + a (t > t0)"``, ``where(x > c, a, b)``, ``max(a, b, ...)``, ``min(a, b, ...)``, and the
+        unit step ``step(x)``. ``floor``, ``ceil`` and ``mod`` take times and inputs, whose jumps are given. Other
+        functions: see `commonlaw.library.parse_term`.
 
         Events give states and rates new values where a condition becomes true: ``"x'' = -g; x < 0: x = 0, v = -c v"``,
         ``"t > tau: conc = f conc + d"``.

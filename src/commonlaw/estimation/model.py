@@ -15,9 +15,9 @@ from commonlaw.formulation import law_variables
 from commonlaw.law.observation import STEADY, Initial
 from commonlaw.law.parse import event_equations, event_expressions, meanings_of, observation_equation
 from commonlaw.library import Order, Variables, highest_columns, one_order, with_rates
-from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of, split_outside, with_steps
+from commonlaw.library.bounds import EVENT, Bound, bounds_in, is_bound, parts_of, split_outside
 from commonlaw.library.equation import DERIVATIVE, check_length, split_equations
-from commonlaw.library.grammar import FUNCTION_NAMES, STAIRS, columns_in, read, tree_of, write
+from commonlaw.library.grammar import FUNCTION_NAMES, JUMPING, STAIRS, columns_in, read, tree_of, write
 from commonlaw.library.notation import NAME, quoted, unquoted
 from commonlaw.library.program import Program
 from commonlaw.library.term import Factor
@@ -26,7 +26,7 @@ from commonlaw.trials import Schema, Trial
 
 _DELAYED = re.compile(rf"(?<![^\W\d])(?P<name>{NAME})\s*\(\s*(?:t|time)\s*-\s*(?P<delay>{NAME})\s*\)|`(?:[^`]|``)+`")
 _NAMED = re.compile(r"`((?:[^`]|``)+?)(\(t - (?:`(?:[^`]|``)+`|\w+)\))`")
-_CALLED = re.compile(rf"{_DELAYED.pattern}|(?P<jump>step|heaviside|floor|ceil|mod)\s*\(")
+_CALLED = re.compile(rf"{_DELAYED.pattern}|(?P<jump>(?<!\w)(?:{'|'.join(JUMPING)})\s*\(|[<>])")
 _INITIAL = re.compile(rf"(?P<name>{NAME})(?P<rate>')?\s*\(\s*0\s*\)\s*=(?P<right>.*)", re.DOTALL)
 _OBSERVED = re.compile(rf"(?P<name>{NAME})\s*=(?P<right>.*)", re.DOTALL)
 _CHANGED = re.compile(rf"(?P<name>{NAME})(?P<rate>'?)\s*=(?P<right>.+)", re.DOTALL)
@@ -58,7 +58,7 @@ class ModelText:
             if match := EVENT.fullmatch(part):
                 changes = events.setdefault(match["condition"].strip(), {})
                 for change in split_outside(match["changes"]):
-                    changed = _CHANGED.fullmatch(with_steps(change.strip()))
+                    changed = _CHANGED.fullmatch(change.strip())
                     name = unquoted(changed["name"]) + changed["rate"] if changed else ""
                     if changed is None or name in changes:
                         raise CommonlawError("equation-event-syntax", text=part)

@@ -16,7 +16,7 @@ from commonlaw.law.provenance import Provenance
 from commonlaw.law.text import Addend
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Term, Terms, Variables, one_order, with_rates
-from commonlaw.library.bounds import Bound, bounds_in, with_steps
+from commonlaw.library.bounds import Bound, bounds_in
 from commonlaw.library.equation import Equation, Meanings, only_product, split_equations, with_parameters
 from commonlaw.library.functions import Function
 from commonlaw.library.grammar import write
@@ -220,7 +220,7 @@ def event_equations(
     rate_of = {f"{state}'": rate for state, rate in meanings.rates.items()}
     return tuple(
         (
-            observation_equation("event", with_steps(f"event = {condition}").partition("=")[2].strip()),
+            observation_equation("event", condition),
             {rate_of.get(name, name): observation_equation(name, new) for name, new in changes.items()},
         )
         for condition, changes in events.items()

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import accumulate, chain
 from typing import NamedTuple, NoReturn
 
 from commonlaw.diagnostics import Diagnostic
@@ -16,6 +16,7 @@ from commonlaw.library.grammar import (
     MAX_CHARACTERS,
     MAX_DEPTH,
     OTHER_NAMES,
+    SWITCHES,
     length,
     read,
     with_names,
@@ -32,11 +33,15 @@ _LEFT = re.compile(
 )
 _TOKEN = re.compile(
     rf"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{NAME})(?P<mark>'|\[[kn]\])?"
-    r"|(?P<sign>\*\*|[-+*/^(),])|(?P<bad>\S))"
+    r"|(?P<sign>\*\*|[<>]=?|[-+*/^(),])|(?P<bad>\S))"
 )
 DERIVATIVE = re.compile(r"'\s*=|/\s*d\s*\w+\s*=|\]\s*=")
 _DELAYED = re.compile(r"\(\s*(?:t|time)\s*-")
+_SWITCH = re.compile(rf"[<>]|(?<![\w`])(?:{'|'.join(SWITCHES)})\s*\(")
 _OPENED = re.compile(r"\s*\(")
+_COMPARISONS = ("<", "<=", ">", ">=")
+_LOGIC = ("if", "else", "and", "or", "not", "&", "|", "?")
+"""What other languages have in conditions."""
 _LETTER = re.compile(r"[^\W\d_](?:_?\w)?")
 """What is a coefficient before a parenthesis, and not the name of a function."""
 
@@ -279,6 +284,10 @@ class _Reader:
         """Return sign, first token and text of each addend, as the grammar of terms writes it: with all signs."""
         result, opened, before = list[tuple[float, _Token, str]](), list[tuple[_Token, bool]](), ""
         factor, start, text = 1.0, self.tokens[0], ""
+        depths = accumulate((token.kind == "(") - (token.kind == ")") for token in self.tokens)
+        is_condition = any(
+            not depth and token.kind in _COMPARISONS for token, depth in zip(self.tokens, depths, strict=True)
+        )
         for token in self.tokens:
             is_sign, ends_operand = token.kind in ("+", "-"), before in ("number", "name", ")")
             if token.kind == "," and not (opened and opened[-1][1]):
@@ -289,16 +298,20 @@ class _Reader:
                 start = token if not text else start
                 text += ("*" if ends_operand else "") + (quoted(token.text) if token.kind == "name" else token.text)
                 opened += [(token, before == "function")] if token.kind == "(" else []
-            elif is_sign and not text:
+            elif is_sign and not text and not is_condition:
                 factor *= -1.0 if token.kind == "-" else 1.0
+            elif not ends_operand and (token.kind in _COMPARISONS or before in _COMPARISONS) and not is_sign:
+                raise CommonlawError("condition-syntax", expression=self.equation.text)
             elif not ends_operand and not is_sign:
                 what = "it ends" if token.kind == "end" else f"{token.text!r} stands"
                 self._fail(token, Diagnostic("operand-missing", {"what": what}))
             elif token.kind == ")" and not opened:
                 self._fail(token, Diagnostic("parenthesis-not-opened"))
             elif token.kind == "end" and opened:
+                if any(token.kind == "function" and token.text in SWITCHES for token in self.tokens):
+                    raise CommonlawError("condition-syntax", expression=self.equation.text)
                 self._fail(opened[-1][0], Diagnostic("parenthesis-not-closed"))
-            elif token.kind == "end" or (is_sign and ends_operand and not opened):
+            elif token.kind == "end" or (is_sign and ends_operand and not opened and not is_condition):
                 result.append((factor, start, text))
                 factor, text = -1.0 if token.kind == "-" else 1.0, ""
             else:
@@ -332,6 +345,12 @@ class _Reader:
         while match := _TOKEN.match(text, position):
             kind = str(next(group for group in ("number", "name", "sign", "bad") if match[group]))
             token = _Token(kind if kind != "sign" else match["sign"], match[kind], match.start(kind))
+            if (
+                token.text in _LOGIC
+                and token.text not in self.variables.names
+                and _SWITCH.search(text, self.equation.right)
+            ):
+                raise CommonlawError("condition-syntax", expression=text)
             if kind == "bad":
                 self._fail(token, Diagnostic("equation-character", {"character": token.text}))
             if kind == "name":
@@ -357,6 +376,8 @@ class _Reader:
         elif not token.text.startswith("`"):
             if name in self.variables.arities and is_called:
                 return _Token("function", name, token.position)
+            if name in SWITCHES and is_called:
+                return _Token("function", SWITCHES[name], token.position)
             if name in FUNCTION_NAMES:
                 if not is_called:
                     self._fail(token, Diagnostic("function-not-called", {"name": name}))

@@ -10,9 +10,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.library.grammar import FUNCTION_NAMES
+from commonlaw.library.grammar import FUNCTION_NAMES, SWITCHES
 
-_RESERVED = re.compile(r"v\d+|where|max|min|maximum|minimum|e|pi")
+_RESERVED = re.compile(r"v\d+|e|pi")
 """Names with another meaning in expressions and equations."""
 
 
@@ -42,7 +42,7 @@ class Function:
         """
         name = getattr(function, "__name__", "")
         name = "f" if name == "<lambda>" else name
-        if not name.isidentifier() or name in FUNCTION_NAMES or _RESERVED.fullmatch(name):
+        if not name.isidentifier() or name in (*FUNCTION_NAMES, *SWITCHES) or _RESERVED.fullmatch(name):
             raise CommonlawError("function-name", name=name or repr(function))
         try:
             parameters = inspect.signature(function).parameters.values()

@@ -92,10 +92,17 @@ _DERIVED = {
     "csch": ("1/sinh({0})", 1),
     "cbrt": ("sign({0})*abs({0})**(1/3)", 1),
     "mod": ("({0}) - ({1})*floor(({0})/({1}))", 2),
+    "where": ("({0})*({1}) + (1 - ({0}))*({2})", 3),
+    "max": ("({1}) + step(({0}) - ({1}))*(({0}) - ({1}))", 2),
+    "min": ("({1}) - step(({1}) - ({0}))*(({1}) - ({0}))", 2),
 }
 """Functions that are read as expressions of the others, with the number of their arguments."""
-FUNCTION_NAMES = (*FUNCTIONS, *OTHER_NAMES, *_DERIVED)
-"""All names of functions in texts."""
+SWITCHES = {"where": "where", "max": "max", "maximum": "max", "min": "min", "minimum": "min"}
+"""Derived functions whose names are also those of parameters, where they are not called."""
+JUMPING = ("step", "heaviside", *STAIRS, "mod", *SWITCHES)
+"""Functions that jump or bend where it depends on their arguments."""
+FUNCTION_NAMES = (*FUNCTIONS, *OTHER_NAMES, *(name for name in _DERIVED if name not in SWITCHES))
+"""Names of functions in texts that mean nothing else."""
 _OPERATORS: Mapping[type[ast.AST], str] = {
     ast.Add: "add",
     ast.Sub: "subtract",
@@ -105,7 +112,8 @@ _OPERATORS: Mapping[type[ast.AST], str] = {
 }
 _TOKEN = re.compile(
     r"`(?P<quoted>(?:[^`]|``)+)`|(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
-    r"|(?P<function>[^\W\d]\w*)(?=\s*\()|(?P<name>[^\W\d]\w*)|(?P<power>\^)|(?P<bad>[^\s+\-*/().])"
+    r"|(?P<function>[^\W\d]\w*)(?=\s*\()|(?P<name>[^\W\d]\w*)|(?P<power>\^)|(?P<sign>[<>]=?|,)"
+    r"|(?P<bad>[^\s+\-*/().])"
 )
 _NAMED = re.compile(r"`(?:[^`]|``)+`|[^\W\d]\w*")
 _COLUMN = re.compile(r"(?<![^\W\d])v(\d+)(?![\w(])")
@@ -240,16 +248,16 @@ def _translated(token: re.Match[str], names: Sequence[str], functions: Mapping[s
     text, kind = token[0], token.lastgroup
     if kind == "power":
         return "**"
-    if kind == "bad" and text != ",":
+    if kind == "bad":
         raise CommonlawError("character-unknown", character=text)
     if kind == "function":
         if text in names:
             raise CommonlawError("variable-called", variable=text)
-        function = text if text in functions else OTHER_NAMES.get(text, text)
+        function = text if text in functions else (OTHER_NAMES | SWITCHES).get(text, text)
         if function not in (*FUNCTIONS, *_DERIVED, *functions):
             raise unknown("function", text, (*FUNCTION_NAMES, *functions))
         return function
-    if kind in ("number", "bad"):
+    if kind in ("number", "sign"):
         return text
     name = text if kind == "name" else token["quoted"].replace("``", "`")
     if name not in names:
@@ -259,18 +267,94 @@ def _translated(token: re.Match[str], names: Sequence[str], functions: Mapping[s
 
 
 class _Expansion(ast.NodeTransformer):
-    """Puts expressions in place of derived functions."""
+    """Puts expressions in place of derived functions and of comparisons.
+
+    ``a > b`` is ``step(a - b)``, one where it holds and zero elsewhere. What is times or plus zero is left out.
+    """
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
         self.generic_visit(node)
         if not isinstance(node.func, ast.Name) or node.func.id not in _DERIVED:
             return node
-        form, arguments = _DERIVED[node.func.id]
-        _check_arguments(node.func.id, arguments, len(node.args))
-        text = form.format(*map(ast.unparse, node.args))
-        if len(text) > MAX_CHARACTERS:
-            raise CommonlawError("function-too-long", function=node.func.id, characters=len(text), limit=MAX_CHARACTERS)
-        return ast.parse(text, mode="eval").body
+        name, (_, arguments) = node.func.id, _DERIVED[node.func.id]
+        operands = [ast.unparse(operand) for operand in node.args]
+        if name in ("max", "min") and len(operands) > 2:
+            *first, last = node.args
+            return self._call(name, [ast.unparse(self.visit(ast.Call(node.func, first, []))), ast.unparse(last)])
+        if name in SWITCHES and len(operands) != arguments:
+            raise CommonlawError("switch-arguments", name=name)
+        _check_arguments(name, arguments, len(operands))
+        return self._call(name, operands)
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        self.generic_visit(node)
+        sides = [ast.unparse(side) for side in (node.left, *node.comparators)]
+        pairs = [
+            (high, low) if isinstance(sign, ast.Gt | ast.GtE) else (low, high)
+            for high, sign, low in zip(sides, node.ops, sides[1:], strict=False)
+        ]
+        steps = (f"step({high})" if low == "0" else f"step(({high}) - ({low}))" for high, low in pairs)
+        return _parsed("a condition", "*".join(steps))
+
+    def _call(self, name: str, operands: Sequence[str]) -> ast.expr:
+        form = _DERIVED[name][0]
+        if name == "where":
+            condition = operands[0]
+            operands = [condition, _guarded(operands[1], condition), _guarded(operands[2], f"1 - ({condition})")]
+            form = "({0})*({1})" if operands[2] == "0" else form
+        elif name == "max" and "0" in operands:
+            form = "step({0})*({0})" if operands[1] == "0" else "step({1})*({1})"
+        return _parsed(name, form.format(*operands))
+
+
+class _Guard(ast.NodeTransformer):
+    """Gives roots, logarithms and powers in a branch a value where the condition of the branch does not hold.
+
+    There what they are of is one: ``sqrt(g)`` is ``sqrt(holds*g + (1 - holds))``, or ``sqrt(max(g, 0))`` if the
+    condition is ``g > 0``. A branch that is not taken would be times zero, and no number times zero is no number.
+    """
+
+    def __init__(self, holds: str) -> None:
+        self.holds, self.positive = holds, ""
+        match tree_of(holds):
+            case ast.Call(ast.Name("step"), [argument]):
+                self.positive = ast.unparse(argument)
+            case ast.BinOp(ast.Constant(1), ast.Sub(), ast.Call(ast.Name("step"), [ast.BinOp(low, ast.Sub(), high)])):
+                is_zero = isinstance(low, ast.Constant) and low.value == 0
+                self.positive = ast.unparse(high if is_zero else ast.BinOp(high, ast.Sub(), low))
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        self.generic_visit(node)
+        name = ast.unparse(node.func)
+        if name in ("sqrt", "log", "log2", "log10", "arccos", "arccosh"):
+            node.args = [self._with_value(node.args[0], is_root=name == "sqrt")]
+        return node
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        is_whole = isinstance(node.right, ast.Constant) and isinstance(node.right.value, int)
+        if isinstance(node.op, ast.Pow) and not is_whole:
+            node.left = self._with_value(node.left, is_root=True)
+        return node
+
+    def _with_value(self, argument: ast.expr, is_root: bool) -> ast.expr:
+        if not columns_in(argument):
+            return argument
+        inner, holds = ast.unparse(argument), self.holds
+        if is_root and inner == self.positive:
+            return _parsed("where", f"step({inner})*({inner})")
+        return _parsed("where", f"({holds})*({inner}) + (1 - ({holds}))")
+
+
+def _guarded(branch: str, holds: str) -> str:
+    condition = ast.unparse(tree_of(holds))
+    return ast.unparse(_Guard(condition).visit(ast.parse(branch, mode="eval").body))
+
+
+def _parsed(name: str, text: str) -> ast.expr:
+    if len(text) > MAX_CHARACTERS:
+        raise CommonlawError("function-too-long", function=name, characters=len(text), limit=MAX_CHARACTERS)
+    return ast.parse(text, mode="eval").body
 
 
 def _check_arguments(function: str, arguments: int, given: int) -> None:

@@ -230,7 +230,7 @@ def parse_term(text: str, variables: Variables) -> Term:
     or parameters above, and the functions abs, sqrt, cbrt, exp, log (or ln), log10, log2, sin, cos, tan, cot, sec, csc,
     arcsin (or asin), arccos, arctan, arctan2(y, x), the same of hyperbolas (sinh, ..., arctanh), sign, step (or
     heaviside), erf, erfc, floor, ceil and mod(x, y), which is x - y floor(x/y). Inside of floor, ceil and mod stand no
-    parameters.
+    parameters. Comparisons, ``x > 1``, where(x > 1, a, b), max and min are read as expressions of step.
 
     Raises `CommonlawError` if the text is not an expression, has an unknown name or a numeric factor (terms have no
     coefficients of their own), or is too long or too large.
