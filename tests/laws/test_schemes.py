@@ -323,7 +323,7 @@ REFUSED = {
     "a number before a sum": (
         enzyme._replace(equations="S' = -Vm S/(2 (Km + S))"), COLLOCATION, {}, "term-unusable",
     ),
-    "proportional errors": (decay, SHOOTING, {"errors": "proportional"}, "not-with-observation"),
+    "proportional errors": (decay, SHOOTING, {"errors": "proportional"}, "proportional-with-observation"),
     "autocorrelated errors": (decay, SHOOTING, {"errors": "autocorrelated"}, "not-with-observation"),
     "outliers": (decay, SHOOTING, {"huber_threshold": 2.0}, "not-with-observation"),
     "partial pooling": (decay, SHOOTING, {"partial_pooling": True}, "not-with-observation"),

@@ -197,9 +197,9 @@ def test_settings_of_a_method_that_do_not_fit_are_refused_with_place_and_remedy(
     [
         ({"order": 3}, Diagnostic("order-not-offered", {"order": 3})),
         ({"order": "2"}, Diagnostic("order-not-offered", {"order": "2"})),
-        ({"order": 2.0}, Diagnostic("order-not-offered", {"order": 2.0})),
+        ({"order": 2.0}, Diagnostic("argument-type", {"name": "order", "kind": "float"})),
         ({"order": [2]}, "order-not-offered"),
-        ({"order": {"x": 2.0}}, Diagnostic("order-of-state", {"order": 2.0, "name": "x"})),
+        ({"order": {"x": 2.0}}, Diagnostic("argument-type", {"name": "order of x", "kind": "float"})),
         (
             {"order": 0},
             Diagnostic(

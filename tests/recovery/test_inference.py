@@ -137,7 +137,7 @@ def test_given_noise_is_used(drops, drag):
         ({"covariance": "guess"}, Diagnostic("unknown-name", {"kind": "covariance", "name": "guess"})),
         ({"noise": {"y": 0.1}}, Diagnostic("unknown-name", {"name": "y"})),
         ({"noise": {}}, "noise-missing"),
-        ({"noise": {"x": [1]}}, Diagnostic("setting-not-a-number", {"name": "noise of x"})),
+        ({"noise": {"x": [1]}}, Diagnostic("argument-type", {"name": "noise of x", "kind": "list"})),
         ({"noise": {"x": 0.0}}, Diagnostic("noise-not-positive", {"name": "x"})),
         ({"noise": {"x": -1.0}}, Diagnostic("noise-not-positive", {"name": "x"})),
         ({"noise": {"x": np.nan}}, Diagnostic("noise-not-positive", {"name": "x"})),

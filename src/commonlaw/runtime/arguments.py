@@ -67,7 +67,14 @@ _signature = cache(inspect.signature)
 
 
 def _check_annotated(name: str, value: object, annotation: Any) -> None:
-    if not _fits(value, annotation):
+    if _fits(value, annotation):
+        return
+    parts = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    mappings = [part for part in parts if get_origin(part) is Mapping]
+    if mappings and isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        for key, part in value.items():
+            _check_annotated(f"{name} of {key}", part, get_args(mappings[0])[1])
+    else:
         kind = type(value).__name__
         raise CommonlawError("argument-type", name=name, kind=kind, expected=" or ".join(_expected(annotation)))
 
