@@ -76,8 +76,11 @@ def dense_value(model, estimate, model_error):
     coefficients, step = estimate.coefficients, np.median(mesh.steps[mesh.contiguous])
     matrix = np.array([[coefficients[0, 0]]]) if order == 1 else np.array([[0.0, 1.0], coefficients[0]])
     noise, value, hardly = 0.1 * mesh.scale[:, 0], 0.0, 0.0
-    typical = np.sqrt(np.mean(noise**2))
-    rate_std = 3 * typical / step
+    errors = 0.0 if latent.correlated is None else float(latent.correlated[0])
+    typical = np.sqrt(np.mean(noise**2) + errors**2)
+    # Of a state and a rate: the prior at first points, and what is vague under autocorrelated errors
+    first_variances = np.array([(100 * typical) ** 2, (3 * typical / step) ** 2])
+    state_variance, rate_variance = first_variances + (1000 * errors / np.array([1.0, step])) ** 2
     for first, last in pairwise(cuts):
         times, count = mesh.times[first:last], last - first
         hidden = covariance_functions(latent, times)
@@ -116,9 +119,9 @@ def dense_value(model, estimate, model_error):
             if np.isfinite(y):
                 measured.append((rows[i, 0] + error[i], y, noise[first + i] ** 2, False, i))
             else:
-                measured.append((rows[i, 0], states[first + i, 0], (100 * typical) ** 2, True, i))
+                measured.append((rows[i, 0], states[first + i, 0], state_variance, True, i))
             if order == 2:
-                measured.append((rows[i, 1], states[first + i, 1], rate_std**2, True, i))
+                measured.append((rows[i, 1], states[first + i, 1], rate_variance, True, i))
         for j in range(len(hidden)):
             if j % count:  # That of the first point has its stationary distribution, which nothing else tells
                 measured.append((np.eye(size)[size - len(hidden) + j], 0.0, 1e6 * hidden[j, j], True, j % count))
@@ -138,6 +141,7 @@ def dense_value(model, estimate, model_error):
         density = multivariate_normal(centre, covariance).logpdf(informed[later])
         value += -2 * density - later.sum() * np.log(2 * np.pi)
         hardly += np.sum(np.log(spread[later & unmeasured]))
+        hardly += np.sum(np.log(spread[start] / first_variances[:order]), where=unmeasured[start])
     return value, hardly
 
 
