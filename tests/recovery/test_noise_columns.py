@@ -146,7 +146,7 @@ def test_points_between_samples_have_no_deviation():
             {"noise_columns": {"T": "sd"}},
             Diagnostic("unknown-name", {"kind": "column", "name": "sd"}, "cups.csv"),
         ),
-        (cells(), {"noise_columns": "s"}, Diagnostic("noise-columns-not-by-state", {"value": "s"})),
+        (cells(), {"noise_columns": "s"}, Diagnostic("argument-type", {"name": "noise_columns", "kind": "str"})),
         (cells(), {"states": ["T", "s"]}, Diagnostic("role-twice", {"column": "s"})),
         (
             cells(),

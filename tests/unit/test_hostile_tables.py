@@ -151,10 +151,10 @@ ODD = {
         {},
         Diagnostic("frame-not-computed", {"source": "the frame"}),
     ),
-    "a number as unit": (FRAME, {"units": {"x": 5}}, Diagnostic("unit-not-text", {"column": "x", "unit": 5})),
+    "a number as unit": (FRAME, {"units": {"x": 5}}, Diagnostic("argument-type", {"name": "units of x"})),
     "a unit that cancels": (FRAME, {"units": {"x": "m^0"}}, Diagnostic("unit-unknown", {"unit": "m^0"}, "column 'x'")),
-    "a text as units": (FRAME, {"units": "m"}, Diagnostic("units-not-by-column", {"units": "m"})),
-    "a number as states": (FRAME, {"states": 5}, Diagnostic("column-names", {"names": 5})),
+    "a text as units": (FRAME, {"units": "m"}, Diagnostic("argument-type", {"name": "units"})),
+    "a number as states": (FRAME, {"states": 5}, Diagnostic("argument-type", {"name": "states"})),
     "a list as a property": (
         FRAME,
         {"properties": {"object": {"mass": [1]}}},
@@ -193,12 +193,12 @@ ARRAYS = {
     "a number as times": (3, 3, {}, Diagnostic("array-dimensions", {"dimensions": 2})),
     "rows of several lengths": (FRAME.t, [[1], [1, 2]], {}, "not-an-array"),
     "an integer beyond doubles": ([10**400, 1], [1, 2], {}, "not-an-array"),
-    "a number as name": (FRAME.t, FRAME.x, {"names": [1]}, Diagnostic("names-count", {"states": 1})),
+    "a number as name": (FRAME.t, FRAME.x, {"names": [1]}, Diagnostic("argument-type", {"name": "item 1 of names"})),
     "a number as unit": (
         FRAME.t,
         FRAME.x,
         {"units": {"x": 5}},
-        Diagnostic("unit-not-text", {"column": "x", "unit": 5}),
+        Diagnostic("argument-type", {"name": "units of x"}),
     ),
 }
 

@@ -133,7 +133,7 @@ def test_a_compressed_file_is_unpacked_up_to_a_limit_and_refused_if_damaged(tmp_
     packed = gzip.compress(b"t,x\n" + b"0,1\n" * 1000)
     with refused("not-unpacked", source="cup.csv"):
         read(tmp_path, packed[:-20])
-    monkeypatch.setattr(files, "LARGEST_FILE", 1000)
+    monkeypatch.setattr(files, "LARGEST_INFLATED", 1000)
     with refused("unpacked-too-large", limit=1000):
         read(tmp_path, packed)
 
@@ -141,7 +141,7 @@ def test_a_compressed_file_is_unpacked_up_to_a_limit_and_refused_if_damaged(tmp_
 @pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, partial(lzma.compress, preset=0)])
 def test_a_file_that_unpacks_to_more_than_is_read_is_refused_without_holding_it(tmp_path, monkeypatch, pack):
     size = 2**25
-    monkeypatch.setattr(files, "LARGEST_FILE", size // 2)
+    monkeypatch.setattr(files, "LARGEST_INFLATED", size // 2)
     (tmp_path / "cup.csv").write_bytes(pack((b"0" * 999_999 + b"\n") * (size // 1_000_000)))
     tracemalloc.start()
     try:

@@ -147,7 +147,7 @@ def test_gaps_and_errors_are_told_by_row_and_column(tmp_path):
     [
         (PLATE.assign(object="P"), {"wide": "OD"}, message("wide-with-object", column="object")),
         (PLATE, {"wide": "time"}, message("wide-name-taken", name="time")),
-        (PLATE, {"wide": 5}, message("wide-not-a-name", value=5)),
+        (PLATE, {"wide": 5}, message("argument-type", name="wide")),
         (PLATE[["time [h]"]].assign(word="a"), {"wide": "OD"}, "no-state"),
     ],
 )

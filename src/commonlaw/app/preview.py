@@ -59,7 +59,9 @@ def _case(found: Finding, table: Cells, rows: Mapping[_Labels, Codes]) -> dict[s
 
 def cell_text(cell: Any) -> str:
     """Return what is shown of a cell; nothing of an empty one."""
-    return "" if cell is None or cell != cell else str(cell)
+    if cell is None or cell != cell:
+        return ""
+    return str(cell).removesuffix(".0") if isinstance(cell, float) else str(cell)
 
 
 SAMPLES = {

@@ -71,9 +71,13 @@ def _check_annotated(name: str, value: object, annotation: Any) -> None:
         return
     parts = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
     mappings = [part for part in parts if get_origin(part) is Mapping]
+    lists = [part for part in parts if get_origin(part) in (Sequence, Iterable)]
     if mappings and isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
         for key, part in value.items():
             _check_annotated(f"{name} of {key}", part, get_args(mappings[0])[1])
+    elif lists and isinstance(value, list | tuple):
+        for i, part in enumerate(value, 1):
+            _check_annotated(f"item {i} of {name}", part, get_args(lists[0])[0])
     else:
         kind = type(value).__name__
         raise CommonlawError("argument-type", name=name, kind=kind, expected=" or ".join(_expected(annotation)))
@@ -132,6 +136,8 @@ def _expected(annotation: Any) -> list[str]:
         return list(dict.fromkeys(words for part in inner if part is not NoneType for words in _expected(part)))
     if kind is Literal:
         return [*map(repr, inner)]
+    if kind is Mapping and inner[1] is str:
+        return ["a mapping by names, such as {'x': 'y'}"]
     return [_EXPECTED.get(kind, kind.__name__)]
 
 
