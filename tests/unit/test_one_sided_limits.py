@@ -1,8 +1,10 @@
 """Parameters that have a limit on one side only: against profiles in closed form, and wherever they are printed."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
+import openpyxl
 import pytest
 from scipy.optimize import brentq
 
@@ -110,6 +112,29 @@ def test_quantities_of_a_limited_parameter_have_one_end(law):
     assert rows.loc["k", "low"] == pytest.approx(limit.value)
     assert np.isinf(rows.loc["τ", "low"])
     assert rows.loc["T*", "standard error"] == pytest.approx(NOISE / np.sqrt(len(FAST) - 1), rel=1e-3)
+
+
+def test_errors_and_intervals_of_others_are_given_the_limited_parameters():
+    law = cl.Law.from_text("x' = -k (x - a)", {"k": {"mug": 10.0}, "a": {"mug": 2.0}})
+    gradients = {"x": [-1.0, 0.0], "1": [2.0, 10.0]}  # Of the coefficients -k and k a by k and a
+    slopes = np.array([gradients[law.terms.names[column]] for column in np.argwhere(law.support)[:, 1]])
+    covariance = slopes @ np.array([[81.0, 0.05], [0.05, 0.0004]]) @ slopes.T
+    limits = (OneSidedLimit("mug", "k", 6.0, is_lower=True),)
+    law = replace(law, uncertainty=cl.law.Uncertainty(covariance[np.newaxis], limits=limits))
+    error = np.sqrt(0.0004 - 0.05**2 / 81)
+    row = interval_frame(law).set_index("parameter").loc["a"]
+    assert row["standard error"] == pytest.approx(error, rel=1e-6)
+    assert (row["low"], row["high"]) == pytest.approx((2 - 1.96 * error, 2 + 1.96 * error), rel=1e-4)
+    rest = law.quantities().set_index("symbol").loc["x*"]
+    assert rest["quantity"] == "equilibrium, stable"
+    assert (rest["standard error"], rest["low"]) == pytest.approx((error, 2 - 1.96 * error), rel=1e-4)
+
+
+def test_workbooks_have_the_limit_next_to_the_number(law, tmp_path):
+    law.save(tmp_path / "law.xlsx")
+    sheet = openpyxl.load_workbook(tmp_path / "law.xlsx")["Parameters"]
+    cells = {str(cell.value) for cell in sheet[5]}
+    assert f"k {law.uncertainty.limits[0].text}" in cells
 
 
 def test_limits_are_saved_and_laws_without_them_still_read(law):

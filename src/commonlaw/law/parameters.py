@@ -63,9 +63,16 @@ class Parameters:
 
     @cached_property
     def errors(self) -> Floats:
-        """Standard errors to first order, shape (objects, parameters); NaN where unknown."""
+        """Standard errors to first order, shape (objects, parameters); NaN where unknown.
+
+        They are given the parameters that have only a limit; of these themselves they are those of a parabola.
+        """
+        variances = np.diagonal(self.covariance, axis1=1, axis2=2)
+        if self.limits and (given := self.covariance_given_limits) is not None:
+            slopes = self.slopes(self.law.coefficients)
+            variances = np.where(self.limited, variances, np.einsum("opi,oij,opj->op", slopes, given, slopes))
         with np.errstate(invalid="ignore"):
-            errors = np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
+            errors = np.sqrt(np.maximum(variances, 0.0))
         errors.flags.writeable = False
         return errors
 
@@ -101,6 +108,19 @@ class Parameters:
             return np.full((*self.values.shape, self.values.shape[1]), np.nan)
         slopes = self.slopes(self.law.coefficients)
         return np.asarray(slopes @ self.law.uncertainty.covariance @ slopes.transpose(0, 2, 1))
+
+    @cached_property
+    def covariance_given_limits(self) -> Floats | None:
+        """Covariance of coefficients in the support given the parameters that have only a limit, shape (objects, p, p).
+
+        With the slopes G of these parameters it is ``C - C G^T inv(G C G^T) G C``.
+        """
+        covariance = self.law.uncertainty.covariance
+        if covariance is None or not self.limits:
+            return covariance
+        slopes = self.slopes(self.law.coefficients) * self.limited[:, :, np.newaxis]
+        joint = slopes @ covariance
+        return covariance - joint.transpose(0, 2, 1) @ np.linalg.pinv(joint @ slopes.transpose(0, 2, 1)) @ joint
 
     @cached_property
     def degrees_of_freedom(self) -> Floats:
@@ -159,7 +179,7 @@ class Parameters:
             return low[:, j, k], high[:, j, k]
         reach = two_sided(level, self.degrees_of_freedom)
         low, high = self.values - self.errors * reach, self.values + self.errors * reach
-        support, known = self.law.support, self.law.uncertainty.covariance
+        support, known = self.law.support, self.covariance_given_limits
         covariances = () if known is None else known
         for i, definition in enumerate(self.definitions):
 

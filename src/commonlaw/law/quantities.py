@@ -431,7 +431,7 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
     rows = list[tuple[object, ...]]()
     for i, owner in enumerate(law.objects if law.order != 0 else ()):
         parameters = law.coefficients[i, law.support]
-        covariance = None if law.uncertainty.covariance is None else law.uncertainty.covariance[i]
+        covariance = None if known.covariance_given_limits is None else known.covariance_given_limits[i]
         specific = _most_specific([match for match in matches if match.holds(law.coefficients[[i]])])
         quantities = [
             (match.title, quantity) for match in specific for quantity in _quantities_of(match, initial or {})
