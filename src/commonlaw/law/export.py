@@ -458,6 +458,11 @@ def _workbook(system: _System, _: str) -> bytes:
     table["B2"] = (system.law.provenance.domain.horizon or 10.0) / steps
     for i, name in enumerate(system.objects):
         _put(table, f"A{first + i}", name)
+        # Formulas need numbers: those of parameters that have only a limit stand for any beyond it
+        limits = [limit for limit in system.law.uncertainty.limits if limit.object == name]
+        if limits:
+            text = ", ".join(f"{limit.parameter} {limit.text}" for limit in limits)
+            _put(table, f"{letter(len(system.parameters) + 2)}{first + i}", text)
     for k, name in enumerate(system.parameters):
         column = letter(k + 2)
         _put(table, f"{column}4", name)
