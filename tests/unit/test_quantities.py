@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 import commonlaw as cl
 from commonlaw.law import to_script
 from commonlaw.law.models import model_named
+from commonlaw.law.observation import Observation
 from commonlaw.law.parse import read_equations
 from commonlaw.law.quantiles import propagated
 from commonlaw.law.quantities import forms
@@ -291,6 +292,34 @@ def test_doses_and_boluses_have_volumes_and_clearances():
     assert table.loc[["V", "CL", "t½"], "unit"].tolist() == ["l", "l/h", "h"]
 
 
+def dosed(text, *doses, measured=(), **values):
+    """Return a law with doses of which these quantities were measured, by observation equations or as states."""
+    law = law_of(text, inputs=doses, **values)
+    law = replace(law, schema=replace(law.schema, doses=doses))
+    observed = {name: right for name, right in measured if right}
+    schema = Schema(tuple(name for name, _ in measured))
+    return replace(law, observation=Observation(schema, observed, {}, 0.0, {}, {}, ()))
+
+
+def test_volumes_are_those_of_measured_concentrations():
+    """An absorbed fraction of 0.6 is no volume of 1/0.6, and an absorption rate constant none of elimination."""
+    chain = dosed(
+        "D' = -ka D + F A; C' = ka D - k C + B", "A", "B", measured=[("DV", "C/V")], ka=0.8, F=0.6, k=0.1
+    ).quantities()
+    assert not {*chain["symbol"]} & {"V", "CL", "k"}
+    by_name = chain.set_index("quantity")["estimate"]
+    assert by_name["rate constant of D"] == pytest.approx(0.8)
+    assert by_name["half-life of D"] == pytest.approx(np.log(2) / 0.8)
+    assert found(dosed("c' = -k c + A/V", "A", measured=[("c", "")], k=0.3, V=4.0))["CL"] == pytest.approx(1.2)
+    assert "V" not in found(dosed("C' = -k C + A/V", "A", measured=[("y", "2 C")], k=0.3, V=4.0))
+
+
+def test_symbols_of_parameters_of_other_values_are_left_out():
+    table = law_of("x' = r x - K x^2", r=0.8, K=0.4).quantities().set_index("quantity")
+    assert table.loc["carrying capacity", ["symbol", "estimate"]].tolist() == ["", pytest.approx(2.0)]
+    assert table.loc["growth rate", "symbol"] == "r"
+
+
 TIMES = np.linspace(0.0, 6.0, 30)
 
 
@@ -376,5 +405,5 @@ def test_formulas_are_latex():
 
 def test_quantities_of_several_equations_of_one_form_stand_apart_in_tables():
     frame = quantities_by_object(cl.Law.from_text("x' = -2 x; y' = -3 y"))
-    assert len([name for name in frame if "rate constant k" in name]) == 2
+    assert [name for name in frame if "rate constant" in name] == ["rate constant of x k", "rate constant of y k"]
     assert len([name for name in quantities_by_object(cl.Law.from_text("x' = -2 x")) if name == "rate constant k"]) == 1

@@ -48,6 +48,7 @@ class Form:
     forced: bool = False
     doses: bool = False
     bolus: str = ""
+    measured: str = ""
     units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
@@ -207,6 +208,12 @@ class _Match:
             result[self.pattern.form.bolus] = whole[:, self.volume[0]]
         return result, agree
 
+    @property
+    def part(self) -> str:
+        """What follows the names of quantities of one equation of several."""
+        states = self.law.schema.states
+        return f" of {states[self.equations[0]]}" if len(self.equations) == 1 < len(states) else ""
+
     def holds(self, coefficients: Floats) -> bool:
         """Return whether the coefficients of one object, shape (1, equations, terms), have the form."""
         values, agree = self.values(coefficients)
@@ -273,6 +280,9 @@ def _matched(law: Law, pattern: _Pattern, chosen: tuple[int, ...], names: Mappin
         keys = [(entry.equation, parse_term(entry.term.expression(columns_of_form), over)) for entry in pattern.entries]
         if {*keys} != {*places}:
             continue
+        # What an observation equation scales is no concentration: its volume stands there
+        if form.measured and not _is_measured(law, names[form.measured]):
+            return None
         volume = _volume(law, names[pattern.states[0]]) if form.bolus else None
         if form.bolus and volume is None:
             return None
@@ -298,6 +308,13 @@ def _inside(terms: Sequence[Term], variables: Variables) -> list[str]:
     """Return the parameters in terms."""
     used = frozenset[int]().union(*(term.columns() for term in terms))
     return [name for name in variables.parameters if variables.index(name) in used]
+
+
+def _is_measured(law: Law, state: str) -> bool:
+    """Return whether a state has a column of its name."""
+    if law.observation is None:
+        return state in law.schema.measured
+    return state in law.observation.measured.states and state not in law.observation.equations
 
 
 def _volume(law: Law, state: str) -> tuple[int, str] | None:
@@ -420,6 +437,15 @@ def _limited(function: Function, parameters: Parameters, o: int) -> Estimate | N
     return limited[0] if len(limited) == 1 else None
 
 
+def _differs(quantity: Quantity, parameters: Parameters, o: int) -> bool:
+    """Return whether the symbol of a quantity is that of a parameter of another value."""
+    if quantity.symbol not in parameters.names:
+        return False
+    law = parameters.law
+    value = quantity.function(law.coefficients[o, law.support][np.newaxis])[0]
+    return not np.isclose(value, parameters.values[o, parameters.names.index(quantity.symbol)], rtol=1e-6, atol=0.0)
+
+
 def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) -> "pd.DataFrame":
     """Return what is quoted of the forms that a law has, and its equilibria, see `Law.quantities`."""
     import pandas as pd
@@ -433,9 +459,15 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
         parameters = law.coefficients[i, law.support]
         covariance = None if known.covariance_given_limits is None else known.covariance_given_limits[i]
         specific = _most_specific([match for match in matches if match.holds(law.coefficients[[i]])])
-        quantities = [
-            (match.title, quantity) for match in specific for quantity in _quantities_of(match, initial or {})
-        ]
+        quantities = list[tuple[str, Quantity]]()
+        for match in specific:
+            by_form = [*_quantities_of(match, initial or {})]
+            differing = {quantity.symbol for quantity in by_form if _differs(quantity, known, i)}
+            if differing and match.pattern.form.measured:  # As V/F, where the law has V
+                continue
+            for quantity in by_form:
+                symbol = "" if quantity.symbol in differing else quantity.symbol
+                quantities.append((match.title, quantity._replace(name=quantity.name + match.part, symbol=symbol)))
         if not specific:
             quantities += [("Linear system", quantity) for quantity in modes(law, parameters)]
         for title, quantity in quantities:

@@ -296,7 +296,7 @@ def quantities_by_object(law: Law) -> pd.DataFrame:
         repeated = {*shown["symbol"][shown.duplicated(["object", "quantity", "symbol"], keep=False)]}
     for row in shown.fillna({"unit": ""} if "unit" in shown else {}).to_dict("records"):
         part = f"{row['form']}: " if row["symbol"] in repeated else ""
-        title = with_unit(f"{part}{row['quantity']} {row['symbol']}", row.get("unit"))
+        title = with_unit(f"{part}{row['quantity']} {row['symbol']}".rstrip(), row.get("unit"))
         cell = with_interval(
             row["estimate"], row.get("standard error", 0.0), *(row[end] for end in ("low", "high") if end in row)
         )
@@ -324,7 +324,7 @@ def shown_quantities(law: Law) -> pd.DataFrame:
     if len(law.objects) > MANY:
         return pd.DataFrame()
     frame = law.quantities()
-    known = [name for name in frame if not (frame[name].isna() | (frame[name] == "")).all()]
+    known = [name for name in frame if name == "symbol" or not (frame[name].isna() | (frame[name] == "")).all()]
     return frame[known] if len(frame) else frame
 
 
