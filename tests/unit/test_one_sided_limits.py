@@ -180,3 +180,17 @@ def test_laws_of_a_search_have_limits_too():
     for limit in law.uncertainty.limits:
         assert f"{limit.parameter} {limit.text}" in str(law)
         assert f"{limit.parameter} &" in to_latex(law)
+
+
+@pytest.mark.parametrize("equation", ["T' = (c - T)/tau", "T' = -(T - c)/tau"])
+def test_a_time_constant_of_a_fast_decay_has_an_upper_limit(equation):
+    law = cl.fit(equation, _trials(), noise={"T": NOISE})
+    (limit,) = law.uncertainty.limits
+    assert (limit.parameter, limit.is_lower) == ("tau", False)
+    assert limit.value == pytest.approx(1 / _limit(FAST), rel=0.05)
+    assert f"tau < {limit.value:.3g} (95 %)" in str(law)
+
+
+def test_small_coefficients_of_either_sign_have_both_limits():
+    law = cl.fit("T' = -k (T - 20)", _trials(_cooling(1e-5)), noise={"T": NOISE})
+    assert law.uncertainty.limits == ()

@@ -19,13 +19,14 @@ MAX_PROFILES = 20
 """Parameters whose likelihood is profiled, the least certain ones."""
 
 _FAR = 1e3
-"""Multiple of an estimate up to which the likelihood of a parameter without an upper limit is flat."""
+"""Multiple of an estimate up to which the likelihood of a parameter without an upper limit is flat; its share of one
+without a lower limit."""
 
 _NEAR_ERRORS = 4.0
 """Standard errors at which the deviance of most unknowns is above the quantile."""
 
 _DECADES = (0, 1, 2, 3, 4, 5, 7, 10, 15, 20)
-"""Powers of ten by which a value is divided where the limit is looked for, first; then intervals are halved."""
+"""Powers of ten between the flat part and values where the limit is looked for, first; then intervals are halved."""
 
 _PRECISION = 0.02
 """Relative, of a limit."""
@@ -60,8 +61,10 @@ def one_sided(
     The deviance ``2 (log L(best) - log L(k))`` of the profile likelihood, under known noise, stays below the squared
     quantile of a one-sided 95 % interval up to a thousand times the estimate on one side of zero, and is above it at
     the limit, nearer to zero, and on the other side. That is of Student's t distribution with the degrees of freedom of
-    the noise, infinite where it is known. A deviance that is above it at four standard errors on both sides, as that of
-    most unknowns, is not followed further.
+    the noise, infinite where it is known. Of inverses, such as the time constant of a fast decay, it stays below it down
+    to a thousandth of the estimate, and is above it at the limit, farther from zero, and on the other side of zero,
+    which it includes for a small coefficient. A deviance that is above it at four standard errors on both sides, or
+    next to zero, as that of most unknowns, is not followed further.
     """
     size = abs(float(unknowns[index]))
     if not 0 < size < np.inf:
@@ -83,36 +86,46 @@ def one_sided(
         here = cost(value, start)
         return here - min(squares for squares, _ in costs.values()) <= quantile
 
+    def limit_from(side: float, start: float, direction: int) -> OneSided | None:
+        """Return the limit from a flat part, of this sign, towards zero (-1) or away from it (1)."""
+
+        def at(value: float) -> Floats:
+            return costs[float(np.clip(side * value, bounds.low[index], bounds.high[index]))][1]
+
+        inside, outside, flat = start, np.nan, at(start)
+        for power in _DECADES:
+            value = start * 10.0 ** (direction * power)
+            if not is_likely(side * value, flat):
+                outside = value
+                break
+            inside, flat = value, at(value)
+        if np.isnan(outside) or inside == start != size:  # There is no limit, or one on the other side, too
+            return None
+        while max(inside / outside, outside / inside) > 1 + _PRECISION:
+            middle = float(np.sqrt(inside * outside))
+            if is_likely(side * middle, flat):
+                inside, flat = middle, at(middle)
+            else:
+                outside = middle
+        back = 10.0**-direction
+        if any(is_likely(-side * value, flat) for value in (outside, back * outside, start / back)):
+            return None
+        held = direction * max(direction * back * inside, direction * start)
+        is_lower = (side > 0) == (direction < 0)
+        return OneSided(side * inside, is_lower, at(held)) if is_likely(side * held, flat) else None
+
+    def is_flat(value: float) -> bool:
+        return cost(value, unknowns) - best <= quantile
+
     estimate = float(unknowns[index])
-    best, near = cost(estimate, unknowns), min(_NEAR_ERRORS * error, _FAR * size)
-    if all(cost(estimate + side * near, unknowns) - best > quantile for side in (1.0, -1.0)):
+    best, near, sign = cost(estimate, unknowns), min(_NEAR_ERRORS * error, _FAR * size), float(np.sign(estimate))
+    if not any(is_flat(sign * value) for value in (size + near, max(size - near, size / _FAR))):
         return None
     # An estimate whose error is larger is in the flat part
-    far = size if error > _FAR * size else _FAR * size
-    sides = [side for side in (1.0, -1.0) if cost(side * far, unknowns) - best <= quantile]
-    if len(sides) != 1:
-        return None
-    side = sides[0]
-
-    def at(value: float) -> Floats:
-        return costs[float(np.clip(side * value, bounds.low[index], bounds.high[index]))][1]
-
-    low, high, flat = 0.0, far, at(far)
-    for power in _DECADES:
-        value = far * 10.0**-power
-        if not is_likely(side * value, flat):
-            low = value
-            break
-        high, flat = value, at(value)
-    if low == 0 or high == far > size:  # It may be zero, or has a limit beyond, too
-        return None
-    while high > (1 + _PRECISION) * low:
-        middle = float(np.sqrt(low * high))
-        if is_likely(side * middle, flat):
-            high, flat = middle, at(middle)
-        else:
-            low = middle
-    if any(is_likely(-side * value, flat) for value in (low, 10 * low, 0.1 * far)):
-        return None
-    inside = min(10 * high, far)
-    return OneSided(side * high, side > 0, at(inside)) if is_likely(side * inside, flat) else None
+    reach = 1.0 if error > _FAR * size else _FAR
+    sides = [side for side in (1.0, -1.0) if is_flat(side * reach * size)]
+    limit = limit_from(sides[0], reach * size, -1) if len(sides) == 1 else None
+    nearest = sign * size / reach
+    if limit is not None or sides not in ([], [sign]) or not is_flat(nearest) or is_flat(-nearest):
+        return limit
+    return limit_from(sign, size / reach, 1)
