@@ -61,10 +61,10 @@ def one_sided(
     The deviance ``2 (log L(best) - log L(k))`` of the profile likelihood, under known noise, stays below the squared
     quantile of a one-sided 95 % interval up to a thousand times the estimate on one side of zero, and is above it at
     the limit, nearer to zero, and on the other side. That is of Student's t distribution with the degrees of freedom of
-    the noise, infinite where it is known. Of inverses, such as the time constant of a fast decay, it stays below it down
-    to a thousandth of the estimate, and is above it at the limit, farther from zero, and on the other side of zero,
-    which it includes for a small coefficient. A deviance that is above it at four standard errors on both sides, or
-    next to zero, as that of most unknowns, is not followed further.
+    the noise, infinite where it is known. For an inverse, such as the time constant of a fast decay, it stays below the
+    quantile down to a thousandth of the estimate, and is above it at the limit, farther from zero, and on the other
+    side of zero. A deviance that is above it at four standard errors on both sides, or next to zero, as that of most
+    unknowns, is not followed further.
     """
     size = abs(float(unknowns[index]))
     if not 0 < size < np.inf:
