@@ -202,7 +202,7 @@ def check(label, folder, wrong):
             ):
                 assert isinstance(ended, cl.CommonlawError), argument
             if isinstance(ended, cl.CommonlawError) and ended.code == "argument-type":
-                assert ended.parameters["name"].endswith(ALIASES.get(label, argument.name))  # "item 1 of ..."
+                assert str(ended.parameters["name"]).endswith(ALIASES.get(label, argument.name))  # "item 1 of ..."
 
 
 @pytest.fixture(autouse=True)
