@@ -95,6 +95,16 @@ def test_what_cannot_be_read_is_refused_where_it_stands(text, message):
         read_equations(text, X)
 
 
+@pytest.mark.parametrize(
+    "text", ["x' = -nan x", "x' = -k x + Infinity", "x' = -k x; x(0) = nan", "x' = -k x; x(0) = -Inf"]
+)
+def test_names_of_numbers_that_are_not_finite_are_no_parameters(text):
+    series = cl.Trials.from_arrays(np.arange(5.0), np.exp(-np.arange(5.0)), names=["x"])
+    with pytest.raises(cl.CommonlawError) as caught:
+        cl.fit(text, series)
+    assert "number-too-large" in caught.value.codes
+
+
 def test_switches_have_the_values_of_their_definition_whatever_names_are():
     law = cl.Law.from_text("x' = max(x, `y (>0)`); z' = min(x + 1, z) - (z > `y (>0)`)", inputs=["y (>0)"])
     points = np.array([[1.0, 3.0, 2.0], [4.0, 2.0, 5.0]])  # x, z, y (>0)

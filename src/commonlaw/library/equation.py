@@ -15,6 +15,7 @@ from commonlaw.library.grammar import (
     FUNCTION_NAMES,
     MAX_CHARACTERS,
     MAX_DEPTH,
+    MAX_NUMBER,
     OTHER_NAMES,
     SWITCHES,
     length,
@@ -75,6 +76,8 @@ _PLAIN = Meanings()
 
 CONSTANTS = {"pi": math.pi}
 """Numbers that have a name in equations."""
+
+_NOT_FINITE = {"nan", "inf", "infinity"}
 
 
 @dataclass(frozen=True)
@@ -384,6 +387,8 @@ class _Reader:
                 return _Token("function", OTHER_NAMES.get(name, name), token.position)
             if name in self.meanings.others:
                 return _Token("name", self.meanings.others[name], token.position)
+            if name.lower() in _NOT_FINITE:
+                self._fail(token, Diagnostic("number-too-large", {"number": name, "limit": MAX_NUMBER}))
             if name in CONSTANTS:
                 return _Token("number", repr(CONSTANTS[name]), token.position)
             if text.startswith("(", end) and not _LETTER.fullmatch(name):
