@@ -169,6 +169,7 @@ def oral(**changes: object) -> cl.Trials:
     [
         ("DV' = -k DV", {}, "dose-into-measured"),
         ("DV' = -k DV", {"CMT": 0}, "doses-in-no-equation"),
+        ("C' = -k C; DV = C/V; C(0) = 0.0", {"CMT": 0}, "doses-in-no-equation"),
         ("DV' = -k DV + AMT/V; DV(0) = AMT/V", {}, "dose-outside-equation"),
         ("depot' = -ka depot; DV' = ka depot/V - k DV", {"CMT": 3}, "dose-into-no-equation"),
         ("depot' = -ka depot + AMT; DV' = ka depot/V - k DV + AMT/V", {}, "dose-elsewhere"),
@@ -182,6 +183,14 @@ def test_doses_whose_place_is_unclear_are_refused(equations: str, changes: dict[
     with pytest.raises(CommonlawError) as caught:
         cl.fit(equations, trials)
     assert caught.value.code == code
+
+
+def test_a_dose_before_all_samples_is_in_an_equation_where_starts_are_zero() -> None:
+    table = pd.DataFrame({"ID": 1, "TIME": [0.0, 1, 2, 4], "AMT": [100.0, 0, 0, 0], "DV": [np.nan, 9, 8, 6]})
+    trials = cl.Trials.from_frame(table.assign(EVID=[1, 0, 0, 0]))
+    with pytest.raises(CommonlawError) as caught:
+        cl.fit("C' = -k C; DV = C/V; C(0) = 0", trials)
+    assert caught.value.code == "doses-in-no-equation"
 
 
 def test_searches_and_laws_without_doses_refuse_them() -> None:

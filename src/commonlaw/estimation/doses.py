@@ -13,6 +13,8 @@ from commonlaw.library.notation import quoted
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import acts_later, with_recorded_doses
 
+_ZERO = re.compile(r"[+-]?\s*0*\.?0*")
+
 
 def with_doses_in_equations(
     equations: str | Sequence[str], trials: Trials, names: Sequence[str] = ()
@@ -63,6 +65,14 @@ def with_doses_in_equations(
     missing = [] if stem in written else [number for number in into if f"{stem}{number}" not in written]
     states = [equation.state for equation in split_equations(text.equations)]
     is_latent = all(0 < number <= len(states) and states[number - 1] not in trials.schema.states for number in missing)
+    starts = [text.initial.get(state) for state in states]
+    if (
+        not written
+        and into
+        and not is_latent
+        and all(isinstance(start, str) and _ZERO.fullmatch(start) for start in starts)
+    ):
+        raise CommonlawError("doses-in-no-equation", amount=amount)
     if not written and (not into or not (is_latent or any(map(acts_later, trials)))):
         return equations, replace(trials, schema=replace(trials.schema, administered=()))
     for number in missing:
