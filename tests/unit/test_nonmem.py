@@ -1,6 +1,7 @@
 """NONMEM data sets: what their columns mean, and fits of them against independent least squares."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from commonlaw.app.equations import solved
 from commonlaw.app.question import Equations, Table
 from commonlaw.cli.results import load
 from commonlaw.cli.source import Source
+from commonlaw.law.observation import Observation
+from commonlaw.law.printing import start_lines
 from commonlaw.trials.trial import Dose
 from commonlaw.verdict import find
 
@@ -366,3 +369,11 @@ def test_codes_of_sex_are_no_labels_and_no_states() -> None:
 def test_rates_are_not_proposed_as_doses() -> None:
     table = pd.DataFrame({"t": np.arange(9.0), "c": np.exp(-np.arange(9.0)), "RATE": [5.0, 0, 0, 0, 5, 0, 0, 0, 0]})
     assert not any("doses=" in note for note in cl.Trials.from_frame(table, inputs=["RATE"]).notes)
+
+
+def test_starts_of_trials_that_a_dose_begins_are_at_the_dose() -> None:
+    law = cl.Law.from_text("c' = -k c + dose", {"k": 0.2}, inputs=("dose",))
+    observation = Observation(cl.Schema(("y",)), {"y": "2 c"}, {"c": "0"}, None, {}, {}, (), 0.0)
+    for doses, when in (("dose",), "dose or sample"), ((), "sample"):
+        of_doses = replace(law, schema=replace(law.schema, doses=doses), observation=observation)
+        assert start_lines(of_doses) == [f"c(0) at the first {when} of each trial"]

@@ -261,7 +261,8 @@ def start_lines(law: Law) -> list[str]:
         names = [*dict.fromkeys((*(f"{name}(0)" for name in law.observation.initial), *estimated))]
     if not names:
         return []
-    when = "the first sample of each trial"
+    # Doses that precede the first sample begin a trial
+    when = f"the first {'dose or ' if law.schema.doses else ''}sample of each trial"
     if at is not None:
         when = f"{schema.time} = {at:g} {schema.units.get(schema.time, '')}".rstrip()
     return [f"{', '.join(names)} at {when}"]
