@@ -194,3 +194,18 @@ def test_a_time_constant_of_a_fast_decay_has_an_upper_limit(equation):
 def test_small_coefficients_of_either_sign_have_both_limits():
     law = cl.fit("T' = -k (T - 20)", _trials(_cooling(1e-5)), noise={"T": NOISE})
     assert law.uncertainty.limits == ()
+
+
+def test_a_lag_too_short_to_be_solved_has_an_upper_limit():
+    times = 0.5 * np.arange(20)
+    step, random = np.where(times >= 5.0, 2.0, 0.0), np.random.default_rng(0)
+    outputs = np.where(times >= 5.5, 6.0, 0.0) + 0.05 * random.standard_normal(len(times))
+    # The first sample after the step at its steady state: the largest likelihood is that of no lag
+    outputs[11] = 6.06
+    trials = cl.Trials.from_arrays(times, outputs, inputs=step, names=["w", "u"])
+    law = cl.fit("w' = (G u - w)/tau", trials, noise={"w": 0.05})
+    (limit,) = law.uncertainty.limits
+    rest = outputs[11:].mean()
+    share = (np.sqrt((6.06 - rest) ** 2 + 2.7055 * 0.05**2) - (6.06 - rest)) / rest
+    assert (limit.parameter, limit.is_lower) == ("tau", False)
+    assert limit.value == pytest.approx(-0.5 / np.log(share), rel=0.1)

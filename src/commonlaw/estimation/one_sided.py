@@ -107,6 +107,8 @@ def one_sided(
                 inside, flat = middle, at(middle)
             else:
                 outside = middle
+        if not np.isfinite(cost(side * outside, flat)):  # Too stiff to be solved, which excludes nothing
+            return None
         back = 10.0**-direction
         if any(is_likely(-side * value, flat) for value in (outside, back * outside, start / back)):
             return None
