@@ -51,7 +51,7 @@ def test_from_a_table_to_a_law_and_what_to_take_away(page, app, table):
     page.choose("setting_errors", "white")
     page.choose("setting_noise", "x=0.05")
     page.click("start")
-    page.wait("$('going_done').textContent.includes('reading the table: ')")
+    page.wait("$('going_done').textContent.includes('reading the table')")
     page.wait("!$('result').hidden")
     page.wait("$('going').hidden")  # The law is shown before its rivals are fitted
     assert re.search(r"\d+ % of the whole", page.text("going_time"))
