@@ -67,11 +67,11 @@ class Parameters:
 
         They are given the parameters that have only a limit; of these themselves they are those of a parabola.
         """
-        variances = np.diagonal(self.covariance, axis1=1, axis2=2)
-        if self.limits and (given := self.covariance_given_limits) is not None:
-            slopes = self.slopes(self.law.coefficients)
-            variances = np.where(self.limited, variances, np.einsum("opi,oij,opj->op", slopes, given, slopes))
         with np.errstate(invalid="ignore"):
+            variances = np.diagonal(self.covariance, axis1=1, axis2=2)
+            if self.limits and (given := self.covariance_given_limits) is not None:
+                slopes = self.slopes(self.law.coefficients)
+                variances = np.where(self.limited, variances, np.einsum("opi,oij,opj->op", slopes, given, slopes))
             errors = np.sqrt(np.maximum(variances, 0.0))
         errors.flags.writeable = False
         return errors
@@ -118,9 +118,10 @@ class Parameters:
         covariance = self.law.uncertainty.covariance
         if covariance is None or not self.limits:
             return covariance
-        slopes = self.slopes(self.law.coefficients) * self.limited[:, :, np.newaxis]
+        slopes = np.where(self.limited[:, :, np.newaxis], self.slopes(self.law.coefficients), 0.0)
         joint = slopes @ covariance
-        return covariance - joint.transpose(0, 2, 1) @ np.linalg.pinv(joint @ slopes.transpose(0, 2, 1)) @ joint
+        inverse = np.linalg.pinv(np.nan_to_num(joint @ slopes.transpose(0, 2, 1)))
+        return np.asarray(covariance - joint.transpose(0, 2, 1) @ inverse @ joint)
 
     @cached_property
     def degrees_of_freedom(self) -> Floats:
