@@ -44,6 +44,8 @@ SEPARATED = {
     "units row": ("time,height\n[min],[mm]\n" + PLAIN, "line 2 holds units", UNITS),
     "bare units": ("time;height\nmin;mm\n" + SEMICOLONS, "line 2 holds units", UNITS),
     "some units": ("time\theight\n(min)\t-\n" + TABS, "line 2 holds units", {"time": "min"}),
+    "bars": ("time|height\n" + PLAIN.replace(",", "|"), "", {}),
+    "bars and quotes": ('"time [min]"|height\n' + rows("|", map('"{}"'.format, MINUTES)), "", {"time": "min"}),
     "comments": ("# cup 3\n# by A, B\ntime [min],height\n# begin\n" + PLAIN, "'cup 3', 'by A B'", {"time": "min"}),
     "header in a comment": ("# cup 3\n# time [min]  height [mm]\n" + rows("  "), "the comment in line 2", UNITS),
     "header after a mark": ("#time,height\n" + PLAIN, "the header is the comment in line 1", {}),

@@ -228,7 +228,7 @@ def _above(rows: Sequence[Row]) -> list[str]:
 
 _MISSING = ["NA", "N/A", "n/a", "NaN", "nan", "null", "NULL"]
 """Words that are no text, unless they are in quotes."""
-_QUOTED_MISSING = re.compile(r'(?<![^,;\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
+_QUOTED_MISSING = re.compile(r'(?<![^,;|\t\n])"(NA|N/A|n/a|NaN|nan|null|NULL)"(?![^,;\t\n])')
 _COMMENT = re.compile(r'"[^"]*"|^[ \t]*(?:#|%|//)[^\n]*', re.MULTILINE)
 """A comment line, or a cell in quotes, in which such a line would be text."""
 _COMMENT_LINE, _WRITTEN_LINE = re.compile(r"\n[ \t]*(?:#|%|//)"), re.compile(r"\S[^\n]*")
@@ -252,7 +252,8 @@ def text_table(source: str, content: bytes) -> Table:
     separators = _separators(text)
     text, delimiter = separators.applied(text), separators.mark
     sample = _sample(text)
-    quoted = re.compile(rf'(?:^|{delimiter})"(?:[^"]|"")*"(?={delimiter}|$)')
+    mark = re.escape(delimiter)
+    quoted = re.compile(rf'(?:^|{mark})"(?:[^"]|"")*"(?={mark}|$)')
     written = sample.split("\n")
     rows = [
         replace(row, is_quoted=not quoted.sub("", "\n".join(written[row.first_line - 1 : row.line])))
@@ -502,8 +503,8 @@ class _Separators:
 
 
 def _separators(text: str) -> _Separators:
-    """Return what leaves most rows of one width, and then most values in them: tabs, semicolons, commas, or blanks."""
-    ways = [*map(_Separators, "\t;,"), _Separators("\t", _BLANKS), _Separators("\t", _WIDE_BLANKS)]
+    """Return what leaves most rows of one width, then most values in them: tabs, semicolons, commas, bars or blanks."""
+    ways = [*map(_Separators, "\t;,|"), _Separators("\t", _BLANKS), _Separators("\t", _WIDE_BLANKS)]
     sample, counts = _sample(text), list[tuple[int, int]]()
     for way in ways:
         try:

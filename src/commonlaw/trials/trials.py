@@ -163,7 +163,7 @@ class Trials(ShownInNotebooks):
             The file, optionally compressed by gzip, bzip2 or xz; or several files with the same columns, a folder of
             them or a pattern such as ``"runs/*.csv"``. Objects and trials are then named after the files:
             ``golf_1.csv`` and ``golf_2.csv`` are trials of one object if there are other objects. Text is separated by
-            commas, semicolons, tabs or blanks; comments, rows above and below the table, and a row of units are
+            commas, semicolons, tabs, bars or blanks; comments, rows above and below the table, and a row of units are
             recognized. A Parquet file written by `to_parquet` contains its roles.
         sheet
             The sheet of a workbook. Default: all sheets with the same header; each is an object with the name of the
