@@ -43,7 +43,25 @@ def test_arrays_are_refused_too(what):
         cl.Trials.from_arrays(TIMES, **given)
 
 
-@pytest.mark.parametrize("scale", [1e50, 1e-300, 1e-320])
+@pytest.mark.parametrize("column", ["x", "u", "x_std", "mass"])
+@pytest.mark.parametrize("scale", [1e-300, 1e-320])
+def test_columns_whose_powers_underflow_are_refused(column, scale):
+    """Single small values among large ones are not."""
+    frame = {"t": TIMES, "x": np.cos(TIMES), "u": np.sin(3 * TIMES), "x_std": np.full(20, 0.1), "mass": np.ones(20)}
+    roles = {"states": ["x"], "inputs": ["u"], "noise_columns": {"x": "x_std"}, "properties": ["mass"]}
+    frame["x"][3] *= scale
+    cl.Trials.from_frame(frame, **roles)
+    with refused("column-tiny", limit=1 / EXTREME) as caught:
+        cl.Trials.from_frame(frame | {column: frame[column] * scale}, **roles)
+    assert repr(column) in str(caught.value)
+    if column != "mass":
+        arrays = {"x": "states", "u": "inputs", "x_std": "noise"}
+        given = {name: frame[key] * (scale if key == column else 1) for key, name in arrays.items()}
+        with refused("column-tiny"):
+            cl.Trials.from_arrays(TIMES, **given)
+
+
+@pytest.mark.parametrize("scale", [1e50, 1e-50])
 def test_values_within_the_bound_make_no_warning(scale):
     frame = {"t": TIMES, "x": np.cos(TIMES) * scale, "y": np.sin(TIMES) * scale, "u": np.repeat([0.0, 1.0], 10) * scale}
     trials = cl.Trials.from_frame(frame)

@@ -416,6 +416,7 @@ def rows_of(table: Table, roles: Reading) -> Rows:
     if rows.empty:
         raise CommonlawError("nothing-measured", trial=rows.empty[0])
     check_measured(rows.data.trials, rows.data.schema.states)
+    _refuse_tiny(table.source, rows.data)
     return rows
 
 
@@ -611,7 +612,9 @@ def trials_from_arrays(
     notes = [f"t: dates taken as time in {clock.since}"] if clock else []
     notes += [f"samples without a measured state left out: {'; '.join(gaps)}"] if gaps else []
     remarks = (*known.notes, *notes, *repeats_in_words(made), *unmeasured_in_words(made, columns[0]))
-    return in_radians(TrialData(made, schema, known.values, remarks, set(objects) == {"object"}))
+    data = TrialData(made, schema, known.values, remarks, set(objects) == {"object"})
+    _refuse_tiny("arrays", data)
+    return in_radians(data)
 
 
 def _times_by_trial(times: Any, states: Any) -> tuple[list[Any], bool]:
@@ -683,6 +686,23 @@ def _refuse_extreme(trial: Trial) -> None:
             sample, column = extreme[0]
             place, value = f"sample {sample + 1}, {what} {column + 1}", values[sample, column]
             raise CommonlawError("sample-extreme", where=trial.label, value=value, place=place, limit=EXTREME)
+
+
+def _refuse_tiny(source: str, data: TrialData) -> None:
+    """Refuse columns whose largest value is so small that its powers underflow."""
+    schema, largest = data.schema, dict[str, float]()
+    columns = {"states": schema.states, "inputs": schema.inputs}
+    if schema.noise_columns:
+        columns["noise"] = tuple(schema.noise_columns.get(name, name) for name in schema.states)
+    for field, names in columns.items():
+        sizes = [np.nanmax(np.abs(getattr(trial, field)), axis=0, initial=0.0) for trial in data.trials]
+        largest |= dict(zip(names, np.max(sizes, axis=0).tolist(), strict=True))
+    for attributes in data.properties.values():
+        for name, value in attributes.items():
+            largest |= {name: max(abs(value), largest.get(name, 0.0))} if isinstance(value, float) else {}
+    for name, value in largest.items():
+        if 0 < value < 1 / EXTREME:
+            raise CommonlawError("column-tiny", where=f"{source}: column {name!r}", value=value, limit=1 / EXTREME)
 
 
 def _per_trial(what: str, values: Any, count: int) -> list[Any]:
