@@ -141,6 +141,7 @@ def test_given_noise_is_used(drops, drag):
         ({"noise": {"x": 0.0}}, Diagnostic("noise-not-positive", {"name": "x"})),
         ({"noise": {"x": -1.0}}, Diagnostic("noise-not-positive", {"name": "x"})),
         ({"noise": {"x": np.nan}}, Diagnostic("noise-not-positive", {"name": "x"})),
+        ({"noise": {"x": 1e300}}, Diagnostic("noise-overwhelming", {"name": "x"})),
         ({"huber_threshold": 0.0}, "huber-threshold"),
         ({"huber_threshold": np.nan}, "huber-threshold"),
     ],

@@ -296,6 +296,8 @@ def test_the_rate_of_a_signal_that_is_zero_has_a_lower_limit_only():
         ("unknown-name", "x' = -k x; z = a x; y = x", {}),
         ("observation-of-discrete-time", "x[k+1] = r x; y = a x", {}),
         ("noise-not-positive", "x' = -k x; y = a x", {"noise": {"y": -1.0}}),
+        ("noise-overwhelming", "x' = -k x; y = a x", {"noise": {"y": 1e300}}),
+        ("noise-overwhelming", "x' = -k x; y = a x", {"noise": {"y": 1e10}, "log_states": ["y"]}),
         ("guess-out-of-bounds", "x' = -k x; y = a x", {"guesses": {"k": 0.0}}),
         ("equation-without-column", "y' = -k y + w; w' = -c w", {"priors": {"k": (1, 0.1)}}),
         ("initial-time-late", "x' = -k x; y = a x", {"initial_time": 99.0}),

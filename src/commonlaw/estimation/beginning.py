@@ -22,7 +22,13 @@ from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.equation import split_equations
 from commonlaw.library.sizes import likely_sizes
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.transformations import known_inputs, number_of, with_logarithms, with_noise
+from commonlaw.trials.transformations import (
+    known_inputs,
+    number_of,
+    refuse_overwhelming_noise,
+    with_logarithms,
+    with_noise,
+)
 from commonlaw.trials.trial import Start, has_sparse_states, property_names
 
 FREE = "free"
@@ -134,6 +140,7 @@ def begin(
     unknowns = _unknowns(model, trials, properties, shared)
     known, groups = _checked_noise(trials, noise or {})
     shown = with_logarithms(trials, log_states)
+    refuse_overwhelming_noise(shown, {name: level for name, level in known.items() if isinstance(level, float)})
     problem = _problem(model, with_noise(shown, known), unknowns, initial_time, priors)
     first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
     problem = _with_groups(replace(problem, sizes=state_sizes), groups)

@@ -587,3 +587,18 @@ def with_noise(trials: Trials, noise: Mapping[str, float | Mapping[str, float]])
     names = {name: f"standard deviation of {name}" for name in noise}
     schema = replace(trials.schema, noise_columns={**names, **trials.schema.noise_columns})
     return replace(trials, trials=tuple(changed), schema=schema)
+
+
+MAX_RELATIVE_NOISE = float(np.finfo(np.float64).eps ** -0.5)
+"""Noise relative to the largest value of a quantity: squares of residuals relative to more are below rounding."""
+
+
+def refuse_overwhelming_noise(trials: Trials, noise: Mapping[str, float]) -> None:
+    """Refuse noise by quantity, relative where it is log-scaled, under which the likelihood is constant to rounding."""
+    for name, level in noise.items():
+        k = trials.schema.states.index(name)
+        sizes = [np.fmax(np.abs(trial.states[:, k]), np.abs(trial.below[:, k])) for trial in trials]
+        largest = max(float(np.nanmax(size, initial=0.0)) for size in sizes)
+        limit = MAX_RELATIVE_NOISE * (max(largest, 1.0) if name in trials.schema.logarithmic else largest)
+        if largest > 0 and level > limit:
+            raise CommonlawError("noise-overwhelming", name=name, level=level, largest=largest, limit=limit)

@@ -12,6 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
+from commonlaw.trials.transformations import refuse_overwhelming_noise
 from commonlaw.trials.trial import pure_error
 
 
@@ -74,7 +75,7 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
     Names may have a unit, ``U [V]``. For states with a column of standard deviations it is their median.
 
     Raises `CommonlawError` if it is given for some measured states only, or twice for one; a name is not a state, or a
-    value is not positive.
+    value is not positive or far larger than all measurements.
     """
     states, columns = trials.schema.states, trials.schema.noise_columns
     if noise is None and not columns:
@@ -89,6 +90,7 @@ def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | N
             raise CommonlawError("noise-not-positive", name=name, level=level)
         if name in columns:
             raise CommonlawError("noise-given-twice", name=name, column=columns[name])
+    refuse_overwhelming_noise(trials, noise)
     stds = np.concatenate([np.where(np.isfinite(trial.states), trial.noise, np.nan) for trial in trials])
     noise |= {name: float(np.nanmedian(stds[:, states.index(name)])) for name in columns}
     missing = [name for name in states if name not in noise and name not in trials.schema.initial_values]
