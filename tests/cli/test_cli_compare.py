@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -50,6 +51,15 @@ def test_equations_with_the_doses_of_a_table_are_compared(fails, tmp_path):
     (tmp_path / "doses.csv").write_text("t,dose,c\n0,100,\n1,,8\n2,,5\n3,50,\n4,,6\n5,,4\n")
     err = fails("compare", "doses.csv", "c' = -k c + dose/V", "c' = -k a c + dose")
     assert err.startswith("commonlaw: c' = -k a c + dose")
+
+
+def test_named_models_with_latent_states_are_compared_by_the_doses_of_a_table(done, tmp_path):
+    t = np.array([0.2, 0.5, 1, 1.5, 2, 3, 4, 6, 8, 12])
+    levels = 8 * 1.2 / 0.9 * (np.exp(-0.3 * t) - np.exp(-1.2 * t)) * (1 + 0.01 * np.cos(7 * t))
+    rows = "".join(f"{time},,{level}\n" for time, level in zip(t, levels, strict=True))
+    (tmp_path / "oral.csv").write_text(f"t,dose,conc\n0,80,\n{rows}")
+    models = "one-compartment", "one-compartment-with-absorption"
+    assert done("compare", "oral.csv", *models).startswith("one-compartment-with-absorption is the most probable")
 
 
 @pytest.mark.parametrize("given", [["drops.csv"], ["drops.csv", "x' = 1"], ["drops.csv", "x' = 1", "x' = 1"]])

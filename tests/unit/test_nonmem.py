@@ -16,6 +16,7 @@ from commonlaw.app.equations import solved
 from commonlaw.app.question import Equations, Table
 from commonlaw.cli.results import load
 from commonlaw.cli.source import Source
+from commonlaw.law.models import model_named
 from commonlaw.law.observation import Observation
 from commonlaw.law.printing import start_lines
 from commonlaw.trials.trial import Dose
@@ -339,10 +340,39 @@ def test_the_app_reads_and_fits_equations_with_recorded_doses() -> None:
     assert np.allclose(fitted.params.estimate, cl.fit(ONE, trials).params.estimate, rtol=1e-4)
 
 
-def test_named_models_take_recorded_doses() -> None:
-    trials = oral()
-    law = cl.fit("one-compartment-with-doses", trials)
-    assert law.structure == ("DV' = -k DV + AMT/V",)
+@pytest.mark.parametrize(
+    ("name", "equations"),
+    [
+        ("one-compartment-with-doses", "DV' = -k DV + AMT/V"),
+        ("one-compartment", "DV' = -k DV + AMT/V"),
+        ("two-compartments", "DV' = -(k + f) DV + b p + AMT/V; p' = f DV - b p"),
+        ("one-compartment-with-absorption", "depot' = -a depot + AMT; DV' = a depot/V - k DV"),
+    ],
+)
+def test_named_models_take_recorded_doses(name: str, equations: str) -> None:
+    """Also where a property is called like the doses of the model."""
+    schema = oral().schema
+    for changes in ("", ":dose=AMT", ":c=DV:dose=AMT"):
+        named = model_named(name + changes)
+        assert named is not None
+        model = named[0].over_columns(schema, ["dose"], named[1])
+        assert [part for part in model.equations.split("; ") if ">" not in part] == equations.split("; ")
+        assert (model.doses, model.properties) == (("AMT",), ())
+    named = model_named("one-compartment:dose=dose")
+    assert named is not None
+    assert "DV(0) = dose/V" in named[0].over_columns(schema, ["dose"], named[1]).equations
+
+
+def test_a_named_model_is_fitted_to_recorded_doses() -> None:
+    times = np.array([0.0, 0.25, 0.5, 1, 1.5, 2, 3, 4, 6, 9])
+    table = pd.DataFrame({"ID": 1, "TIME": times, "AMT": [80.0, *[0] * 9], "EVID": [1, *[0] * 9], "MDV": 0, "CMT": 2})
+    for name, level in {
+        "one-compartment": 8 * np.exp(-0.3 * times),
+        "one-compartment-with-absorption": 8 * 1.2 / 0.9 * (np.exp(-0.3 * times) - np.exp(-1.2 * times)),
+    }.items():
+        values = level * (1 + 0.01 * np.cos(7 * times))
+        estimates = cl.fit(name, cl.Trials.from_frame(table.assign(DV=values))).params.set_index("parameter").estimate
+        assert (estimates["k"], estimates["V"]) == pytest.approx((0.3, 10), rel=0.02)
 
 
 def test_streams_refuse_recorded_doses(tmp_path: Path) -> None:

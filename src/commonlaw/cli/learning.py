@@ -231,7 +231,7 @@ def compare(
         for text in texts.values():  # What cannot be read is refused before the others are fitted
             with _naming(text):
                 written, dosed = with_doses_in_equations(text, training)
-                if (model := ModelText.of(written)).is_plain:
+                if (model := ModelText.of(written)).is_plain and not dosed.schema.doses:
                     read_equations(written, dosed.schema)
                 else:
                     read_model(model, dosed.schema, property_names(training.properties))

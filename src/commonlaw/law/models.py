@@ -46,6 +46,10 @@ class NamedModel:
         Publication.
     inputs, properties, doses
         Variables that are inputs or properties of the objects, and inputs that are amounts given at once.
+    initial_doses
+        Properties that are amounts given at time zero.
+    latent
+        States that need no column, as their initial values are known.
 
     Examples
     --------
@@ -64,6 +68,8 @@ class NamedModel:
     inputs: tuple[str, ...] = ()
     properties: tuple[str, ...] = ()
     doses: tuple[str, ...] = ()
+    initial_doses: tuple[str, ...] = ()
+    latent: tuple[str, ...] = ()
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -114,17 +120,45 @@ class NamedModel:
             inputs=changed(self.inputs),
             properties=changed(self.properties),
             doses=changed(self.doses),
+            initial_doses=changed(self.initial_doses),
+            latent=changed(self.latent),
+        )
+
+    def with_recorded_doses(self) -> "NamedModel":
+        """Return the model with doses at any time in place of those at time zero: summands of the equations.
+
+        An initial value ``c(0) = dose/V`` is the summand ``dose/V`` of ``c'``, a rate at which the dose enters; before
+        the first dose all states are zero.
+        """
+        starts = {match["state"]: match["value"] for part in self.without_bounds if (match := _START.fullmatch(part))}
+        given = re.compile("|".join(rf"\b{re.escape(name)}\b" for name in self.initial_doses))
+        parts = list[str]()
+        for part in parts_of(self.equations):
+            start = starts.get(part.partition("'")[0], "")
+            parts += [] if _START.fullmatch(part) else [f"{part} + {start}" if given.search(start) else part]
+        return replace(
+            self,
+            equations="; ".join(parts),
+            inputs=(*self.inputs, *self.initial_doses),
+            properties=tuple(name for name in self.properties if name not in self.initial_doses),
+            doses=(*self.doses, *self.initial_doses),
+            initial_doses=(),
         )
 
     def over_columns(self, schema: Schema, properties: Sequence[str], names: Mapping[str, str]) -> "NamedModel":
         """Return the model over the columns of trials: those that `names` gives, and those that are clear.
 
         A variable is the column of its name, in capitals or not, or else the only column that is left in its role.
+        Doses that a table records are those of the model, unless `names` gives another column for these.
 
         Raises `CommonlawError` if it is unclear which column a variable is.
         """
         self._check(names)
-        names = dict(names)
+        are_recorded = all(names.get(dose) in (None, *schema.administered) for dose in self.initial_doses)
+        if schema.administered and self.initial_doses and are_recorded:
+            return self.with_recorded_doses().over_columns(schema, properties, names)
+        # Also where a property is called dose
+        names = dict.fromkeys(self.doses, schema.administered[0]) | names if schema.administered else dict(names)
         inputs = (*schema.inputs, *schema.administered[:1])
         roles = ((self.states, schema.states), (self.inputs, inputs), (self.properties, tuple(properties)))
         columns = {name.casefold(): name for name in chain.from_iterable(there for _, there in roles)}
@@ -133,10 +167,8 @@ class NamedModel:
             same = columns.get(name, columns.get(name.casefold()))
             if same is not None and same not in names.values():
                 names.setdefault(name, same)
-        # A state whose initial value the equations have needs no column
-        begun = re.findall(r"(?<!\w)(\w+)\(0\) *=", self.equations)
         for variables, there in roles:
-            missing = [name for name in variables if name not in names and name not in begun]
+            missing = [name for name in variables if name not in names and name not in self.latent]
             free = [name for name in there if name not in names.values()]
             if len(missing) == len(free) == 1:
                 names[missing[0]] = free[0]
@@ -152,6 +184,8 @@ class NamedModel:
             check_choice(f"variable or parameter of {self.name}", name, (*self.variables, *self.parameters))
 
 
+_START = re.compile(r"(?P<state>\w+)\(0\) *= *(?P<value>.+)")
+"""An initial value among equations, of a named model."""
 _NEED_QUOTES = (*FUNCTION_NAMES, "e", "pi", "t", "time")
 """Words that have another meaning in equations."""
 
