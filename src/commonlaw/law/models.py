@@ -158,7 +158,7 @@ class NamedModel:
         if schema.administered and self.initial_doses and are_recorded:
             return self.with_recorded_doses().over_columns(schema, properties, names)
         # Also where a property is called dose
-        names = dict.fromkeys(self.doses, schema.administered[0]) | names if schema.administered else dict(names)
+        names = {**(dict.fromkeys(self.doses, schema.administered[0]) if schema.administered else {}), **names}
         inputs = (*schema.inputs, *schema.administered[:1])
         roles = ((self.states, schema.states), (self.inputs, inputs), (self.properties, tuple(properties)))
         columns = {name.casefold(): name for name in chain.from_iterable(there for _, there in roles)}
