@@ -11,10 +11,13 @@ from scipy.optimize import brentq
 import commonlaw as cl
 from commonlaw.app.result import _editable, _table
 from commonlaw.law import average_law, from_json, select_objects, to_json, to_latex
+from commonlaw.law.pooling import by_properties
 from commonlaw.law.tables import coefficient_rows, interval_frame, quantities_by_object, spread_tables, to_frame
 from commonlaw.law.uncertainty import OneSidedLimit
+from commonlaw.plots import plot_relations
 from commonlaw.plots.law import DotPlot
 from commonlaw.summary import parameter_table
+from tests.refusals import refused
 from tests.unit.decays import estimates
 
 pytestmark = pytest.mark.usefixtures("few_starts")
@@ -164,6 +167,41 @@ def test_limits_go_with_their_objects():
     assert mean.value == pytest.approx((0.5 - 1.96 * 0.1 + 3.0) / 2, rel=1e-3)
     lines = str(law).splitlines()
     assert [line for line in lines if line.startswith("mug")] == ["mug   > 3 (95 %)"]
+
+
+@pytest.fixture
+def rates():
+    """The law x' = -k x, k = 1/mass, of four objects and one whose k = 40 +- 39 has only a limit; its masses."""
+    objects, masses = ("a", "b", "c", "d", "fast"), np.array([1.0, 2.0, 4.0, 8.0, 3.0])
+    law = cl.Law.from_text("x' = -k x", {"k": dict(zip(objects, [*(1 / masses[:4]), 40.0], strict=True))})
+    covariance = np.array([*(0.001 / masses[:4]), 39.0]).reshape(-1, 1, 1) ** 2
+    limits = (OneSidedLimit("fast", "k", 9.0, is_lower=True),)
+    uncertainty = cl.law.Uncertainty(covariance, noise=[0.01], limits=limits)
+    properties = {name: {"mass": mass} for name, mass in zip(objects, masses.tolist(), strict=True)}
+    return replace(law, uncertainty=uncertainty, properties=properties)
+
+
+def test_objects_with_only_a_limit_are_no_evidence_of_relations_and_keep_their_parameters(rates):
+    law = rates.explain()
+    (relation,) = law.uncertainty.explanation.relations
+    assert (str(relation.kind), relation.properties, float(relation.exponents[0])) == ("power law", ("mass",), -1)
+    assert relation.factors == pytest.approx((-1.0,), rel=0.01)
+    assert law.coefficients[4] == rates.coefficients[4]
+    assert law.coefficients[:4].ravel() == pytest.approx([-1.0, -0.5, -0.25, -0.125], rel=0.01)
+    assert "not-explained" in {outcome.code for outcome in law.diagnostics}
+    assert "fast: x' = -k x, k > 9 (95 %)" in str(law).splitlines()
+    assert len(plot_relations(law).axes[0].containers) == 4
+    assert any("(without fast)" in line for line in by_properties(rates))
+    known = select_objects(rates, ["a", "fast"])
+    with refused("explain-with-limits", objects=["fast"], names=["k"]):
+        known.explain()
+
+
+def test_objects_with_only_a_limit_are_not_pooled(rates):
+    pooled = cl.law.pool_objects(rates)
+    assert pooled.coefficients[4] == rates.coefficients[4]
+    assert (pooled.coefficients[:4] != rates.coefficients[:4]).all()
+    assert "not-pooled" in {outcome.code for outcome in pooled.diagnostics}
 
 
 def test_new_data_determine_what_had_only_a_limit(law):

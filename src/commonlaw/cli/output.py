@@ -206,7 +206,7 @@ class Artifacts:
     def __init__(self) -> None:
         self.failures: list[str] = []
         self.written: list[str] = []
-        self._unwritten: list[str] = []
+        self._unwritten: dict[str, str] = {}
 
     def take(self, failure: str, step: Callable[[], T], otherwise: T) -> T:
         """Return what a step gives; if it fails, something else, and the words for that are remembered."""
@@ -221,13 +221,14 @@ class Artifacts:
         try:
             made = content()
         except Exception as error:  # As in `take`
-            self._unwritten.append(f"{path} was not made: {in_words(error)}")
+            self._unwritten[path] = f"{path} was not made: {in_words(error)}"
             return
         try:
             write_whole(path, made)
         except CommonlawError as error:
-            self._unwritten.append(f"{error.sentence(marked)} [{reference(error.code)}]")
+            self._unwritten[path] = f"{error.sentence(marked)} [{reference(error.code)}]"
         else:
+            self._unwritten.pop(path, None)
             self.written += [path] if path not in self.written else []
 
     def write_law(self, path: str, law: "Law") -> None:
@@ -237,7 +238,7 @@ class Artifacts:
         try:
             name, content = law_file(law, path)
         except Exception as error:  # As in `take`
-            self._unwritten.append(f"{path} was not made: {in_words(error)}")
+            self._unwritten[path] = f"{path} was not made: {in_words(error)}"
             return
         self.write(name, lambda: content)
         message = f"{path} is too large for JSON: the law is saved in {name}; use that file"
@@ -288,7 +289,7 @@ class Artifacts:
         for path in () if silent else self.written:
             say(f"Wrote {path}")
         print_notes([*notes, *(failure for failure in self.failures if failure not in reasons)])
-        if refused := [*self._unwritten, *reasons]:
+        if refused := [*self._unwritten.values(), *reasons]:
             raise CommonlawError("several", messages=refused)
 
 

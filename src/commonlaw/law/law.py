@@ -739,10 +739,11 @@ class Law(ShownInNotebooks):
 
         Each coefficient is shared, a power law of properties with small rational exponents (``0.25 diameter^2/mass``),
         an affine function of properties if signs differ, or object-specific, with a between-object variance. The
-        evidence decides, with a prior against properties. The coefficients become those of the relations.
+        evidence decides, with a prior against properties. The coefficients become those of the relations. Objects that
+        have only a limit of a parameter are left out: they keep their own coefficients, and a note names them.
 
         Raises `CommonlawError` if a property is unknown or not a number, objects do not share their terms, there is
-        only one object, or the covariance is not known.
+        only one object, fewer than two have an estimate of every parameter, or the covariance is not known.
 
         Parameters
         ----------

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +30,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+def _measured(law: Law) -> Bools:
+    """Return which objects have an estimate of every parameter, and not only a limit, shape (objects,)."""
+    return np.array([name not in law.uncertainty.limited_objects for name in law.objects])
+
+
 @checks_types
 def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> Law:
     """Return a law with coefficients partially pooled over objects (parametric empirical Bayes; Morris 1983).
@@ -37,7 +43,8 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
     population mean mu, the more so the smaller the between-object covariance T. ``provenance.history`` has the
     shrinkage of each coefficient, ``uncertainty.shared_factor`` the dependence of the objects' errors. `shared`
     coefficients, shape (equations, terms), become the same for all objects; the `others` are shrunk. Objects without
-    information on any coefficient, such as blanks among cultures, are left as they are.
+    information on any coefficient, such as blanks among cultures, or with only a limit of a parameter, are left as they
+    are.
 
     Raises `CommonlawError` if the covariance is not known, or the law is already pooled.
 
@@ -63,7 +70,7 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
         return unchanged
     informed: Bools = np.ones(len(law.objects), dtype=np.bool_)
     if not in_common.any():
-        informed = np.asarray(informative(values[:, free], own_variances[:, free]).any(axis=1))
+        informed = np.asarray(informative(values[:, free], own_variances[:, free]).any(axis=1)) & _measured(law)
     if informed.sum() < 2:
         return unchanged
     variances = np.where(in_common[free], 0.0, np.nan if others else np.inf)
@@ -99,11 +106,11 @@ def explained(law: Law, given: Any) -> Law:
     if not shares_terms(law):
         raise CommonlawError("explain-own-terms")
     properties, names = _offered(law, given)
-    related = _by_properties(law, properties, names)
+    related, measured = _by_properties(law, properties, names, _measured(law)), _measured(law)
 
     def other(each: Law) -> Law:
         with suppress(CommonlawError):  # It stays as it is where nothing decides its coefficients
-            return replace(_by_properties(each, properties, names), provenance=each.provenance)
+            return replace(_by_properties(each, properties, names, measured), provenance=each.provenance)
         return each
 
     call = f"law.explain({'' if given is None else written(given)})"
@@ -113,16 +120,18 @@ def explained(law: Law, given: Any) -> Law:
 
 def by_properties(law: Law) -> list[str]:
     """Return a line of equations whose coefficients follow from properties of the objects; no line if none does."""
-    if not (shares_terms(law) and 2 < len(law.objects) <= MANY and law.uncertainty.explanation is None):
+    measured = _measured(law)
+    if not (shares_terms(law) and 2 < measured.sum() <= MANY and law.uncertainty.explanation is None):
         return []
     try:
-        related = _by_properties(law, *_offered(law, None))
+        related = _by_properties(law, *_offered(law, None), measured)
     except CommonlawError:
         return []
     relations = related.uncertainty.explanation.relations if related.uncertainty.explanation else ()
     if not any(relation.properties for relation in relations if relation):
         return []
-    return [f"by properties: {'; '.join(related.equations())}"]
+    apart = "" if measured.all() else f" (without {', '.join(compress(law.objects, ~measured))})"
+    return [f"by properties{apart}: {'; '.join(related.equations())}"]
 
 
 def _offered(law: Law, given: Any) -> tuple[Properties, list[str]]:
@@ -152,14 +161,21 @@ def _what_lacks(found: Properties, name: str, objects: Sequence[str]) -> str:
     return ""
 
 
-def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> Law:
-    """Return a law by properties of these names, with the other laws that it has."""
+def _by_properties(law: Law, properties: Properties, names: Sequence[str], measured: Bools) -> Law:
+    """Return a law by properties of these names, with the other laws that it has.
+
+    Objects that were not `measured`, shape (objects,), count for no relation and keep their own coefficients.
+    """
     estimates = law.uncertainty.own_estimates(law.coefficients[:, law.support])
     # What is known has no variance
-    free = np.all(np.diagonal(estimates.covariance, axis1=1, axis2=2) > 0, axis=0)
+    free = np.all(np.diagonal(estimates.covariance, axis1=1, axis2=2)[measured] > 0, axis=0)
     if len(law.objects) < 2 or not free.any():
         raise CommonlawError("one-object-to-explain")
-    rows = [[float(properties.values[name][column]) for column in names] for name in law.objects]
+    if measured.sum() < 2:
+        limited = [*dict.fromkeys(limit.parameter for limit in law.uncertainty.limits)]
+        raise CommonlawError("explain-with-limits", objects=[*compress(law.objects, ~measured)], names=limited)
+    related = [*compress(law.objects, measured)]
+    rows = [[float(properties.values[name][column]) for column in names] for name in related]
     units, named = {**law.schema.units, **properties.units}, coefficient_units(law)
     lefts = left_hand_sides(law)
     keys = [(lefts[j], law.terms.names[k]) for j, k in np.argwhere(law.support)]
@@ -167,20 +183,21 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
         [named.get(key) for key, is_free in zip(keys, free, strict=True) if is_free],
         {name: units[name] for name in names if name in units},
     )
-    table = PropertyTable(tuple(names), np.array(rows).reshape(len(law.objects), len(names)), dimensions)
-    deviations = np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2)[:, free])
+    table = PropertyTable(tuple(names), np.array(rows).reshape(len(related), len(names)), dimensions)
+    inner, blocks = np.ix_(measured, free), np.ix_(measured, free, free)
+    deviations = np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2)[inner])
     try:
         if (deviations.min(axis=0) < np.sqrt(np.finfo(float).eps) * deviations.max(axis=0)).any():
             raise np.linalg.LinAlgError("Rounding errors are as large as a variance")
-        fitted = explain(estimates.coefficients[:, free], estimates.covariance[:, free][:, :, free], table)
+        fitted = explain(estimates.coefficients[inner], estimates.covariance[blocks], table)
     except np.linalg.LinAlgError as error:
         raise CommonlawError(
             "relations-not-comparable", error=str(error).lower(), least=deviations.min(), most=deviations.max()
         ) from None
-    values, covariance = estimates.coefficients.copy(), np.zeros_like(estimates.covariance)
+    values = estimates.coefficients.copy()
+    covariance = np.where(measured[:, np.newaxis, np.newaxis], 0.0, estimates.covariance)
     factor = np.zeros((*values.shape, fitted.shared_factors.shape[2]))
-    values[:, free], factor[:, free] = fitted.estimates, fitted.shared_factors
-    covariance[np.ix_(np.arange(len(values)), free, free)] = fitted.covariances
+    values[inner], factor[inner], covariance[blocks] = fitted.estimates, fitted.shared_factors, fitted.covariances
     relations: list[Relation | None] = [None] * len(free)
     choices = []
     for index, relation in zip(np.flatnonzero(free).tolist(), fitted.relations, strict=True):
@@ -191,6 +208,10 @@ def _by_properties(law: Law, properties: Properties, names: Sequence[str]) -> La
     explanation = Explanation(tuple(relations), fitted.factor_covariance)
     known = {"covariance": covariance, "shared_factor": factor, "unpooled": estimates, "explanation": explanation}
     result = _with_values(law, values, Step("relations", "; ".join(choices), reason), **known)
+    if not measured.all():
+        left_out = note("not-explained", objects=shown([*compress(law.objects, ~measured)], "object"))
+        outcomes = (*(outcome for outcome in law.diagnostics if outcome.code != left_out.code), left_out)
+        result = replace(result, provenance=replace(result.provenance, outcomes=outcomes))
     return replace(result, schema=replace(law.schema, units=units), properties=properties.values)
 
 

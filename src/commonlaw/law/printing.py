@@ -410,11 +410,17 @@ def relation_lines(law: Law) -> list[str]:
     related = zip(_explanation(law).relations, parameters, names, units, strict=True)
     remarks = [words for relation, *how in related if relation for words in _remarks(relation, *how)]
     lines, specific = [*([""] if remarks else []), *remarks], [parameter is not None for parameter in parameters]
+    limited = law.uncertainty.limited_objects
     if any(specific):
-        values, errors = law.coefficients[:, law.support][:, specific], standard_errors(law)[:, law.support]
+        rows = [o for o, name in enumerate(law.objects) if name not in limited]
+        values, errors = law.coefficients[rows][:, law.support], standard_errors(law)[rows][:, law.support]
         pairs = zip(parameters, units, strict=True)
         heads = with_units(*zip(*((name, unit) for name, unit in pairs if name), strict=True))
-        lines += ["", *coefficient_table(law.objects, heads, estimate_cells(values, errors[:, specific]))]
+        cells = estimate_cells(values[:, specific], errors[:, specific])
+        lines += ["", *coefficient_table([law.objects[o] for o in rows], heads, cells)]
+    for name in (name for name in law.objects if name in limited):
+        limits = (f"{limit.parameter} {limit.text}" for limit in law.uncertainty.limits if limit.object == name)
+        lines.append(f"{name}: {'; '.join(law.equations(name))}, {', '.join(limits)}")
     return lines
 
 

@@ -197,8 +197,8 @@ class Uncertainty:
     explanation
         Relations of the coefficients to properties, from `Law.explain`.
     limits
-        Of parameters that have a limit on one side only, such as rates too fast to be measured: their estimates and
-        errors have no meaning.
+        Of parameters that have a limit on one side only, such as rates too fast to be measured: forecasts hold these at
+        their estimates, of which errors have no meaning.
     other_laws
         Plausible laws besides this one, with posterior probabilities, see `Law.models`.
     """
@@ -251,6 +251,11 @@ class Uncertainty:
     def has_std(self) -> bool:
         """Whether `Law.predict` can return standard deviations: covariance and noise are known."""
         return self.covariance is not None and self.noise is not None
+
+    @property
+    def limited_objects(self) -> set[str]:
+        """Names of the objects that have only a limit of a parameter."""
+        return {limit.object for limit in self.limits}
 
     def map_other_laws(self, change: Callable[[Any], Any]) -> tuple[PlausibleLaw[Any], ...]:
         """Return the plausible laws, the same change made to each."""

@@ -12,7 +12,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.law import Law
+from commonlaw.law import Law, select_objects
 from commonlaw.law.parameters import coefficient_units, left_hand_sides
 from commonlaw.law.printing import dependence
 from commonlaw.law.quantiles import two_sided
@@ -70,7 +70,8 @@ def plot_relations(law: Law) -> Figure:
 
     Coefficients are object-specific estimates before pooling. Power laws have logarithmic axes; those of several
     properties also have a panel in which the objects collapse onto one line. The grey band contains 95 % of the
-    objects, by the between-object variance. Up to fifty objects have names.
+    objects, by the between-object variance. Up to fifty objects have names. Objects with only a limit of a parameter are
+    left out, as in `Law.explain`.
 
     Raises `CommonlawError` if the law is not from `Law.explain`.
 
@@ -79,6 +80,7 @@ def plot_relations(law: Law) -> Figure:
     law
         From `Law.explain`.
     """
+    law = select_objects(law, [name for name in law.objects if name not in law.uncertainty.limited_objects])
     rows = [*_coefficients(law)]
     columns = max(row.panels for row in rows)
     figure = Figure(figsize=fitting(1.6 + 3.1 * columns, 0.7 + 2.7 * len(rows)), layout="constrained")
