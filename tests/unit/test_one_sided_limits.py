@@ -204,6 +204,40 @@ def test_objects_with_only_a_limit_are_not_pooled(rates):
     assert "not-pooled" in {outcome.code for outcome in pooled.diagnostics}
 
 
+@pytest.mark.parametrize("equation", ["T' = -k (T - c)", "T' = -k (T - c); T(0) = a"])
+def test_bands_reach_forecasts_at_the_limit_and_far_beyond_it(equation):
+    law = cl.fit(equation, _trials(), noise={"T": NOISE})
+    (limit,) = law.uncertainty.limits
+    forecast = law.predict(_trials(), times=[0.5], return_std=True)
+    row = forecast.to_frame().query("t == 0.5").iloc[0]
+    c, start = estimates(law)["c"][0], forecast.to_frame()["T forecast"].iloc[0]
+    at_limit = c + (start - c) * np.exp(-0.5 * limit.value)
+    farthest = max(at_limit - row["T forecast"], row["T forecast"] - c)
+    assert row["T high"] - row["T forecast"] == pytest.approx(farthest, rel=0.15)
+    later = forecast.to_frame().query("t > 3")
+    assert (later["T high"] - later["T forecast"]).to_numpy() == pytest.approx(2.2 * NOISE / np.sqrt(11), rel=0.15)
+
+
+def test_draws_and_covariances_are_given_the_limited_parameters(law):
+    draws, covariance = law.sample(2000), law.cov_params()
+    estimate = law.params.set_index("parameter").loc["k", "estimate"]
+    assert draws["k"].to_numpy() == pytest.approx(estimate)
+    assert draws["c"].std() == pytest.approx(estimates(law)["c"][1], rel=0.05)
+    assert (covariance.loc["k"] == 0).all()
+    assert covariance.loc["c", "c"] == pytest.approx(estimates(law)["c"][1] ** 2)
+
+
+def test_simpler_forms_do_not_replace_what_has_only_a_limit():
+    law = cl.Law.from_text("x' = -k x + b", {"k": {"mug": 12.0}, "b": {"mug": 2.01}})
+    limits = (OneSidedLimit("mug", "k", 5.0, is_lower=True),)
+    variances = {"x": 49.0, "1": 1e-4}
+    covariance = np.diag([variances[law.terms.names[k]] for k in np.argwhere(law.support)[:, 1]])
+    law = replace(law, uncertainty=cl.law.Uncertainty(covariance[np.newaxis], limits=limits))
+    simple = law.simplify()
+    assert [replacement.parameter for replacement in simple.replaced] == ["b"]
+    assert str(simple).splitlines()[-1].split("  ")[-1].strip() == "> 5 (95 %)"
+
+
 def test_new_data_determine_what_had_only_a_limit(law):
     times = np.linspace(0.0, 1.0, 15)
     updated = law.update(_trials(_cooling(5.0, times), times).select(object="object"))

@@ -6,6 +6,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from commonlaw.array_types import Floats
 from commonlaw.law.text import coefficient_table, estimate_cells, with_error
+from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.trials import Trials
 
 LawType = TypeVar("LawType")
@@ -45,6 +46,8 @@ class Simplification(Generic[LawType]):
         Of the law, and for the numbers that remain.
     values, errors
         Estimates of the parameters, given the replacements, and standard errors, shape (objects, parameters).
+    limits
+        Of parameters that have a limit on one side only; nothing replaces these.
     """
 
     equations: tuple[str, ...]
@@ -55,6 +58,7 @@ class Simplification(Generic[LawType]):
     parameters: tuple[str, ...]
     values: Floats
     errors: Floats
+    limits: tuple[OneSidedLimit, ...] = ()
 
     @property
     def p_value(self) -> float:
@@ -71,11 +75,11 @@ class Simplification(Generic[LawType]):
         if self.replaced:
             freedom = f"{self.degrees_of_freedom} degree{'s' if self.degrees_of_freedom > 1 else ''} of freedom"
             lines += [f"together: chi-square {self.chi_square:.3g} with {freedom}, p = {self.p_value:.2g}"]
-        table = (
-            coefficient_table(self.objects, self.parameters, estimate_cells(self.values, self.errors))
-            if self.parameters
-            else []
-        )
+        cells, places = estimate_cells(self.values, self.errors), {name: i for i, name in enumerate(self.objects)}
+        for limit in self.limits:
+            if limit.parameter in self.parameters and places[limit.object] < len(cells):
+                cells[places[limit.object]][self.parameters.index(limit.parameter)] = limit.text
+        table = coefficient_table(self.objects, self.parameters, cells) if self.parameters else []
         return "\n".join([*self.equations, "", *lines, *([""] if table else []), *table])
 
 

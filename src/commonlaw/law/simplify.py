@@ -107,6 +107,7 @@ def _vanishing_part(law: Law, estimates: "_Estimates", tolerance: float) -> _Van
     measured = [symbol(name) for name in law.terms.variables.measured]
     names = estimates.parameters.names
     symbols, candidates = [symbol(name) for name in names], list[_VanishingPart]()
+    limited = [symbol(name) for name in estimates.limited]
     for j, right in enumerate(right_hand_sides(law)):
         above, below = sympy.fraction(sympy.together(right))
         if not below.has(*map(symbol, parameters)):
@@ -115,7 +116,7 @@ def _vanishing_part(law: Law, estimates: "_Estimates", tolerance: float) -> _Van
             parts = sympy.Poly(sympy.expand(above), *measured).coeffs()
         except sympy.PolynomialError:
             continue
-        for part in (part for part in parts if part.is_Add):
+        for part in (part for part in parts if part.is_Add and not part.has(*limited)):
             gradient = sympy.lambdify(symbols, [part, *(part.diff(unknown) for unknown in symbols)])
             along = np.array([gradient(*value) for value in estimates.values[:-1]], dtype=np.float64)
             for name, unknown in zip(names, symbols, strict=True):
@@ -152,7 +153,8 @@ def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
             slope = product.value(by_name) * power / by_name[name]
             slopes[:, indices[product.equation, product.term], names.index(name)] = slope
     covariance = slopes @ covariances @ slopes.transpose(0, 2, 1)
-    return replace(result, uncertainty=Uncertainty(covariance=covariance, noise=law.uncertainty.noise))
+    uncertainty = Uncertainty(covariance=covariance, noise=law.uncertainty.noise, limits=law.uncertainty.limits)
+    return replace(result, uncertainty=uncertainty)
 
 
 _BIT = 2 * np.log(2)
@@ -195,6 +197,7 @@ def simplified(law: Law, tolerance: float) -> Simplification[Law]:
         parameters=tuple(names[i] for i in kept),
         values=estimates.values[:-1, kept],
         errors=np.sqrt(np.maximum(np.diagonal(estimates.covariances, axis1=1, axis2=2), 0.0))[:-1, kept],
+        limits=law.uncertainty.limits,
     )
 
 
@@ -218,7 +221,8 @@ def within_errors(law: Law) -> list[str]:
     written = {name: (False, name) for name in parameters.names}
     if len(law.objects) == 1:
         values = zip(parameters.names, estimates.values[0].tolist(), errors.tolist(), strict=True)
-        written = {name: (value < 0, rounded(abs(value), error)) for name, value, error in values}
+        numbers = {name: (value < 0, rounded(abs(value), error)) for name, value, error in values}
+        written |= {name: number for name, number in numbers.items() if name not in estimates.limited}
     for constraint in reversed(constraints):  # what replaces a parameter may be replaced by a later constraint
         negative, text = (False, "1") if constraint.other is None else written[parameters.names[constraint.other]]
         written[constraint.parameter] = (negative != (constraint.number < 0), text)
@@ -309,8 +313,16 @@ class _Estimates:
     values: Floats
     covariances: Floats
 
+    @property
+    def limited(self) -> list[str]:
+        """Names of the parameters that have only a limit in some object, which nothing replaces."""
+        limited = self.parameters.limited
+        return [name for i, name in enumerate(self.parameters.names) if limited[:, i].any()]
+
     @classmethod
     def of(cls, law: Law) -> "_Estimates":
+        parameters = named_parameters(law)
+        law = replace(law, uncertainty=replace(law.uncertainty, covariance=parameters.covariance_given_limits))
         estimates = law.uncertainty.own_estimates(law.coefficients[:, law.support])
         mean = average_law(law)
         coefficients = np.zeros((len(law.objects) + 1, *law.support.shape))
@@ -319,7 +331,6 @@ class _Estimates:
         rows, columns = np.ix_(mean.support[law.support], mean.support[law.support])
         average[:, rows, columns] = mean.uncertainty.known_covariance()
         covariances = np.concatenate([estimates.covariance, average])
-        parameters = named_parameters(law)
         values = parameters.of(coefficients)
         # A parameter at a bound of zero has no error
         slopes = np.nan_to_num(parameters.slopes(coefficients), posinf=np.inf, neginf=-np.inf)
@@ -327,7 +338,9 @@ class _Estimates:
             covariances = slopes @ covariances @ slopes.transpose(0, 2, 1)
         # An infinite estimate is replaced by nothing: without an error it is no candidate
         beyond = ~(np.isfinite(values) & np.isfinite(np.diagonal(covariances, axis1=1, axis2=2))).all(axis=0)
-        values[:, beyond] = covariances[:, beyond] = covariances[:, :, beyond] = 0.0
+        values[:, beyond] = 0.0
+        beyond |= parameters.limited.any(axis=0)
+        covariances[:, beyond] = covariances[:, :, beyond] = 0.0
         return cls(parameters, values, covariances)
 
     def error(self, row: Floats) -> float:
@@ -375,6 +388,7 @@ def _candidates(found: _Estimates, constraints: Sequence[_Constraint]) -> Iterat
     """
     parameters, inside = found.parameters, found.parameters.law.terms.variables.parameters
     gone, units = {constraint.index for constraint in constraints}, parameters.units
+    gone |= {parameters.names.index(name) for name in found.limited}
     powers = [pair for product in parameters.products for pair in product.coefficients]
     for i, name in enumerate(parameters.names):
         if i in gone:
