@@ -24,6 +24,7 @@ from commonlaw.law.alignment import matched
 from commonlaw.law.law import object_index
 from commonlaw.law.observation import OBJECT, Observation, Restrictions, by_trial
 from commonlaw.law.parameters import Parameters, named_parameters, state_rates
+from commonlaw.law.quantiles import two_sided
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
@@ -249,6 +250,8 @@ class _Curve:
         Of what the trial determines where these are known, shape (k, k), and how it changes with these, (k, P).
     known_until
         The time of the last sample that determined initial values.
+    ends
+        The unknowns with a parameter that has only a limit at that, and far beyond it.
     """
 
     data: TrialData
@@ -260,6 +263,7 @@ class _Curve:
     covariance: Floats
     sensitivity: Floats
     known_until: float
+    ends: tuple[Floats, ...]
 
     @classmethod
     def of(
@@ -325,7 +329,14 @@ class _Curve:
         sensitivity = -inverse @ rows[:, free].T @ rows[:, fixed]
         until = float(trial.times[used][-1]) if used.any() else float(whole.times[0])
         covariance = covariance[np.ix_(fixed, fixed)]
-        return cls(both, problem, unknowns, fixed, free, covariance, inverse, sensitivity, until)
+        ends = list[Floats]()
+        for limit in observed.law.uncertainty.limits:
+            if limit.object == trial.object and limit.parameter in model.parameters:
+                for value in (limit.value, limit.beyond):
+                    end = unknowns.copy()
+                    end[model.parameters.index(limit.parameter)] = value
+                    ends.append(end)
+        return cls(both, problem, unknowns, fixed, free, covariance, inverse, sensitivity, until, tuple(ends))
 
     def at(self, times: Floats, return_std: bool) -> tuple[Floats, Floats, Floats, bool]:
         """Return observables, their standard deviations, shape (n, m) each, states, shape (n, D), and if it is endless.
@@ -342,6 +353,8 @@ class _Curve:
         with np.errstate(all="ignore"):
             variance = np.einsum("nmp,pq,nmq->nm", by_parameters, self.parameter_covariance, by_parameters)
             variance += np.einsum("nmp,pq,nmq->nm", by_initial, self.covariance, by_initial)
+            moved = [np.abs(self.problem.predicted(data, end, False).values - predicted.values) for end in self.ends]
+            variance += (np.fmax.reduce([np.zeros_like(variance), *moved]) / two_sided(0.95)) ** 2
             return predicted.values, np.sqrt(np.maximum(variance, 0.0)), predicted.states, predicted.is_endless
 
 

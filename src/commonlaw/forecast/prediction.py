@@ -20,7 +20,8 @@ from commonlaw.integration.vector_field import InputFunction
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import matched, matched_times
 from commonlaw.law.law import object_index
-from commonlaw.law.parameters import named_parameters, rate_names, vector_field
+from commonlaw.law.parameters import Parameters, named_parameters, rate_names, vector_field
+from commonlaw.law.quantiles import two_sided
 from commonlaw.library import Terms
 from commonlaw.likelihood import WHITE_NOISE
 from commonlaw.runtime.arguments import check_type, numbers_of
@@ -296,15 +297,32 @@ class _Forecaster:
     def _std(self, trajectories: Sequence[Trajectory]) -> tuple[Floats, ...]:
         """Return the standard deviations of the states of each trajectory, with those before its start."""
         law, deviations = self.law, []
-        covariance, errors = law.uncertainty.known_covariance(), law.uncertainty.error_model
+        parameters, errors = named_parameters(law), law.uncertainty.error_model
+        covariance = parameters.covariance_given_limits
+        assert covariance is not None
         for started, trajectory in zip(self.started, trajectories, strict=True):
             carried, initial = started.start.propagated(trajectory)
             std = trajectory_std(carried, covariance[object_index(law, started.trial.object)], initial)
+            if parameters.limits:
+                std = np.hypot(std, self._to_limits(started, trajectory, parameters))
             if errors.of_law:
                 std = np.hypot(std, model_error_std(law, started.ahead, started.inputs, trajectory.states))
             whole = started.start.std_followed_by(std, started.trial.times)
             deviations.append(whole[:, : len(law.schema.states)])
         return tuple(deviations)
+
+    def _to_limits(self, started: StartedTrial, trajectory: Trajectory, parameters: Parameters) -> Floats:
+        """Return by how much parameters that have only a limit move a trajectory, as standard deviations, (n, D).
+
+        Their 95 % band reaches the forecasts with such a parameter at its limit, and far beyond it.
+        """
+        problem = self._problem(started)
+        ends = [end for pair in parameters.beyond_limits(started.trial.object) for end in pair]
+        fields = [replace(problem.field, coefficients=coefficients, free=None) for coefficients in ends]
+        problems = [replace(problem, field=field) for field in fields]
+        paths = simulate(problems, method=self.method, tolerance=self.tolerance, limit=self.limit)
+        distances = [np.abs(path.states - trajectory.states) for path in paths]
+        return np.asarray(np.fmax.reduce([np.zeros_like(trajectory.states), *distances]) / two_sided(0.95))
 
     def _problem(self, started: StartedTrial) -> InitialValueProblem:
         field = replace(vector_field(self.law, started.trial.object), inputs=started.inputs)

@@ -235,7 +235,7 @@ class Law(ShownInNotebooks):
         evidence also the inclusion probability. Parameters have their names in `structure`; a parameter of given
         equations has its first term. Standard errors and intervals are conditional on the terms of this law.
         Unknown values are NaN or empty. A parameter that has a limit on one side only, such as a rate too fast to be
-        measured, has no standard error, and an interval with one end.
+        measured, has no standard error, and an interval with one end; its estimate is the value that forecasts follow.
 
         See Also
         --------
@@ -270,6 +270,8 @@ class Law(ShownInNotebooks):
     def cov_params(self, name: str | None = None) -> "pd.DataFrame":
         """Return the covariance matrix of the parameters of one object, with their names as rows and columns.
 
+        It is given the parameters that have a limit on one side only, whose rows and columns are zero.
+
         Raises `CommonlawError` if it is not known, or if there are several objects and none is named.
 
         Examples
@@ -287,6 +289,7 @@ class Law(ShownInNotebooks):
 
         Each draw is from one of `models`, chosen with its probability, with the covariance of that law over all
         objects; absent terms are zero. The distribution is normal, or Student's t if the noise was estimated.
+        Parameters that have a limit on one side only have their estimates in each draw, and others are given these.
 
         Raises `CommonlawError` if the covariance is not known, or if `n` is not positive.
 
@@ -477,7 +480,8 @@ class Law(ShownInNotebooks):
             Time at which forecasts begin: all samples before it, or the last `start` of them, determine the initial
             state. Trials without samples on both sides are left out, see `Forecast.trials.notes`.
         return_std
-            Whether to compute intervals, from the covariances of coefficients and initial state to first order.
+            Whether to compute intervals, from the covariances of coefficients and initial state to first order. They
+            reach the forecasts with a parameter that has only a limit at this limit, and far beyond it.
         method, tolerance
             See `commonlaw.integration.simulate`. Laws with observation equations, and in discrete time, have a method
             of their own; laws in discrete time are exact within any tolerance.

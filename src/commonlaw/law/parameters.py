@@ -1,5 +1,6 @@
 """The parameters and coefficients of a law as arrays, with errors, intervals and units; and its right-hand side."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import mul
@@ -67,11 +68,11 @@ class Parameters:
 
         They are given the parameters that have only a limit; of these themselves they are those of a parabola.
         """
+        known, slopes = self.law.uncertainty.covariance, self.slopes(self.law.coefficients)
         with np.errstate(invalid="ignore"):
             variances = np.diagonal(self.covariance, axis1=1, axis2=2)
-            if self.limits and (given := self.covariance_given_limits) is not None:
-                slopes = self.slopes(self.law.coefficients)
-                variances = np.where(self.limited, variances, np.einsum("opi,oij,opj->op", slopes, given, slopes))
+            if self.limits and known is not None:
+                variances = np.where(self.limited, np.einsum("opi,oij,opj->op", slopes, known, slopes), variances)
             errors = np.sqrt(np.maximum(variances, 0.0))
         errors.flags.writeable = False
         return errors
@@ -94,6 +95,20 @@ class Parameters:
             result[place] = True
         return result
 
+    def beyond_limits(self, name: str) -> Iterator[tuple[Floats, Floats]]:
+        """Yield coefficients of an object, (equations, terms), with a parameter at its only limit and far beyond."""
+        o = object_index(self.law, name)
+        for limit in (limit for (owner, _), limit in self.limits.items() if owner == o):
+            ends = list[Floats]()
+            for value in (limit.value, limit.beyond):
+                known = dict(zip(self.names, self.values[o], strict=True)) | {limit.parameter: np.float64(value)}
+                coefficients = self.law.coefficients[o].copy()
+                for product in self.products:
+                    if any(factor == limit.parameter for factor, _ in product.coefficients):
+                        coefficients[product.equation, product.term] = product.value(known)
+                ends.append(coefficients)
+            yield ends[0], ends[1]
+
     def texts(self, o: int) -> list[str]:
         """Return the estimates of an object with their standard errors, or their only limits, as text."""
         pairs = zip(self.values[o].tolist(), np.nan_to_num(self.errors[o]).tolist(), strict=True)
@@ -103,25 +118,38 @@ class Parameters:
 
     @cached_property
     def covariance(self) -> Floats:
-        """Covariance to first order, shape (objects, parameters, parameters); NaN where unknown."""
-        if self.law.uncertainty.covariance is None:
+        """Covariance to first order, shape (objects, parameters, parameters); NaN where unknown.
+
+        It is given the parameters that have only a limit, whose rows and columns are zero.
+        """
+        if (known := self.covariance_given_limits) is None:
             return np.full((*self.values.shape, self.values.shape[1]), np.nan)
         slopes = self.slopes(self.law.coefficients)
-        return np.asarray(slopes @ self.law.uncertainty.covariance @ slopes.transpose(0, 2, 1))
+        covariance = np.asarray(slopes @ known @ slopes.transpose(0, 2, 1))
+        covariance[self.limited] = 0.0
+        covariance.transpose(0, 2, 1)[self.limited] = 0.0
+        return covariance
 
     @cached_property
     def covariance_given_limits(self) -> Floats | None:
         """Covariance of coefficients in the support given the parameters that have only a limit, shape (objects, p, p).
 
-        With the slopes G of these parameters it is ``C - C G^T inv(G C G^T) G C``.
+        Forecasts, draws and errors have it: ``P C P^T``, see `given_limits`.
         """
         covariance = self.law.uncertainty.covariance
-        if covariance is None or not self.limits:
-            return covariance
+        return None if covariance is None else self.given_limits @ covariance @ self.given_limits.transpose(0, 2, 1)
+
+    @cached_property
+    def given_limits(self) -> Floats:
+        """What deviations of coefficients in the support become given the parameters that have only a limit.
+
+        Of each object with the slopes G of these parameters it is ``P = I - C G^T inv(G C G^T) G``, by which
+        ``P C P^T = C - C G^T inv(G C G^T) G C``; shape (objects, coefficients, coefficients).
+        """
+        covariance, unchanged = self.law.uncertainty.known_covariance(), np.eye(int(self.law.support.sum()))
         slopes = np.where(self.limited[:, :, np.newaxis], self.slopes(self.law.coefficients), 0.0)
-        joint = slopes @ covariance
-        inverse = np.linalg.pinv(np.nan_to_num(joint @ slopes.transpose(0, 2, 1)))
-        return np.asarray(covariance - joint.transpose(0, 2, 1) @ inverse @ joint)
+        joint = covariance @ slopes.transpose(0, 2, 1)
+        return np.asarray(unchanged - joint @ np.linalg.pinv(np.nan_to_num(slopes @ joint)) @ slopes)
 
     @cached_property
     def degrees_of_freedom(self) -> Floats:
@@ -176,8 +204,8 @@ class Parameters:
         """
         j, k = self.places
         if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
-            low, high = coefficient_intervals(self.law, level, averaged)
-            return low[:, j, k], high[:, j, k]
+            low, high = (ends[:, j, k] for ends in coefficient_intervals(self.law, level, averaged))
+            return self._with_limits(low, high, level)
         reach = two_sided(level, self.degrees_of_freedom)
         low, high = self.values - self.errors * reach, self.values + self.errors * reach
         support, known = self.law.support, self.covariance_given_limits
@@ -192,6 +220,9 @@ class Parameters:
             for o, covariance in enumerate(covariances if len(definition.parts) > 1 else ()):
                 interval = propagated(value, self.law.coefficients[o, support], covariance, float(reach[o, i]))
                 low[o, i], high[o, i] = interval.low, interval.high
+        return self._with_limits(low, high, level)
+
+    def _with_limits(self, low: Floats, high: Floats, level: float) -> tuple[Floats, Floats]:
         for place, limit in self.limits.items():
             low[place], high[place] = limit.interval if level <= 0.95 else (np.nan, np.nan)
         return low, high
@@ -207,7 +238,9 @@ class Parameters:
         draws = np.zeros((n, *law.coefficients.shape))
         for i in np.unique(chosen).tolist():
             model, rows = laws[i].law, chosen == i
-            drawn = model.uncertainty.draws(model.coefficients[:, model.support], int(rows.sum()), seed)
+            means, given = model.coefficients[:, model.support], named_parameters(model).given_limits
+            deviations = model.uncertainty.draws(means, int(rows.sum()), seed) - means
+            drawn = means + np.einsum("opq,noq->nop", given, deviations)
             placed = np.zeros((len(drawn), *model.coefficients.shape))
             placed[..., model.support] = drawn
             draws[rows] = by_terms_of(law, model, placed)

@@ -420,20 +420,12 @@ def _limited(function: Function, parameters: Parameters, o: int) -> Estimate | N
     ratio of both, may have two limits.
     """
     support, law, limited = parameters.law.support, parameters.law, list[Estimate]()
-    for limit in (limit for (owner, _), limit in parameters.limits.items() if owner == o):
-        by_name = dict(zip(parameters.names, parameters.values[o], strict=True))
-        is_outward, values = (limit.value > 0) == limit.is_lower, list[float]()
-        for value in (limit.value, 1e6 * limit.value if is_outward else float(by_name[limit.parameter])):
-            by_name[limit.parameter] = np.float64(value)
-            coefficients = law.coefficients[o].copy()
-            for product in parameters.products:
-                coefficients[product.equation, product.term] = product.value(by_name)
-            with np.errstate(all="ignore"):
-                values.append(float(function(coefficients[support][np.newaxis])[0]))
-        end, beyond = values
+    for ends in parameters.beyond_limits(law.objects[o]):
+        with np.errstate(all="ignore"):
+            end, beyond = (float(function(coefficients[support][np.newaxis])[0]) for coefficients in ends)
         if np.isfinite(end) and not np.isclose(end, beyond, rtol=1e-6, atol=0.0):
-            ends = (end, np.inf) if beyond > end else (-np.inf, end)
-            limited.append(Estimate(float(function(law.coefficients[o, support][np.newaxis])[0]), np.nan, *ends))
+            interval = (end, np.inf) if beyond > end else (-np.inf, end)
+            limited.append(Estimate(float(function(law.coefficients[o, support][np.newaxis])[0]), np.nan, *interval))
     return limited[0] if len(limited) == 1 else None
 
 

@@ -131,6 +131,11 @@ class OneSidedLimit:
         """The ends of the interval, of which one is infinite."""
         return (self.value, np.inf) if self.is_lower else (-np.inf, self.value)
 
+    @property
+    def beyond(self) -> float:
+        """A value far beyond it, where the likelihood is flat: a thousand times as large, or as small."""
+        return self.value * (1e3 if (self.value > 0) == self.is_lower else 1e-3)
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectEstimates:

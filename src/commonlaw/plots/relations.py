@@ -70,8 +70,8 @@ def plot_relations(law: Law) -> Figure:
 
     Coefficients are object-specific estimates before pooling. Power laws have logarithmic axes; those of several
     properties also have a panel in which the objects collapse onto one line. The grey band contains 95 % of the
-    objects, by the between-object variance. Up to fifty objects have names. Objects with only a limit of a parameter are
-    left out, as in `Law.explain`.
+    objects, by the between-object variance. Up to fifty objects have names. Objects with only a limit of a parameter
+    are left out, as in `Law.explain`.
 
     Raises `CommonlawError` if the law is not from `Law.explain`.
 
