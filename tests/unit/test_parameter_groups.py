@@ -10,6 +10,7 @@ from commonlaw.estimation import likelihood_profile
 from commonlaw.law import average_law
 from commonlaw.law.parameters import named_parameters
 from tests.refusals import refused
+from tests.simulations import simulated
 from tests.unit.decays import T, by_trial, estimates, least, own_and_shared, trials_of
 
 pytestmark = pytest.mark.usefixtures("few_starts")
@@ -237,3 +238,26 @@ def test_updates_weigh_each_laboratory_by_its_relative_noise():
         assert [found["k"][0], found["a"][0]] == pytest.approx(best.x, rel=1e-6)
     low, high = likelihood_profile(law, decays_of_labs(1), "k", "B").interval
     assert high - low == pytest.approx(2 * 1.96 * estimates(law, "B")["k"][1], rel=0.05)
+
+
+def test_shooting_begins_where_collocation_ended():
+    def rates(_, x, k):
+        return [x[0] * (1 - 0.1 * x[1]), x[1] * (0.075 * x[0] - k)]
+
+    trials = simulated(rates, {"a": (1.5,), "b": (1.5,)}, [(10, 5)], np.linspace(0, 12, 40), 0.02, ("x", "y"))
+    steps = list[str]()
+    equations = "x' = a x - b x y; y' = d x y - c y"
+    law = cl.fit(equations, trials, shared=dict.fromkeys("abcd", "all"), progress=steps.append)
+    assert not any("start 2" in step for step in steps)
+    values, errors = law.params["estimate"][:4], law.params["standard error"][:4]
+    assert np.abs(values - [1, 0.1, 0.075, 1.5]).max() < 4 * errors.max()
+
+
+def test_a_parameter_in_a_quotient_is_shared():
+    numbers = {"A": (0.8, 100.0), "B": (0.5, 100.0)}
+    trials = simulated(lambda _, x, r, k: [r * x[0] * (1 - x[0] / k)], numbers, [(5,)], np.linspace(0, 12, 25), 0.02)
+    law = cl.fit("s' = r s (1 - s/K)", trials, shared="K")
+    values = law.params.pivot(index="object", columns="parameter", values="estimate")
+    assert values["K"]["A"] == pytest.approx(values["K"]["B"], rel=1e-12)
+    assert values["K"]["A"] == pytest.approx(100, rel=0.02)
+    assert values["r"].tolist() == pytest.approx([0.8, 0.5], rel=0.05)

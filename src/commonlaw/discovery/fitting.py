@@ -24,6 +24,7 @@ from commonlaw.estimation.beginning import (
     begin,
     initial_time_of,
     refuse_zero_columns,
+    with_values_of,
     written_starts,
 )
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
@@ -35,6 +36,7 @@ from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
 from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.chunks import fitted_by_parts
+from commonlaw.inference.verbs.refinement import collocated
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects, select_objects
 from commonlaw.law.models import model_named
@@ -356,7 +358,9 @@ def fit(
     for name in shared:
         check_choice("coefficient", name, [*named_definitions])
         if len(named_definitions[name].parts) > 1:
-            raise CommonlawError("parameter-is-quotient", parameter=name)
+            if called:
+                raise CommonlawError("parameter-is-quotient", parameter=name)
+            return jointly()
         equal[named_definitions[name].equation, named_definitions[name].term] = True
     apart = settings | {"partial_pooling": False}
     try:
@@ -430,6 +434,8 @@ def _of_model(
     for interpolation in tried:
         interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
         begun = begin(text, interpolated, **given, log_states=log_states, noise=noise)
+        if (collocation := _by_collocation(text, interpolated, settings)) and not given["guesses"]:
+            begun = replace(with_values_of(collocation, begun), is_fitted=True)
         fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
         law = fitted.law(calls)
         noted = replace(law.provenance, outcomes=(*law.provenance.outcomes, *outcomes_of_units(law)))
@@ -458,6 +464,26 @@ def _of_model(
                 note("delay-by-interpolation", where, name=name, value=value, between=tried[best], others=apart)
             )
     return replace(law, provenance=replace(law.provenance, history=history, outcomes=tuple(outcomes)))
+
+
+def _by_collocation(text: ModelText, trials: Trials, settings: Mapping[str, Any]) -> Law | None:
+    """Return the law of the same equations by collocation, where the fit of the model begins.
+
+    None of models with latent states, observation equations, events, jumps, delays or doses, and where it does not
+    fit each object by itself.
+    """
+    states = {equation.state for equation in split_equations(text.equations)}
+    if states != {*trials.schema.states} or trials.schema.doses or not replace(text, initial={}).is_plain:
+        return None
+    try:
+        given = read_equations(text.equations, trials.schema, properties=property_names(trials.properties))
+        provenance = Provenance(suitable_differentiation(trials, given.order), equations=given.texts)
+        unfitted = _unfitted(given, trials, provenance)
+        log_states, between = settings.get("log_states"), trials.schema.input_interpolation
+        begun = with_initial_parameters(unfitted, trials, text.bounds, log_states=log_states, progress=silent)
+        return collocated(begun, trials, log_states, between)
+    except CommonlawError:
+        return None
 
 
 def _is_misfit(law: Law, limit: OneSidedLimit) -> bool:

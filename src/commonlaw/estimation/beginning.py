@@ -99,8 +99,8 @@ class Unknowns:
 class Beginning:
     """A model before it is fitted: what is unknown, likely first values of it, whether these were guessed, its bounds.
 
-    First values have shape (p,), initial values among them; `groups` has the noise group of each object, by quantity,
-    and `start` the time of initial values.
+    First values have shape (p,), initial values among them; `is_fitted` if they are those of a fit; `groups` has the
+    noise group of each object, by quantity, and `start` the time of initial values.
     """
 
     model: Model
@@ -114,6 +114,7 @@ class Beginning:
     logarithmic: tuple[str, ...]
     start: float | None
     restrictions: Restrictions
+    is_fitted: bool = False
 
 
 def begin(
@@ -411,9 +412,13 @@ def _sizes(
     by_name |= {f"{name}(0)": likely[i] for i, name in enumerate(model.variables.states)} | dict(guesses)
     sizes = np.array([by_name[name] for name in unknowns.names])
     guessed = np.array([name in guesses for name in unknowns.names], dtype=np.bool_)
-    for trial, indices in zip(trials, unknowns.initial, strict=True):
-        for name, k in zip(model.variables.states, indices, strict=True):
-            if k >= 0 and name in model.observables and name not in model.text.observed:
+    starts = [start and start.removeprefix("+") for start in model.initial]
+    columns_of = [f"v{i}" for i in range(model.first_parameter, len(model.variables.names))]
+    for trial, parameters, initial in zip(trials, unknowns.parameters, unknowns.initial, strict=True):
+        of_start = dict(zip(columns_of, parameters, strict=True))
+        for name, k, start in zip(model.variables.states, initial, starts, strict=True):
+            k = of_start.get(start, -1) if start else k
+            if k >= 0 and unknowns.names[k] not in guesses and name in {*model.observables} - {*model.text.observed}:
                 seen = trial.states[:, model.observables.index(name)]
                 seen = seen[np.isfinite(seen)]
                 if len(seen) and seen[0] != 0:  # Measured states begin at their first measurements
@@ -486,12 +491,15 @@ def beginning_of(
         log_states=measured_schema(law).logarithmic if log_states is None else log_states,
         noise=noise,
     )
-    return replace(begun, first=_values_of(law, begun))
+    return with_values_of(law, begun)
 
 
-def _values_of(law: Law, begun: "Beginning") -> Floats:
-    """Return first values of the unknowns: those of a law, as far as it has some that are not zero."""
-    result, named = begun.first.copy(), named_parameters(law)
+def with_values_of(law: Law, begun: Beginning) -> Beginning:
+    """Return a beginning whose first values are those of a law, as far as it has some that are not zero.
+
+    Of parameters that several objects share they are medians.
+    """
+    first, named, by_unknown = begun.first.copy(), named_parameters(law), dict[int, list[float]]()
     estimated = () if law.observation is None else law.observation.estimated
     by_trial = {(estimate.object, estimate.trial, estimate.name): estimate.value for estimate in estimated}
     rows = zip(begun.trials, begun.unknowns.parameters, begun.unknowns.initial, strict=True)
@@ -501,8 +509,10 @@ def _values_of(law: Law, begun: "Beginning") -> Floats:
             name = begun.unknowns.names[k]
             value = by_trial.get((trial.object, trial.name, name), values.get(name, 0.0))
             if value != 0 and np.isfinite(value):
-                result[k] = value
-    return result
+                by_unknown.setdefault(k, []).append(value)
+    for k, several in by_unknown.items():
+        first[k] = np.median(several)
+    return replace(begun, first=first)
 
 
 def refuse_zero_columns(model: Model, trials: Trials) -> None:

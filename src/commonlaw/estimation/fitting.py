@@ -15,7 +15,16 @@ from commonlaw.estimation.beginning import Beginning, beginning_of
 from commonlaw.estimation.interchange import EqualMaximum, latent_states, with_fastest_latent_states
 from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, OneSided, one_sided
 from commonlaw.estimation.problem import NormalPrior
-from commonlaw.estimation.search import DRAWS, EVENT_SHARES, GROWING_SHARES, REACH, Optimum, maximize, summarized
+from commonlaw.estimation.search import (
+    DRAWS,
+    EVENT_SHARES,
+    GROWING_SHARES,
+    REACH,
+    Optimum,
+    is_solved,
+    maximize,
+    summarized,
+)
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import object_index
@@ -134,16 +143,23 @@ def updated(law: Law, trials: Trials) -> Law:
 def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: int = DRAWS) -> "Fitted":
     """Return the maximum of the likelihood, from so many first values.
 
+    Where first values are those of a fit, others are tried only if the maximum that these lead to has a lack of fit.
+
     Raises `CommonlawError` if the solution is finite from none of them, or the measurements do not determine all
     unknowns.
     """
-    search = partial(
-        maximize, begun.problem, begun.first, begun.guessed, begun.bounds, None, seed, progress, draws=draws
-    )
-    optimum = search(shares=EVENT_SHARES if begun.problem.events_move and draws > 1 else (1.0,))
-    lack_of_fit = _lack_of_fit(begun, optimum)
+    search = partial(maximize, begun.problem, begun.first, begun.guessed, begun.bounds, None, seed, progress)
+    optimum, lack_of_fit = None, list[str]()
+    if begun.is_fitted and draws > 1 and is_solved(begun.problem, begun.first):
+        optimum = search(draws=1)
+        lack_of_fit = _lack_of_fit(begun, optimum)
+    if optimum is None or lack_of_fit or len(_lost(optimum)):
+        optimum = search(draws=draws, shares=EVENT_SHARES if begun.problem.events_move and draws > 1 else (1.0,))
+        lack_of_fit = _lack_of_fit(begun, optimum)
     if draws > 1 and lack_of_fit:
-        optimum = max(optimum, search(shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood)
+        optimum = max(
+            optimum, search(draws=draws, shares=GROWING_SHARES), key=lambda candidate: candidate.log_likelihood
+        )
         lack_of_fit = _lack_of_fit(begun, optimum)
     others = tuple[EqualMaximum, ...]()
     if draws > 1 and not len(_lost(optimum)):
@@ -259,7 +275,8 @@ class Fitted:
         begun, optimum = self.begun, self.optimum
         model, trials, problem, unknowns = begun.model, begun.trials, begun.problem, begun.unknowns
         groups = begun.groups
-        given = read_equations(model.text.equations, model.schema, properties=property_names(trials.properties))
+        of_objects = property_names(trials.properties)
+        given = read_equations(model.text.equations, model.schema, properties=of_objects, determined=model.parameters)
         inside = {coefficient.name for coefficient in given.coefficients}
         extra = [name for name in model.parameters if name not in inside]
         variables = replace(given.terms.variables, parameters=(*given.terms.variables.parameters, *extra))
@@ -330,8 +347,8 @@ class Fitted:
             Step(
                 "fit",
                 f"-log L = {-optimum.log_likelihood:.6g}",
-                f"maximum likelihood of {counted(len(unknowns.names), 'parameter')} by least squares of trajectories; "
-                f"{optimum.starts_alike} of the best starts end there",
+                f"maximum likelihood of {counted(len(unknowns.names), 'parameter')} by least squares of trajectories"
+                + (f"; {optimum.starts_alike} of the best starts end there" if optimum.starts_alike else ""),
             ),
         )
         provenance = Provenance(

@@ -46,7 +46,7 @@ def with_fastest_latent_states(
     ``sum_j mean |df_j/dx_j|`` over the samples; where it is the same, the first parameter is the largest.
     """
     model, unknowns, others = problem.model, optimum.unknowns, list[EqualMaximum]()
-    outputs = model.expressions[model.width :]
+    outputs = [output.removeprefix("+") for output in model.expressions[model.width :]]
     # States that were measured themselves leave no parameter to exchange
     if problem.events_move or all(f"v{j}" in outputs for j in range(len(model.schema.states))):
         return optimum, ()

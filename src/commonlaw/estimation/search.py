@@ -13,6 +13,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.text import counted
 
 DRAWS = 128
 """First values whose likelihood is computed, and values that are tried for one number, or drawn about an estimate."""
@@ -55,7 +56,7 @@ class Optimum:
     at_bound
         Which unknowns are at a bound, and `beyond` where they would be without it with its standard error.
     starts_alike
-        How many of the best first values lead there.
+        How many of the best first values lead there; 0 if no others were tried.
     """
 
     unknowns: Floats
@@ -224,6 +225,11 @@ def rough_noise(problem: Problem, share: float = 0.1) -> Floats:
     return result
 
 
+def is_solved(problem: Problem, unknowns: Floats) -> bool:
+    """Return whether the solutions of all trials are finite."""
+    return bool(np.isfinite(_cost(replace(problem, tolerance=1e-4), unknowns, rough_noise(problem))))
+
+
 def maximize(
     problem: Problem,
     sizes: Floats,
@@ -265,7 +271,7 @@ def maximize(
     if problem.model.steady:
         names = [problem.model.variables.states[j] for j in problem.model.steady]
         unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
-    progress(f"computing the likelihood of {len(starts)} first values")
+    progress(f"computing the likelihood of {counted(len(starts), 'first value')}")
     coarse = replace(problem, tolerance=1e-4)
     parts = [coarse if share == 1 else _first(coarse, share) for share in shares]
     costs = np.array([_cost(parts[0], start, noise) for start in starts])
@@ -279,6 +285,9 @@ def maximize(
         if not np.isfinite(costs[i]):
             continue
         point = starts[i]
+        if draws == 1:
+            rough.append((costs[i], point))
+            continue
         for part in parts:
             if not problem.events_move:
                 cost, point = _roughly(part, point, noise, bounds, sizes)
@@ -309,7 +318,7 @@ def maximize(
         end, values, levels = _finished(problem, start, noise, bounds, given, np.inf)
         if end < score:
             score, unknowns, noise = end, values, levels
-    alike = sum(end - score < 0.01 for end in ends)
+    alike = sum(end - score < 0.01 for end in ends) if draws > 1 else 0
     if not given and not problem.censored.any() and _noise_matters(problem):
         unknowns = _under_restricted_noise(problem, unknowns, noise, bounds)
         noise = _not_zero(problem.noise_levels(unknowns, noise), problem)

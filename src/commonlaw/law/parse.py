@@ -1,7 +1,7 @@
 """From equations in a text to terms, coefficients that are known, and names of those that are not."""
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypedDict, Unpack
 
@@ -120,11 +120,13 @@ def read_equations(
     variables: Variables | None = None,
     properties: Sequence[str] = (),
     functions: tuple[Function, ...] = (),
+    determined: Container[str] = (),
 ) -> GivenEquations:
     """Return what equations say about the states of a schema, in variables that follow from it if none are given.
 
     A property of the objects that stands before a term with other names, as K in ``r x (1 - x/K)``, is a parameter
-    inside this term. Terms may call functions of Python.
+    inside this term, and so are names of which the equations give only a product if more determines them, such as a
+    prior. Terms may call functions of Python.
     """
     equations = split_equations(given)
     by_state = {equation.state: equation for equation in equations}
@@ -160,6 +162,7 @@ def read_equations(
         # What stands before several terms is one number all the same: a constant of these
         names = [name for product in products for name, _ in product.coefficients]
         shared = [name for name in dict.fromkeys(names) if names.count(name) > 1 and len(products) > len({*names})]
+        shared = shared or [name for name in dict.fromkeys(together) if name in determined]
         if not shared:
             for equation, row in zip(ordered, rows, strict=True):
                 equation.check_apart(row, variables, meanings)

@@ -59,6 +59,15 @@ def multiplied_out(tree: ast.expr, variables: int, inside: int | None = None) ->
             ]
         case ast.BinOp(op=ast.Add() | ast.Sub()):
             return _sum(_addends(tree, 1), variables, inside)
+        case ast.BinOp(left, ast.Mult() | ast.Div() as op, ast.UnaryOp(sign, operand)):
+            return multiplied_out(ast.UnaryOp(sign, ast.BinOp(left, op, operand)), variables, inside)
+        case ast.BinOp(
+            left, ast.Mult() | ast.Div() as first_op, ast.BinOp(middle, ast.Mult() | ast.Div() as op, right)
+        ):
+            # One factor after the other, so that numbers and parameters beside a sum in a divisor stand apart from it
+            inverse = ast.Mult() if isinstance(op, ast.Div) else ast.Div()
+            last = op if isinstance(first_op, ast.Mult) else inverse
+            return multiplied_out(ast.BinOp(ast.BinOp(left, first_op, middle), last, right), variables, inside)
         case ast.BinOp(op=ast.Mult() | ast.Div() as op, left=left, right=right):
             first, second = (multiplied_out(side, variables, inside) for side in (left, right))
             power = 1 if isinstance(op, ast.Mult) else -1

@@ -148,6 +148,17 @@ def refine(
     return with_one_sided_limits(refined, trials) if law.provenance.calls or law.provenance.equations else refined
 
 
+def collocated(law: Law, trials: Trials, log_states: Sequence[str] | None, input_interpolation: str) -> Law:
+    """Return a law with coefficients fitted by collocation under white noise, without their uncertainty.
+
+    Raises `CommonlawError` as `refine` does.
+    """
+    setup = FitSetup.of(law, trials, input_interpolation=input_interpolation, log_states=log_states)
+    setup.check_determined()
+    estimates = fit_terms(setup).best.estimates
+    return replace(setup.law, coefficients=np.array([estimate.coefficients for estimate in estimates]))
+
+
 def _of_observation(
     law: Law,
     trials: Trials | TrialStream,
