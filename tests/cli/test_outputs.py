@@ -117,6 +117,14 @@ def test_a_law_that_cannot_be_written_is_printed_and_the_command_fails(run, monk
 
 
 @pytest.mark.usefixtures("table")
+def test_a_program_of_several_objects_is_refused_once_with_the_option_that_chooses_one(run, tmp_path):
+    code, _, err = run("discover", "drops.csv", *QUICK, "--save", "law.xml")
+    first = cl.Trials.read(tmp_path / "drops.csv").objects[0]
+    assert (code, err.count("law.xml was not made"), err.count(f"--where object='{first}'")) == (1, 1, 1)
+    assert run("discover", "drops.csv", *QUICK, "--save", "law.xml", "--where", f"object={first}")[0] == 0
+
+
+@pytest.mark.usefixtures("table")
 def test_a_report_that_fails_prints_and_saves_the_law_that_was_found(run, tmp_path, monkeypatch):
     monkeypatch.setattr("commonlaw.report.law_report", fails)
     code, out, err = run("discover", "drops.csv", *QUICK, "--save", "found.json", "--save", "report.html")

@@ -129,6 +129,8 @@ def dialect(command: click.Command, has_schema: bool = False) -> Dialect:
     def write(code: str) -> str:
         name, _, value = code.partition("=")
         name, value = ("clip", "true") if code == "clip_irregular()" else (name, value)
+        if name == "name" and name not in by_name:  # An object, which commands choose in the table
+            name, value = "where", f"{{'object': {value}}}"
         is_of_table = getattr(by_name.get(name), "group", "") == "Table"
         if is_of_table and has_schema and name not in options:
             toml = re.sub(r"('[^']*'): ", r"\1 = ", value)

@@ -290,7 +290,7 @@ class Artifacts:
             say(f"Wrote {path}")
         print_notes([*notes, *(failure for failure in self.failures if failure not in reasons)])
         if refused := [*self._unwritten.values(), *reasons]:
-            raise CommonlawError("several", messages=refused)
+            raise CommonlawError("several", messages=[*map(in_options, refused)])
 
 
 _TAKES_NOTHING = {errno.EBADF, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC}

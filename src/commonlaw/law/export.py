@@ -397,7 +397,7 @@ def _modelica(system: _System, stem: str) -> bytes:
 
 def _sbml(system: _System, stem: str) -> bytes:
     if len(system.objects) > 1:
-        raise CommonlawError("several-objects", objects=", ".join(system.objects))
+        raise CommonlawError("several-objects", objects=system.objects, first=system.objects[0])
     symbols = {name: f"<ci>{name}</ci>" for name in (*system.states, *system.inputs, *system.parameters)}
     time = '<csymbol encoding="text" definitionURL="http://www.sbml.org/sbml/symbols/time">t</csymbol>'
     states, inputs, parameters = (

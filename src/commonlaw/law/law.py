@@ -461,7 +461,8 @@ class Law(ShownInNotebooks):
         """Forecast each trial from its initial state, estimated from its first samples.
 
         Raises `CommonlawError` if the variables do not match the law, an initial state cannot be fitted, the law lacks
-        the covariance, noise or discrepancy that an option needs, or an option has no effect for a law of its kind.
+        the covariance, noise or discrepancy that an option needs, or an option has no effect for a law of its kind, as
+        `start` or `from_time` where the law gives all initial values, ``x(0) = a``.
 
         Parameters
         ----------
@@ -859,8 +860,13 @@ def object_index(law: Law, name: object) -> int:
 def only_object(law: Law, name: str | None) -> str:
     """Return the name of an object that was given, or that is the only one."""
     if name is None and len(law.objects) > 1:
-        raise CommonlawError("several-objects", objects=", ".join(law.objects))
+        raise CommonlawError("several-objects", objects=law.objects, first=law.objects[0])
     return law.objects[0] if name is None else name
+
+
+def has_free_starts(law: Law, trials: Trials) -> bool:
+    """Return whether samples determine where forecasts of trials begin: not if the law gives all initial values."""
+    return law.observation is None or bool(_call("estimation:has_free_starts", law, trials))
 
 
 def given_equations(law: Law) -> GivenEquations | None:
