@@ -20,6 +20,7 @@ from commonlaw.forecast.initial_state import can_fit_initial_state
 from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law import Law
 from commonlaw.law.alignment import has_bands, matched, measured_noise, measured_schema
+from commonlaw.law.law import has_free_starts
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.verdict import SMALL_ERROR, LawVerdict, StateError, listed
 from commonlaw.library import Order, highest_order, order_of_each
@@ -111,7 +112,9 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> tuple[pd.Data
     # More samples before a forecast take long and tell little more of where it starts
     how: dict[str, Any] = {"start": 200 if fits and origin > 200 else None}
     how |= {"from_time": float(trial.times[origin])}
-    if fits and segment.kind is Kind.SEEN and origin == 1:
+    if not has_free_starts(law, trials):
+        how = {}
+    elif fits and segment.kind is Kind.SEEN and origin == 1:
         how = {"start": max(2, samples_before(len(trial), law.order))}
     # Far below the error of any measurement
     forecast = law.predict(trials, return_std=has_bands(law), tolerance=1e-6, **how)
@@ -399,7 +402,8 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     held_out = [trial for trial in others if trial.object in law.objects]
     checked = whole.with_trials(held_out or [trial for trial in whole if (trial.object, trial.name) in learned_from])
     fewest = min(len(trial.measured()) for trial in checked)
-    start = samples_before(fewest, law.order) if can_fit_initial_state(law) or law.observation else None
+    fits = can_fit_initial_state(law) or law.observation is not None
+    start = samples_before(fewest, law.order) if fits and has_free_starts(law, checked) else None
     checking = partial(law.predict, checked, return_std=bands, start=start)
     forecast = _tried("the law was not checked by forecasts", checking, failures)
     if verdict is not None and verdict.usable is not None:

@@ -109,6 +109,29 @@ def test_an_end_before_the_beginning_is_refused(run, options):
     assert run("predict", "tank.csv", "law.json", *options)[0] == 2
 
 
+@pytest.mark.usefixtures("tank")
+def test_forecasts_end_before_the_last_sample_too(run, done, tmp_path):
+    frame = pd.read_csv(tmp_path / "tank.csv")
+    later = frame[20:].assign(trial="late")
+    pd.concat([frame.assign(trial="long"), later]).to_csv(tmp_path / "two.csv", index=False)
+    code, out, err = run("predict", "two.csv", "law.json", "--until", "12", "--step", "4", "--save", "out.csv")
+    assert (code, "late" in out, "1 (tank, trial late)" in err) == (0, False, True)
+    assert pd.read_csv(tmp_path / "out.csv")["t"].tolist() == list(range(13))
+    last = json.loads(done("predict", "tank.csv", "law.json", "--until", "12", "--json"))["errors"][0]["last error"]
+    assert last == pytest.approx(abs(pd.read_csv(tmp_path / "out.csv")["x error"].iloc[-1]))
+
+
+@pytest.mark.usefixtures("tank")
+def test_times_of_a_file_are_refused_without_one(fails):
+    assert "--save" in fails("predict", "tank.csv", "law.json", "--step", "0.5", code=2)
+
+
+@pytest.mark.usefixtures("tank")
+def test_a_forecast_of_one_sample_has_no_score(done, tmp_path):
+    pd.read_csv(tmp_path / "tank.csv")[:1].to_csv(tmp_path / "one.csv", index=False)
+    assert "nan" not in done("predict", "one.csv", "law.json")
+
+
 @pytest.fixture
 def table(tmp_path):
     """Three objects that decay, twice each."""

@@ -185,3 +185,24 @@ def test_a_latent_start_takes_as_many_samples_as_it_needs():
     assert law.predict(trials).title == "forecast from the first 5 samples"
     later = trials.with_trials([replace(trials.trials[0], states=np.where(times < 4, y, np.nan)[:, np.newaxis])])
     assert law.predict(later).title == "fit"
+
+
+@pytest.mark.parametrize("option", [{"start": 3}, {"from_time": 1.0}])
+def test_a_law_that_gives_all_initial_values_takes_no_samples_for_them(decay, schemes, option):
+    law, trials = decay
+    with refused("option-without-effect", kind="a law that gives all initial values"):
+        law.predict(trials, **option)
+    assert law.predict(trials, start="all").is_fit
+    measured, laws = schemes
+    assert laws[1].predict(measured, **option).title != laws[1].predict(measured).title
+    assert law.assess(trials).usable is not None
+
+
+@pytest.mark.parametrize("from_time", [None, 1.2])
+def test_forecasts_note_trials_with_fewer_samples_than_were_asked_for(schemes, from_time):
+    measured, laws = schemes
+    for law in laws:
+        (note,) = law.predict(measured, start=40, from_time=from_time).trials.notes
+        assert ("2 trials" in note, "`start=40`" in note) == (True, True)
+        assert f"{9 if from_time is None else 3} samples" in note
+        assert not law.predict(measured, start=3, from_time=from_time).trials.notes

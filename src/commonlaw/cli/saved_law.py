@@ -22,7 +22,7 @@ from commonlaw.law.alignment import has_bands, measured_schema
 from commonlaw.law.parameters import units_with_rates
 from commonlaw.law.text import Written
 from commonlaw.runtime.progress import check_memory, part
-from commonlaw.text import counted, in_line, number_or_text, r_squared
+from commonlaw.text import counted, in_line, number_or_text, r_squared, shown
 from commonlaw.trials import Trials
 from commonlaw.trials.properties import given_properties
 from commonlaw.trials.trial import property_names
@@ -203,7 +203,9 @@ class _FirstSamples(click.types.IntParamType):
     "from_time",
     type=float,
 )
-@option("--until TIME", "Forecast until this time, beyond the measurements.", type=float)
+@option(
+    "--until TIME", "Forecast until this time, beyond the measurements or without the samples after it.", type=float
+)
 @option("--step", "Step of these times.  [default: a hundredth]", type=click.FloatRange(0, min_open=True))
 @option(
     "--input-interpolation",
@@ -287,6 +289,9 @@ def predict(
     with working("Forecasting ..."):
         trials = source.select(_with_properties(source, law))
         times = _times(trials, how["from_time"], until, step)
+        if step is not None and not save:
+            raise click.UsageError("--step sets the times in a file: give one, such as --save forecast.csv")
+        trials = trials if until is None else _ended(trials, until)
         forecast = law.predict(trials, times=times, return_std=bool(save) and has_bands(law), **how)
         errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")
 
@@ -318,6 +323,14 @@ def _with_properties(source: Source, law: "Law") -> Trials:
         with suppress(CommonlawError):
             return source.reading(properties=list(taken)).load(measured_schema(law))
     return trials
+
+
+def _ended(trials: Trials, until: float) -> Trials:
+    """Return the samples of trials up to a time, with a note on trials that begin later."""
+    later = [trial.label for trial in trials if trial.times[0] > until]
+    note = f"trials not forecast, as they begin after --until {until:g}: {shown(later)}"
+    ended = trials.until(until)
+    return ended.with_trials(ended.trials, note) if later else ended
 
 
 def _times(trials: Trials, first: float | None, until: float | None, step: float | None) -> list[float]:

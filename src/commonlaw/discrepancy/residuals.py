@@ -43,7 +43,7 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     if law.observation is not None:
         return _of_observation(law, trials, noise)
     known = replace(law.uncertainty, noise=noise, error_model=WHITE_NOISE)
-    forecast = replace(law, uncertainty=known).predict(trials, start=max(map(len, trials)), averaged=False)
+    forecast = replace(law, uncertainty=known).predict(trials, start="all", averaged=False)
     forecast = forecast.followed or forecast
     fitted = tuple(trajectory.states for trajectory in forecast.trajectories)
     states, errors = len(law.schema.states), law.uncertainty.error_model

@@ -5,7 +5,7 @@ nonlinear least squares from several first values.
 """
 
 from commonlaw.estimation.beginning import needs_model
-from commonlaw.estimation.prediction import predict_observed, simulate_observed
+from commonlaw.estimation.prediction import has_free_starts, predict_observed, simulate_observed
 from commonlaw.estimation.profile import Profile, likelihood_profile
 
-__all__ = ["Profile", "likelihood_profile", "needs_model", "predict_observed", "simulate_observed"]
+__all__ = ["Profile", "has_free_starts", "likelihood_profile", "needs_model", "predict_observed", "simulate_observed"]

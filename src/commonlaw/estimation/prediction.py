@@ -14,7 +14,7 @@ from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialData
 from commonlaw.estimation.search import Bounds, maximize, rough_noise
 from commonlaw.forecast.forecast import Forecast
-from commonlaw.forecast.initial_state import MIN_SAMPLES, notes_of_lost
+from commonlaw.forecast.initial_state import MIN_SAMPLES, notes_of_few, notes_of_lost
 from commonlaw.forecast.prediction import initial_value_problems, wanted_times, with_discrepancy
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.integration.problem import diverged
@@ -77,6 +77,10 @@ class ObservedLaw:
         """The q parameters that differ between trials, by index; like initial values, each trial determines them."""
         shared = [self.restrictions.shared.get(name, OBJECT) for name in self.model.parameters]
         return [i for i, by in enumerate(shared) if by_trial(by, self.observation.measured)]
+
+    def has_free_starts(self, trials: Trials) -> bool:
+        """Return whether a trial determines an initial value or a parameter, which the law does not give."""
+        return bool(self.of_trial) or any(self.model.free_in(trial) for trial in trials)
 
     @cached_property
     def sizes(self) -> Floats:
@@ -157,6 +161,11 @@ class ObservedLaw:
         )
 
 
+def has_free_starts(law: Law, trials: Trials) -> bool:
+    """Return whether a trial determines where its forecast by a law with observation equations begins."""
+    return ObservedLaw.of(law, property_names(trials.properties)).has_free_starts(trials)
+
+
 def predict_observed(
     law: Law,
     trials: Trials,
@@ -178,7 +187,8 @@ def predict_observed(
     ------
     CommonlawError
         If something else was measured than for the law, an object is not one of the law, a trial has no sample that
-        initial values could be estimated from, or the law has no discrepancy that is asked for.
+        initial values could be estimated from, samples are chosen for these where the law gives all, or it has no
+        discrepancy that is asked for.
     """
     more, from_time = wanted_times(law, trials, times, from_time)
     trials = matched(law, trials, observed=True)
@@ -193,6 +203,9 @@ def predict_observed(
     for name in trials.objects:
         object_index(law, name)
     observed = ObservedLaw.of(law, property_names(trials.properties), input_interpolation)
+    if (start not in (None, "all") or from_time is not None) and not observed.has_free_starts(trials):
+        option = f"start={start}" if from_time is None else f"from_time={from_time:g}"
+        raise CommonlawError("option-without-effect", option=option, kind="a law that gives all initial values")
     if from_time is not None:
         spans = [(trial, max([trial.times[-1], *more])) for trial in trials]
         kept = [trial for trial, last in spans if trial.times[0] < from_time <= last]
@@ -203,6 +216,8 @@ def predict_observed(
         ]
         notes = notes_of_lost(lost, from_time, len(kept))
         trials = trials.with_trials(kept, *notes) if lost else trials
+    notes = notes_of_few(trials, start, from_time)
+    trials = trials.with_trials(trials.trials, *notes) if notes else trials
     shown = with_noise(with_logarithms(trials, observation.measured.logarithmic), observation.noise_of)
     curves = [_Curve.of(observed, trials, trial, start, from_time, tolerance) for trial in shown]
     points = shown.with_trials([_with_times(trial, more) for trial in shown])

@@ -1,6 +1,6 @@
 """Where the forecast of a trial starts, by its samples and the law, and how far the law's own error carries it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -28,7 +28,7 @@ from commonlaw.likelihood import (
     jacobians,
     meshes,
 )
-from commonlaw.text import shown
+from commonlaw.text import counted, shown
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
@@ -381,7 +381,7 @@ def begin(
     seed: int,
 ) -> tuple[Trials, list[StartedTrial]]:
     """Return the trials that can be forecast, with samples at all times that are wanted, and where each starts."""
-    times = np.unique(times)
+    times, is_all = np.unique(times), start == "all"
     if start == "all":
         law, start = with_weights(law, trials), max(map(len, trials))
     result, lost = [], []
@@ -406,6 +406,8 @@ def begin(
         else:
             lost.append(f"{trial.label}, t = {trial.times[0]:g} to {extended.times[-1]:g}")
     notes = notes_of_lost(lost, from_time, len(result))
+    if not is_all:
+        notes += notes_of_few([started.trial for started in result], start, from_time)
     starts = [started.start for started in result if rate_names(law)]
     measured_starts = [start for start in starts if isinstance(start, MeasuredStart)]
     unknown = [start.samples.label for start in measured_starts if len(start.samples) == 1]
@@ -423,6 +425,16 @@ def notes_of_lost(lost: Sequence[str], from_time: float | None, kept: int) -> li
     if not kept:
         raise CommonlawError("forecast-no-trial", reason=why)
     return [f"trials not forecast {why.sentence(marked)}"] if lost else []
+
+
+def notes_of_few(trials: Iterable[Trial], start: int | Literal["all"] | None, from_time: float | None) -> list[str]:
+    """Return a note on trials with fewer samples to start from than were asked for."""
+    if start is None or start == "all":
+        return []
+    end = np.inf if from_time is None else from_time
+    counts = [(trial.label, int(np.sum(trial.measured().times < end))) for trial in trials]
+    few = [f"{label}: {counted(count, 'sample')}" for label, count in counts if count < start]
+    return [f"initial states of {shown(few, 'trial')} have fewer than `start={start}`: all are taken"] if few else []
 
 
 def _begin_later(
