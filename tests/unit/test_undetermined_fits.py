@@ -156,3 +156,28 @@ def test_a_coefficient_that_may_be_zero_has_two_limits():
     assert abs(b["estimate"]) < 2 * b["standard error"]
     assert one_sided_limit(law, trials, "b") is None
     assert "one-sided-limit" not in {note.code for note in law.diagnostics}
+
+
+HILL = "x' = -V x^n/(K^n + x^n)"
+
+
+def _hill(start, end, seed):
+    times = np.linspace(0, end, 15)
+    (path,) = cl.Law.from_text(HILL, {"V": 2, "K": 1.5, "n": 3}).simulate(times, [start]).values()
+    noise = 0.01 * np.ptp(path.states) * np.random.default_rng(seed).standard_normal(15)
+    return _trials(times, path.states[:, 0] + noise)
+
+
+def test_a_rate_that_is_never_saturated_has_a_lower_limit_alone():
+    """It is V (x/K)^n there: V and K were refused as confounded."""
+    law = cl.fit(HILL, _hill(0.5, 8, 1), errors="white")
+    (limit,) = law.uncertainty.limits
+    assert (limit.parameter, limit.is_lower) == ("V", True)
+    estimates = law.params.set_index("parameter")
+    assert estimates.loc["n", "estimate"] == pytest.approx(3, abs=3 * estimates.loc["n", "standard error"])
+
+
+def test_powers_of_parameters_that_are_not_determined_are_refused_as_such():
+    """A negative K has finite powers at whole exponents alone: they were refused as nowhere finite, or were 1e92."""
+    with refused("parameters-not-identified"):
+        cl.fit(f"{HILL} + c", _hill(8, 2, 2), errors="white")

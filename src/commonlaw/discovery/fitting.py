@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -342,17 +341,20 @@ def fit(
     if guesses and initial_values:
         raise CommonlawError("guess-with-latent-states")
 
-    def is_undetermined_apart(error: CommonlawError) -> bool:
-        """Whether a fit of objects apart failed where one of parameters that they share may not."""
-        codes = ("more-unknowns-than-measurements", "no-degrees-of-freedom", "parameters-not-identified")
-        return bool(shared) and not called and error.code in codes
+    def or_jointly(error: CommonlawError) -> Law:
+        """Return a fit of the model, which may give limits or share parameters, where one of objects apart failed."""
+        codes = ("more-unknowns-than-measurements", "no-degrees-of-freedom")
+        if called or not (error.code == "parameters-not-identified" or (shared and error.code in codes)):
+            raise error
+        try:
+            return jointly()
+        except CommonlawError as of_model:
+            raise (of_model if shared else error) from None
 
     try:
         begun = with_initial_parameters(unfitted, trials, given.bounds, guesses, **settings)
     except CommonlawError as error:
-        if is_undetermined_apart(error):
-            return jointly()
-        raise
+        return or_jointly(error)
     equal = np.zeros(begun.support.shape, dtype=np.bool_)  # Coefficients that all objects share
     named_definitions = {definition.name: definition for definition in named_parameters(begun).definitions}
     for name in shared:
@@ -366,8 +368,8 @@ def fit(
     try:
         law = refine(begun, trials, **apart if shared else settings)
     except CommonlawError as error:
-        if is_undetermined_apart(error):
-            return jointly()
+        if shared:
+            return or_jointly(error)
         raise
     outside = any(_outside(law, given.bounds))
     if outside and initial_values:  # Another maximum of the likelihood may be inside
@@ -382,10 +384,13 @@ def fit(
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
     law = law if called else with_one_sided_limits(law, trials)
-    if any(_is_misfit(law, limit) for limit in law.uncertainty.limits):
+    if any(_is_misfit(law, limit) for limit in law.uncertainty.limits) or _is_undetermined(law):
         # Other estimates, and their errors, are those given a value that has no meaning
-        with suppress(CommonlawError):
+        try:
             return jointly()
+        except CommonlawError as error:
+            if error.code == "parameters-not-identified" and not law.uncertainty.limits:
+                raise
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law))
     made = replace(law.provenance, calls=calls, outcomes=outcomes)
     return _within_bounds(replace(law, provenance=made), given.bounds)
@@ -492,6 +497,17 @@ def _is_misfit(law: Law, limit: OneSidedLimit) -> bool:
     place = law.objects.index(limit.object), parameters.names.index(limit.parameter)
     value, error = float(parameters.values[place]), float(parameters.errors[place])
     return (value < limit.value) == limit.is_lower or error > abs(value)
+
+
+def _is_undetermined(law: Law) -> bool:
+    """Whether two parameters or more have no limit and standard errors above their estimates in all objects.
+
+    One of them is inside of a term.
+    """
+    parameters = named_parameters(law)
+    vague = (parameters.errors > np.abs(parameters.values)).all(axis=0)
+    names = {name for name, is_vague in zip(parameters.names, vague, strict=True) if is_vague}
+    return len(names) > 1 and not names.isdisjoint(law.terms.variables.parameters)
 
 
 def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:

@@ -165,7 +165,9 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     if draws > 1 and not len(_lost(optimum)):
         optimum, others = with_fastest_latent_states(begun.problem, optimum, begun.bounds)
     optimum, limits = _with_limits(begun, optimum)
-    if len(lost := _lost(optimum)):
+    vague, names = np.setdiff1d(_vague(begun, optimum), [*limits]), np.array(begun.unknowns.names)
+    everywhere = [k for k in vague if np.isin(np.flatnonzero(names == names[k]), vague).all()]
+    if len(lost := np.union1d(_lost(optimum), everywhere).astype(int)):
         raise CommonlawError("parameters-not-identified", names=[begun.unknowns.labels[i] for i in lost[:8]])
     return Fitted(begun, optimum, lack_of_fit, others, limits)
 
@@ -173,6 +175,12 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
 def _lost(optimum: Optimum) -> Indices:
     """Return the unknowns that the measurements do not determine, by index."""
     return np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance) + optimum.unknowns))
+
+
+def _vague(begun: Beginning, optimum: Optimum) -> Indices:
+    """Return the unknowns whose standard errors exceed any likely value, by index."""
+    errors = np.sqrt(np.diagonal(optimum.covariance))
+    return np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
 
 
 def _with_limits(begun: Beginning, optimum: Optimum) -> tuple[Optimum, dict[int, OneSided]]:
@@ -402,9 +410,7 @@ class Fitted:
             where = labels[i].removeprefix(f"{name} of ") if labels[i] != name else ""
             degrees = float(np.min(optimum.degrees_of_freedom))
             yield estimate_at_bound(where, name, end, end == begun.bounds.low[i], value, error, text, degrees)
-        errors = np.sqrt(np.diagonal(optimum.covariance))
-        vague = np.flatnonzero(~begun.guessed & (errors > np.exp(REACH) * np.abs(begun.first)))
-        vague = np.setdiff1d(vague, [*self.limits])
+        vague = np.setdiff1d(_vague(begun, optimum), [*self.limits])
         yield from notes_of_limits([*self._limits()], begun.trials.objects)
         if len(vague):
             yield note("parameters-without-limits", parameters=[labels[i] for i in vague[:8]])

@@ -9,7 +9,7 @@ normal prior with the between-object scatter, from the medians of all objects (e
 """
 
 import ast
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
 from typing import Any
@@ -73,10 +73,21 @@ class _Profile:
         """Which coefficients are estimated nonlinear parameters, shape (equations, terms)."""
         return np.asarray(np.isnan(self.known) & ~self.terms.is_factor)
 
+    @cached_property
+    def bases(self) -> list[str]:
+        """Code of the bases of powers with estimated exponents, as K and x of ``K^n + x^n``."""
+        return [write(power.left) for power in _estimated_powers(self.terms)]
+
     def deviance(self, parameters: Floats) -> float:
-        """Return minus twice the profile log-likelihood, sum of 2 m log(RMS); infinite if a term is, or has a pole."""
+        """Return minus twice the profile log-likelihood, sum of 2 m log(RMS); infinite if a term is, or has a pole.
+
+        So it is where the base of an estimated exponent is negative, as such a power is real at whole exponents alone.
+        """
         _, residuals = self.fitted(parameters)
         if not all(np.isfinite(residual).all() for residual in residuals) or self.has_pole(parameters):
+            return np.inf
+        columns = self._columns(parameters)
+        if any(np.min(evaluate(code, columns)) < 0 for code in self.bases):
             return np.inf
         floors = [np.finfo(float).eps * np.std(target) + np.finfo(float).tiny for target in self.targets]
         pairs = zip(residuals, floors, strict=True)
@@ -84,11 +95,15 @@ class _Profile:
 
     def has_pole(self, parameters: Floats) -> bool:
         """Return whether a denominator changes its sign along the trials."""
-        coefficients = np.nan_to_num(self.known)
-        coefficients[self.inside] = parameters
-        columns = self.terms.at(self.values, coefficients).T
+        columns = self._columns(parameters)
         with np.errstate(all="ignore"):
             return any(np.ptp(np.sign(evaluate(code, columns))) for code in self.divisors)
+
+    def _columns(self, parameters: Floats) -> Floats:
+        """Return the variables and parameters along the trials, shape (variables, n)."""
+        coefficients = np.nan_to_num(self.known)
+        coefficients[self.inside] = parameters
+        return self.terms.at(self.values, coefficients).T
 
     def by_factors(self) -> Floats:
         """Return parameters p that are factors of terms, from log c = sum of powers times log p by least squares.
@@ -206,6 +221,8 @@ def with_initial_parameters(
         if not all(fits):
             raise CommonlawError("parameters-not-found", structure=law.structure, names=", ".join(grid.names))
         estimates = shrink_to_pooled(problem, [best_estimate(fit) for fit in fits], starts)[1]
+        inside = rates[0].inside
+        _check_identifiable(setup.law, rates, [estimate.coefficients[inside] for estimate in estimates])
         return replace(law, coefficients=np.array([estimate.coefficients for estimate in estimates]))
 
 
@@ -250,20 +267,25 @@ def _rate_profiles(setup: FitSetup) -> list[_Profile]:
 def _check_powers(name: str, profile: _Profile) -> None:
     """Refuse a power of a negative number with an estimated exponent: it is real at whole exponents alone."""
     terms = profile.terms
-    parameters = {*range(len(terms.variables.measured), len(terms.variables.names))}
+    for power in _estimated_powers(terms):
+        if max(columns_in(power.left), default=0) >= len(terms.variables.measured):
+            continue
+        with np.errstate(all="ignore"):
+            least = float(np.min(evaluate(power.left, profile.values.T)))
+        if least < 0:
+            lower, upper = (with_names(write(side), terms.variables.names) for side in (power.left, power.right))
+            upper = upper if upper.isidentifier() else f"({upper})"
+            raise CommonlawError("power-of-negative", name, base=lower, exponent=upper, value=least)
+
+
+def _estimated_powers(terms: Terms) -> Iterator[ast.BinOp]:
+    """Yield the powers in terms whose exponents have parameters."""
+    first = len(terms.variables.measured)
     for factor in (factor for term in terms.terms for factor, _ in term.powers):
         for node in ast.walk(tree_of(factor)):
-            if not isinstance(node, ast.BinOp) or not isinstance(node.op, ast.Pow):
-                continue
-            base, exponent = columns_in(node.left), columns_in(node.right)
-            if exponent.isdisjoint(parameters) or not base.isdisjoint(parameters):
-                continue
-            with np.errstate(all="ignore"):
-                least = float(np.min(evaluate(node.left, profile.values.T)))
-            if least < 0:
-                lower, upper = (with_names(write(side), terms.variables.names) for side in (node.left, node.right))
-                upper = upper if upper.isidentifier() else f"({upper})"
-                raise CommonlawError("power-of-negative", name, base=lower, exponent=upper, value=least)
+            is_power = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow)
+            if is_power and max(columns_in(node.right), default=0) >= first:
+                yield node
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,6 +443,7 @@ def _refined(profiles: Sequence[_Profile], begin: Floats, limits: Floats) -> Flo
 
 
 def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequence[Floats]) -> None:
+    """Refuse coefficients that no object determines at these parameters: in combination only, or by its trials."""
     listed = []
     for profile, parameter in zip(profiles, parameters, strict=True):
         derivatives = profile.derivatives(parameter, law.order)
@@ -430,20 +453,26 @@ def _check_identifiable(law: Law, profiles: Sequence[_Profile], parameters: Sequ
         if len(sizes) == len(directions) and sizes[-1] > settings.MIN_SINGULAR_VALUE:
             return
         listed.append(np.abs(directions[-1]))
-    part = np.mean(listed, axis=0) > settings.MAX_RELATIVE_DIFFERENCE
-    unidentified = np.zeros(profiles[0].known.shape, dtype=np.bool_)
-    unidentified[np.isnan(profiles[0].known)] = part
-    _refuse_combination(law, unidentified)
+    part, known = np.mean(listed, axis=0) > settings.MAX_RELATIVE_DIFFERENCE, profiles[0].known
+    confounded = are_confounded(law.terms, known, np.full(len(law.terms.variables.measured), np.nan))
+    _refuse_combination(law, confounded)
+    unidentified = np.zeros(known.shape, dtype=np.bool_)
+    unidentified[np.isnan(known)] = part
+    raise CommonlawError("parameters-not-identified", names=_names_of(law, unidentified))
 
 
 def _refuse_combination(law: Law, part: Bools) -> None:
     """Refuse coefficients, shape (equations, terms), of which only a combination is identifiable."""
-    if not part.any():
-        return
+    if part.any():
+        variables = ", ".join(law.terms.variables.measured)
+        names = ", ".join(_names_of(law, part))
+        raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure, variables=variables)
+
+
+def _names_of(law: Law, part: Bools) -> list[str]:
+    """Return the names of coefficients, shape (equations, terms)."""
     before = [product for product in named_parameters(law).products if part[product.equation, product.term]]
-    names = ", ".join(dict.fromkeys(name for combined in before for name, _ in combined.coefficients))
-    variables = ", ".join(law.terms.variables.measured)
-    raise CommonlawError("parameters-not-identifiable", names=names, structure=law.structure, variables=variables)
+    return [*dict.fromkeys(name for combined in before for name, _ in combined.coefficients)]
 
 
 def _rms(residuals: Floats) -> float:
