@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import compress
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
@@ -505,8 +506,8 @@ def _is_undetermined(law: Law) -> bool:
     One of them is inside of a term.
     """
     parameters = named_parameters(law)
-    vague = (parameters.errors > np.abs(parameters.values)).all(axis=0)
-    names = {name for name, is_vague in zip(parameters.names, vague, strict=True) if is_vague}
+    vague = np.all(parameters.errors > np.abs(parameters.values), axis=0).tolist()
+    names = {*compress(parameters.names, vague)}
     return len(names) > 1 and not names.isdisjoint(law.terms.variables.parameters)
 
 

@@ -283,9 +283,9 @@ def _estimated_powers(terms: Terms) -> Iterator[ast.BinOp]:
     first = len(terms.variables.measured)
     for factor in (factor for term in terms.terms for factor, _ in term.powers):
         for node in ast.walk(tree_of(factor)):
-            is_power = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow)
-            if is_power and max(columns_in(node.right), default=0) >= first:
-                yield node
+            if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+                if max(columns_in(node.right), default=0) >= first:
+                    yield node
 
 
 @dataclass(frozen=True, eq=False)
