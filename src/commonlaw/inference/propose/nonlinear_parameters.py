@@ -282,10 +282,9 @@ def _estimated_powers(terms: Terms) -> Iterator[ast.BinOp]:
     """Yield the powers in terms whose exponents have parameters."""
     first = len(terms.variables.measured)
     for factor in (factor for term in terms.terms for factor, _ in term.powers):
-        for node in ast.walk(tree_of(factor)):
-            if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-                if max(columns_in(node.right), default=0) >= first:
-                    yield node
+        nodes = (node for node in ast.walk(tree_of(factor)) if isinstance(node, ast.BinOp))
+        powers = (node for node in nodes if isinstance(node.op, ast.Pow))
+        yield from (power for power in powers if max(columns_in(power.right), default=0) >= first)
 
 
 @dataclass(frozen=True, eq=False)
