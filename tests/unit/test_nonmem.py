@@ -410,3 +410,14 @@ def test_starts_of_trials_that_a_dose_begins_are_at_the_dose() -> None:
     for doses, when in (("dose",), "dose or sample"), ((), "sample"):
         of_doses = replace(law, schema=replace(law.schema, doses=doses), observation=observation)
         assert start_lines(of_doses) == [f"c(0) at the first {when} of each trial"]
+
+
+def test_starts_in_a_steady_state_are_noted_and_are_no_zeros() -> None:
+    rows = [(0, 100, 12, 1, 1, 0), *((t, 0, 0, 0, 0, 8 * np.exp(-0.1 * t)) for t in (1.0, 2, 4, 6, 9, 11))]
+    table = data_set(*rows, columns="TIME AMT II SS EVID DV")
+    law = cl.fit("DV' = -0.1 DV + AMT/V", cl.Trials.from_frame(table))
+    assert "starts-in-steady-state" in {diagnostic.code for diagnostic in law.diagnostics}
+    assert not [step for step in law.history if step.stage == "start"]
+    law = cl.fit("DV' = -0.1 DV + AMT/V", cl.Trials.from_frame(table.assign(SS=0)))
+    assert "starts-in-steady-state" not in {diagnostic.code for diagnostic in law.diagnostics}
+    assert [step.choice for step in law.history if step.stage == "start"] == ["DV = 0"]

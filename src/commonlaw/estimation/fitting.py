@@ -395,7 +395,7 @@ class Fitted:
     def _zeros_before_doses(self) -> Iterator[Step]:
         """Yield the states that are zero before the first dose of some trials, if there are any."""
         model, trials = self.begun.model, self.begun.trials
-        zero = {j for trial in trials for j in {*model.free_of(trial)} - {*model.free_in(trial)}}
+        zero = {j for t in trials if not t.cycle for j in {*model.free_of(t)} - {*model.free_in(t)}}
         if zero:
             names = ", ".join(f"{model.variables.states[j]} = 0" for j in sorted(zero))
             yield Step("start", names, "before the first dose, in trials that begin with one")
@@ -414,6 +414,9 @@ class Fitted:
         yield from notes_of_limits([*self._limits()], begun.trials.objects)
         if len(vague):
             yield note("parameters-without-limits", parameters=[labels[i] for i in vague[:8]])
+        if steady := [trial.label for trial in begun.trials if trial.cycle]:
+            where = "" if len(steady) == len(begun.trials) else shown(steady)
+            yield note("starts-in-steady-state", where, states=begun.model.variables.states)
         if self.equal:
             names = dict.fromkeys(name for maximum in self.equal for name in maximum.objects)
             states = [begun.model.variables.states[j] for j in latent_states(begun.model) or [0]]
