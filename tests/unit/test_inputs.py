@@ -382,6 +382,31 @@ def test_an_object_without_a_dose_is_refused_and_no_parameter_is_infinite():
         cl.fit(INJECTED, trials, doses="dose", **WHITE)
 
 
+def test_an_object_without_a_dose_and_with_zeros_alone_is_left_out_with_a_note():
+    _, times, conc = dosed_before_measured()
+    dose = 50.0 * (times == 5)
+    names = {"object": ["a", "b"], "names": ["conc", "dose"]}
+    trials = cl.Trials.from_arrays([times, times], [conc, 0 * conc], inputs=[dose, 0 * dose], **names)
+    law = cl.fit(INJECTED, trials, doses="dose", **WHITE)
+    alone = cl.fit(INJECTED, trials.select(object="a"), doses="dose", **WHITE)
+    assert law.objects == ("a",)
+    assert "objects-without-dose" in {outcome.code for outcome in law.diagnostics}
+    np.testing.assert_array_equal(law.coefficients, alone.coefficients)
+    assert {trial.object for trial in law.predict(trials).trials} == {"a"}
+
+
+@pytest.mark.parametrize(("shared", "objects"), [(["k", "b"], ("a", "b", "blank")), (["b"], ("a", "b"))])
+def test_an_object_at_rest_has_parameters_that_all_objects_share_and_is_else_left_out(shared, objects):
+    times, random = np.arange(0.0, 8.0, 0.5), np.random.default_rng(1)
+    inputs = [np.full(len(times), level) for level in (1.0, 0.5, 0.0)]
+    states = [2 * u * (1 - np.exp(-0.5 * times)) + 0.01 * (u > 0) * random.normal(size=len(times)) for u in inputs]
+    trials = cl.Trials.from_arrays([times] * 3, states, inputs=inputs, object=["a", "b", "blank"], names=["x", "u"])
+    law = cl.fit("x' = -k x + b u", trials, shared=shared)
+    assert law.objects == objects
+    assert law.params["estimate"].to_numpy() == pytest.approx(np.tile([0.5, 1.0], len(objects)), rel=0.05)
+    assert ("objects-at-rest" in {outcome.code for outcome in law.diagnostics}) == (len(objects) == 2)
+
+
 def test_all_states_are_zero_before_a_first_dose_but_those_that_are_measured_there():
     """A depot without a column, and a blood level that is zero, or that a row measures."""
     times, (ka, volume, k) = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 7.0, 11.0, 16.0]), (1.1, 9.0, 0.2)

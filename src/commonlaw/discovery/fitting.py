@@ -70,6 +70,7 @@ from commonlaw.trials.transformations import (
     amounts_at_samples,
     objects_at_rest,
     outcome_of_rest,
+    outcome_of_undosed,
     with_doses,
     with_starts,
     without_objects,
@@ -237,6 +238,7 @@ def fit(
     shared = (shared,) if isinstance(shared, str) else shared
     groups = shared if isinstance(shared, Mapping) else dict.fromkeys(shared, ALL)
     whole = equations if isinstance(equations, str) else "; ".join(equations)
+    owners = trials.objects
     equations, trials = with_doses_in_equations(equations, trials, doses)
     doses = () if trials.schema.doses else doses  # The table records them
     model = ModelText.of(equations, observe)
@@ -261,7 +263,22 @@ def fit(
     asked_of = {"observe": observe, "doses": doses, **model_settings, "initial_time": recorded, **changed}
     calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
     _refuse_free_starts(dosed, [name for name, start in (initial_values or {}).items() if start in (None, FREE)])
-    jointly = partial(_of_model, model, dosed, calls, model_settings | {"shared": groups}, changed)
+    undosed = tuple(name for name in owners if name not in dosed.objects)
+
+    def jointly(resting: tuple[str, ...] = ()) -> Law:
+        """Return the law of objects together; without those at rest, too, where these do not determine a parameter."""
+        moving, given = without_objects(dosed, resting), model_settings | {"shared": groups}
+        try:
+            law = _of_model(model, moving, calls, given, changed)
+        except CommonlawError as error:
+            others = objects_at_rest(moving)
+            if error.code != "parameters-not-identified" or not others:
+                raise
+            return jointly(others)
+        outcomes = (*law.diagnostics, *outcome_of_undosed(undosed), *outcome_of_rest(resting))
+        domain = replace(law.provenance.domain, at_rest=resting)
+        return replace(law, provenance=replace(law.provenance, outcomes=outcomes, domain=domain))
+
     by_property = any(isinstance(level, str) for level in (noise or {}).values())
     if by_property or trials.schema.doses or needs_model(model, dosed, initial_values or {}, shared, priors):
         if called:
@@ -329,7 +346,7 @@ def fit(
         made = Provenance(None, outcomes, history=history, equations=given.texts, calls=calls, domain=domain)
         return _within_bounds(replace(law, provenance=made), given.bounds)
     differentiation = suitable_differentiation(trials, given.order)
-    known, domain = (*rates, *outcome_of_rest(resting)), Domain(at_rest=resting)
+    known, domain = (*rates, *outcome_of_undosed(undosed), *outcome_of_rest(resting)), Domain(at_rest=resting)
     provenance = Provenance(differentiation, known, history=history, equations=given.texts, domain=domain)
     settings["input_interpolation"] = settings["input_interpolation"] or "auto"
     unfitted = _unfitted(given, trials, provenance)
@@ -345,6 +362,10 @@ def fit(
     def or_jointly(error: CommonlawError) -> Law:
         """Return a fit of the model, which may give limits or share parameters, where one of objects apart failed."""
         codes = ("more-unknowns-than-measurements", "no-degrees-of-freedom")
+        if error.code == "state-constant-of-object" and shared and not called:
+            is_shared = {*parameters.names} <= {*shared}
+            if is_shared or (resting := objects_at_rest(dosed)):
+                return jointly(() if is_shared else resting)
         if called or not (error.code == "parameters-not-identified" or (shared and error.code in codes)):
             raise error
         try:

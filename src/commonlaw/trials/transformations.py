@@ -265,7 +265,8 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
 
     There an input rises and falls on straight lines over two further samples, at which nothing was measured; these are
     `Trial.corners`, as are doses in rows without a measurement. The integral is the amount. A trial whose first dose is
-    before its first measurement begins there. All inputs must be doses, and every object must have one.
+    before its first measurement begins there. All inputs must be doses, and every object must have one: those without,
+    of which nothing but zeros was measured, are left out.
     """
     new = [name for name in doses if name not in trials.schema.doses]
     if not new:
@@ -287,12 +288,10 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
         elif trial.inputs[0].any():
             trial = replace(trial, earlier=np.empty((0, 0)), begins_with_dose=True)
         begun.append(trial)
-    for owner in trials.objects:
-        if not any(trial.inputs[:-1].any() for trial in begun if trial.object == owner):
-            raise CommonlawError("doses-after-end", object=owner, doses=doses)
+    trials = _of_dosed(trials.with_trials(begun), {trial.object for trial in begun if trial.inputs[:-1].any()}, doses)
     schema = replace(trials.schema, doses=tuple(doses), input_interpolation="linear")
     changed = []
-    for trial in begun:
+    for trial in trials:
         given = np.flatnonzero(trial.inputs[:-1].any(axis=1))
         moment = MOMENT * float(np.diff(trial.times).min(initial=np.inf))
         at, ends = trial.times[given], trial.times[given] + 2 * moment
@@ -303,6 +302,21 @@ def with_doses(trials: Trials, doses: Sequence[str]) -> Trials:
         samples = _among(trial, np.flatnonzero(order < len(trial)), len(times))
         changed.append(replace(trial, times=times[order], inputs=inputs[order], corners=corners, **samples))
     return replace(without_notes_on(doses, trials), trials=tuple(changed), schema=schema)
+
+
+def _of_dosed(trials: Trials, dosed: set[str], doses: Sequence[str]) -> Trials:
+    """Return the trials of objects with a dose; refused if another has a measurement that is not zero, or none has one.
+
+    Of the others, such as subjects with a placebo, all states are zero whatever the parameters are.
+    """
+    apart = tuple(name for name in trials.objects if name not in dosed)
+    for name in apart:
+        if not dosed or any(np.nan_to_num(trial.states).any() for trial in trials.of_object(name)):
+            raise CommonlawError("doses-after-end", object=name, doses=doses)
+    if not apart:
+        return trials
+    kept = without_objects(trials, apart)
+    return kept.with_trials(kept.trials, *map(str, outcome_of_undosed(apart)))
 
 
 def _corners(trial: Trial, added: Floats, ends: Floats, at: Floats) -> Floats:
@@ -338,7 +352,7 @@ def with_recorded_doses(trials: Trials, names: Sequence[str]) -> Trials:
     an infusion the constant rate ``amount/duration`` with narrow ramps. ``RATE`` is the same where all doses are
     infusions. Between samples inputs are straight. Trials begin with the first dose or sample, and before it all
     states are zero which no sample measures; where doses led to a steady state, one of their intervals is put before
-    it, see `Trial.cycle`. Every object must have a dose.
+    it, see `Trial.cycle`. Every object must have a dose, as in `with_doses`.
     """
     schema = trials.schema
     if schema.inputs:
@@ -352,11 +366,8 @@ def with_recorded_doses(trials: Trials, names: Sequence[str]) -> Trials:
     at_once = [dose for dose in doses if not dose.duration]
     if at_once and any(stem != schema.administered[0] for stem, _ in parts):
         raise CommonlawError("doses-without-rate", time=at_once[0].time, rate=names[0], amount=schema.administered[0])
-    for owner in trials.objects:
-        if not any(
-            dose.time < trial.times[-1] and dose.amount for trial in trials.of_object(owner) for dose in trial.doses
-        ):
-            raise CommonlawError("doses-after-end", object=owner, doses=names)
+    dosed = {t.object for t in trials if any(dose.time < t.times[-1] and dose.amount for dose in t.doses)}
+    trials = _of_dosed(trials, dosed, names)
     units = {name: schema.units[schema.administered[0]] for name in names if schema.administered[0] in schema.units}
     schema = replace(
         schema,
@@ -565,6 +576,11 @@ def without_objects(trials: Trials, names: tuple[str, ...]) -> Trials:
 def outcome_of_rest(names: tuple[str, ...]) -> tuple[Outcome, ...]:
     """Return that objects at rest were left out, by name; nothing if there are none."""
     return (note("objects-at-rest", objects=shown(names, "object")),) if names else ()
+
+
+def outcome_of_undosed(names: tuple[str, ...]) -> tuple[Outcome, ...]:
+    """Return that objects without a dose were left out, by name; nothing if there are none."""
+    return (note("objects-without-dose", objects=shown(names, "object")),) if names else ()
 
 
 def outcome_of_constants(names: tuple[str, ...]) -> tuple[Outcome, ...]:
