@@ -115,8 +115,9 @@ def fit(
 
     Models with observation equations, initial values of measured states, priors, parameters shared by property, inputs
     with a dead time ``u(t - d)``, switches, events, or values below a limit of quantification are fitted under white
-    noise, by nonlinear least squares from many initial guesses (multi-start): exact maximum likelihood estimates within
-    bounds, jointly over all objects, with noise of restricted maximum likelihood; see `commonlaw.estimation`.
+    noise, by nonlinear least squares from the fit without these, or from many initial guesses (multi-start): exact
+    maximum likelihood estimates within bounds, jointly over all objects, with noise of restricted maximum likelihood;
+    see `commonlaw.estimation`. So are parameters of quotients that are shared, such as K in ``r x (1 - x/K)``.
 
     Parameters
     ----------
