@@ -109,11 +109,13 @@ def test_trials_with_one_value_of_an_input_may_share_a_parameter():
 
 
 @pytest.mark.parametrize("apart", [1e-6, 1e-10, 1e-11])
-def test_shared_parameters_that_are_nearly_collinear_are_fitted(apart):
-    samples = own_and_shared()
-    text = f"x' = -k x; y = c x + d (x + {apart} t) + b; x(0) = 2"
-    law = cl.fit(text, trials_of(samples), shared=["b", "c", "d"])
-    own = estimates(law, "A")
+def test_shared_parameters_that_are_nearly_collinear_are_fitted_unless_their_errors_exceed_any_value(apart):
+    text, trials = f"x' = -k x; y = c x + d (x + {apart} t) + b; x(0) = 2", trials_of(own_and_shared())
+    if apart < 1e-6:
+        with refused("parameters-not-identified", names=["c", "d"]):
+            cl.fit(text, trials, shared=["b", "c", "d"])
+        return
+    own = estimates(cl.fit(text, trials, shared=["b", "c", "d"]), "A")
     assert own["c"][0] + own["d"][0] == pytest.approx(1.0, abs=0.2)
     assert own["c"][1] > 0.1 / apart * 1e-3
 

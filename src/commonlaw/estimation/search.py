@@ -155,11 +155,12 @@ def minimum(
     return (end, float(2 * optimum.cost)) if np.isfinite(end).all() else (whole(first), np.inf)
 
 
-def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds) -> Floats:
+def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, is_near: bool = False) -> Floats:
     """Return the same after Levenberg-Marquardt searches of what is inside of the bounds, the others held at theirs.
 
     A bounded search approaches bounds from inside, and slowly; here what the gradient pulls out is set to its bound.
-    First each number is searched by its logarithm, in which valleys of the likelihood are straighter, then as it is.
+    First each number is searched by its logarithm, in which valleys of the likelihood are straighter, unless it is near
+    its best value, then as it is.
     """
     objective = Objective(problem, noise)
     held = np.zeros(len(unknowns), dtype=np.bool_)
@@ -175,7 +176,7 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds)
         free = ~held
         if not np.isfinite(objective.residuals(start)).all():
             break
-        point = _by_levenberg_marquardt(objective, start, free & (start != 0), logarithms=True)
+        point = start if is_near else _by_levenberg_marquardt(objective, start, free & (start != 0), logarithms=True)
         # Steps of the next search are at first of the size of the values
         point = np.where(np.abs(point) < np.exp(-REACH) * np.abs(start), 0.0, point)
         point = _by_levenberg_marquardt(objective, point, free)
@@ -405,10 +406,11 @@ def _finished(
     once = (given or not _noise_matters(problem)) and not problem.censored.any()
     for round_ in range(60):
         objective = Objective(middling, noise)
-        unknowns, _ = minimum(objective, unknowns, free, bounds, tolerance=1e-10, steps=100)
-        if round_ == 0 and _score(problem, unknowns, noise, fixed)[0] > hopeless:
-            return np.inf, unknowns, noise
-        unknowns = _polished(problem, unknowns, noise, bounds)
+        if round_ == 0:
+            unknowns, _ = minimum(objective, unknowns, free, bounds, tolerance=1e-10, steps=100)
+            if _score(problem, unknowns, noise, fixed)[0] > hopeless:
+                return np.inf, unknowns, noise
+        unknowns = _polished(problem, unknowns, noise, bounds, is_near=round_ > 0)
         score, levels = _score(problem, unknowns, noise, fixed)
         done = once or np.allclose(levels, noise, rtol=1e-9)
         noise = levels
@@ -433,7 +435,7 @@ def _under_restricted_noise(problem: Problem, unknowns: Floats, noise: Floats, b
         free = (unknowns != bounds.low) & (unknowns != bounds.high)
         levels = problem.noise_levels(unknowns, noise, problem.leverage(unknowns, noise, free))
         noise, before = _not_zero(levels, problem), noise
-        unknowns = _polished(problem, unknowns, noise, bounds)
+        unknowns = _polished(problem, unknowns, noise, bounds, is_near=True)
         if np.allclose(noise, before, rtol=1e-6):
             break
     return unknowns
