@@ -286,3 +286,11 @@ def test_a_letter_that_is_a_column_of_a_guessed_property_is_asked_about():
         cl.fit("T' = -k (T - 21)", in_trials)
     word = Trials.from_frame(frame.rename(columns={"k": "rate"}))
     assert as_named(word, ["T"], "T' = -rate (T - 21)") is word
+
+
+def test_a_column_of_text_is_no_parameter():
+    frame = cooled({"T": 0.05}).assign(note=lambda table: np.where(np.arange(len(table)) % 2, "ok", "bad"))
+    with refused("column-of-text-in-equation", name="note"):
+        cl.fit("T' = -note (T - 21)", Trials.from_frame(frame, states="T"))
+    trials = Trials.from_frame(frame.rename(columns={"note": "exp"}), states="T")
+    assert as_named(trials, ["T"], "T' = exp(-k t)") is trials

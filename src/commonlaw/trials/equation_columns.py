@@ -29,16 +29,20 @@ def as_named(trials: Trials, states: Sequence[str], text: str = "") -> Trials:
         What has an equation or was observed, by name.
     text
         The equations. A letter in them that is a column of a guessed property is refused,
-        unless it is in backticks or braces.
+        unless it is in backticks or braces, and so is a column of text.
 
     Raises
     ------
     CommonlawError
-        If a letter may be a column or a parameter; if columns of objects cannot be states.
+        If a letter may be a column or a parameter; if a column of text is in equations; if columns of objects cannot be
+        states.
     """
     for name in trials.guessed:
         if _is_letter(name) and name not in states and re.search(rf"(?<![\w`{{]){re.escape(name)}(?![\w`}}])", text):
             raise CommonlawError("letter-of-column", name=name)
+    for name in trials.text_columns:
+        if name not in states and re.search(rf"(?<!\w){re.escape(name)}(?![\w(])", text):  # A function may be called so
+            raise CommonlawError("column-of-text-in-equation", name=name)
     schema = trials.schema
     if not schema.wide:
         return trials

@@ -552,7 +552,9 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     nameless = columns.object is None and "object_name" not in roles
     guessed = tuple(name for name in known.names if "properties" not in roles and name not in units)
     guessed += tuple(name for name in columns.inputs if columns.reasons.get(name) == CONSTANT_IN_TRIALS)
-    data = in_radians(TrialData(tuple(trials), schema, known.values, remarks, nameless, guessed))
+    used = {*names, *known.names, *labels_in, *(columns.object or "").split(", ")}
+    text_columns = tuple(name for name in table.columns if name not in used and not table.is_numeric(name))
+    data = in_radians(TrialData(tuple(trials), schema, known.values, remarks, nameless, guessed, text_columns))
     return Rows(data, tuple(empty), tuple(row_indices), shown)
 
 

@@ -451,6 +451,7 @@ class TrialData(NamedTuple):
     notes: tuple[str, ...]
     nameless: bool = False
     guessed: tuple[str, ...] = ()
+    text_columns: tuple[str, ...] = ()
 
 
 def with_typical(noise: Floats | float, typical: Floats) -> Floats:

@@ -108,6 +108,8 @@ class Trials(ShownInNotebooks):
         Whether the table had no column of objects, so that the only one is named after the file, or ``object``.
     guessed
         Columns that are constant for each object or in each trial, and were read as properties or inputs for that.
+    text_columns
+        Columns of text that were left out.
     """
 
     trials: tuple[Trial, ...]
@@ -116,6 +118,7 @@ class Trials(ShownInNotebooks):
     notes: tuple[str, ...] = ()
     nameless: bool = False
     guessed: tuple[str, ...] = ()
+    text_columns: tuple[str, ...] = ()
 
     def __new__(cls, trials: Sequence[Trial] = (), *_: object, **__: object) -> Self:
         """Refuse tables, which `from_frame` and `read` take."""
@@ -267,7 +270,9 @@ class Trials(ShownInNotebooks):
 
     @property
     def _data(self) -> TrialData:
-        return TrialData(self.trials, self.schema, self.properties, self.notes, self.nameless, self.guessed)
+        return TrialData(
+            self.trials, self.schema, self.properties, self.notes, self.nameless, self.guessed, self.text_columns
+        )
 
     @property
     def shape(self) -> tuple[int]:
@@ -279,7 +284,9 @@ class Trials(ShownInNotebooks):
 
     def __eq__(self, other: object) -> bool:
         return (
-            same_content(self, other, ("notes", "nameless", "guessed")) if isinstance(other, Trials) else NotImplemented
+            same_content(self, other, ("notes", "nameless", "guessed", "text_columns"))
+            if isinstance(other, Trials)
+            else NotImplemented
         )
 
     def __hash__(self) -> int:
@@ -311,7 +318,7 @@ class Trials(ShownInNotebooks):
         names = {trial.object for trial in trials}
         properties = {name: values for name, values in self.properties.items() if name in names}
         notes = self.notes if note is None else (*self.notes, note)
-        return Trials(tuple(trials), self.schema, properties, notes, self.nameless, self.guessed)
+        return Trials(tuple(trials), self.schema, properties, notes, self.nameless, self.guessed, self.text_columns)
 
     @checks_types
     def with_properties(self, values: ObjectProperties) -> "Trials":
