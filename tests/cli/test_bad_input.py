@@ -47,8 +47,6 @@ CASES = {
         [],
         "the state 'height' of golf is constant",
     ),
-    "an unknown unit": (rows(), ["--unit", "height=metrez"], "height.*metrez|metrez.*height"),
-    "a unit for no column": (rows(), ["--unit", "speed=m/s"], "speed"),
     "an unknown solver": (rows(), ["--set", "solver=stlqs:1"], "unknown solver 'stlqs': did you mean 'stlsq'"),
     "an unknown library": (rows(), ["--library", "ploy:2"], "unknown library 'ploy': did you mean 'poly'"),
     "an unknown differentiation": (
@@ -79,6 +77,12 @@ def test_discover_refuses(fails, tmp_path, text, options, message):
     said = fails("discover", "drops.csv", *columns, *options, "--save", "law.json")
     assert said.startswith("commonlaw: ")
     assert re.search(message, said), said
+
+
+@pytest.mark.parametrize(("unit", "message"), [("height=metrez", "metrez"), ("speed=m/s", "speed")])
+def test_wrong_units_are_refused(fails, tmp_path, unit, message):
+    (tmp_path / "drops.csv").write_text(rows())
+    assert message in fails("data", "check", "drops.csv", *COLUMNS, "--unit", unit)
 
 
 def test_a_missing_file_and_one_with_nearly_that_name(fails, tmp_path):
@@ -131,7 +135,8 @@ def test_a_forecast_that_diverges_is_said_and_written_as_far_as_it_went(run, tmp
     (tmp_path / "drops.csv").write_text(rows())
     runs_away = cl.Law.from_text("height' = k height^2", {"k": {"golf": 1.0, "tennis": 1.0}})
     runs_away.save(tmp_path / "law.json")
-    code, _, err = run("predict", "drops.csv", "law.json", *COLUMNS, "--save", "forecast.csv")
+    (tmp_path / "roles.toml").write_text('object = "ball"\ntrial = "drop"\n')
+    code, _, err = run("predict", "drops.csv", "law.json", "--schema", "roles.toml", "--save", "forecast.csv")
     assert code == 0
     assert "diverged (golf, trial 1): the forecast ran away at t = 0.02" in err
     assert (tmp_path / "forecast.csv").read_text().count("\n") == 81

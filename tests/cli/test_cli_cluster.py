@@ -86,10 +86,11 @@ def test_a_law_of_each_file_is_found_by_workers(run, done, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["a.parquet", "--where", "trial=1", "--clip"], "clip with a stream of files"),
+        (["a.parquet", "--where", "trial=1", "--schema", "clip.toml"], "clip with a stream of files"),
         (["a.csv", "--each", "--set", "n_jobs=2"], "--set n_jobs is for this machine"),
     ],
 )
-def test_what_does_not_go_with_a_cluster_is_refused(run, words, said):
+def test_what_does_not_go_with_a_cluster_is_refused(run, tmp_path, words, said):
+    (tmp_path / "clip.toml").write_text("clip = true")
     code, _, err = run("discover", *words, "--cluster", "local:2")
     assert (code, said in " ".join(err.split())) == (2, True)

@@ -124,7 +124,7 @@ def laws(tmp_path):
 @pytest.mark.usefixtures("laws")
 def test_the_experiment_that_tells_laws_apart_is_said_saved_and_drawn(run, done, tmp_path):
     rival = ("--rival", "quadratic.json", "--vary", "duration=4", "--vary", "rate=5", "--vary", "v=0")
-    given = ("linear.json", "drops.csv", *rival)
+    given = ("drops.csv", "linear.json", *rival)
     files = ("--within", "x=0..100", "--save", "design.csv", "--save", "design.svg")
     out = done("design", *given, "--vary", "x=20..60", *files)
     assert "0.50  x'' = -g - c v" in out

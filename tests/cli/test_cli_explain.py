@@ -78,5 +78,5 @@ def test_a_ball_that_was_never_seen_is_forecast_from_the_mass_in_its_table(run, 
     table = pd.read_csv(tmp_path / "forecast.csv")
     assert table["x"].between(table["x measured low"], table["x measured high"]).mean() > 0.85
     for law, why in (("explained.json", ", as its mass is not known"), ("law.json", "")):
-        code, _, err = run("predict", law, "bare.csv")
+        code, _, err = run("predict", "bare.csv", law)
         assert (code, f"it has the mean coefficients of the others{why}\n" in err) == (0, True)

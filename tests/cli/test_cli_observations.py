@@ -25,7 +25,6 @@ def test_laws_with_observation_equations_are_fitted_compared_refined_and_forecas
     one, other = (cl.Law.load(f"{name}.json").observation for name in ("law", "again"))
     assert one.log_likelihood == pytest.approx(other.log_likelihood, abs=1e-6)
     assert one.restrictions.shared == other.restrictions.shared == {"c": "all"}
-    done("fit", "cells.csv", LINEAR, "--against", "law.json")
     done("predict", "cells.csv", "law.json", "--save", "forecast.csv")
     assert "signal forecast" in (tmp_path / "forecast.csv").read_text()
 

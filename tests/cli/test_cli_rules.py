@@ -123,7 +123,7 @@ def test_what_is_read_is_never_written_over(fails, tmp_path, monkeypatch, words,
     for name in ("x.json", "y.csv"):
         (tmp_path / name).write_text("others")
     (tmp_path / "of mine").mkdir()
-    file = "in.csv" if read.name in ("path", "more", "laws") else "in.json"
+    file = "in.csv" if read.name in ("path", "more") else "in.json"
     (tmp_path / "of mine" / file).write_text("read")
     path = f"of mine/../of mine/{file}"
     if link:
@@ -216,7 +216,7 @@ def test_words_are_completed(run, monkeypatch):
 
 def test_words_that_are_no_text_are_refused_by_name(run, fails):
     assert "--object-name: 'b\\udcff' is not text in UTF-8" in fails(
-        "discover", "a.csv", "--object-name", "b\udcff", code=2
+        "data", "check", "a.csv", "--object-name", "b\udcff", code=2
     )
     assert run("compare", "a.csv", "x' = b\udcff", "x' = 1")[0] == 2
 

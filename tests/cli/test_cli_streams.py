@@ -118,11 +118,12 @@ def test_the_report_of_a_pattern_is_a_page(done, tmp_path):
     ("words", "said"),
     [
         (["Ball *.parquet", "law.parquet", "--save", "f.png", "--step", "1"], "--save f.png, --step with a stream"),
-        (["Ball *.parquet", "law.parquet", "--clip"], "clip with a stream of files"),
+        (["Ball *.parquet", "law.parquet", "--schema", "clip.toml"], "clip with a stream of files"),
         (["Ball *.parquet", "law.parquet", "--where", "mass=1"], "say which trials by object or trial"),
         (["Ball 1.parquet", "law.parquet", "--folder", "f"], "--folder is for a folder or a pattern"),
     ],
 )
-def test_what_does_not_go_with_a_stream_is_refused(run, words, said):
+def test_what_does_not_go_with_a_stream_is_refused(run, tmp_path, words, said):
+    (tmp_path / "clip.toml").write_text("clip = true")
     code, _, err = run("predict", *words)
     assert (code, said in " ".join(err.split())) == (2, True)

@@ -42,12 +42,26 @@ TABLES = {
     "wide": (wide_table(), ("--wide", "T [degC]")),
     "sheet": (
         long_table(["A", "B", "C", "D", "E"]),
-        ("--sheet", "second", "--object", "A", "--trial", "B", "--time", "C", "--state", "D", "--unit", "C=min"),
+        (
+            "--sheet",
+            "second",
+            "--object",
+            "A",
+            "--trial",
+            "B",
+            "--time",
+            "C",
+            "--state",
+            "D",
+            "--unit",
+            "C=min",
+            "--clip",
+        ),
     ),
 }
 HELD_OUT = {
     "guessed": ("--hold-out", "run=2", "--exclude", "vessel=pot", "--set", "errors=white"),
-    "sheet": ("--where", "A=cup,mug", "--learn-until", "12", "--clip", "--set", "solver=group-stlsq:1"),
+    "sheet": ("--where", "A=cup,mug", "--learn-until", "12", "--set", "solver=group-stlsq:1"),
 }
 
 

@@ -86,7 +86,7 @@ def text(r: random.Random) -> Case:
     command = r.choice([CHECK, (*EXPORT, "out.csv")])
     if r.random() < 0.5:
         return Case((*CHECK, "--json"), {"drops.csv": content}, samples=len(rows))
-    return Case(command, {"drops.csv": damaged(r, content)}, frozenset({"out.csv"}))
+    return Case(command, {"drops.csv": damaged(r, content), **SCHEMA}, frozenset({"out.csv"}))
 
 
 def parquet(r: random.Random) -> Case:
@@ -102,7 +102,8 @@ def parquet(r: random.Random) -> Case:
     written = io.BytesIO()
     pq.write_table(pa.Table.from_pandas(frame).replace_schema_metadata({b"commonlaw": kept}), written)
     content = written.getvalue()
-    return Case(r.choice([CHECK, (*EXPORT, "out.csv")]), {"drops.csv": half(r, content)}, frozenset({"out.csv"}))
+    command = r.choice([CHECK, (*EXPORT, "out.csv")])
+    return Case(command, {"drops.csv": half(r, content), **SCHEMA}, frozenset({"out.csv"}))
 
 
 def workbook(r: random.Random) -> Case:
@@ -128,7 +129,7 @@ def law(r: random.Random) -> Case:
     content = json.dumps(document).encode()
     content = damaged(r, content) if r.random() < 0.3 else content
     shown = ("show", "law.json", *r.choice([(), ("--latex",), ("--average",), ("--history",), ("--select", "golf")]))
-    given = ("predict", "drops.csv", "law.json", *COLUMNS[:-2], "--save", "out.csv")
+    given = ("predict", "drops.csv", "law.json", "--save", "out.csv")
     command = r.choice([shown, shown, given])
     return Case(command, {"law.json": content, "drops.csv": table(r)}, frozenset({"out.csv"}))
 
@@ -138,7 +139,7 @@ def expression(r: random.Random) -> Case:
     written = "".join(r.choices(TOKENS, k=r.randrange(1, 12))) if r.random() < 0.3 else formula(r, r.randrange(4))
     if r.random() < 0.4:
         left, begun = r.choice(["height' =", "height'' ="]), r.choice(["a + b", "-k", "a *", ""])
-        return Case(("fit", f"{left} {begun} {written}", "drops.csv", *COLUMNS), {"drops.csv": table(r)})
+        return Case(("fit", "drops.csv", f"{left} {begun} {written}", *COLUMNS), {"drops.csv": table(r)})
     library = f"terms:1,{written}" if r.random() < 0.7 else written
     return Case(("discover", "drops.csv", *COLUMNS, "--library", library, *REGRESSION), {"drops.csv": table(r)})
 
@@ -156,8 +157,9 @@ def option(r: random.Random) -> Case:
             usual = {"law_path": "law.json", "path": "drops.csv", "equations": "height' = a + b height"}
             if parameter.name in usual or r.random() < 0.1:
                 given.append(r.choice(WORDS) if r.random() < 0.1 else usual.get(str(parameter.name), "drops.csv"))
-    given += [] if command in ("show", "list") else COLUMNS
     options = [param for param in found.params if isinstance(param, click.Option)]
+    names = {name for param in options for name in param.opts}
+    given += [word for role in zip(COLUMNS[::2], COLUMNS[1::2], strict=True) if role[0] in names for word in role]
     for each in r.sample(options, min(len(options), r.randrange(4))):
         given.append(r.choice([*each.opts, *each.secondary_opts]))
         if isinstance(each.type, WrittenFile):
@@ -188,8 +190,9 @@ def name(r: random.Random) -> Case:
     file = r.choice(["drops.csv", "日本.csv", "-drops.csv", "\x1b[2J.csv", "a b'\".csv", "\udcff.csv"])
     found = ("discover", "--order", "1", *REGRESSION, "--library", "poly:1", "--save", "out.json")
     command = r.choice([("data", "check"), ("data", "export", "--save", "out.csv"), found])
-    given = (*command, "--object", "ball", "--trial", "drop", "--time", "t", "--", file)
-    return Case(given, {file: content}, frozenset({"out.csv", "out.json"}))
+    given = (*command, "--schema", "roles.toml", "--", file)
+    schema = b'object = "ball"\ntrial = "drop"\ntime = "t"\n'
+    return Case(given, {file: content, "roles.toml": schema}, frozenset({"out.csv", "out.json"}))
 
 
 KINDS: Mapping[str, Callable[[random.Random], Case]] = {
@@ -224,7 +227,8 @@ KINDS: Mapping[str, Callable[[random.Random], Case]] = {
 COLUMNS = ("--object", "ball", "--trial", "drop", "--time", "t", "--state", "height")
 REGRESSION = ("--set", "solver=group-stlsq:1", "--set", "differentiation=finite:2")
 CHECK = ("data", "check", "drops.csv", *COLUMNS)
-EXPORT = ("data", "export", "drops.csv", *COLUMNS, "--save")
+EXPORT = ("data", "export", "drops.csv", "--schema", "drops.toml", "--save")
+SCHEMA = {"drops.toml": b'object = "ball"\ntrial = "drop"\ntime = "t"\nstates = ["height"]\n'}
 
 
 def drops(r: random.Random) -> list[list[object]]:

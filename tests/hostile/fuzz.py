@@ -182,10 +182,10 @@ def load() -> None:
         for arguments in (
             ("discover", "drops.csv", *COLUMNS, *REGRESSION),
             ("fit", "drops.csv", "height'' = a + b sin(height)", *COLUMNS),
-            ("predict", "drops.csv", "law.json", *COLUMNS, "--save", "out.csv"),
+            ("predict", "drops.csv", "law.json", "--save", "out.csv"),
             ("show", "law.json"),
             ("data", "check", "drops.csv", *COLUMNS, "--json"),
-            ("data", "export", "drops.csv", *COLUMNS, "--save", "out.parquet"),
+            ("data", "export", "drops.csv", "--save", "out.parquet"),
         ):
             with patch.object(sys, "argv", ["commonlaw", *arguments]), suppress(SystemExit):
                 main()

@@ -42,4 +42,4 @@ def units(r: random.Random, law: bytes, rows: bytes) -> Case:
     command = r.choice(
         [("predict", "--save", "out.csv"), ("refine", "--save", "out.json"), ("check",), ("discrepancy",)]
     )
-    return Case((command[0], "law.json", "drops.csv", *command[1:]), files, frozenset({"out.csv", "out.json"}))
+    return Case((command[0], "drops.csv", "law.json", *command[1:]), files, frozenset({"out.csv", "out.json"}))

@@ -74,7 +74,7 @@ def test_tables_are_in_utf_8_whatever_the_locale(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_files_whose_names_are_not_utf_8_are_read_written_and_named(folder: Path) -> None:
     (folder / "drops.csv").rename(folder / "\udcfe.csv")
-    code, said = run(folder, "predict", "law.json", b"\xfe.csv", "--save", b"\xfd.csv", "--save", b"\xfd.png")
+    code, said = run(folder, "predict", b"\xfe.csv", "law.json", "--save", b"\xfd.csv", "--save", b"\xfd.png")
     assert code == 0
     assert r"Wrote \udcfd.csv" + "\n" + r"Wrote \udcfd.png" in said
     assert {each.name for each in folder.iterdir()} >= {"\udcfd.csv", "\udcfd.png"}

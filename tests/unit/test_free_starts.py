@@ -93,7 +93,7 @@ def test_such_a_law_is_saved_and_forecasts_trials_that_start_elsewhere():
 
 def test_the_command_line_takes_free_starts_and_asks_for_those_of_states_without_a_column(tmp_path):
     drawn("pendulum", count=1)[-1].to_frame().to_csv(tmp_path / "swings.csv", index=False)
-    command = ["fit", PENDULUM, str(tmp_path / "swings.csv")]
+    command = ["fit", str(tmp_path / "swings.csv"), PENDULUM]
     done = CliRunner().invoke(commonlaw, [*command, "--initial-value", "omega=free"])
     assert done.exit_code == 0, done.output
     assert "omega' = -g sin(theta) - c omega" in done.output

@@ -300,12 +300,12 @@ def test_a_law_is_simulated_with_doses(injected):
 def test_the_command_line_takes_doses(tmp_path, injected):
     injected[1].to_frame().to_csv(tmp_path / "doses.csv", index=False)
     path, saved, question = str(tmp_path / "doses.csv"), str(tmp_path / "law.json"), "if it holds amounts"
-    done = CliRunner().invoke(commonlaw, ["fit", INJECTED, path, "--dose", "dose", "--save", saved])
+    done = CliRunner().invoke(commonlaw, ["fit", path, INJECTED, "--dose", "dose", "--save", saved])
     assert done.exit_code == 0, done.output
     assert "conc' = -k conc + dose/V" in done.output
     assert question not in done.output
     assert question in CliRunner().invoke(commonlaw, ["data", "check", path]).output
-    assert question not in CliRunner().invoke(commonlaw, ["check", saved, path]).output
+    assert question not in CliRunner().invoke(commonlaw, ["check", path, saved]).output
 
 
 def test_a_forecast_from_a_later_time_begins_after_the_doses_before_it(injected):

@@ -108,8 +108,8 @@ def test_the_command_line_takes_the_time_of_the_starts(tmp_path):
     *_, trials, _ = of_persons("microconstants")
     trials[:1].to_frame().to_csv(tmp_path / "injected.csv", index=False)
     options = ["--initial-value", "tissue=0", "--initial-time", "0", "--set", "errors=white"]
-    files = [str(tmp_path / "injected.csv"), "--save", str(tmp_path / "law.json")]
-    done = CliRunner().invoke(commonlaw, ["fit", MICROCONSTANTS, *files, *options])
+    table, saved = str(tmp_path / "injected.csv"), ["--save", str(tmp_path / "law.json")]
+    done = CliRunner().invoke(commonlaw, ["fit", table, MICROCONSTANTS, *saved, *options])
     assert done.exit_code == 0, done.output
     assert cl.Law.load(tmp_path / "law.json").schema.initial_time == 0.0
 

@@ -11,9 +11,7 @@ from commonlaw.cli.batch import Batch, give, with_batch
 from commonlaw.cli.main import command, working
 from commonlaw.cli.options import (
     AS_JSON,
-    HISTORY,
     LAW_ARGUMENT,
-    ReadFile,
     ReadLaw,
     by_name,
     is_of_kind,
@@ -21,7 +19,7 @@ from commonlaw.cli.options import (
     option,
     saving,
 )
-from commonlaw.cli.output import Artifacts, print_history, print_json, print_law, say
+from commonlaw.cli.output import Artifacts, print_json, print_law, say
 from commonlaw.cli.question import Question, with_question, with_settings
 from commonlaw.cli.results import FitResult, Outputs, compared, find_law, load, over_table, print_compared, with_outputs
 from commonlaw.cli.source import WITH_LAW, WITHOUT_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
@@ -78,7 +76,7 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
 
 @command
 @with_table(*WITHOUT_LAW, "states", "inputs", "exclude", training=True)
-@click.argument("equations", required=False)
+@click.argument("equations", required=False, metavar="EQUATIONS")
 @option(
     "--initial-value STATE=VALUE...",
     "Initial value of a state, at time 0 of each trial: a number, a property of the objects, "
@@ -114,7 +112,6 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
     group="Law",
 )
 @with_settings("fit")
-@option("--against LAW.json", "", type=ReadFile(), replaced_by="write commonlaw compare TABLE LAW LAW afterwards")
 @with_outputs
 @with_cluster
 def fit(
@@ -126,7 +123,6 @@ def fit(
     shared: tuple[str, ...],
     guesses: tuple[str, ...],
     settings: dict[str, Any],
-    against: str | None,
     outputs: Outputs,
     cluster: str | None,
 ) -> None:
@@ -153,7 +149,7 @@ def fit(
 
     if cluster:
         alone = {"--initial-value": initial_values, "--initial-time": initial_time, "--dose": doses}
-        source.check_streams(alone | {"--against": against, "--shared": shared, "--guess": guesses})
+        source.check_streams(alone | {"--shared": shared, "--guess": guesses})
         with working("Fitting ...") as show, on_cluster_at(cluster, show):
             outcome = find_law(
                 source, outputs, show, True, lambda trials, tell: cl.fit(equations, trials, **settings, progress=tell)
@@ -163,14 +159,12 @@ def fit(
     with working("Fitting ...") as show:
         equations, of_model = over_table(source, equations)
         doses = doses or of_model
-        rival = cl.Law.load(against) if against else None
         if doses:
             source = source.reading(inputs=tuple(dict.fromkeys((*source.roles.get("inputs", ()), *doses))))
         later = Artifacts()
         known = {name: number_or_text(value) for name, value in by_name("--initial-value", initial_values).items()}
         groups = {name: by or ALL for name, _, by in (group.partition("=") for group in shared)}
-        others = [rival] if rival else []
-        trials = without_notes_on(doses, load(source, [equations], others, known, groups.values(), bool(doses)))
+        trials = without_notes_on(doses, load(source, [equations], (), known, groups.values(), bool(doses)))
         training = source.select(trials)
         origin = None if initial_time is None else number_or_text(initial_time)
         settings |= {"initial_time": origin, "doses": doses, "guesses": numbers("--guess", guesses) or None}
@@ -178,10 +172,6 @@ def fit(
         law = cl.fit(equations, training, initial_values=known, **settings, progress=show)
         later.save(outputs.save, law=law)
         learned = FitResult.check(law, source, trials, training, outputs.draws, later)
-        if against and rival:
-            laws = {"fitted": law, against: rival}
-            comparison = later.take("the laws were not compared", lambda: compared(laws, training, settings), None)
-            learned = replace(learned, compared=comparison)
     outputs.give(learned, later)
 
 
@@ -272,11 +262,8 @@ def _naming(law: str) -> Iterator[None]:
 @LAW_ARGUMENT
 @with_settings("refine")
 @saving(law="the law", program="the law as a program or workbook")
-@HISTORY
 @with_cluster
-def refine(
-    source: Source, law_path: str, settings: dict[str, Any], save: tuple[str, ...], history: bool, cluster: str | None
-) -> None:
+def refine(source: Source, law_path: str, settings: dict[str, Any], save: tuple[str, ...], cluster: str | None) -> None:
     """Refit the coefficients of LAW.json to TABLE.
 
     They are estimated by maximum likelihood of the trajectories. The terms are fixed; the law gets standard errors.
@@ -299,8 +286,6 @@ def refine(
         later = Artifacts()
         later.save(save, law=law)
     print_law(law)
-    if history:
-        print_history(law)
     later.end((*(trials.notes if isinstance(trials, cl.Trials) else ()), *law.diagnostics))
 
 

@@ -27,8 +27,10 @@ from commonlaw.cli.options import (
     check_text,
     dialect,
     in_options,
-    in_order,
     option,
+    options_of_check,
+    take_law_alone,
+    usage,
 )
 from commonlaw.cli.output import changing_line, say, standard_streams
 from commonlaw.diagnostics import meaning, notes, reference, sentences
@@ -130,23 +132,24 @@ class Command(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments; an option of one value that is given twice is wrong usage."""
-        given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
+        try:
+            given = Counter(self.make_parser(ctx).parse_args(args=list(args))[2])
+        except click.NoSuchOption as error:
+            if way_out := _way_out(error.option_name, ctx):
+                raise click.UsageError(f"{error.message} {way_out}", ctx) from None
+            raise
         for param, count in given.items():
             if isinstance(param, click.Option) and count > 1 and not (param.multiple or param.count or param.is_eager):
                 names = " or ".join(param.opts + param.secondary_opts)
                 raise click.UsageError(f"{names} is given {count} times and counts once: give it once", ctx)
-            if instead := getattr(param, "replaced_by", ""):
-                name = param.opts[0]
-                say(f"commonlaw: {name} is deprecated here: {instead.format(option=name)}", err=True)
         rest = super().parse_args(ctx, args)
         check_text(self.params, ctx.params)
-        if in_order(ctx.params):
-            say(f"commonlaw: the table comes first now: commonlaw {self.name} TABLE ...", err=True)
+        take_law_alone(self, ctx.params)
         return rest
 
     def invoke(self, ctx: click.Context) -> Any:
         """Do what the command does once its files are found to be right."""
-        check_order(ctx.params)
+        check_order(ctx)
         check_files(self.params, ctx.params)
         try:
             return super().invoke(ctx)
@@ -245,6 +248,21 @@ def commonlaw(context: click.Context, verbose: bool) -> None:
     """
     if verbose:
         say_every_step(context)
+
+
+def _way_out(name: str, context: click.Context) -> str:
+    """Return how to do what an unknown option asks for, if options of tables or of a single command have its name."""
+    if any(name in param.opts for param in options_of_check(context.command).values()):
+        written = f"commonlaw data check TABLE {name} ... --save schema.toml"
+        return f"Describe the table by {written}, and give --schema schema.toml"
+    root = context.find_root()
+    commands = {word: commonlaw.get_command(root, word) for word in _MODULES}
+    having = [
+        usage(click.Context(command, root, word))
+        for word, command in commands.items()
+        if command and any(name in param.opts for param in command.params)
+    ]
+    return f"It is one of another command: {having[0]} {name}" if len(having) == 1 else ""
 
 
 def main() -> None:

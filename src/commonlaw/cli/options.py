@@ -23,8 +23,7 @@ Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 class GroupedOption(click.Option):
     """An option that stands under a heading; the short help lists only everyday ones.
 
-    One of the last release is hidden, and `replaced_by` says what to do now. One that takes settings by name has
-    `settings`: by heading, rows of name and text.
+    One that takes settings by name has `settings`: by heading, rows of name and text.
     """
 
     def __init__(
@@ -32,13 +31,11 @@ class GroupedOption(click.Option):
         *args: Any,
         group: str,
         everyday: bool,
-        replaced_by: str = "",
         settings: Callable[[], Mapping[str, Sequence[tuple[str, str]]]] = dict,
         **others: Any,
     ) -> None:
         super().__init__(*args, **others)
-        self.hidden = bool(replaced_by)
-        self.group, self.everyday, self.replaced_by, self.settings = group, everyday, replaced_by, settings
+        self.group, self.everyday, self.settings = group, everyday, settings
 
 
 OTHERS = "Options"
@@ -64,11 +61,6 @@ def option(
     settings |= {"group": group, "everyday": group == OTHERS if everyday is None else everyday}
     return click.option(flag, *names, cls=GroupedOption, metavar=metavar or None, help=help, **settings)
 
-
-HISTORY = option(
-    "--history", "", group="Output", is_flag=True, replaced_by="write commonlaw show LAW.json --history afterwards"
-)
-"""Adds the option to a command, which receives it as `history`."""
 
 AS_JSON = option("--json", "Print the result as JSON.", "as_json", group="Output", is_flag=True, everyday=True)
 """Adds the option to a command, which receives it as `as_json`."""
@@ -112,6 +104,17 @@ _OF_CHECK = " of commonlaw data check --save"
 """After options of tables that other commands read from a schema."""
 
 
+def options_of_check(command: click.Command) -> dict[str, click.Parameter]:
+    """Return the options of ``commonlaw data check`` that a command with ``--schema`` reads from that file, by name."""
+    names = {param.name for param in command.params}
+    if "schema" not in names:
+        return {}
+    from commonlaw.cli.source import check
+
+    of_table = {str(param.name): param for param in check.params if getattr(param, "group", "") == "Table"}
+    return {name: param for name, param in of_table.items() if name not in names}
+
+
 def dialect(command: click.Command, has_schema: bool = False) -> Dialect:
     """Return what writes settings as the options of a command: ``time='t'`` is ``--time t``.
 
@@ -120,9 +123,6 @@ def dialect(command: click.Command, has_schema: bool = False) -> Dialect:
     with ``--set``, and anything else stays Python.
     """
     by_name = {str(param.name): param for param in command.params}
-    options = {
-        name: max(param.opts, key=len) for name, param in by_name.items() if not getattr(param, "replaced_by", "")
-    }
     lists = [param.settings().values() for param in command.params if isinstance(param, GroupedOption)]
     settings = {row[0] for rows in lists for group in rows for row in group}
 
@@ -131,14 +131,14 @@ def dialect(command: click.Command, has_schema: bool = False) -> Dialect:
         name, value = ("clip", "true") if code == "clip_irregular()" else (name, value)
         if name == "name" and name not in by_name:  # An object, which commands choose in the table
             name, value = "where", f"{{'object': {value}}}"
-        is_of_table = getattr(by_name.get(name), "group", "") == "Table"
-        if is_of_table and has_schema and name not in options:
+        of_check = {} if name in by_name else options_of_check(command)
+        if name in of_check and has_schema:
             toml = re.sub(r"('[^']*'): ", r"\1 = ", value)
             return f"{name} = {toml} in the --schema file"
-        if name in options or is_of_table:
-            option = max(by_name[name].opts, key=len)
+        if param := by_name.get(name) or of_check.get(name):
+            option = max(param.opts, key=len)
             written = option if name == "clip" else " ".join(f"{option} {text}" for text in _texts(value, write))
-            return written if name in options else f"{written}{_OF_CHECK}"
+            return f"{written}{_OF_CHECK}" if name in of_check else written
         if name == "doses":  # That other commands do not take
             return f"{' '.join(f'--dose {text}' for text in _texts(value, write))} of commonlaw fit"
         return " ".join(f"--set {name}={text}" for text in _texts(value, write)) if name in settings else code
@@ -237,6 +237,10 @@ DATASET = "dataset:"
 class ReadTable(ReadFile):
     """A table: a file, or a data set with its options, some of which may name a file or a folder of files."""
 
+    def get_missing_message(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Return what may be given where it is missing."""
+        return "Give a file, or a data set, dataset:NAME (see: commonlaw data list)."
+
     def files(self, value: str) -> list[str]:
         """Return the file, or what is in the folders that options of a data set name."""
         if not value.startswith(DATASET):
@@ -299,49 +303,48 @@ def saving(required: bool = False, default: tuple[str, ...] | None = None, **con
     return option("--save FILE...", f"Write {', or '.join(texts)}", group="Output", everyday=True, **settings)
 
 
-def in_order(values: dict[str, Any]) -> bool:
-    """Put the table before the law or the equations, and return whether they came in the other order.
-
-    An argument alone is the law where one is needed.
-    """
-    second = next((name for name in ("law_path", "equations") if name in values), None)
-    if second is None or "path" not in values:
-        return False
-    path, law = (str(values[name] or "") for name in ("path", second))
-    first_is_law = (
-        is_of_kind(path, "law") if second == "law_path" else bool(_EQUATION.search(path)) and not is_file(path)
-    )
-    if path and not law and first_is_law:
-        values["path"], values[second] = None, path
-        return False
-    is_many = any(mark in law for mark in "*?[") or is_folder(law)
-    is_swapped = first_is_law and bool(law) and (second == "equations" or not is_of_kind(law, "law") or is_many)
-    if is_swapped:
-        values["path"], values[second] = law, path
-    return is_swapped
+def usage(context: click.Context) -> str:
+    """Return a command with its arguments in their order: ``commonlaw predict TABLE LAW.json``."""
+    arguments = [param.metavar for param in context.command.params if isinstance(param, click.Argument)]
+    return " ".join([context.command_path, *filter(None, arguments)])
 
 
-def check_order(values: Mapping[str, Any]) -> None:
+def take_law_alone(command: click.Command, values: dict[str, Any]) -> None:
+    """Take an argument alone as the law where the table may be left out."""
+    may_lack_table = any(param.name == "path" and not param.required for param in command.params)
+    if may_lack_table and "law_path" in values and not values["law_path"]:
+        values["path"], values["law_path"] = None, values["path"]
+
+
+def check_order(context: click.Context) -> None:
     """Refuse a table in the place of a law, and a law in that of a table.
 
-    Raises `click.UsageError` if the value of an argument is plainly what another one takes, or one is missing.
+    Raises `click.UsageError`, with the right order, if the value of an argument is plainly what another one takes, or
+    one is missing.
     """
+    values = context.params
     law, equations, path = (str(values.get(name) or "") for name in ("law_path", "equations", "path"))
-    is_text = bool(_EQUATION.search(path)) and not is_file(path)
-    if law and is_file(law) and not is_of_kind(law, "law"):
+    is_many = is_of_kind(path, "law") and not is_file(law) and bool({*"*?["} & {*law})
+    if is_many or (_is_there(law) and not is_of_kind(law, "law")):
         problem = f"{law} is a table, not a saved law"
-    elif equations and not _EQUATION.search(equations) and is_file(equations):
+    elif _is_there(equations) and not _EQUATION.search(equations):
         problem = f"{equations} is a table, not an equation"
-    elif is_text:
+    elif _EQUATION.search(path) and not is_file(path):
         problem = f"{path} is an equation, not a table"
     elif path.endswith(".json"):
         problem = f"{path} is a saved law, not a table"
+    elif "law_path" in values and not law:
+        problem = "Missing argument 'LAW.json'"
+    elif "equations" in values and not equations:
+        problem = "Missing argument 'EQUATIONS'"
     else:
-        missing = [name for name in ("law_path", "equations") if name in values and not values[name]]
-        if missing:
-            raise click.UsageError(f"Missing argument '{'LAW.json' if missing == ['law_path'] else 'EQUATIONS'}'.")
         return
-    raise click.UsageError(in_line(problem))
+    raise click.UsageError(in_line(f"{problem}: write {usage(context)}"))
+
+
+def _is_there(text: str) -> bool:
+    """Return whether a text names a file, a folder or a data set."""
+    return bool(text) and (text.startswith(DATASET) or is_file(text) or is_folder(text))
 
 
 def check_text(params: Iterable[click.Parameter], values: dict[str, Any]) -> None:

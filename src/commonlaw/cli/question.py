@@ -182,7 +182,6 @@ _LAW_OPTIONS = (
         "Say what in the law is shared, what follows the objects' properties, and what is each object's own.",
         is_flag=True,
     ),
-    _law("--no-cache", "", is_flag=True, replaced_by="set the environment variable COMMONLAW_CACHE=off"),
 )
 
 
@@ -197,7 +196,6 @@ class Question:
     observe: tuple[str, ...]
     latent: tuple[str, ...]
     explain: bool
-    no_cache: bool
     method: "AbstractMethod | None"
 
     def answer(self, training: "Trials | TrialStream", show: Callable[[str], None]) -> "Law":
@@ -214,7 +212,6 @@ class Question:
             observe=dict(pairs("--observe", self.observe)),
             latent_states=self.latent,
             progress=show,
-            cache=not self.no_cache,
         )
 
     def explained(self, law: "Law", show: Callable[[str], None], later: Artifacts) -> "Law":

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from commonlaw.cli.options import AS_JSON, HISTORY, as_one, in_options, is_of_kind, saving
-from commonlaw.cli.output import Artifacts, print_frame, print_history, print_json, print_law, say
+from commonlaw.cli.options import AS_JSON, as_one, in_options, is_of_kind, saving
+from commonlaw.cli.output import Artifacts, print_frame, print_json, print_law, say
 from commonlaw.cli.source import Source, few_trials, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
@@ -114,7 +114,6 @@ _OPTIONS = (
         program="the law as a program or workbook",
     ),
     AS_JSON,
-    HISTORY,
 )
 
 
@@ -123,7 +122,6 @@ class Outputs:
     """What is wanted of a law that was learned."""
 
     save: tuple[str, ...]
-    history: bool
     as_json: bool
 
     @property
@@ -143,8 +141,6 @@ class Outputs:
             print_json(learned.document())
         else:
             learned.show()
-            if self.history:
-                print_history(law)
         later.end(learned.notes(), silent=self.as_json)
 
 
@@ -154,11 +150,10 @@ with_outputs = as_one("outputs", Outputs, _OPTIONS)
 
 @dataclass(frozen=True)
 class FitResult:
-    """What was found out about a law, laws compared, see `commonlaw.compare`, and where a program finds the trials."""
+    """What was found out about a law, and where a program finds the trials."""
 
     summary: "Summary"
     program: "Program | str" = ""
-    compared: "pd.DataFrame | None" = None
 
     @classmethod
     def check(
@@ -209,8 +204,6 @@ class FitResult:
                 say(f"\n{len(candidates) - len(few)} more with less support: commonlaw show LAW.json --history")
             for meaning in (text for name, text in MEANINGS.items() if name in candidates):
                 say(f"\n{meaning}.")
-        if self.compared is not None:
-            print_compared(self.compared)
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""
@@ -233,7 +226,6 @@ class FitResult:
                 "score": forecast.score(),
                 "errors": forecast.errors().to_dict(orient="records"),
             },
-            "compared": None if self.compared is None else self.compared.to_dict(orient="records"),
             "verdict": verdict and asdict(verdict) | {"usable": verdict.usable, "sentences": verdict.sentences},
             "notes": list(findings.training.notes),
             "outcomes": [str(outcome) for outcome in (*law.diagnostics, *(forecast.outcomes if forecast else ()))],

@@ -12,7 +12,7 @@ import click
 import numpy as np
 
 from commonlaw.cli.main import command, working
-from commonlaw.cli.options import AS_JSON, HISTORY, LAW_ARGUMENT, ReadFile, by_name, is_of_kind, numbers, option, saving
+from commonlaw.cli.options import AS_JSON, LAW_ARGUMENT, ReadFile, by_name, is_of_kind, numbers, option, saving
 from commonlaw.cli.output import Artifacts, print_frame, print_history, print_json, print_law, print_notes, say
 from commonlaw.cli.results import page
 from commonlaw.cli.source import WITH_LAW, Source, guesses, on_cluster_at, stream_of, with_cluster, with_table
@@ -86,15 +86,8 @@ def show(law_path: str, latex: bool, name: str | None, average: bool, history: b
 @saving(law="the law with what decides its coefficients", figure="a figure of coefficients against properties")
 @option("--latex", "Print LaTeX.", is_flag=True)
 @AS_JSON
-@HISTORY
 def explain(
-    law_path: str,
-    names: tuple[str, ...],
-    table: str | None,
-    save: tuple[str, ...],
-    latex: bool,
-    history: bool,
-    as_json: bool,
+    law_path: str, names: tuple[str, ...], table: str | None, save: tuple[str, ...], latex: bool, as_json: bool
 ) -> None:
     """Relate the coefficients of LAW.json to properties of the objects.
 
@@ -128,8 +121,6 @@ def explain(
         shown = relations_frame(law).dropna(axis=1, how="all").replace({"kind": kinds})
         say("\nRelations of coefficients to properties:\n")
         print_frame(shown, {"scatter": "SD between objects", "scatter error": "its standard error"})
-        if history:
-            print_history(law)
     notes = () if has_properties else ("no property of the objects is known: give a table of them, --properties FILE",)
     later.end((*notes, *law.diagnostics), silent=as_json or latex)
 
@@ -537,7 +528,7 @@ def bounds(
 
 
 @command
-@with_table(*WITH_LAW)
+@with_table(*WITH_LAW, required=False)
 @LAW_ARGUMENT
 @option(
     "--vary NAME=VALUES...",

@@ -129,23 +129,17 @@ _READING = ("object_name", "wide", "restarts", "missing", "below", "decimal", "d
 """Arguments of `Trials.read` that tables of text take alone."""
 
 
-_INSTEAD = (
-    "describe the table by `commonlaw data check TABLE {option} ... --save schema.toml`, and give --schema schema.toml"
-)
-"""What to do in place of an option that a command has no more."""
-
-
-def with_table(*names: str, training: bool = False) -> Decorator:
+def with_table(*names: str, training: bool = False, required: bool = True) -> Decorator:
     """Return the decorator that adds the table and these options; a command receives all as `source`.
 
     In `training` are those, too, by which trials to learn from differ from those to check the law on. Other options of
-    a table are in its schema; as options of each command they are deprecated.
+    a table are in its schema.
     """
-    argument = click.argument("path", required=False, metavar="TABLE", type=ReadTable())
+    metavar = "TABLE" if required else "[TABLE]"
+    argument = click.argument("path", required=required, metavar=metavar, type=ReadTable())
     everyday = ("schema", "object", "trial", "time", "states", "where")
     shown = [made(everyday=name in everyday) for name, made in _OPTIONS.items() if name in names]
-    others = [made(replaced_by=_INSTEAD) for name, made in _OPTIONS.items() if name not in names]
-    options = [argument, *shown, *others, *(_HELD_OUT.values() if training else ())]
+    options = [argument, *shown, *(_HELD_OUT.values() if training else ())]
 
     def convert(values: dict[str, Any]) -> dict[str, Any]:
         given = {name: values.pop(name) for name in (*_OPTIONS, *_HELD_OUT) if name in values}
@@ -308,10 +302,6 @@ class Source:
         return trials.split(**_conditions("--exclude", self.exclude, trials))[1] if self.exclude else trials
 
     def _from_file(self, schema: Schema | None) -> Trials:
-        if not self.path:
-            raise click.UsageError(
-                "Missing argument 'TABLE': a file, or a data set, dataset:NAME (see: commonlaw data list)."
-            )
         roles: dict[str, Any] = {**self.roles}
         if schema:
             there = read_table(self.files, self.sheet).columns if schema.wide or schema.noise_columns else {}
