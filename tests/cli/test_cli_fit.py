@@ -43,6 +43,17 @@ def test_columns_that_occur_on_the_right_are_inputs(run, tmp_path):
     assert cl.Law.load(tmp_path / "law.json").schema.inputs == ("light",)
 
 
+def test_a_letter_that_is_a_varying_column_is_an_input_with_a_note(run, tmp_path):
+    times = np.linspace(0, 5, 30)
+    driven = pd.DataFrame({"t": times, "x": 1 - np.exp(-times), "c": 1 + np.sin(times) ** 2})
+    driven.to_csv(tmp_path / "driven.csv", index=False)
+    equation = ("fit", "driven.csv", "x' = -k x + c b", "--save", "law.json")
+    for more, is_noted in ((), True), (("--input", "c"), False):
+        code, _, err = run(*equation, *more)
+        assert (code, ": c; " in err) == (0, is_noted)
+        assert cl.Law.load(tmp_path / "law.json").schema.inputs == ("c",)
+
+
 def test_constants_inside_of_terms_are_fitted_saved_and_forecast_with(run, done, tmp_path):
     times, enzymes = np.linspace(0, 6, 40), cl.Law.from_text("s' = -V s/(K + s)", {"V": 1.0, "K": 0.5})
     exact = enzymes.simulate(times, [3.0])["object"].states[:, 0]

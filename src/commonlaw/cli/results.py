@@ -20,7 +20,7 @@ from commonlaw.runtime.fit_options import FitOptions, settings_of
 from commonlaw.runtime.progress import ProgressCallback, part
 from commonlaw.text import as_text
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.trials.equation_columns import as_named
+from commonlaw.trials.equation_columns import as_named, is_letter
 from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
@@ -73,7 +73,8 @@ def load(
     """Return the trials, their columns in the roles that equations and other laws give them.
 
     What has an equation and a column was measured; states of observation equations, or with initial values, need none,
-    and none do where there are doses, before which they are zero. Columns of `groups` are inputs.
+    and none do where there are doses, before which they are zero. Columns of `groups` are inputs. A note names letters
+    that are varying columns and might be parameters.
     """
     from commonlaw.estimation.model import ModelText
 
@@ -96,8 +97,12 @@ def load(
     inputs = tuple(name for name in others if name in taken | occurring)
     if {*states} == {*trials.schema.states} and {*inputs} == {*trials.schema.inputs}:
         return trials
+    letters = [name for name in inputs if name in trials.schema.states and is_letter(name)]
+    listed = f"inputs, as columns of the table: {', '.join(letters)}; rename a parameter that is meant"
+    notes = [listed] if letters and "inputs" not in source.roles else []
     try:
-        return source.reading(states=states, inputs=source.roles.get("inputs", inputs)).load()
+        trials = source.reading(states=states, inputs=source.roles.get("inputs", inputs)).load()
+        return trials.with_trials(trials.trials, *notes)
     except CommonlawError as error:
         name = error.parameters.get("name")
         if name not in states or error.parameters.get("kind") != "column":

@@ -38,7 +38,7 @@ def as_named(trials: Trials, states: Sequence[str], text: str = "") -> Trials:
         states.
     """
     for name in trials.guessed:
-        if _is_letter(name) and name not in states and re.search(rf"(?<![\w`{{]){re.escape(name)}(?![\w`}}])", text):
+        if is_letter(name) and name not in states and re.search(rf"(?<![\w`{{]){re.escape(name)}(?![\w`}}])", text):
             raise CommonlawError("letter-of-column", name=name)
     for name in trials.text_columns:
         if name not in states and re.search(rf"(?<!\w){re.escape(name)}(?![\w(])", text):  # A function may be called so
@@ -64,7 +64,7 @@ def as_named(trials: Trials, states: Sequence[str], text: str = "") -> Trials:
     )
 
 
-def _is_letter(name: str) -> bool:
+def is_letter(name: str) -> bool:
     """Say whether a name is a letter, Latin or the name of a Greek one, perhaps with an index: k, K_1, tau2."""
     match = _LETTER.fullmatch(name)
     if match is None or len(match[1]) == 1:
