@@ -103,7 +103,8 @@ def test_a_first_order_law_of_several_states():
 @pytest.mark.parametrize("method", [None, cl.DerivativeRegression(), cl.WeakRegression()])
 def test_states_whose_powers_vanish_are_refused_with_a_way_out(method):
     times = np.linspace(0, 4, 40)
-    tiny = cl.Trials.from_arrays(times, 1e-170 * np.exp(-times))
+    states = 1e-170 * np.exp(-times[:, np.newaxis])
+    tiny = cl.Trials((cl.Trial("object", "1", times, states),), cl.Schema(("x",)))
     with refused("state-too-large", state="x"):
         cl.discover(tiny, library="poly:2", method=method, order=1)
 

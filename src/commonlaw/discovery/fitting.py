@@ -508,7 +508,9 @@ def _by_collocation(text: ModelText, trials: Trials, settings: Mapping[str, Any]
         provenance = Provenance(suitable_differentiation(trials, given.order), equations=given.texts)
         unfitted = _unfitted(given, trials, provenance)
         log_states, between = settings.get("log_states"), trials.schema.input_interpolation
-        begun = with_initial_parameters(unfitted, trials, text.bounds, log_states=log_states, progress=silent)
+        inside = {coefficient.name for coefficient in given.coefficients}  # Others are in initial values alone
+        bounds = [bound for bound in text.bounds if bound.name in inside]
+        begun = with_initial_parameters(unfitted, trials, bounds, log_states=log_states, progress=silent)
         return collocated(begun, trials, log_states, between)
     except CommonlawError:
         return None
