@@ -138,7 +138,7 @@ def test_what_is_read_is_never_written_over(fails, tmp_path, monkeypatch, words,
 
 def test_folders_of_a_data_set_are_read(tmp_path):
     (tmp_path / "balls.txt").write_text("others")
-    assert ReadTable().files(f"dataset:ball-drops:folder={tmp_path}") == [str(tmp_path / "balls.txt")]
+    assert ReadTable({}).files(f"dataset:ball-drops:folder={tmp_path}") == [str(tmp_path / "balls.txt")]
 
 
 def test_a_law_that_is_given_as_text_is_no_file():

@@ -8,7 +8,7 @@ from commonlaw.cli.options import options_of_check
 from commonlaw.cli.saved_law import bounds, check, design, discrepancy, predict, report
 
 OF_TABLES = [
-    (command.name, option.opts[0])
+    (command.name, option)
     for command in (discover, fit, compare, refine, bounds, check, design, discrepancy, predict, report)
     for option in options_of_check(command).values()
 ]

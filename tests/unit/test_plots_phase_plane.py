@@ -123,9 +123,10 @@ def test_a_profile_is_the_least_sum_of_squares_over_all_other_unknowns():
 
 
 def test_a_profile_shows_what_the_data_do_not_bound():
-    times = np.linspace(0.0, 2.0, 12)
-    trials = Trials.from_arrays(times, np.exp(-0.5 * times), names=["s"])
-    law = cl.fit("s' = -V s/(K + s)", trials, noise={"s": 0.05})
+    times, text = np.linspace(0.0, 4.0, 12), "s' = -V s/(K + s)"
+    path = Law.from_text(text, {"V": 1.5, "K": 2.0}).simulate(times, [1.0])["object"]
+    trials = Trials.from_arrays(times, path.states, names=["s"])
+    law = cl.fit(text, trials, noise={"s": 0.05})
     assert likelihood_profile(law, trials, "K").interval[1] == np.inf
     with refused("unknown-name"):
         likelihood_profile(law, trials, "W")

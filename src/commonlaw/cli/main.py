@@ -252,7 +252,7 @@ def commonlaw(context: click.Context, verbose: bool) -> None:
 
 def _way_out(name: str, context: click.Context) -> str:
     """Return how to do what an unknown option asks for, if options of tables or of a single command have its name."""
-    if any(name in param.opts for param in options_of_check(context.command).values()):
+    if name in options_of_check(context.command).values():
         written = f"commonlaw data check TABLE {name} ... --save schema.toml"
         return f"Describe the table by {written}, and give --schema schema.toml"
     root = context.find_root()

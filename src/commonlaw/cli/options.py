@@ -104,15 +104,11 @@ _OF_CHECK = " of commonlaw data check --save"
 """After options of tables that other commands read from a schema."""
 
 
-def options_of_check(command: click.Command) -> dict[str, click.Parameter]:
+def options_of_check(command: click.Command) -> Mapping[str, str]:
     """Return the options of ``commonlaw data check`` that a command with ``--schema`` reads from that file, by name."""
-    names = {param.name for param in command.params}
-    if "schema" not in names:
-        return {}
-    from commonlaw.cli.source import check
-
-    of_table = {str(param.name): param for param in check.params if getattr(param, "group", "") == "Table"}
-    return {name: param for name, param in of_table.items() if name not in names}
+    tables = (param.type for param in command.params if isinstance(param.type, ReadTable))
+    options = next((table.in_schema for table in tables), {})
+    return {} if "schema" in options else options
 
 
 def dialect(command: click.Command, has_schema: bool = False) -> Dialect:
@@ -135,8 +131,8 @@ def dialect(command: click.Command, has_schema: bool = False) -> Dialect:
         if name in of_check and has_schema:
             toml = re.sub(r"('[^']*'): ", r"\1 = ", value)
             return f"{name} = {toml} in the --schema file"
-        if param := by_name.get(name) or of_check.get(name):
-            option = max(param.opts, key=len)
+        if name in by_name or name in of_check:
+            option = max(by_name[name].opts, key=len) if name in by_name else of_check[name]
             written = option if name == "clip" else " ".join(f"{option} {text}" for text in _texts(value, write))
             return f"{written}{_OF_CHECK}" if name in of_check else written
         if name == "doses":  # That other commands do not take
@@ -235,7 +231,13 @@ DATASET = "dataset:"
 
 
 class ReadTable(ReadFile):
-    """A table: a file, or a data set with its options, some of which may name a file or a folder of files."""
+    """A table: a file, or a data set with its options, some of which may name a file or a folder of files.
+
+    Options that describe it in a schema, and are none of a command, are `in_schema`, by name.
+    """
+
+    def __init__(self, in_schema: Mapping[str, str]) -> None:
+        self.in_schema = in_schema
 
     def get_missing_message(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """Return what may be given where it is missing."""

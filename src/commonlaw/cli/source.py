@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 S = TypeVar("S", Trials, TrialStream)
 
 
-_table: Callable[..., Callable[..., Decorator]] = partial(partial, option, group="Table")
+_table: Callable[..., partial[Decorator]] = partial(partial, option, group="Table")
 
 _OPTIONS = {
     "schema": _table(
@@ -136,7 +136,8 @@ def with_table(*names: str, training: bool = False, required: bool = True) -> De
     a table are in its schema.
     """
     metavar = "TABLE" if required else "[TABLE]"
-    argument = click.argument("path", required=required, metavar=metavar, type=ReadTable())
+    in_schema = {name: made.args[0].partition(" ")[0] for name, made in _OPTIONS.items() if name not in names}
+    argument = click.argument("path", required=required, metavar=metavar, type=ReadTable(in_schema))
     everyday = ("schema", "object", "trial", "time", "states", "where")
     shown = [made(everyday=name in everyday) for name, made in _OPTIONS.items() if name in names]
     options = [argument, *shown, *(_HELD_OUT.values() if training else ())]

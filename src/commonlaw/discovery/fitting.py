@@ -407,7 +407,9 @@ def fit(
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
     law = law if called else with_one_sided_limits(law, trials)
-    if any(_is_misfit(law, limit) for limit in law.uncertainty.limits) or _is_undetermined(law):
+    # Latent states have a note of their own
+    is_vague = not initial_values and _is_undetermined(law)
+    if is_vague or any(_is_misfit(law, limit) for limit in law.uncertainty.limits):
         # Other estimates, and their errors, are those given a value that has no meaning
         try:
             return jointly()
