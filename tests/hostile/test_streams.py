@@ -63,7 +63,7 @@ def test_the_exit_code_remains_where_standard_error_takes_nothing(
 
 
 def test_files_are_written_where_nothing_can_be_said(folder: Path, tmp_path: Path) -> None:
-    ended = run(folder, f"predict law.json drops.csv --save {tmp_path / 'forecast.csv'} >&- 2>&-")
+    ended = run(folder, f"predict drops.csv law.json --save {tmp_path / 'forecast.csv'} >&- 2>&-")
     assert (ended.returncode, ended.stdout, ended.stderr) == (1, b"", b"")
     assert (tmp_path / "forecast.csv").read_text().count("\n") > 10
 

@@ -17,7 +17,7 @@ _LABELS = _TEXT.map(label).filter(bool)
 _NAMES = st.one_of(_TEXT, _TEXT.map("{} (m)".format), _TEXT.map("{} [m/s] []".format)).map(plain).filter(bool)
 _WORDS = st.text(st.characters(categories=["Ll"]), min_size=1, max_size=8).map("so {}".format)
 _UNITS = st.sampled_from(["m", "m/s^2", "kg m^2", "degC", "percent", "1/s"])
-_FLOATS = st.floats(-EXTREME, EXTREME)
+_FLOATS = st.floats(-EXTREME, EXTREME).map(lambda value: 0.0 if abs(value) < 1 / EXTREME else value)
 _TIMES = st.floats(-1e50, 1e50).map(lambda time: 0.0 if abs(time) < 1e-30 else time)
 
 
