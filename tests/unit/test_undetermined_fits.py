@@ -181,3 +181,13 @@ def test_powers_of_parameters_that_are_not_determined_are_refused_as_such():
     """A negative K has finite powers at whole exponents alone: they were refused as nowhere finite, or were 1e92."""
     with refused("parameters-not-identified"):
         cl.fit(f"{HILL} + c", _hill(8, 2, 2), errors="white")
+
+
+def test_a_power_of_zero_whose_exponent_vanishes_has_no_derivative_by_it():
+    times = np.arange(6.0)
+    made = [
+        cl.Trial("o", str(i), times, 5 * np.exp(-times)[:, None], (times > 3)[:, None].astype(float)) for i in (0, 1)
+    ]
+    trials = cl.Trials(tuple(made), cl.Schema(("x",), ("u",)))
+    with refused("parameters-not-identified", names=["b"]):
+        cl.fit("x'' = -b x + abs(u)^b; x(0) = a", trials)

@@ -376,14 +376,14 @@ class Problem:
     def information(self, unknowns: Floats, noise: Floats) -> Floats:
         """Return rows R whose product R'R is the information of the unknowns, shape (r, p).
 
-        They are the derivatives of the residuals, but where values are below limits: with u = (L - h) / sigma and
-        m = phi(u) / Phi(u) these count by m (m + u), the curvature of their tail, and log sigma, on which estimates
-        then depend, is eliminated.
+        They are the derivatives of the residuals, zero where these are not finite, as of 0^p by p. Where values are
+        below limits they count, with u = (L - h) / sigma and m = phi(u) / Phi(u), by m (m + u), the curvature of their
+        tail, and log sigma, on which estimates then depend, is eliminated.
         """
         if not self.censored.any():
             rows = self.residuals(unknowns, noise)[1]
             assert rows is not None
-            return rows
+            return np.where(np.isfinite(rows), rows, 0.0)
         count, quantities = self.unknowns, len(noise)
         total, mixed, by_noise = np.zeros((count, count)), np.zeros((quantities, count)), np.zeros(quantities)
         for trial, _, measured, limited, residuals, tails, by in self._standardized(unknowns, noise, True):
@@ -415,7 +415,7 @@ class Problem:
         assert rows is not None
         pairs = [(np.isfinite(data.trial.states), np.isfinite(data.trial.below)) for data in self.trials]
         columns = np.concatenate([np.nonzero(kind)[1] for pair in pairs for kind in pair])
-        rows = rows[:, free]
+        rows = np.where(np.isfinite(rows), rows, 0.0)[:, free]
         scales = np.linalg.norm(rows, axis=0)
         basis, sizes, _ = np.linalg.svd(rows / np.where(scales > 0, scales, 1.0), full_matrices=False)
         basis = basis[: len(columns), sizes > np.finfo(float).eps * len(rows) * sizes.max(initial=0.0)]
