@@ -32,7 +32,7 @@ PHONE, SCREEN = 390, 1200
 
 # Of permissions, links, pipes, signals and limits as POSIX has them, and of names of files that macOS refuses
 collect_ignore = {
-    "win32": ["tests/hostile", "tests/unit/test_files.py"],
+    "win32": ["tests/hostile", "tests/unit/test_files.py", "tests/unit/test_forking.py", "tests/cli/test_interrupt.py"],
     "darwin": ["tests/hostile/test_environment.py"],
 }.get(sys.platform, [])
 

@@ -16,7 +16,6 @@ STARTS = {
 """What Python runs for `python -m commonlaw` and in the script of the installed command."""
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 @pytest.mark.parametrize("start", STARTS.values(), ids=STARTS)
 @pytest.mark.parametrize("delay", [0.0, 0.02, 0.1, 0.3])
 def test_ctrl_c_while_modules_are_imported_ends_without_a_traceback(start: str, delay: float) -> None:

@@ -12,8 +12,6 @@ import commonlaw
 from commonlaw.runtime.forking import ProcessLock, cached_property
 from commonlaw.trials.headers import _LOADING, parse_unit
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-
 
 def ends_well(function):
     """Return whether a forked process gets something true from a function within ten seconds."""

@@ -64,7 +64,7 @@ def multiplied_out(tree: ast.expr, variables: int, inside: int | None = None) ->
         case ast.BinOp(
             left, ast.Mult() | ast.Div() as first_op, ast.BinOp(middle, ast.Mult() | ast.Div() as op, right)
         ):
-            # One factor after the other, so that numbers and parameters beside a sum in a divisor stand apart from it
+            # Factor by factor, so that a sum in a divisor is separate from the numbers and parameters that multiply it
             inverse = ast.Mult() if isinstance(op, ast.Div) else ast.Div()
             last = op if isinstance(first_op, ast.Mult) else inverse
             return multiplied_out(ast.BinOp(ast.BinOp(left, first_op, middle), last, right), variables, inside)

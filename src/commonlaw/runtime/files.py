@@ -370,7 +370,8 @@ def one_writer(folder: Path) -> Iterator[None]:
     from filelock import FileLock
 
     with ExitStack() as stack:
-        with suppress(OSError, NotImplementedError):  # Not every file system has locks
+        # Some network file systems have no locks; in a folder that cannot be written the writing itself is refused
+        with suppress(OSError, NotImplementedError):
             stack.enter_context(FileLock(folder / ".lock", mode=0o600))
         yield
 
