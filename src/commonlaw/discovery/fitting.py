@@ -464,7 +464,7 @@ def _of_model(
     for interpolation in tried:
         interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
         begun = begin(text, interpolated, **given, log_states=log_states, noise=noise)
-        if (collocation := _by_collocation(text, interpolated, settings)) and not given["guesses"]:
+        if not given["guesses"] and (collocation := _by_collocation(text, interpolated, settings)):
             begun = replace(with_values_of(collocation, begun), is_fitted=True)
         fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
         law = fitted.law(calls)
