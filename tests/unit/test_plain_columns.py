@@ -8,7 +8,7 @@ import pytest
 from commonlaw.errors import CommonlawError
 from commonlaw.trials.cells import Notation, Unreadable, numerals
 from commonlaw.trials.columns import filled_table, with_numbers
-from commonlaw.trials.files import table_in
+from commonlaw.trials.files import read_table, table_in
 
 KINDS = {
     "fractions": ["0.25", "-1.50", "12.", ".5", "1e-3", "+2.5E2", "0.1000000000000000055511151231257827"],
@@ -19,6 +19,8 @@ KINDS = {
     "huge": ["99999999999999999999", "9007199254740993", "1" * 40, "1"],
     "infinite": ["1e999", "inf", "2.5", "3"],
     "commas": ["0,5", "1,25", "12,0", "1234,5"],
+    "commas and whole": ["0,123", "1,234", "+2,5e-1", "-0", "007", ",5", "3,"],
+    "commas and infinite": ["0,5", "1e999", "inf", "2,5"],
     "whole and thousands": ["1.234", "2.345", "999", "1.000"],
     "large and small": ["1234", "1.234", "12345.5"],
     "marked": ["1.5", "NA", "2.25", "n.d.", "<0.5", "10.125"],
@@ -65,13 +67,19 @@ def outcome(table, name):
         return error.code
 
 
-@pytest.mark.parametrize("notation", [Notation(), Notation(","), Notation(missing=("7", "2.5"))], ids=str)
+NOTATIONS = [
+    *(Notation(), Notation(","), Notation("."), Notation(missing=("7", "2.5"))),
+    *(Notation(missing=("0,5", "12,0")), Notation(below={"1,25": 2.0})),
+]
+
+
+@pytest.mark.parametrize("notation", NOTATIONS, ids=str)
 def test_columns_are_the_same_as_read_cell_by_cell(notation):
-    rng, plain = np.random.default_rng(1), 0
+    rng, plain, commas = np.random.default_rng(1), 0, 0
     for _ in range(20):
         text, careful = drawn(rng)
         raw = table_in("t.csv", text.encode())
-        plain += len(raw.plain)
+        plain, commas = plain + len(raw.plain), commas + len(raw.commas)
         table, expected = with_numbers(raw, notation), with_numbers(careful, notation)
         assert [*table.columns] == [*expected.columns]
         for name in table.columns:
@@ -83,6 +91,19 @@ def test_columns_are_the_same_as_read_cell_by_cell(notation):
             np.testing.assert_array_equal(codes, same)
         assert {*table.facts} == {*expected.facts, *raw.facts}, text
     assert plain > 20
+    assert commas > 4
+
+
+@pytest.mark.parametrize(
+    ("cells", "expected"),
+    [("5 2 7", [0.5, 0.25, 5, 2, 7]), ("1,5 2 7,0", [0.5, 0.25, 1.5, 2, 7]), ("1.5 2.5", "cell-unreadable")],
+)
+def test_files_below_each_other_have_one_decimal_mark(tmp_path, cells, expected):
+    for name, texts in (("a", "0,5 0,25"), ("b", cells)):
+        lines = [f"{t};{x}" for t, x in enumerate(texts.split())]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["t;x", *lines, ""]))
+    numbers = outcome(with_numbers(read_table(tmp_path), Notation()), "x")
+    assert (numbers if isinstance(numbers, str) else numbers.tolist()) == expected
 
 
 def test_cells_that_show_nothing_more_are_read_as_all_are():

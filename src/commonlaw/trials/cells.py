@@ -84,6 +84,11 @@ class Notation:
         """Of the texts that are missing values, those that are numbers."""
         return {text: float(text) for text in self.missing if _NUMBERS["."].fullmatch(text)}
 
+    @property
+    def marks_numbers(self) -> bool:
+        """Whether any of these texts may be a number with a decimal comma."""
+        return any(map(_PLAIN[","].fullmatch, (*self.missing, *self.below)))
+
 
 @dataclass(frozen=True)
 class Numerals:
@@ -220,6 +225,11 @@ def _plain_cells(cells: Sequence[str], notation: Notation) -> tuple[list[int], D
     decisive = next((i for i in plain if not ambiguous.fullmatch(cells[i])), None)
     kept = {decisive, *whole[:1], next((i for i in whole if _UNGROUPED.fullmatch(cells[i])), None)}
     return [i for i in (whole if decisive is None else plain) if i not in kept], mark
+
+
+def show_commas(cells: Sequence[str]) -> bool:
+    """Say whether all cells are plain numbers with a decimal comma, one of which cannot be a number with a point."""
+    return all(map(_PLAIN[","].fullmatch, cells)) and not all(map(_NUMBERS["."].fullmatch, cells))
 
 
 def _limit(cell: str, notation: Notation) -> float | None:

@@ -2,7 +2,7 @@
 
 import numbers
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from decimal import Decimal, InvalidOperation
@@ -91,9 +91,11 @@ class Table:
     administered: tuple[str, ...] = ()
     """The columns of their amounts and rates."""
     plain: frozenset[str] = frozenset()
-    """Columns of numbers that are text in the file, with a decimal point or whole."""
+    """Columns of numbers that are text in the file, with a decimal mark or whole."""
+    commas: frozenset[str] = frozenset()
+    """Of these, those whose decimal mark is a comma."""
     written: Callable[[Sequence[str]], list[Column]] = lambda _: []
-    """From names of these to their cells as written, in all rows of the table as it came in."""
+    """From names of plain columns to their cells as written, in all rows of the table as it came in."""
 
     def __post_init__(self) -> None:
         if not len(self):
@@ -217,14 +219,15 @@ class Table:
 
     @property
     def fractional(self) -> list[str]:
-        """The columns of plain numbers that are not all whole."""
-        return [name for name in self.columns if name in self.plain and self.columns[name].dtype.kind == "f"]
+        """The columns of plain numbers with a decimal point, or a missing value."""
+        plain = self.plain - self.commas
+        return [name for name in self.columns if name in plain and self.columns[name].dtype.kind == "f"]
 
     def as_texts(self, names: Sequence[str]) -> "Table":
         """Return the table with columns of plain numbers as the text that they are in the file."""
         columns = {**self.columns, **dict(zip(names, self.texts(names), strict=True))}
-        loose, plain = self.loose | {*names}, self.plain - {*names}
-        return replace(self, columns=columns, loose=loose, plain=plain, parsed={}, meant={})
+        loose, plain, commas = self.loose | {*names}, self.plain - {*names}, self.commas - {*names}
+        return replace(self, columns=columns, loose=loose, plain=plain, commas=commas, parsed={}, meant={})
 
     def joined(self, name: str | None) -> "Table":
         """Return the table with a column of the cells of several that its name lists: ``strain, dose``."""
@@ -285,8 +288,14 @@ def with_numbers(table: Table, notation: Notation) -> Table:
     """
     if notation.decimal == ",":
         table = table.as_texts(table.fractional)
+    elif table.commas and (notation.decimal == "." or notation.marks_numbers):
+        table = table.as_texts([*table.commas])
     loose = [name for name in table.columns if name in table.loose]
-    parsed = {name: numerals(table.columns[name], notation) for name in loose}
+    parsed = {
+        name: Numerals(column, ",") if name in table.commas else numerals(column, notation)
+        for name, column in table.columns.items()
+        if name in table.loose | table.commas
+    }
     shown = {mark for result in parsed.values() if (mark := _decimal(result)) is not None}
     if "," in shown:
         table = table.as_texts(table.fractional)
@@ -359,10 +368,12 @@ def filled_table(
     locate: Callable[[int], str] = lambda row: f"row {row + 1}",
     number: Callable[[int], int] = lambda row: row + 1,
     written: Callable[[Sequence[int]], list[Column]] | None = None,
+    commas: Collection[int] = (),
 ) -> Table:
     """Return the table of these columns without the rows and the nameless columns in which nothing stands.
 
-    Those that are not `loose` are `written` as text by their indices, where this is not None.
+    Those that are not `loose` are `written` as text by their indices, where this is not None, `commas` of them with a
+    decimal comma.
     """
     empty = [_missing(column) for column in columns]
     used = [i for i, header in enumerate(headers) if header.strip() or not empty[i].all()]
@@ -389,6 +400,7 @@ def filled_table(
     return replace(
         table,
         plain=plain,
+        commas=frozenset(name for name in names if indices[name] in commas),
         written=lambda texts: [column[rows] for column in cells([indices[name] for name in texts])],
     )
 

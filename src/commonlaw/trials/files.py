@@ -177,6 +177,8 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
         table, table_row = within(row)
         return f"{table.locate(table_row)} of {table.source}"
 
+    commas = frozenset[str].intersection(*(table.commas for table in tables))
+    tables = [table.as_texts([*table.commas - commas]) for table in tables]
     columns = {name: stacked_column([(table, name) for table in tables]) for name in tables[0].columns}
     plain = frozenset(name for name in columns if all(name in table.plain for table in tables))
     if "object" not in {name.casefold() for name in columns}:
@@ -193,6 +195,7 @@ def read_table(path: TablePath, sheet: str | None = None) -> Table:
         notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
         facts=tuple(dict.fromkeys(fact for table in tables for fact in table.facts)),
         plain=plain,
+        commas=commas,
         written=lambda names: [np.concatenate(parts) for parts in zip(*(t.texts(names) for t in tables), strict=True)],
         label=as_text(name_of_table(path)) if isinstance(path, str | os.PathLike) else "object",
     )

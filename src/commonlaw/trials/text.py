@@ -16,7 +16,7 @@ from commonlaw.array_types import Bools, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.files import MOST_CELLS, MOST_COLUMNS, MOST_ROWS, check_size, decoded
 from commonlaw.text import counted, shown
-from commonlaw.trials.cells import is_missing
+from commonlaw.trials.cells import is_missing, show_commas
 from commonlaw.trials.columns import Column, Table, filled_table
 from commonlaw.trials.dates import elapsed_in_names
 from commonlaw.trials.headers import known_unit, split_header
@@ -281,7 +281,7 @@ def text_table(source: str, content: bytes) -> Table:
         body = _QUOTED_MISSING.sub(r'"\1 "', body)
     cells = _Cells.of(source, body, delimiter, len(header), before)
     del body
-    columns, counts = cells.columns(), Counter[tuple[int, str]]()
+    (columns, commas), counts = cells.columns(), Counter[tuple[int, str]]()
     for i, column in enumerate(columns):
         if column.dtype.kind == "O":
             is_word = pd.Series(column, dtype=object).isin(_MISSING).to_numpy()
@@ -297,6 +297,7 @@ def text_table(source: str, content: bytes) -> Table:
         locate=lambda row: f"row {row + 1} (line {lines[kept[row]]})",
         number=lambda row: int(lines[kept[row]]),
         written=cells.texts,
+        commas=commas,
     )
     facts += [
         f"read as missing in {split_header(header[i])[0]}: {word!r} in {counted(count, 'cell')}"
@@ -349,20 +350,29 @@ class _Cells:
         """The indices of the rows that are not empty."""
         return np.flatnonzero(self.lines)
 
-    def columns(self) -> list[Column]:
-        """Return the columns: numbers where all cells are plain ones, as Python reads them, or empty; else text."""
+    def columns(self) -> tuple[list[Column], set[int]]:
+        """Return the columns, and the indices of those whose numbers have a decimal comma.
+
+        They are numbers where all cells are plain ones, as Python reads them or with a comma, or empty; else text.
+        """
         width, rows = len(self.begins), self.rows
         first = self._read(range(width), object, max(100_000 // width, 1)).to_numpy(dtype=object)
         texts = {i for i in range(width) if not _are_plain(first[:, i])}
-        frame = self._read(range(width), dict.fromkeys(texts, object))
-        columns = {i: frame[i].to_numpy() for i in range(width)}
+        commas = {i for i in texts if show_commas([cell.strip() for cell in first[:, i] if isinstance(cell, str)])}
+        texts, columns, marks = texts - commas, dict[int, Column](), ((".", {*range(width)} - commas), (",", commas))
+        for mark, indices in marks:
+            if indices:
+                frame = self._read(sorted(indices), dict.fromkeys(texts & indices, object), decimal=mark)
+                columns |= {i: frame[i].to_numpy() for i in indices}
         again = [i for i, column in columns.items() if column.dtype.kind not in "if" and i not in texts]
         again += [i for i, column in columns.items() if column.dtype.kind == "i" and self.begins[i]]
+        again += [i for i in commas if columns[i].dtype.kind == "f" and np.isinf(columns[i]).any()]  # Perhaps a word
         for i, column in columns.items():
             if column.dtype.kind == "f" and np.isnan(column).all():
                 columns[i] = column.astype(object)
         columns |= dict(zip(again, self._texts(again), strict=True))
-        return [columns[i] if len(rows) == len(frame) else columns[i][rows] for i in range(width)]
+        columns = {i: column if len(rows) == len(column) else column[rows] for i, column in columns.items()}
+        return [columns[i] for i in range(width)], commas.difference(again)
 
     def texts(self, indices: Sequence[int]) -> list[Column]:
         """Return columns, by their indices, as they are written, without the empty rows."""
@@ -374,7 +384,7 @@ class _Cells:
         frame = self._read(indices, object)
         return [frame[i].to_numpy(dtype=object) for i in indices]
 
-    def _read(self, indices: Sequence[int], kinds: Any, rows: int | None = None) -> "pd.DataFrame":
+    def _read(self, indices: Sequence[int], kinds: Any, rows: int | None = None, decimal: str = ".") -> "pd.DataFrame":
         import pandas as pd
 
         options: dict[str, Any] = {
@@ -385,6 +395,7 @@ class _Cells:
             "index_col": False,
             "dtype": kinds,
             "nrows": rows,
+            "decimal": decimal,
             "keep_default_na": False,
             "na_values": [""],
             "skip_blank_lines": False,
