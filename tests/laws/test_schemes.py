@@ -12,8 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 import commonlaw as cl
+from commonlaw.estimation.profile import likelihood_profile
 from commonlaw.law.parameters import named_parameters
 from tests.simulations import simulated
 
@@ -196,6 +198,11 @@ SLOW = {
         {"a": (0.8, 5.0), "b": (0.6, 4.0)}, [(0.3,)], line(0, 6, 25), 0.03,
     ),
 }  # fmt: skip
+UNDER_ERRORS = {
+    "decay, proportional": decay._replace(noise=0.02, change=_scattered, options={"errors": "proportional"}),
+    "logistic growth, proportional": growth._replace(noise=0.3, change=_scattered, options={"errors": "proportional"}),
+}  # fmt: skip
+"""With other errors of measurements than white noise."""
 
 
 def log_likelihood(law: cl.Law, trials: cl.Trials, curves: cl.Forecast) -> float:
@@ -276,6 +283,12 @@ def _of_shared(name: str, parameter: str) -> float:
     return differences_of_parameters(plain, problem.shoot(trials, shared={parameter: "all"}))["estimates"]
 
 
+def _of_levels(name: str) -> float:
+    problem = UNDER_ERRORS[name]
+    trials = problem.trials()
+    return differences_of_parameters(problem.fit(trials), problem.shoot(trials))["standard errors"]
+
+
 def _of_evidence(less: str, more: str) -> float:
     trials = falling.trials()
     plain = [falling.fit(trials, equations) for equations in (less, more)]
@@ -298,10 +311,12 @@ def _above(laws: Sequence[cl.Law], trials: cl.Trials) -> np.ndarray:
 
 
 POOLED = "collocation pools estimates of objects that were fitted apart, to first order; shooting fits them together"
+LEVELS = "levels of errors are those of largest evidence by collocation, and of restricted likelihood by shooting"
 SCORES = "evidence is that of random effects by collocation, and the Bayesian information criterion by shooting"
 DIFFERENCES = {
     "shared g": Difference(POOLED, partial(_of_shared, "fall", "g"), 1.2e-3),
     "shared b": Difference(POOLED, partial(_of_shared, "relaxation, an input", "b"), 9.6e-3),
+    "level of proportional noise": Difference(LEVELS, partial(_of_levels, "decay, proportional"), 5.9e-3),
     "evidence of drag": Difference(SCORES, partial(_of_evidence, "x'' = -g", "x'' = -g - c v"), 9.0),
     "order of terms": Difference("the scatter of a term over objects is chosen given those before it", _of_order, 1.4),
 }
@@ -309,7 +324,8 @@ DIFFERENCES = {
 
 COLLOCATION, SHOOTING = Problem.fit, Problem.shoot
 REFUSED = {
-    "proportional errors": (decay, SHOOTING, {"errors": "proportional"}, "proportional-with-observation"),
+    "random walk": (decay, SHOOTING, {"errors": "random-walk"}, "process-noise-with-observation"),
+    "smooth force": (decay, SHOOTING, {"errors": "gp-forcing"}, "process-noise-with-observation"),
     "autocorrelated errors": (decay, SHOOTING, {"errors": "autocorrelated"}, "not-with-observation"),
     "outliers": (decay, SHOOTING, {"huber_threshold": 2.0}, "not-with-observation"),
     "partial pooling": (decay, SHOOTING, {"partial_pooling": True}, "not-with-observation"),
@@ -375,6 +391,71 @@ def test_spellings_of_one_law_are_one_law(problem, left, tree):
     for law in laws[1:]:
         assert max(differences_of_parameters(laws[0], law).values()) < 1e-4, law.structure
     assert np.ptp(_above(laws, trials)) < 0.01
+
+
+def _deviance(logs: np.ndarray, residuals: np.ndarray, fitted: np.ndarray, slopes: np.ndarray) -> float:
+    """Return minus twice the restricted log-likelihood of the logarithms of noise and proportional noise."""
+    variance = np.exp(2 * logs[0]) + (np.exp(logs[1]) * fitted) ** 2
+    information = slopes.T @ (slopes / variance[:, np.newaxis])
+    step = np.linalg.solve(information, slopes.T @ (residuals / variance))
+    squares = np.sum((residuals - slopes @ step) ** 2 / variance)
+    return float(squares + np.log(variance).sum() + np.linalg.slogdet(information)[1])
+
+
+def _weighted_decay(times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return k and h of ``h exp(-k t)``, their standard errors, noise and level of proportional noise, by SciPy."""
+    point, std, levels = np.array([0.5, 4.0]), np.ones(len(x)), np.log([0.1, 0.1])
+    for _ in range(30):
+        point, covariance = optimize.curve_fit(
+            lambda t, k, h: h * np.exp(-k * t), times, x, point, std, absolute_sigma=True, xtol=1e-14, ftol=1e-14
+        )
+        fitted = point[1] * np.exp(-point[0] * times)
+        slopes = np.column_stack([-times * fitted, fitted / point[1]])
+        levels = optimize.minimize(_deviance, levels, (x - fitted, fitted, slopes), options={"gtol": 1e-8}).x
+        std = np.hypot(np.exp(levels[0]), np.exp(levels[1]) * fitted)
+    return point, np.sqrt(np.diagonal(covariance)), np.exp(levels)
+
+
+def test_proportional_noise_is_that_of_restricted_likelihood():
+    times, random = np.linspace(0, 4, 60), np.random.default_rng(5)
+    clean = 4 * np.exp(-0.7 * times)
+    x = clean + 0.03 * random.standard_normal(60) + 0.06 * clean * random.standard_normal(60)
+    law = cl.fit("x' = -k x; x(0) = h", cl.Trials.from_arrays([times], [x], names=["x"]), errors="proportional")
+    point, errors, levels = _weighted_decay(times, x)
+    parameters, error_model = named_parameters(law), law.uncertainty.error_model
+    assert parameters.values[0] == pytest.approx(point, rel=1e-5)
+    assert parameters.errors[0] == pytest.approx(errors, rel=1e-4)
+    assert law.observation.noise["x"] == pytest.approx(levels[0], rel=1e-4)
+    assert error_model.heteroscedastic["proportional"] == pytest.approx(levels[1:], rel=1e-4)
+
+
+def test_every_verb_takes_proportional_noise():
+    problem = UNDER_ERRORS["decay, proportional"]
+    trials = problem.trials()
+    law = problem.shoot(trials)
+    (level,) = law.uncertainty.error_model.heteroscedastic["proportional"]
+    assert cl.law.from_json(cl.law.to_json(law)) == law
+    assert [step.stage for step in law.history].count("proportional noise") == 1
+    again = cl.refine(law, trials)
+    assert again.uncertainty.error_model.heteroscedastic["proportional"] == pytest.approx([level], rel=1e-3)
+    # The true levels are 0.02 and 5 %
+    assert level == pytest.approx(0.05, rel=0.2)
+    forecast = law.predict(trials, return_std=True)
+    (std,), (curve,) = forecast.measurement_std()[0][0], forecast.trajectories[0].states[0]
+    assert std == pytest.approx(np.hypot(law.observation.noise["x"], level * curve))
+    standardized = np.concatenate(law.residuals(trials).standardized)
+    assert np.std(standardized) == pytest.approx(1, abs=0.1)
+    assert likelihood_profile(law, trials, "k", "a").error == pytest.approx(
+        named_parameters(law).errors[0, 0], rel=1e-3
+    )
+    # As many measurements again
+    updated = law.update(trials)
+    assert named_parameters(updated).errors == pytest.approx(named_parameters(law).errors / np.sqrt(2), rel=0.02)
+    assert updated.uncertainty.error_model.kind == "proportional"
+    frame = cl.compare({"white": problem.shoot(trials, errors="white"), "proportional": law}, trials)
+    assert frame["law"].tolist() == ["proportional", "white"]
+    assert frame["errors"].tolist() == ["proportional noise", "white noise"]
+    assert frame["2 log B"][1] > 10
 
 
 def test_a_written_start_leaves_the_score():

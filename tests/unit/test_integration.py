@@ -15,9 +15,9 @@ from commonlaw.inference.fit.integral_form import integrated
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.result.history import outcomes_of_fit
 from commonlaw.inference.score.score import Score
-from commonlaw.inference.search.error_models import minimum
 from commonlaw.integration import InitialValueProblem, VectorField, integrate, runge_kutta_step, simulate
 from commonlaw.library import PolynomialLibrary, Terms, Variables, parse_library, parse_term
+from commonlaw.likelihood.levels import minimum
 from tests.refusals import refused
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.differentiation.noise import _covariance, differences, noise_level
+from commonlaw.differentiation.noise import _covariance, differences, noise_level, rounding_noise
 from commonlaw.formulation import law_variables
-from commonlaw.inference.data.noise import rounding_noise
 from commonlaw.inference.fit.problem import prepare
 from tests.refusals import message, refused
 

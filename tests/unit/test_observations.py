@@ -155,7 +155,7 @@ def test_laws_are_compared_through_their_observation_equations():
     assert frame["probability"].sum() == pytest.approx(1)
     with refused("laws-of-other-states"):
         cl.compare([laws["plain"], cl.Law.from_text("x' = -k x", {"k": 1}), laws["slow"]], trials)
-    with refused("not-with-observation"):
+    with refused("process-noise-with-observation"):
         cl.compare(laws, trials, errors="random-walk")
 
 
@@ -287,9 +287,9 @@ def test_the_rate_of_a_signal_that_is_zero_has_a_lower_limit_only():
         ("switch-arguments", "y' = -k max(y)", {}),
         ("steady-states-differ", "x' = -k x; y' = x - y; x(0) = steady(u = 1); y(0) = steady", {}),
         ("prior-not-positive", "x' = -k x; y = a x", {"priors": {"a": (1, 0)}}),
-        ("not-with-observation", "x' = -k x; y = a x", {"errors": "random-walk"}),
+        ("process-noise-with-observation", "x' = -k x; y = a x", {"errors": "random-walk"}),
         ("not-with-observation", "x' = -k x; y = a x", {"partial_pooling": True}),
-        ("proportional-with-observation", "x' = -k x; y = a x", {"errors": "proportional"}),
+        ("log-states-with-errors", "x' = -k x; y = a x", {"errors": "proportional", "log_states": ["y"]}),
         ("prior-not-positive", "y' = -k y", {"initial_values": {"y": (1.0, 0.0)}}),
         ("initial-value-not-finite", "y' = -k y", {"initial_values": {"y": np.inf}}),
         ("unknown-name", "x' = -k x; y = a x", {"shared": "q"}),

@@ -215,5 +215,5 @@ def test_a_comparison_keeps_shared_parameters():
     # Four parameters more do not explain the noise: the logarithm of 12 for each
     assert frames[0]["2 log B"]["apart"] == pytest.approx(4 * np.log(12) - 2 * np.log(3), abs=6)
     assert frames[0]["2 log B"]["shared"] == 0
-    with refused("shared-under-white-noise", settings=["errors"]):
-        cl.compare({"shared": pooled}, trials, errors="proportional")
+    with refused("process-noise-with-observation"):
+        cl.compare({"shared": pooled}, trials, errors="random-walk")

@@ -1,6 +1,6 @@
 """How noisy measured states are."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from math import comb, sqrt
 from statistics import NormalDist
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.base import need_samples
 from commonlaw.errors import CommonlawError
+from commonlaw.trials import Trial
 
 MIN_SAMPLES = 8
 """Samples of a trial whose differences estimate the noise."""
@@ -171,3 +172,33 @@ def _covariance(j: int, k: int) -> float:
     form (Vandermonde's identity).
     """
     return comb(2 * (j + k), j + k) / (comb(2 * j, j) * comb(2 * k, k))
+
+
+def within_trial_std(trials: Iterable[Trial]) -> Floats:
+    """Return the pooled within-trial standard deviation of each measured state, shape (states,)."""
+    variances = list[list[float]]()
+    for column in zip(*(trial.states.T for trial in trials), strict=True):
+        seen = [values[np.isfinite(values)] for values in column]
+        variances.append([float(np.var(values)) for values in seen if len(values)])
+    return np.sqrt([np.mean(known) for known in variances])
+
+
+def rounding_noise(trials: Iterable[Trial]) -> Floats:
+    """Return the standard deviation of rounding errors of each state, shape (d,), zero if there is no quantum.
+
+    Values that are multiples of a quantum q have uniform rounding errors of standard deviation ``q / sqrt(12)``.
+    """
+    columns = np.concatenate([trial.states for trial in trials]).T
+    quanta = np.zeros(len(columns))
+    for j, column in enumerate(columns):
+        distinct = np.unique(column[np.isfinite(column)])
+        if len(distinct) < 3:
+            continue
+        quantum = float(np.diff(distinct).min())
+        multiples = (distinct - distinct[0]) / quantum
+        if np.all(np.abs(multiples - np.round(multiples)) < 1e-3):  # Steps, by the rounding of single precision
+            quanta[j] = quantum
+        else:  # Few values are seldom neighbours on their scale: take the last decimal of any
+            decimals = (n for n in range(np.finfo(float).precision) if np.array_equal(distinct.round(n), distinct))
+            quanta[j] = next((10.0**-n for n in decimals), 0.0)
+    return np.asarray(quanta / np.sqrt(12))

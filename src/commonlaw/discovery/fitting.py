@@ -28,7 +28,7 @@ from commonlaw.estimation.beginning import (
     written_starts,
 )
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
-from commonlaw.estimation.fitting import check_white, estimate_at_bound, fit_model
+from commonlaw.estimation.fitting import checked_errors, estimate_at_bound, fit_model
 from commonlaw.estimation.model import ModelText, read_model
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.inference import refine
@@ -114,10 +114,11 @@ def fit(
     by least squares, without settings.
 
     Models with observation equations, initial values of measured states, priors, parameters shared by property, inputs
-    with a dead time ``u(t - d)``, switches, events, or values below a limit of quantification are fitted under white
-    noise, by nonlinear least squares from the fit without these, or from many initial guesses (multi-start): exact
-    maximum likelihood estimates within bounds, jointly over all objects, with noise of restricted maximum likelihood;
-    see `commonlaw.estimation`. So are parameters of quotients that are shared, such as K in ``r x (1 - x/K)``.
+    with a dead time ``u(t - d)``, switches, events, or values below a limit of quantification are fitted by nonlinear
+    least squares from the fit without these, or from many initial guesses (multi-start): exact maximum likelihood
+    estimates within bounds, jointly over all objects. Noise is that of restricted maximum likelihood, white unless
+    ``errors`` names another kind of measurement errors; see `commonlaw.estimation`. So are parameters of quotients that
+    are shared, such as K in ``r x (1 - x/K)``.
 
     Parameters
     ----------
@@ -453,7 +454,7 @@ def _refuse_free_starts(trials: Trials, states: Sequence[str]) -> None:
 def _of_model(
     text: ModelText, trials: Trials, calls: tuple[str, ...], given: dict[str, Any], settings: dict[str, Any]
 ) -> Law:
-    check_white(settings)
+    errors = checked_errors(settings) or "white"
     between = settings.get("input_interpolation") or ("linear" if trials.schema.doses else "auto")
     if between != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
         tried = [between.replace("auto", trials.schema.input_interpolation)]
@@ -463,7 +464,7 @@ def _of_model(
     given, laws = given | {"initial_values": given["initial_values"] or {}}, list[Law]()
     for interpolation in tried:
         interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
-        begun = begin(text, interpolated, **given, log_states=log_states, noise=noise)
+        begun = begin(text, interpolated, **given, log_states=log_states, noise=noise, errors=errors)
         if not given["guesses"] and (collocation := _by_collocation(text, interpolated, settings)):
             begun = replace(with_values_of(collocation, begun), is_fitted=True)
         fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())

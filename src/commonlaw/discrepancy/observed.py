@@ -137,7 +137,7 @@ class ObservedSetting(AbstractSetting):
         target = columns @ unknowns[order] - residuals
         factor = np.asarray(np.linalg.qr(np.column_stack([columns, target]), mode="r"))
         rows = SharedRows.of([factor], count, max(len(residuals) - count, 1), 0.0)
-        worth = np.inf if problem.known_noise.all() else NOISE_MEASUREMENTS * len(noise)
+        worth = np.inf if problem.errors or problem.known_noise.all() else NOISE_MEASUREMENTS * len(noise)
         estimate = posterior(rows, model.factors, model.size, worth)
         return FunctionFit(model, (), NO_MODEL_ERROR, rows, worth, estimate, 0.0, float(residuals @ residuals))
 

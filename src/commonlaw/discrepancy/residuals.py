@@ -67,7 +67,11 @@ def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals,
     forecast, measured = law.predict(trials, start="all"), law.observation.measured
     forecast = forecast.followed or forecast
     shown, curves = forecast.trials, [trajectory.states for trajectory in forecast.trajectories]
-    standardized = tuple((trial.states - curve) / trial.std(noise) for trial, curve in zip(shown, curves, strict=True))
+    errors = law.uncertainty.error_model
+    standardized = tuple(
+        (trial.states - curve) / errors.measurement_std(curve, trial.std(noise))
+        for trial, curve in zip(shown, curves, strict=True)
+    )
     names, units = law.terms.variables.states, units_with_rates(law)
     latent = [j for j, name in enumerate(names) if name not in measured.states]
     fitted = tuple(np.column_stack([a, b[:, latent]]) for a, b in zip(curves, forecast.latent, strict=True))

@@ -21,6 +21,8 @@ from commonlaw.law.parameters import named_parameters, shared_parameters
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.equation import split_equations
 from commonlaw.library.sizes import likely_sizes
+from commonlaw.likelihood import ERRORS, Heteroscedastic
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import (
     known_inputs,
@@ -100,7 +102,8 @@ class Beginning:
     """A model before it is fitted: what is unknown, likely first values of it, whether these were guessed, its bounds.
 
     First values have shape (p,), initial values among them; `is_fitted` if they are those of a fit; `groups` has the
-    noise group of each object, by quantity, and `start` the time of initial values.
+    noise group of each object, by quantity, and `start` the time of initial values. Of `errors` the levels are
+    estimated, unless the problem has them.
     """
 
     model: Model
@@ -114,6 +117,7 @@ class Beginning:
     logarithmic: tuple[str, ...]
     start: float | None
     restrictions: Restrictions
+    errors: ErrorKind = "white"
     is_fitted: bool = False
 
 
@@ -127,6 +131,7 @@ def begin(
     priors: Mapping[str, tuple[float, float]] | None = None,
     log_states: Sequence[str] = (),
     noise: Mapping[str, NoiseGiven] | None = None,
+    errors: ErrorKind = "white",
 ) -> Beginning:
     """Return a model and trials as a fit begins with them, see `commonlaw.fit`."""
     properties, shared, priors = property_names(trials.properties), shared or {}, priors or {}
@@ -141,6 +146,10 @@ def begin(
     unknowns = _unknowns(model, trials, properties, shared)
     known, groups = _checked_noise(trials, noise or {})
     shown = with_logarithms(trials, log_states)
+    if isinstance(ERRORS[errors], Heteroscedastic) and shown.schema.logarithmic:
+        raise CommonlawError("log-states-with-errors", states=shown.schema.logarithmic)
+    if errors != "white" and groups:
+        raise CommonlawError("noise-by-property-with-errors", errors=errors, names=[*groups])
     refuse_overwhelming_noise(shown, {name: level for name, level in known.items() if isinstance(level, float)})
     problem = _problem(model, with_noise(shown, known), unknowns, initial_time, priors)
     first, state_sizes, guessed = _sizes(model, trials, problem, unknowns, guesses or {})
@@ -155,7 +164,18 @@ def begin(
     bounds = _bounds(model, trials, unknowns)
     logarithmic = shown.schema.logarithmic
     return Beginning(
-        model, trials, unknowns, problem, first, guessed, bounds, groups, logarithmic, initial_time, restrictions
+        model,
+        trials,
+        unknowns,
+        problem,
+        first,
+        guessed,
+        bounds,
+        groups,
+        logarithmic,
+        initial_time,
+        restrictions,
+        errors,
     )
 
 
@@ -450,8 +470,9 @@ def beginning_of(
     equations: Sequence[str] | None = None,
     log_states: Sequence[str] | None = None,
     input_interpolation: str | None = None,
+    errors: ErrorKind = "white",
 ) -> "Beginning":
-    """Return how a fit of a law to trials in its units begins, with noise as in `commonlaw.fit`, see `refit`."""
+    """Return how a fit of a law to trials in its units begins, with noise and errors as in `commonlaw.fit`."""
     if law.order == 0:
         raise CommonlawError("discrete-not-refined")
     if not shares_terms(law):
@@ -490,6 +511,7 @@ def beginning_of(
         priors=restrictions.priors,
         log_states=measured_schema(law).logarithmic if log_states is None else log_states,
         noise=noise,
+        errors=errors,
     )
     return with_values_of(law, begun)
 

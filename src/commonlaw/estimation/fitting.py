@@ -11,7 +11,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.diagnostics import Outcome, note
 from commonlaw.differentiation.noise import noise_level
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.beginning import Beginning, beginning_of
+from commonlaw.estimation.beginning import Beginning, NoiseGiven, beginning_of
 from commonlaw.estimation.interchange import EqualMaximum, latent_states, with_fastest_latent_states
 from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, OneSided, one_sided
 from commonlaw.estimation.problem import NormalPrior
@@ -24,6 +24,7 @@ from commonlaw.estimation.search import (
     is_solved,
     maximize,
     summarized,
+    under_errors,
 )
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
@@ -32,11 +33,13 @@ from commonlaw.law.objects import of_all_objects
 from commonlaw.law.observation import OBJECT, Observation, TrialEstimate, by_trial
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import Product, read_equations
-from commonlaw.law.provenance import Domain
+from commonlaw.law.provenance import Domain, error_steps
 from commonlaw.law.text import with_error
 from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.library import Term, Terms
+from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted, shown
 from commonlaw.trials import Trials
@@ -46,15 +49,21 @@ _SETTINGS = ("log_states", "input_interpolation", "noise", "errors", "seed", "n_
 """Settings of fits that may be made here."""
 
 
-def check_white(changed: Mapping[str, Any]) -> None:
-    """Refuse settings that were changed and are of other fits than of trajectories under white noise."""
-    refused = [name for name in changed if name not in _SETTINGS]
-    if changed.get("errors") == "proportional" and not refused:
-        raise CommonlawError("proportional-with-observation")
-    if changed.get("errors", "auto") not in ("auto", "white"):
-        refused.append("errors")
-    if refused:
+def checked_errors(changed: Mapping[str, Any]) -> ErrorKind | None:
+    """Return the error model that is asked for among changed settings; None by default.
+
+    Settings of other fits than of trajectories under errors of measurements are refused.
+    """
+    if refused := [name for name in changed if name not in _SETTINGS]:
         raise CommonlawError("not-with-observation", settings=refused)
+    errors: ErrorKind | Literal["auto"] = changed.get("errors", "auto")
+    if errors == "auto":
+        return None
+    if errors == "autocorrelated":
+        raise CommonlawError("not-with-observation", settings=["errors"])
+    if ERRORS[errors].group == "law":
+        raise CommonlawError("process-noise-with-observation", errors=errors)
+    return errors
 
 
 def refit(
@@ -64,6 +73,7 @@ def refit(
     equations: Sequence[str] | None = None,
     inputs: Literal["same", "any"] = "same",
     noise: Mapping[str, float] | None = None,
+    errors: ErrorKind | None = None,
     log_states: Sequence[str] | None = None,
     input_interpolation: str | None = None,
     seed: int = 0,
@@ -72,8 +82,8 @@ def refit(
     """Fit a law to trials, all parameters and initial values that it does not give anew; those it has are first values.
 
     Observation equations, given initial values and restrictions stay, but for noise of known standard deviation, and so
-    do its equations where no other `equations` are given. A law without observation equations has white noise and
-    parameters of each object. Only with `inputs` "any" may the trials have other inputs than the law.
+    do its equations where no other `equations` are given, and the kind of errors by default. A law without observation
+    equations has parameters of each object. Only with `inputs` "any" may the trials have other inputs than the law.
 
     Raises
     ------
@@ -85,7 +95,10 @@ def refit(
     trials = matched(law, trials, inputs=inputs, observed=True)
     given = law.observation and law.observation.restrictions
     groups = {name: by for name, by in given.noise.items() if isinstance(by, str)} if given else {}
-    begun = beginning_of(law, trials, {**groups, **(levels or {})}, equations, log_states, input_interpolation)
+    given_noise: dict[str, NoiseGiven] = {**groups, **(levels or {})}
+    if errors is None:
+        errors = "white" if law.uncertainty.error_model.of_law else law.uncertainty.error_model.kind
+    begun = beginning_of(law, trials, given_noise, equations, log_states, input_interpolation, errors)
     return fit_model(begun, seed, progress)
 
 
@@ -106,8 +119,9 @@ def updated(law: Law, trials: Trials) -> Law:
         for name in np.array(trials.schema.states)[~known].tolist()
     }
     for owner in trials.objects:
-        begun, o = beginning_of(law, trials.select(object=owner), levels), object_index(law, owner)
-        names, problem = begun.unknowns.names, begun.problem
+        errors, o = law.uncertainty.error_model, object_index(law, owner)
+        begun = beginning_of(law, trials.select(object=owner), levels, errors=errors.kind)
+        names, problem = begun.unknowns.names, replace(begun.problem, errors=errors)
         free = {limit.parameter for limit in law.uncertainty.limits if limit.object == owner}
         by = {name: begun.restrictions.shared.get(name, OBJECT) for name in named.names}
         indices = [
@@ -132,6 +146,7 @@ def updated(law: Law, trials: Trials) -> Law:
         coefficients=coefficients,
         uncertainty=Uncertainty(
             covariance=covariance,
+            error_model=law.uncertainty.error_model,
             degrees_of_freedom=law.uncertainty.degrees_of_freedom,
             limits=tuple(limit for part in parts for limit in part.uncertainty.limits),
         ),
@@ -164,6 +179,9 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     others = tuple[EqualMaximum, ...]()
     if draws > 1 and not len(_lost(optimum)):
         optimum, others = with_fastest_latent_states(begun.problem, optimum, begun.bounds)
+    if begun.errors != "white":
+        problem, optimum = under_errors(begun.problem, begun.errors, optimum, begun.bounds)
+        begun = replace(begun, problem=problem)
     optimum, limits = _with_limits(begun, optimum)
     vague, names = np.setdiff1d(_vague(begun, optimum), [*limits]), np.array(begun.unknowns.names)
     everywhere = [k for k in vague if np.isin(np.flatnonzero(names == names[k]), vague).all()]
@@ -259,8 +277,9 @@ class Fitted:
 
         An unknown j costs the logarithm of the number n_j of measurements in the trials that it is of, and an unknown
         noise that of the measurements of its quantity (BIC; Schwarz 1978, Ann. Statist. 6, 461, with the n of Pauler
-        1998, Biometrika 85, 13, for what differs between groups). Unknowns with normal priors are integrated out
-        (Laplace's method): ``sum ((p - m)/s)^2 + log s^2 - log det V``, with their covariance V.
+        1998, Biometrika 85, 13, for what differs between groups); other levels of errors that of all measurements.
+        Unknowns with normal priors are integrated out (Laplace's method):
+        ``sum ((p - m)/s)^2 + log s^2 - log det V``, with their covariance V.
         """
         problem, unknowns, optimum = self.begun.problem, self.begun.unknowns, self.optimum
         counts = np.zeros(len(unknowns.names))
@@ -271,6 +290,7 @@ class Fitted:
         costs = np.log(np.maximum(np.delete(counts, inner), 1.0)).sum()
         levels = problem.counts + sum(np.isfinite(trial.trial.below).sum(axis=0) for trial in problem.trials)
         costs += np.log(levels[~problem.known_noise & (levels > 0)]).sum()
+        costs += problem.errors.hyperparameters * np.log(max(levels.sum(), 1.0))
         for prior in problem.priors:
             kept = ~optimum.at_bound[prior.indices]
             costs += np.sum(prior.residuals(optimum.unknowns) ** 2)
@@ -352,6 +372,7 @@ class Fitted:
                 for line in observation.lines(trials.objects)[len(model.text.observed) :]
             ),
             *self._zeros_before_doses(),
+            *error_steps(problem.errors, schema, "estimates of restricted maximum likelihood"),
             Step(
                 "fit",
                 f"-log L = {-optimum.log_likelihood:.6g}",
@@ -376,6 +397,7 @@ class Fitted:
             Uncertainty(
                 covariance=covariance,
                 shared_factor=shared,
+                error_model=problem.errors,
                 degrees_of_freedom=observation.degrees_of(model.schema.states),
                 limits=tuple(self._limits()),
             ),

@@ -12,7 +12,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialData
-from commonlaw.estimation.search import Bounds, maximize, rough_noise
+from commonlaw.estimation.search import Bounds, maximize, rough_noise, under_errors
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.forecast.initial_state import MIN_SAMPLES, notes_of_few, notes_of_lost
 from commonlaw.forecast.prediction import initial_value_problems, wanted_times, with_discrepancy
@@ -26,6 +26,7 @@ from commonlaw.law.observation import OBJECT, Observation, Restrictions, by_tria
 from commonlaw.law.parameters import Parameters, named_parameters, state_rates
 from commonlaw.law.quantiles import two_sided
 from commonlaw.library.bounds import bounds_in, limits_of
+from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, starts_by, with_logarithms, with_noise
@@ -221,7 +222,9 @@ def predict_observed(
     shown = with_noise(with_logarithms(trials, observation.measured.logarithmic), observation.noise_of)
     curves = [_Curve.of(observed, trials, trial, start, from_time, tolerance) for trial in shown]
     points = shown.with_trials([_with_times(trial, more) for trial in shown])
-    forecast = replace(_forecast(observation, points, curves, from_time, return_std), wanted=more)
+    forecast = replace(
+        _forecast(observation, law.uncertainty.error_model, points, curves, from_time, return_std), wanted=more
+    )
     return forecast.as_measured(trials) if observation.measured.logarithmic else forecast
 
 
@@ -332,14 +335,17 @@ class _Curve:
             first, guessed = np.concatenate([values, observed.sizes])[free], np.zeros(len(free), dtype=np.bool_)
             names = (*model.parameters, *(f"{name}(0)" for name in model.variables.states))
             limits = np.array([limits_of(names[index], bounds_in(observed.restrictions.bounds)) for index in free])
-            optimum = maximize(problem, first, guessed, Bounds(*limits.T), noise, 0, lambda _: None)
+            bounds, errors = Bounds(*limits.T), observed.law.uncertainty.error_model
+            optimum = maximize(problem, first, guessed, bounds, noise, 0, lambda _: None)
+            if errors:
+                optimum = under_errors(replace(problem, errors=errors), errors.kind, optimum, bounds)[1]
             unknowns[free] = optimum.unknowns
         fixed = np.setdiff1d(np.arange(count), of_trial)
         shifted = tuple(NormalPrior.of(index, *prior) for index, prior in known.items())
         initial = np.where(seen.initial < 0, -1, np.arange(model.width) + count)
         both = replace(seen, parameter=np.arange(count), initial=initial)
         problem = replace(observed.problem((both,), len(unknowns), shifted), tolerance=tolerance)
-        rows = problem.information(unknowns, noise)
+        rows = problem.about(unknowns, observed.law.uncertainty.error_model).information(unknowns, noise)
         inverse = np.asarray(np.linalg.pinv(rows[:, free].T @ rows[:, free]), dtype=np.float64)
         sensitivity = -inverse @ rows[:, free].T @ rows[:, fixed]
         until = float(trial.times[used][-1]) if used.any() else float(whole.times[0])
@@ -435,6 +441,7 @@ def _trajectory(times: Floats, values: Floats, is_endless: bool, where: str) -> 
 
 def _forecast(
     observation: Observation,
+    errors: ErrorModel,
     trials: Trials,
     curves: Sequence[_Curve],
     from_time: float | None,
@@ -454,8 +461,9 @@ def _forecast(
         tuple(std for _, std, *_ in predictions) if return_std else None,
         observation.noise_levels if return_std else None,
         from_time,
+        errors,
         degrees_of_freedom=observation.degrees_of(trials.schema.states),
-        at_more_times=partial(_forecast, observation, trials, curves, from_time, return_std),
+        at_more_times=partial(_forecast, observation, errors, trials, curves, from_time, return_std),
         horizons=tuple(
             np.maximum(0.0, trial.times - curve.known_until) for trial, curve in zip(trials, curves, strict=True)
         ),

@@ -12,6 +12,8 @@ from commonlaw.estimation.model import Model
 from commonlaw.integration.shooting import MAX_STEPS, NO_INPUTS, DelayedInputs, Solution, shoot
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.library.grammar import columns_in
+from commonlaw.likelihood import WHITE_NOISE, ErrorModel
+from commonlaw.likelihood.levels import Deviations, LinearizedFit
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial
 from commonlaw.trials.transformations import known_inputs, starts_by
@@ -34,6 +36,8 @@ class TrialData:
         from the parameters, shape (D,).
     cycle
         The period after which the solution returns to its initial values, which follow from this; 0 without one.
+    fitted
+        Observables of an earlier fit at the samples, about which errors hold, shape (n, m); None before there is one.
     """
 
     trial: Trial
@@ -45,6 +49,7 @@ class TrialData:
     initial: Indices
     fixed: Floats
     cycle: float = 0.0
+    fitted: Floats | None = None
 
     @classmethod
     def of(
@@ -73,7 +78,8 @@ class TrialData:
 
     def seen(self, rows: Bools | slice) -> "TrialData":
         """Return the trial with some of its samples, the inputs being those of all of them."""
-        return replace(self, trial=self.trial.rows(rows), rows=self.rows[rows])
+        fitted = None if self.fitted is None else self.fitted[rows]
+        return replace(self, trial=self.trial.rows(rows), rows=self.rows[rows], fitted=fitted)
 
     def parameters(self, unknowns: Floats) -> Floats:
         """Return the values of all parameters."""
@@ -93,19 +99,19 @@ class Predicted(NamedTuple):
 
 
 class _Standardized(NamedTuple):
-    """A trial with the standard deviations of its measurements, shape (n, m), and which are seen, or under a limit.
+    """A trial with its measurements about its solution, and which of them are seen, or under a limit, shape (n, m).
 
     Where they are, z is ``(h - y) / sigma`` and u is ``(L - h) / sigma``; h / sigma has the derivatives `by`, shape
-    (n, m, p).
+    (n, m, p). The rest of minus twice the log-likelihood beyond the squares of z is the `deviance`.
     """
 
     trial: Trial
-    std: Floats
     seen: Bools
     under: Bools
     z: Floats
     u: Floats
     by: Floats | None
+    deviance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +160,9 @@ class Problem:
         Of unknowns, no two of the same one.
     tolerance, max_steps
         Relative error of a step of a solution, and how many there may be.
+    errors
+        Errors of measurements besides white noise; with these the noise is held. They hold in trials that are about
+        values of an earlier fit, see `about`.
     """
 
     model: Model
@@ -164,6 +173,7 @@ class Problem:
     priors: tuple[NormalPrior, ...]
     tolerance: float = 1e-8
     max_steps: int = MAX_STEPS
+    errors: ErrorModel = WHITE_NOISE
 
     def predicted(self, data: TrialData, unknowns: Floats, slopes: bool = True) -> Predicted:
         """Return what a trial should be."""
@@ -346,15 +356,33 @@ class Problem:
         """Which observables have censored measurements, shape (m,)."""
         return np.asarray(np.any([np.isfinite(trial.trial.below).any(axis=0) for trial in self.trials], axis=0))
 
+    def about(self, unknowns: Floats, errors: ErrorModel) -> "Problem":
+        """Return the problem under other errors than white noise, evaluated at what the trials are at unknowns."""
+        trials = tuple(replace(data, fitted=self.predicted(data, unknowns, False).values) for data in self.trials)
+        return replace(self, trials=trials, errors=errors)
+
+    def linearized(self, unknowns: Floats, free: Bools) -> LinearizedFit:
+        """Return measurements, and priors, about what the trials are at unknowns, of which some are free."""
+        trials = list[Deviations]()
+        for data in self.trials:
+            values, slopes, *_ = self.predicted(data, unknowns)
+            trials.append(Deviations(data.trial, values, None if slopes is None else slopes[:, :, free], values))
+        residuals = [np.zeros(0), *(prior.residuals(unknowns) for prior in self.priors)]
+        unit = np.eye(self.unknowns)[:, free]
+        rows = [prior.root @ unit[prior.indices] for prior in self.priors]
+        rows = [np.zeros((0, int(free.sum()))), *rows]
+        return LinearizedFit.of(trials, (np.concatenate(residuals), np.concatenate(rows)))
+
     def _standardized(self, unknowns: Floats, noise: Floats, slopes: bool) -> "Iterator[_Standardized]":
         """Yield the residuals of each trial."""
         for data in self.trials:
             predicted, trial = self.predicted(data, unknowns, slopes), data.trial
-            std = np.broadcast_to(trial.std(noise), predicted.values.shape)
+            values, is_first = predicted.values, data.fitted is None
+            deviations = Deviations(trial, values, predicted.slopes, values if data.fitted is None else data.fitted)
+            whitened = deviations.whitened(noise, WHITE_NOISE if is_first else self.errors)
             seen, under = np.isfinite(trial.states), np.isfinite(trial.below)
-            z, u = (predicted.values - trial.states) / std, (trial.below - predicted.values) / std
-            by = None if predicted.slopes is None else predicted.slopes / std[:, :, np.newaxis]
-            yield _Standardized(trial, std, seen, under, z, u, by)
+            u = (trial.below - values) / whitened.std
+            yield _Standardized(trial, seen, under, whitened.z, u, whitened.slopes, deviations.deviance(whitened))
 
     def residuals(self, unknowns: Floats, noise: Floats, slopes: bool = True) -> tuple[Floats, Floats | None]:
         """Return standardized residuals, shape (r,), and their derivatives, shape (r, p).
@@ -363,7 +391,7 @@ class Problem:
         the sum of squares is the negative log-likelihood but for its constants; a prior is ``(p - mean) / std``.
         """
         parts, rows = list[Floats](), list[Floats]()
-        for _, _, seen, under, z, u, by in self._standardized(unknowns, noise, slopes):
+        for _, seen, under, z, u, by, _ in self._standardized(unknowns, noise, slopes):
             root = np.sqrt(np.maximum(-2 * log_ndtr(u[under]), np.finfo(np.float64).tiny))
             parts += [z[seen], root]
             if by is not None:
@@ -386,7 +414,7 @@ class Problem:
             return np.where(np.isfinite(rows), rows, 0.0)
         count, quantities = self.unknowns, len(noise)
         total, mixed, by_noise = np.zeros((count, count)), np.zeros((quantities, count)), np.zeros(quantities)
-        for trial, _, measured, limited, residuals, tails, by in self._standardized(unknowns, noise, True):
+        for trial, measured, limited, residuals, tails, by, _ in self._standardized(unknowns, noise, True):
             assert by is not None
             for k in range(quantities):
                 seen, under = measured[:, k], limited[:, k]
@@ -442,9 +470,11 @@ class Problem:
     def noise_levels(self, unknowns: Floats, noise: Floats, used: Floats | None = None) -> Floats:
         """Return the standard deviation of each observable that fits best, given the last one, shape (m,).
 
-        Those that are known stay. `used` has the measurements of each observable to be counted off, shape (m,), see
-        `restricted_noise`; without it the likelihood is largest.
+        Those that are known stay, and all do under other errors than white noise. `used` has the measurements of each
+        observable to be counted off, shape (m,), see `restricted_noise`; without it the likelihood is largest.
         """
+        if self.errors:
+            return noise
         result, squares = noise.copy(), np.zeros(len(noise))
         tails = list[tuple[Floats, Floats]]()
         for data in self.trials:
@@ -467,17 +497,9 @@ class Problem:
     def log_likelihood(self, unknowns: Floats, noise: Floats) -> float:
         """Return the log-likelihood of the measurements, without priors."""
         total = 0.0
-        for trial, std, seen, under, z, u, _ in self._standardized(unknowns, noise, False):
-            total -= 0.5 * float(z[seen] @ z[seen]) + float(np.log(std[seen]).sum())
-            total += float(log_ndtr(u[under]).sum()) - 0.5 * np.log(2 * np.pi) * seen.sum()
-            if trial.repeats is not None:
-                single = (std * np.sqrt(trial.repeats.counts))[seen]
-                more = trial.repeats.counts[seen] - 1
-                total -= 0.5 * float((trial.repeats.squares[seen] / single**2).sum())
-                # The mean has the noise of one over the root of their number
-                total -= float((more * (np.log(single) + 0.5 * np.log(2 * np.pi))).sum())
-                total -= 0.5 * float(np.log(trial.repeats.counts[seen]).sum())
-        return float(total)
+        for _, seen, _, z, _, _, deviance in self._standardized(unknowns, noise, False):
+            total -= 0.5 * (float(z[seen] @ z[seen]) + deviance)
+        return float(total - 0.5 * self.counts.sum() * np.log(2 * np.pi))
 
 
 def _mills(u: Floats) -> Floats:

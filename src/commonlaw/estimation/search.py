@@ -11,8 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.likelihood import ERRORS, ErrorModel, Scales
+from commonlaw.likelihood.levels import MIN_NOISE, likeliest_levels
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.text import counted
 
 DRAWS = 128
@@ -26,6 +30,8 @@ SPREAD = 2.0
 """Standard deviation of the logarithm of a first value, and of values about an estimate in its standard errors."""
 REACH = 16.0
 """How far from its likely size the logarithm of a parameter is looked for."""
+MOVED = 1e-4
+"""Change of the unknowns, in standard errors, at which rounds of levels of errors and unknowns end."""
 _TINY = float(np.finfo(np.float64).tiny)
 """In place of zero, whose logarithm and inverse are infinite."""
 
@@ -453,6 +459,43 @@ def _score(problem: Problem, unknowns: Floats, noise: Floats, fixed: bool) -> tu
 def _not_zero(levels: Floats, problem: Problem) -> Floats:
     """Return the noise, at least at the size of rounding errors, of exact measurements."""
     return np.maximum(levels, rough_noise(problem, 1e-13))
+
+
+def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bounds) -> tuple[Problem, Optimum]:
+    """Return the problem under an error model, and its optimum, from that under white noise.
+
+    Unless the problem has levels of errors, they alternate with the unknowns: levels are those of restricted maximum
+    likelihood about the solutions. The log-likelihood is then that of the levels of maximum likelihood.
+    """
+    unknowns, noise, errors, is_known = optimum.unknowns, optimum.noise, problem.errors, bool(problem.errors)
+    for _ in range(20):
+        if not is_known:
+            noise, errors = _levels(problem, kind, unknowns, noise, bounds)
+        problem, before = problem.about(unknowns, errors), unknowns
+        unknowns = _polished(problem, before, noise, bounds, is_near=True)
+        if np.linalg.norm(problem.information(unknowns, noise) @ (unknowns - before)) < MOVED:
+            break
+    optimum = _summary(problem, unknowns, noise, bounds, given=False, alike=optimum.starts_alike)
+    if is_known:
+        return problem, optimum
+    likeliest, errors = _levels(problem, kind, unknowns, noise, bounds, restricted=False)
+    log_likelihood = problem.about(unknowns, errors).log_likelihood(unknowns, likeliest)
+    return problem, replace(optimum, log_likelihood=log_likelihood)
+
+
+def _levels(
+    problem: Problem, kind: ErrorKind, unknowns: Floats, noise: Floats, bounds: Bounds, restricted: bool = True
+) -> tuple[Floats, ErrorModel]:
+    """Return the noise and other errors of largest (restricted) likelihood at unknowns."""
+    trials = [data.trial for data in problem.trials]
+    std = np.maximum(within_trial_std(trials), _TINY)
+    steps = np.concatenate([np.diff(trial.times) for trial in trials])
+    durations = [float(np.ptp(trial.times)) for trial in trials]
+    step = float(np.median(steps)) if len(steps) else 1.0
+    scales = Scales(std, np.zeros(len(std)), step, max(*durations, step), MIN_NOISE, 0.0)
+    floor = np.maximum(MIN_NOISE * std, rounding_noise(trials))
+    fit = problem.linearized(unknowns, (unknowns != bounds.low) & (unknowns != bounds.high))
+    return likeliest_levels(ERRORS[kind], [fit], noise, problem.known_noise, floor, scales, restricted)
 
 
 def summarized(

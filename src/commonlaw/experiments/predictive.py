@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Floats, evenly_spaced
+from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.prediction import ObservedLaw
 from commonlaw.experiments.experiment import Experiment, Range
@@ -19,6 +19,7 @@ from commonlaw.law.alignment import measured_noise, measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import vector_field
 from commonlaw.library import highest_columns
+from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import property_names
@@ -331,10 +332,16 @@ class _Planned:
         too_far = limit is not None and bool(np.abs(predicted.states).max() > limit)
         if predicted.slopes is None or too_far or not np.isfinite(predicted.slopes).all():
             return followed
-        count, white = int(law.support.sum()), np.tile(observed.noise(name) ** 2, len(self.times))
-        by_start = predicted.slopes[:, :, count:]
+        count, noise, measured = int(law.support.sum()), observed.noise(name), np.ones(predicted.values.shape[1], bool)
+        white, coloured = _measurement_errors(
+            law.uncertainty.error_model, noise, self.times, predicted.values, measured
+        )
         return followed._replace(
-            values=predicted.values, by_coefficients=predicted.slopes[:, :, :count], by_start=by_start, white=white
+            values=predicted.values,
+            by_coefficients=predicted.slopes[:, :, :count],
+            by_start=predicted.slopes[:, :, count:],
+            white=white,
+            coloured=coloured,
         )
 
     def gaussian(self, name: str, found: _Followed) -> Gaussian | None:
@@ -385,17 +392,23 @@ def _noise(law: Law, times: Floats, states: Floats, by_start: Floats) -> tuple[F
     The trajectory has times, states and derivatives by the start of shapes (n,), (n, D), (n, D, D).
     """
     assert law.uncertainty.noise is not None
-    errors, measured = law.uncertainty.error_model, ~law.schema.is_latent
-    values = states[:, : len(law.schema.states)]
-    white = np.broadcast_to(errors.white_std(values, law.uncertainty.noise), values.shape)[:, measured]
-    parts = list[Floats]()
-    if errors.correlated is not None:
-        kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
-        parts.append(np.kron(kernel, np.diag(np.square(errors.correlated[measured]))))
-    if errors.of_law:
+    measured, values = ~law.schema.is_latent, states[:, : len(law.schema.states)]
+    white, coloured = _measurement_errors(law.uncertainty.error_model, law.uncertainty.noise, times, values, measured)
+    if law.uncertainty.error_model.of_law:
         pushed = _pushes(law, times, by_start)[:, np.flatnonzero(measured)].reshape(white.size, -1)
-        parts.append(pushed @ pushed.T)
-    return white.ravel() ** 2, sum(parts[1:], parts[0]) if parts else None
+        coloured = pushed @ pushed.T + (0.0 if coloured is None else coloured)
+    return white, coloured
+
+
+def _measurement_errors(
+    errors: ErrorModel, noise: Floats, times: Floats, values: Floats, measured: Bools
+) -> tuple[Floats, Floats | None]:
+    """Return the variances of white noise about values, shape (n, m), and the covariance of autocorrelated errors."""
+    white = np.broadcast_to(errors.white_std(values, noise), values.shape)[:, measured]
+    if errors.correlated is None:
+        return white.ravel() ** 2, None
+    kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
+    return white.ravel() ** 2, np.kron(kernel, np.diag(np.square(errors.correlated[measured])))
 
 
 def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:

@@ -1,6 +1,5 @@
 """From trials to a law by the likelihood of trajectories: supports, coefficients, and their uncertainty."""
 
-from commonlaw.inference.result.history import levels_in_words
 from commonlaw.inference.verbs.absent_terms import Bounds, bounds
 from commonlaw.inference.verbs.comparison import compare
 from commonlaw.inference.verbs.other_terms import CandidateLaw, candidate_law, candidate_laws, iterate_candidates
@@ -15,6 +14,5 @@ __all__ = [
     "candidate_laws",
     "compare",
     "iterate_candidates",
-    "levels_in_words",
     "refine",
 ]

@@ -1,6 +1,7 @@
 """Every number by which inference decides, with its unit, its meaning and its source."""
 
 from commonlaw.differentiation.noise import MIN_SAMPLES as MIN_SAMPLES
+from commonlaw.likelihood.levels import MIN_NOISE as MIN_NOISE
 
 # Rounding and iterations
 ROUNDING = 1e-6
@@ -23,8 +24,6 @@ VERY_STRONG = 10.0
 """2 log B above which evidence is very strong (Kass and Raftery 1995)."""
 
 # Noise before any law
-MIN_NOISE = 1e-4
-"""Smallest noise, in standard deviations of a state, at the size of discretization errors."""
 RESOLVED_NOISE = 0.1
 """Share of the noise that steps resolve, and of the noise floor to which residual noise is bounded: a smaller one would
 take much finer meshes."""

@@ -98,7 +98,9 @@ class Law(ShownInNotebooks):
         shape = (len(self.objects), len(self.schema.states), len(self.terms))
         values = checked(self.coefficients, "array of coefficients", "objects, equations, terms", shape)
         object.__setattr__(self, "coefficients", values)
-        object.__setattr__(self, "uncertainty", self.uncertainty.checked(self.objects, self.support))
+        measured = self.schema if self.observation is None else self.observation.measured
+        uncertainty = self.uncertainty.checked(self.objects, self.support, len(measured.states))
+        object.__setattr__(self, "uncertainty", uncertainty)
         object.__setattr__(self, "properties", normalized(self.properties))
         strangers = [name for name in self.properties if name not in self._indices]
         if strangers:

@@ -13,8 +13,9 @@ from commonlaw.array_types import Floats
 from commonlaw.diagnostics import Outcome
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
+from commonlaw.likelihood import ERRORS, ErrorModel
 from commonlaw.runtime.notebooks import ShownInNotebooks
-from commonlaw.trials import Trial, Trials
+from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.transformations import natural
 from commonlaw.trials.trial import property_names, value_range
 
@@ -256,3 +257,25 @@ def path_segments(alternatives: Sequence[Alternative]) -> Iterator[tuple[float, 
     ends = [*(begin for begin, _ in turns[1:]), math.inf]
     for (begin, i), end in zip(turns, ends, strict=False):
         yield begin, end, alternatives[i]
+
+
+def levels_in_words(levels: Floats, schema: Schema) -> str:
+    """Return the levels of errors of measurements in words, of each state that has any."""
+    return ", ".join(
+        f"{name}: {100 * level:.3g} % of it, on a logarithmic scale"
+        if name in schema.logarithmic
+        else f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
+        for name, level in zip(schema.states, levels, strict=True)
+        if name not in schema.initial_values
+    )
+
+
+def error_steps(errors: ErrorModel, schema: Schema, why: str) -> list[Step]:
+    """Return the levels of errors of measurements besides white noise, of the states of a schema."""
+    grown = errors.heteroscedastic_in_words(schema.states)
+    result = [Step(ERRORS[kind].label, levels, why) for kind, levels in grown.items()]
+    if errors.correlated is not None:
+        time = f"{errors.memory:.3g} {schema.units.get(schema.time, '')}".rstrip()
+        levels = levels_in_words(errors.correlated, schema)
+        result.append(Step("autocorrelated errors", f"{levels}; of {time}", why))
+    return result

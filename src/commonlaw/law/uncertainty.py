@@ -189,7 +189,7 @@ class Uncertainty:
     inclusion_probabilities
         Posterior probability of each term, shape (equations, terms).
     error_model
-        Errors besides white noise, of the measurements and of the law itself.
+        Errors besides white noise, of the measurements and of the law itself; levels are by measured quantity.
     unpooled
         Estimates from each object's own trials, if the coefficients are pooled or from `Law.explain`.
     pooled
@@ -221,8 +221,10 @@ class Uncertainty:
     limits: tuple[OneSidedLimit, ...] = ()
     other_laws: tuple[PlausibleLaw[Any], ...] = ()
 
-    def checked(self, objects: tuple[str, ...], support: Bools) -> "Uncertainty":
+    def checked(self, objects: tuple[str, ...], support: Bools, measured: int) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
+
+        So many quantities are measured.
 
         Raises `CommonlawError` if an array does not fit the law, or is no covariance, noise or probability.
         """
@@ -244,7 +246,7 @@ class Uncertainty:
         return replace(
             self,
             **known,
-            error_model=_checked_errors(self.error_model, len(support)),
+            error_model=_checked_errors(self.error_model, measured),
             unpooled=self.unpooled and self.unpooled.checked(objects, size),
             pooled=self.pooled and self.pooled.checked(objects, size),
             interval_inflation=self.interval_inflation and self.interval_inflation.checked(),
@@ -350,7 +352,7 @@ class Uncertainty:
 
 
 def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
-    """Return errors as read-only arrays, for so many states."""
+    """Return errors as read-only arrays, for so many measured states."""
     arrays: dict[str, Any] = {}
     kinds = [kind for kind, model in ERRORS.items() if isinstance(model, Heteroscedastic)]
     for kind in errors.heteroscedastic:

@@ -15,14 +15,14 @@ from commonlaw.errors import CommonlawError
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import Forecast
 from commonlaw.forecast.forecast import squared_errors
-from commonlaw.inference import CandidateLaw, candidate_laws, levels_in_words
+from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, relations_frame, to_script
-from commonlaw.law.alignment import TRIALS, has_bands
+from commonlaw.law.alignment import TRIALS, has_bands, measured_noise, measured_schema
 from commonlaw.law.equilibria import depends_on, has_phase_plane
 from commonlaw.law.parameters import named_parameters, state_rates, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
-from commonlaw.law.provenance import Domain
+from commonlaw.law.provenance import Domain, levels_in_words
 from commonlaw.law.script import Source
 from commonlaw.law.tables import (
     MEANINGS,
@@ -232,10 +232,11 @@ def _discrepancy(case: Summary) -> Iterator[Block]:
 
 def _errors(case: Summary) -> Iterator[Block]:
     """Yield the errors of measurement, and whether the law itself errs."""
-    law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.schema
-    if law.uncertainty.noise is not None:
+    law, errors, schema = case.law, case.law.uncertainty.error_model, measured_schema(case.law)
+    noise = measured_noise(law)
+    if noise is not None:
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
-        kinds = (("noise", law.uncertainty.noise), (f"autocorrelated errors ({time})", errors.correlated))
+        kinds = (("noise", noise), (f"autocorrelated errors ({time})", errors.correlated))
         levels = [f"{kind} of {levels_in_words(std, schema)}" for kind, std in kinds if std is not None]
         levels += [f"noise of {grown}" for grown in errors.heteroscedastic_in_words(schema.states).values()]
         yield Text(f"Measurement errors: {literal('; '.join(levels))}.")

@@ -8,21 +8,13 @@ from numpy.polynomial import Polynomial
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import noise_level
+from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.transformations import refuse_overwhelming_noise
 from commonlaw.trials.trial import pure_error
-
-
-def within_trial_std(trials: Trials) -> Floats:
-    """Return the pooled within-trial standard deviation of each measured state, shape (states,)."""
-    std = np.zeros(len(trials.schema.states))
-    for j in range(len(std)):
-        columns = [trial.states[np.isfinite(trial.states[:, j]), j] for trial in trials]
-        std[j] = np.sqrt(np.mean([np.var(column) for column in columns if len(column)]))
-    return std
 
 
 def initial_value_scales(trials: Trials) -> Floats:
@@ -46,27 +38,6 @@ def noise_floors(trials: Trials, share: float) -> tuple[Floats, Floats]:
     measured = np.maximum(settings.MIN_NOISE * within_trial_std(trials), rounding)
     floor = np.where(trials.schema.is_latent, settings.ROUNDING * initial_value_scales(trials), measured)
     return floor, np.maximum(share * floor, rounding)
-
-
-def rounding_noise(trials: Trials) -> Floats:
-    """Return the standard deviation of rounding errors of each state, shape (d,), zero if there is no quantum.
-
-    Values that are multiples of a quantum q have uniform rounding errors of standard deviation ``q / sqrt(12)``.
-    """
-    columns = np.concatenate([trial.states for trial in trials]).T
-    quanta = np.zeros(len(columns))
-    for j, column in enumerate(columns):
-        distinct = np.unique(column[np.isfinite(column)])
-        if len(distinct) < 3:
-            continue
-        quantum = float(np.diff(distinct).min())
-        multiples = (distinct - distinct[0]) / quantum
-        if np.all(np.abs(multiples - np.round(multiples)) < 1e-3):  # Steps, by the rounding of single precision
-            quanta[j] = quantum
-        else:  # Few values are seldom neighbours on their scale: take the last decimal of any
-            decimals = (n for n in range(np.finfo(float).precision) if np.array_equal(distinct.round(n), distinct))
-            quanta[j] = next((10.0**-n for n in decimals), 0.0)
-    return np.asarray(quanta / np.sqrt(12))
 
 
 def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import AbstractDifferentiator
+from commonlaw.differentiation.noise import within_trial_std
 from commonlaw.formulation import refuse_constant_states
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import (
@@ -17,7 +18,6 @@ from commonlaw.inference.data.noise import (
     initial_value_scales,
     noise_floor,
     noise_floors,
-    within_trial_std,
 )
 from commonlaw.inference.data.smoothing import filled_curves, gradient_matching, smooth_curves, typical_states
 from commonlaw.inference.data.subsampling import subsample

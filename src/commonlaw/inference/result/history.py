@@ -15,11 +15,11 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.parameters import left_hand_sides, named_parameters
+from commonlaw.law.provenance import error_steps, levels_in_words
 from commonlaw.law.tables import LOG_SCORE
-from commonlaw.likelihood import ERRORS, Estimate, fit as fitted_states, linearize
+from commonlaw.likelihood import Estimate, fit as fitted_states, linearize
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.text import counted, shown
-from commonlaw.trials import Schema
 
 Compared = dict[tuple[str, ...], float]
 """Names of the terms of an equation, the chosen ones first, with 2 log B of those against them; or with twice the
@@ -225,31 +225,13 @@ def noise_step(problem: SearchProblem) -> Step:
     return Step("noise", levels_in_words(problem.noise, problem.trials.schema), reason)
 
 
-def levels_in_words(levels: Floats, schema: Schema) -> str:
-    """Return the levels of errors of measurements in words, of each state that has any."""
-    return ", ".join(
-        f"{name}: {100 * level:.3g} % of it, on a logarithmic scale"
-        if name in schema.logarithmic
-        else f"{name}: {level:.3g} {schema.units.get(name, '')}".rstrip()
-        for name, level in zip(schema.states, levels, strict=True)
-        if name not in schema.initial_values
-    )
-
-
 def fit_steps(fit: Fit) -> tuple[Step, ...]:
     """Return what errors there are besides noise, how the coefficients were found, and what the trajectories leave."""
     problem, schema = fit.problem, fit.problem.trials.schema
-    errors = problem.errors
-    time = f" {schema.units.get(schema.time, '')}".rstrip()
-    grown = errors.heteroscedastic_in_words(schema.states)
-    result = [Step(ERRORS[kind].label, levels, _LEVELS) for kind, levels in grown.items()]
-    if errors.correlated is not None:
-        levels = levels_in_words(errors.correlated, schema)
-        result.append(Step("autocorrelated errors", f"{levels}; of {errors.memory:.3g}{time}", _LEVELS))
     deviance, count = sum(estimate.deviance for estimate in fit.estimates), sum(problem.measured)
     deviance += float(np.sum(problem.pure_error[0] / problem.noise**2))
     return (
-        *result,
+        *error_steps(problem.errors, schema, _LEVELS),
         model_error_step(fit),
         Step(
             "coefficients",

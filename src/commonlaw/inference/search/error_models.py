@@ -1,14 +1,14 @@
 """The choice among error models, each with its supports and its levels by maximum marginal likelihood."""
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
+from commonlaw.differentiation.noise import within_trial_std
 from commonlaw.inference import settings
-from commonlaw.inference.data.noise import noise_floor, within_trial_std
+from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.annealing import (
     anneal,
     fit_solutions,
@@ -23,6 +23,7 @@ from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evide
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
 from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError, Scales
+from commonlaw.likelihood.levels import level_bounds, level_starts, minimum
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 
@@ -197,12 +198,9 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
         settings.MIN_NOISE,
         settings.FINAL_MODEL_ERRORS[0],
     )
-    estimate, floor, fixed = problem.noise_estimate, noise_floor(trials), problem.noise_given | trials.schema.is_latent
-    least, largest = model.bounds(scales)
-    low = np.log(np.append(np.where(fixed, estimate, floor), least))
-    high = np.log(np.append(np.where(fixed, estimate, np.maximum(scales.states, floor)), largest))
-    noise = np.log(problem.noise)
-    starts = [np.clip([*noise, *others], low, high) for others in model.starts(noise, low[d:], high[d:])]
+    estimate, fixed = problem.noise_estimate, problem.noise_given | trials.schema.is_latent
+    bounds = level_bounds(model, scales, noise_floor(trials), np.where(fixed, estimate, np.nan))
+    starts = level_starts(model, problem.noise, *bounds)
 
     def levels(logs: Floats) -> tuple[Floats, ErrorModel, float]:
         """Return the noise of each state, shape (d,), other errors, and the random walk, relative to the noise."""
@@ -234,57 +232,6 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
         total = evidence + prior + log_determinant + penalty
         return total if np.isfinite(total) else 1e12
 
-    optimum = minimum(value, min(starts, key=value), low, high)
+    optimum = minimum(value, min(starts, key=value), *bounds)
     changed = at(optimum, problem)
     return fitted(changed, changed.padded(fit.estimates), fit.supports, levels(optimum)[2])
-
-
-def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: Floats) -> Floats:
-    """Return a local minimum within bounds by Newton's method (Nocedal and Wright 2006, section 3.4).
-
-    Derivatives are central differences; negative eigenvalues of the Hessian are replaced by their absolute values.
-    Arrays have the shape (variables,).
-    """
-    optimum, least = start, value(start)
-    for _ in range(settings.MAX_ITERATIONS):
-        step = _step(value, optimum, least, low, high)
-        length = float(np.abs(step).max(initial=0.0))
-        if length < settings.ROUNDING:
-            return np.clip(optimum + step, low, high)
-        step *= min(1.0, 1 / length)
-        for share in (1, 1 / 4, 1 / 16, 1 / 64, 1 / 256):
-            tried = np.clip(optimum + share * step, low, high)
-            if (value_there := value(tried)) < least:
-                break
-        else:
-            return optimum
-        optimum, least = tried, value_there
-    return optimum
-
-
-def _step(
-    value: Callable[[Floats], float], at: Floats, known: float, low: Floats, high: Floats, spacing: float = 0.02
-) -> Floats:
-    """Return Newton's step, by central differences, in the variables that no bound is active for.
-
-    Their spacing suits functions known to some ten digits, of variables of order one.
-    """
-    # At a bound, differences are taken on its inner side
-    center = np.clip(at, np.minimum(low + spacing, high), np.maximum(high - spacing, low))
-    free = np.flatnonzero(high - low > 2 * spacing)
-    middle = known if np.array_equal(center, at) else value(center)
-    moves = spacing * np.eye(len(at))[free]
-    after, before = (np.array([value(center + sign * move) for move in moves]) for sign in (1, -1))
-    gradient, curvature = (after - before) / (2 * spacing), np.diag(after + before - 2 * middle)
-    for i, j in combinations(range(len(free)), 2):
-        both = value(center + moves[j] + moves[i]) + value(center - moves[j] - moves[i])
-        curvature[i, j] = curvature[j, i] = (both - after[j] - after[i] - before[j] - before[i] + 2 * middle) / 2
-    curvature /= spacing**2
-    outward = np.where(gradient > 0, at[free] <= low[free], (gradient < 0) & (at[free] >= high[free]))
-    step, inner = np.zeros(len(at)), free[~outward]
-    if len(inner):
-        sizes, directions = np.linalg.eigh(curvature[np.ix_(~outward, ~outward)])
-        sizes = np.maximum(np.abs(sizes), settings.ROUNDING * np.abs(sizes).max())
-        if sizes.max() > 0:
-            step[inner] = -directions @ ((directions.T @ gradient[~outward]) / sizes)
-    return step

@@ -9,7 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import Fitted, check_white, refit
+from commonlaw.estimation.fitting import Fitted, checked_errors, refit
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, Fit
 from commonlaw.inference.score.score import Score
@@ -52,10 +52,10 @@ def compare(
     There is no penalty here for the library from which a law was chosen.
 
     If one of the laws has observation equations, known initial values or shared parameters, all are fitted as by
-    `cl.fit` with these, under white noise, each with its own observation equations, shared parameters, priors and
-    bounds; laws without observation equations are laws of the measured states. Their evidence is the Bayesian
-    information criterion: ``-2 log L`` plus ``log n`` for each unknown, where n is the number of measurements that
-    depend on it, with priors integrated out.
+    `cl.fit` with these, each with its own observation equations, shared parameters, priors, bounds and, by default,
+    kind of measurement errors; laws without observation equations are laws of the measured states. Their evidence is
+    the Bayesian information criterion: ``-2 log L`` plus ``log n`` for each unknown, where n is the number of
+    measurements that depend on it, with priors integrated out.
 
     Parameters
     ----------
@@ -114,11 +114,9 @@ def compare(
     if jointly:
         refuse_client(client)
         changed = changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold})
-        refused = [name for name in changed if (name, errors) != ("errors", "white")]
-        if refused and not observed:
-            raise CommonlawError("shared-under-white-noise", settings=refused)
-        check_white(changed)
-        return _fitted_jointly(laws, trials, noise)
+        if "huber_threshold" in changed and not observed:
+            raise CommonlawError("shared-under-white-noise", settings=["huber_threshold"])
+        return _fitted_jointly(laws, trials, noise, checked_errors(changed))
     if isinstance(trials, TrialStream):
         kind = "white" if errors == "auto" else errors
         settings = {"noise": noise, "errors": kind, "huber_threshold": huber_threshold, "n_jobs": n_jobs}
@@ -187,7 +185,10 @@ def _with_probabilities(frame: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def _fitted_jointly(
-    laws: Mapping[str, Law], trials: Trials | TrialStream, noise: Mapping[str, float] | None
+    laws: Mapping[str, Law],
+    trials: Trials | TrialStream,
+    noise: Mapping[str, float] | None,
+    errors: ErrorKind | None,
 ) -> "pd.DataFrame":
     if isinstance(trials, TrialStream):
         raise CommonlawError("not-refined-file-by-file", what="observation equations or shared parameters")
@@ -202,13 +203,12 @@ def _fitted_jointly(
         own_progress = part(progress, len(fits) / len(laws), (len(fits) + 1) / len(laws))
         own_progress(f"fitting {name}")
         try:
-            fits.append(refit(law, trials, inputs="any", noise=noise, progress=own_progress))
+            fits.append(refit(law, trials, inputs="any", noise=noise, errors=errors, progress=own_progress))
         except CommonlawError as error:
             raise error.at(name) from error
     scores = np.array([fit.minus_twice_log_evidence() for fit in fits])
-    white = ERRORS["white"].label
-    counts = [fit.parameters for fit in fits]
-    return _frame(laws, counts, [white] * len(fits), [False] * len(fits), scores - scores.min())
+    counts, kinds = [fit.parameters for fit in fits], [ERRORS[fit.begun.errors].label for fit in fits]
+    return _frame(laws, counts, kinds, [False] * len(fits), scores - scores.min())
 
 
 def compare_by_parts(
