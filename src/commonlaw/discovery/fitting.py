@@ -36,7 +36,7 @@ from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
 from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.chunks import fitted_by_parts
-from commonlaw.inference.verbs.refinement import collocated
+from commonlaw.inference.verbs.refinement import collocated, refine_shared
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step, Uncertainty, pool_objects, select_objects
 from commonlaw.law.models import model_named
@@ -390,7 +390,7 @@ def fit(
         equal[named_definitions[name].equation, named_definitions[name].term] = True
     apart = settings | {"partial_pooling": False}
     try:
-        law = refine(begun, trials, **apart if shared else settings)
+        law = refine_shared(begun, trials, equal, **settings) if shared else refine(begun, trials, **settings)
     except CommonlawError as error:
         if shared:
             return or_jointly(error)
@@ -400,11 +400,10 @@ def fit(
         return jointly()
     if outside:
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
-        law = law if shared else pool_objects(law, None, partial_pooling)
-    law = pool_objects(law, equal, partial_pooling) if shared else law
+        law = pool_objects(law, equal, partial_pooling)
 
     def under_white_noise() -> Law:
-        return pool_objects(refine(begun, trials, **{**apart, "errors": "white"}), equal, partial_pooling)
+        return refine_shared(begun, trials, equal, **settings | {"errors": "white"})
 
     chosen_errors = _chosen_errors(law, under_white_noise) if errors == "auto" else ()
     law = law if called else with_one_sided_limits(law, trials)

@@ -23,12 +23,19 @@ from commonlaw.likelihood.observation_model import LatentSteps
 class Regression:
     """Regression of one object's coefficients, with the initial states of all segments eliminated.
 
-    `factor` is the triangular factor of [columns | residuals], shape (p + 1, p + 1). `leverage`, shape (d,), is the
-    trace of the hat matrix over the measurements of each state, without those constant in a segment.
+    `factor` is the triangular factor of [columns | residuals], shape (p + 1, p + 1); the columns are Q times it. Over
+    the measurements of each state, without those constant in a segment, `projected` is ``Q' Q``, shape (d, p, p), and
+    `of_starts` the trace of the hat matrix of the initial states, shape (d,).
     """
 
     factor: Floats
-    leverage: Floats
+    projected: Floats
+    of_starts: Floats
+
+    @property
+    def leverage(self) -> Floats:
+        """The trace of the hat matrix over the measurements of each state, shape (d,)."""
+        return np.asarray(self.of_starts + np.trace(self.projected, axis1=1, axis2=2))
 
     @classmethod
     def of(cls, model: TrajectoryModel, estimate: Estimate, free: Bools) -> "Regression | None":
@@ -58,11 +65,14 @@ class Regression:
                 states.append(columns)
                 leverage += np.bincount(columns, np.sum(basis**2, axis=1), minlength=d + 1)
         stacked, columns = np.concatenate(parts), np.concatenate(states)
-        scales = column_scales(stacked)
+        scales, projected = column_scales(stacked), np.zeros((d, size, size))
         basis, factor = np.linalg.qr(stacked / scales)
-        determined = np.abs(np.diagonal(factor))[:size] > 0
-        leverage += np.bincount(columns, np.sum(basis[:, :size][:, determined] ** 2, axis=1), minlength=d + 1)
-        return cls(np.vstack([factor * scales, np.zeros((size + 1 - len(factor), size + 1))]), leverage[:d])
+        determined = np.flatnonzero(np.abs(np.diagonal(factor))[:size] > 0)
+        for j in range(d):
+            of_state = basis[columns == j][:, determined]
+            projected[j][np.ix_(determined, determined)] = of_state.T @ of_state
+        whole = np.vstack([factor * scales, np.zeros((size + 1 - len(factor), size + 1))])
+        return cls(whole, projected, leverage[:d])
 
 
 def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Floats, free: Bools) -> Floats:

@@ -19,7 +19,8 @@ from commonlaw.inference.fit.covariance import (
     residual_degrees_of_freedom,
     total_degrees_of_freedom,
 )
-from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.fit.fit import Fit, errors_to_fit
+from commonlaw.inference.fit.shared_coefficients import maximum
 from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
 
 
@@ -30,9 +31,10 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     that do not converge. The Huber loss is replaced by least squares, always if `least_squares`, unless the evidence
     for outliers is very strong.
     """
-    shared = any(fit.problem.fixed_at_pooled(index).any() for index in range(len(fit.estimates)))
-    if fit.has_model_error or shared:
-        return fit, True
+    if any(fit.problem.fixed_at_pooled(index).any() for index in range(len(fit.estimates))):
+        return replace(fit, shared=None), True
+    if fit.has_model_error:
+        return fit if fit.shared is None else _fitted(fit), True
     before, is_fitted = fit, False
     with suppress(NotPositiveError):
         fit = _under_residual_noise(fit)
@@ -85,13 +87,26 @@ def _fitted(fit: Fit) -> Fit:
     Raises `NotPositiveError` if the likelihood is not computable.
     """
     for _ in range(settings.MAX_ITERATIONS):
-        estimates = fit_each(fit.problem.models, fit.estimates, fit.supports, settings.FINAL_MODEL_ERRORS[-1:])
+        estimates = _next(fit)
         if not all(np.isfinite(estimate.objective) for estimate in estimates):
             raise NotPositiveError
         fit, before = replace(fit, estimates=estimates), fit.estimates
         if _moved(fit, before) < settings.CONVERGED_NOISE:
             break
     return fit
+
+
+def _next(fit: Fit) -> tuple[Estimate, ...]:
+    """Return estimates closer to the maximum; shared coefficients are those of all objects, linearized about these."""
+    models, final = fit.problem.models, errors_to_fit(fit.model_error)
+    if fit.shared is None:
+        return fit_each(models, fit.estimates, fit.supports, final[-1:])
+    free = free_coefficients(fit)
+    starts = [
+        replace(estimate, coefficients=np.where(inside, moved, estimate.coefficients))
+        for estimate, inside, moved in zip(fit.estimates, free, maximum(factors(fit), free, fit.shared), strict=True)
+    ]
+    return fit_each(models, starts, fit.supports & ~fit.shared, final)
 
 
 def _under_residual_noise(fit: Fit) -> Fit:

@@ -17,6 +17,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.fit import Fit, fully_measured
 from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.fit.shared_coefficients import leverage, maximum
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.likelihood import ErrorModel, Regression, whitened
@@ -25,6 +26,8 @@ from commonlaw.runtime.fit_options import CovarianceKind
 
 def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", seed: int = 0) -> Law:
     """Return the law with the coefficients of a fit, their covariance, the noise and the error model.
+
+    Where objects share coefficients, the law has those by each object's own trials, which are to be pooled.
 
     Raises `CommonlawError` if no coefficient of an object changes its residuals.
     """
@@ -38,7 +41,7 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
     return replace(
         law,
         properties=problem.trials.properties or law.properties,
-        coefficients=np.array([estimate.coefficients for estimate in fit.estimates]),
+        coefficients=own_coefficients(fit),
         uncertainty=replace(
             law.uncertainty,
             covariance=by_object,
@@ -76,15 +79,23 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
     problem = fit.problem
     meshes = [mesh for model in problem.models for mesh in model.meshes]
     counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.pure_error[1]
-    listed = zip(problem.models, free_coefficients(fit), regressions(fit), strict=True)
-    used = [
-        np.array(model.order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in model.meshes], axis=0)
-        + free.sum(axis=1)
-        if regression is None
-        else regression.leverage
-        for model, free, regression in listed
-    ]
-    return np.where(problem.trials.schema.is_latent, 0.0, counts - np.sum(used, axis=0))
+    fitted, free = regressions(fit), free_coefficients(fit)
+    complete = [regression for regression in fitted if regression is not None]
+    if fit.shared is not None and len(complete) == len(fitted):
+        used = leverage(complete, free, fit.shared)
+    else:
+        own = [
+            np.array(model.order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in model.meshes], axis=0)
+            + inside.sum(axis=1)
+            if regression is None
+            else regression.leverage
+            for model, inside, regression in zip(problem.models, free, fitted, strict=True)
+        ]
+        used = np.sum(own, axis=0)
+        if fit.shared is not None:  # They count once
+            again = np.sum([inside & fit.shared for inside in free], axis=0) - 1
+            used = used - np.where(fit.shared, again, 0).sum(axis=1)
+    return np.where(problem.trials.schema.is_latent, 0.0, counts - used)
 
 
 def total_degrees_of_freedom(freedom: Floats) -> float:
@@ -110,15 +121,30 @@ def regressions(fit: Fit) -> list[Regression | None]:
 
 
 def factors(fit: Fit) -> list[Floats]:
-    """Return the triangular factor of each object's regression, [free coefficients | residuals]."""
-    fitted = regressions(fit)
-    complete = [regression.factor for regression in fitted if regression is not None]
-    if len(complete) == len(fitted):
-        return complete
-    return [
-        rows.restrict(np.flatnonzero(free).tolist()).factor if regression is None else regression.factor
-        for regression, rows, free in zip(fitted, fit.evidence.problems, free_coefficients(fit), strict=True)
-    ]
+    """Return the triangular factor of each object's regression, [free coefficients | target]."""
+    fitted, result = regressions(fit), list[Floats]()
+    # Linearized about all coefficients, for objects without a regression
+    rows = () if all(fitted) else fit.evidence.problems
+    for o, (regression, free) in enumerate(zip(fitted, free_coefficients(fit), strict=True)):
+        if regression is None:
+            result.append(rows[o].restrict(np.flatnonzero(free).tolist()).factor)
+        else:
+            factor = regression.factor.copy()  # With residuals for target
+            factor[:, -1] += factor[:, :-1] @ fit.estimates[o].coefficients[free]
+            result.append(factor)
+    return result
+
+
+def own_coefficients(fit: Fit) -> Floats:
+    """Return coefficients of each object by its own trials, to first order about the fit of all objects together.
+
+    Only those that objects share differ from the fit; shape (objects, equations, terms).
+    """
+    free, estimates = free_coefficients(fit), [estimate.coefficients for estimate in fit.estimates]
+    if fit.shared is None:
+        return np.array(estimates)
+    alone = maximum(factors(fit), free, None)
+    return np.array([np.where(inside, one, held) for inside, one, held in zip(free, alone, estimates, strict=True)])
 
 
 def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:

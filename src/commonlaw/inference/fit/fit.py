@@ -65,7 +65,8 @@ class Fit:
 
     Supports are the terms of each equation, shape (equations, terms); alternatives are fits of other supports under the
     same errors. The model error is the standard deviation of a random walk in each step, relative to the noise, zero
-    for solutions of the law. A failed fit has no estimates, and an infinite score.
+    for solutions of the law. A failed fit has no estimates, and an infinite score. `shared` are the coefficients that
+    objects have in common, shape (equations, terms), None if there are none.
     """
 
     problem: SearchProblem
@@ -77,6 +78,7 @@ class Fit:
     alternatives: "tuple[Fit, ...]" = ()
     steps: tuple[Step, ...] = ()
     outcomes: tuple[Outcome, ...] = ()
+    shared: Bools | None = None
 
     @classmethod
     def failed(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import checked_errors, refit, updated
 from commonlaw.estimation.profile import with_one_sided_limits
@@ -33,9 +34,10 @@ from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.law import Law, Step, pool_objects, select_objects
 from commonlaw.law.alignment import matched
-from commonlaw.law.parameters import refuse_infinite, state_rates
+from commonlaw.law.parameters import named_parameters, refuse_infinite, shared_parameters, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
+from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import on_cluster, refuse_client
@@ -141,11 +143,41 @@ def refine(
         return pool_objects(replace(refined, provenance=provenance), None, partial_pooling)
     refuse_client(client)
     with threads(n_jobs):
-        refined = how.refined(law, trials, partial_pooling, progress)
-    refined = pool_objects(replace(refined, provenance=replace(refined.provenance, calls=calls)), None, partial_pooling)
-    refuse_infinite(refined)
+        refined = how.refined(law, trials, partial_pooling, progress, _shared_coefficients(law))
+    refined = replace(refined, provenance=replace(refined.provenance, calls=calls))
     # Laws of a search have neither
     return with_one_sided_limits(refined, trials) if law.provenance.calls or law.provenance.equations else refined
+
+
+def refine_shared(
+    law: Law,
+    trials: Trials,
+    shared: Bools,
+    *,
+    log_states: Sequence[str] | None,
+    input_interpolation: str | None,
+    noise: Mapping[str, float] | None,
+    errors: ErrorKind | Literal["auto"],
+    huber_threshold: float,
+    covariance: CovarianceKind,
+    partial_pooling: bool,
+    seed: int,
+    n_jobs: int,
+    progress: ProgressCallback | None,
+) -> Law:
+    """Return a law fitted as by `refine`, whose objects share coefficients, shape (equations, terms)."""
+    how = _Fit(log_states, input_interpolation, noise, errors, errors == "white", huber_threshold, covariance, seed)
+    with threads(n_jobs):
+        return how.refined(law, trials, partial_pooling, on_terminal() if progress is None else progress, shared)
+
+
+def _shared_coefficients(law: Law) -> Bools:
+    """Return which coefficients are parameters that the objects of a law share, shape (equations, terms)."""
+    result, names = np.zeros(law.support.shape, dtype=np.bool_), shared_parameters(law)
+    for definition in named_parameters(law).definitions:
+        if definition.name in names and len(definition.parts) == 1:
+            result[definition.equation, definition.term] = True
+    return result
 
 
 def collocated(law: Law, trials: Trials, log_states: Sequence[str] | None, input_interpolation: str) -> Law:
@@ -192,8 +224,11 @@ class _Fit:
     covariance: CovarianceKind
     seed: int
 
-    def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback) -> Law:
-        """Return a law fitted to trials; objects may be alike, and say where parameters inside terms begin."""
+    def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback, shared: Bools) -> Law:
+        """Return a law fitted to trials; objects may be alike, and say where parameters inside terms begin.
+
+        They have `shared` coefficients, shape (equations, terms), in common.
+        """
         setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_interpolation, self.log_states)
         error_kinds(self.errors, setup.trials.schema)  # Refused before the work
         setup.check_determined()
@@ -211,6 +246,9 @@ class _Fit:
         pool = choose_errors(pool, errors=errors, propose=lambda _: None, progress=progress)
         pool = choose_deterministic(pool, progress)
         fit, is_converged = converged(pool.best, self.least_squares)
+        apart = fit
+        if shared.any() and len(fit.estimates) > 1:
+            fit, is_converged = converged(replace(pool.best, shared=shared), self.least_squares)
         problem = fit.problem
         if (
             not (problem.noise_given or problem.noise_is_identifiable)
@@ -234,7 +272,13 @@ class _Fit:
             history=(*law.history, *chosen),
             domain=replace(domain, visited={**domain.visited, **latent_state_ranges(problem.trials, fit.estimates)}),
         )
-        return replace(refined, provenance=provenance)
+        pooled = pool_objects(replace(refined, provenance=provenance), shared, alike)
+        if fit is not apart and pooled.uncertainty.unpooled is not None:
+            own = fitted_law(law, apart, self.covariance, self.seed)
+            estimates = ObjectEstimates(own.coefficients[:, own.support], own.uncertainty.known_covariance())
+            pooled = replace(pooled, uncertainty=replace(pooled.uncertainty, unpooled=estimates))
+        refuse_infinite(pooled)
+        return pooled
 
 
 def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallback) -> Law:
@@ -245,7 +289,10 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
     names = objects_of_parts(parts, part(progress, 0.0, 0.1))
     laws = [select_objects(light, name) if known.issuperset(name) else typical(law, name) for name in names]
-    fits = [partial(how.refined, law_of_part, alike=False, progress=silent) for law_of_part in laws]
+    fits = [
+        partial(how.refined, law_of_part, alike=False, progress=silent, shared=np.zeros_like(law.support))
+        for law_of_part in laws
+    ]
     result = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
     step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
     return replace(result, provenance=replace(result.provenance, history=(*law.history, step)))
