@@ -3,11 +3,13 @@
 from functools import cache
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import curve_fit, least_squares
+from scipy.stats import t as t_distribution
 
 import commonlaw as cl
 from commonlaw.cli.main import commonlaw
@@ -207,8 +209,8 @@ def test_a_comparison_keeps_shared_parameters():
     states = [3 * np.exp(-0.5 * times) + 1 + 0.05 * random.standard_normal(12) for _ in range(3)]
     trials = cl.Trials.from_arrays([times] * 3, states, object=["a", "b", "c"], names=["x"])
     text = "x' = a - k x"
-    pooled, jointly = (cl.fit(text, trials, shared=shared, errors="white") for shared in (["a", "k"], ALL_SHARED))
-    assert (pooled.observation, jointly.observation is None) == (None, False)
+    schemes = "collocation", "shooting"
+    pooled, jointly = (cl.fit(text, trials, shared=ALL_SHARED, scheme=scheme, errors="white") for scheme in schemes)
     apart = cl.fit(text, trials, errors="white")
     frames = [cl.compare({"shared": law, "apart": apart}, trials).set_index("law") for law in (pooled, jointly)]
     assert frames[0]["2 log B"].to_dict() == pytest.approx(frames[1]["2 log B"].to_dict(), abs=1e-3)
@@ -217,3 +219,53 @@ def test_a_comparison_keeps_shared_parameters():
     assert frames[0]["2 log B"]["shared"] == 0
     with refused("process-noise-with-observation"):
         cl.compare({"shared": pooled}, trials, errors="random-walk")
+
+
+def three_decays():
+    times = np.linspace(0, 4, 12)
+    random = np.random.default_rng(5)
+    starts = np.array([2.0, 5.0, 9.0])[:, np.newaxis]
+    values = starts * np.exp(-0.6 * times) + 0.1 * random.standard_normal((3, 12))
+    names = ["a", "b", "c"]
+    frame = [(name, t, x) for name, row in zip(names, values, strict=True) for t, x in zip(times, row, strict=True)]
+    return times, values, cl.Trials.from_frame(pd.DataFrame(frame, columns=["cup", "t", "x"]), object="cup")
+
+
+@pytest.mark.parametrize("scheme", ["collocation", "shooting"])
+def test_shared_coefficients_are_those_of_least_squares_of_all_objects(scheme):
+    times, values, trials = three_decays()
+    law = cl.fit("x' = -k x", trials, shared="k", scheme=scheme, errors="white")
+
+    def curves(_, k, *starts):
+        return np.concatenate([start * np.exp(-k * times) for start in starts])
+
+    best, covariance = curve_fit(curves, np.arange(values.size), values.ravel(), [0.5, 2, 5, 9])
+    row = law.params.iloc[0]
+    assert row["estimate"] == pytest.approx(best[0], abs=1e-4 * covariance[0, 0] ** 0.5)
+    assert row["standard error"] == pytest.approx(covariance[0, 0] ** 0.5, rel=1e-4)
+    reach = t_distribution.ppf(0.975, values.size - 4) * covariance[0, 0] ** 0.5
+    assert row["high"] - row["low"] == pytest.approx(2 * reach, rel=1e-3)
+    assert ("scheme", scheme) in {(step.stage, step.choice) for step in law.history}
+
+
+def test_refined_laws_keep_what_their_objects_share():
+    _, _, trials = three_decays()
+    law = cl.fit("x' = -k x", trials, shared={"k": "all"}, errors="white")
+    refined = cl.refine(law, trials, errors="white")
+    assert refined.params["estimate"].tolist() == pytest.approx(law.params["estimate"].tolist(), rel=1e-6)
+    assert refined.params["estimate"].nunique() == 1
+
+
+@pytest.mark.parametrize(
+    ("more", "reasons"),
+    [
+        ({"priors": {"k": (0.5, 0.1)}}, ["priors"]),
+        ({"shared": {"k": "trial"}}, ["groups of parameters"]),
+        ({"equations": "x' = -k x; x < 1: x = 2"}, ["events"]),
+        ({"equations": "x' = -k x; x(0) = h"}, ["initial values"]),
+    ],
+)
+def test_collocation_names_what_it_does_not_fit(more, reasons):
+    _, _, trials = three_decays()
+    with refused("beyond-collocation", reasons=reasons):
+        cl.fit(**{"equations": "x' = -k x", "trials": trials, "scheme": "collocation"} | more)

@@ -12,7 +12,7 @@ from commonlaw.app.question import MAX_DRAWN_TRIALS, Columns, Equations, Table, 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation import needs_model
+from commonlaw.estimation import beyond_collocation
 from commonlaw.estimation.beginning import Beginning, begin, initial_time_of, written_starts
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
 from commonlaw.estimation.model import ModelText
@@ -118,7 +118,7 @@ def _read(table: Table, asked: bytes) -> tuple[Beginning, Trials, list[list[str]
     split = split_equations(model_text.equations)
     second = [equation.state for equation in split if equation.order == 2]
     trials, _ = without_measured_rates(trials, second, [equation.state for equation in split])
-    if not (recorded.schema.doses or needs_model(model_text, trials, given, (), None) or given):
+    if not (recorded.schema.doses or beyond_collocation(model_text, trials, given, {}, None) or given):
         properties = property_names(trials.properties)
         read_equations("; ".join(model_text.equations), trials.schema, properties=properties)  # Says what `fit` refuses
     initial_time = usual_initial_time(recorded) if equations.initial_time is None else equations.initial_time

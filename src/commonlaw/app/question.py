@@ -11,11 +11,10 @@ import msgspec
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation import needs_model
+from commonlaw.estimation import beyond_collocation
 from commonlaw.estimation.beginning import InitialGiven
 from commonlaw.estimation.model import ModelText
 from commonlaw.law import Law
-from commonlaw.law.observation import ALL
 from commonlaw.law.script import Source
 from commonlaw.library.bounds import limits_of, parts_of
 from commonlaw.runtime.fit_options import FitOptions, read_settings, settings_of, shown_value
@@ -293,19 +292,17 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             if name not in self.fixed and value != 0 and low <= value <= high:
                 guesses[name] = float(f"{value:.6g}")
         groups = {name: by for name, by in self.shared.items() if name not in self.fixed}
-        shared = tuple(groups) if {*groups.values()} <= {ALL} else groups
-        is_model = bool(trials.schema.administered) or needs_model(
-            text, with_doses(trials, self.doses), self.initial, shared, self.priors
-        )
+        dosed = with_doses(trials, self.doses)
+        is_shot = trials.schema.administered or beyond_collocation(text, dosed, self.initial, groups, self.priors)
         return fit(
             self.written,
             trials,
             initial_values=self.initial or None,
             initial_time=cast(float | Literal["first"] | None, self.initial_time),
             doses=self.doses,
-            shared=shared,
+            shared=groups,
             # Fits with latent states alone look for values themselves
-            guesses=guesses if is_model or not self.starts else None,
+            guesses=guesses if is_shot or not self.starts else None,
             priors=self.priors or None,
             **settings,
         )

@@ -85,7 +85,7 @@ def load(
     named = text.named
     trials = as_named(trials, named, "; ".join(equations))
     columns = (*trials.schema.states, *trials.schema.inputs)
-    may_be_latent = not text.is_plain or dosed or trials.schema.administered
+    may_be_latent = text.beyond_equations or dosed or trials.schema.administered
     states = tuple(name for name in named if name in columns or not (may_be_latent or name in starts))
     if source.dataset or "states" in source.roles:
         return trials

@@ -17,7 +17,7 @@ from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation import needs_model
+from commonlaw.estimation import beyond_collocation
 from commonlaw.estimation.beginning import (
     FREE,
     InitialGiven,
@@ -96,6 +96,7 @@ def fit(
     observe: Mapping[str, str] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     functions: Iterable[Callable[..., Any]] = (),
+    scheme: Literal["auto", "collocation", "shooting"] = "auto",
     log_states: Sequence[str] | None = None,
     input_interpolation: str | None = None,
     noise: Mapping[str, float | str] | None = None,
@@ -162,10 +163,10 @@ def fit(
         elsewhere: ``cl.fit("conc' = -k conc + dose/V", trials, doses="dose")``. A trial that begins with a dose is
         zero before it, ``x(0) = 0``, in all states that were not measured there.
     shared
-        Parameters that all objects share, ``shared="k2"``; the others are object-specific. The shared value is the mean
-        over objects weighted by their information (generalized least squares), a joint fit to first order. A mapping
-        names groups: with ``shared={"k2": "strain"}`` objects of the same strain share k2 (a property, or an input that
-        is constant in each trial), ``{"c": "all"}`` is one value for all trials, and ``{"b": "trial"}`` one for each.
+        Parameters that all objects share, ``shared="k2"``; the others are object-specific. The likelihood is that of
+        all objects together. A mapping names groups: with ``shared={"k2": "strain"}`` objects of the same strain share
+        k2 (a property, or an input that is constant in each trial), ``{"c": "all"}`` is one value for all trials, and
+        ``{"b": "trial"}`` one for each.
         If a parameter differs between trials, the law has its mean for each object, ``law.observation.estimated`` the
         values, and `Law.predict` estimates it from each trial like an initial value.
     guesses
@@ -179,6 +180,10 @@ def fit(
     functions
         Python functions that the equations call by name, from arrays to an array: ``cl.fit("x'' = -k x - drag(v)",
         trials, functions=[drag])``, see `commonlaw.library.ExpressionLibrary`.
+    scheme
+        How solutions are fitted: ``"collocation"``, at mesh points together with the parameters, such that they follow
+        the equations; or ``"shooting"``, computed from initial values. By default the former, where it can fit what was
+        given, which the history of the law says. Both have the same maximum of the likelihood.
     log_states
         See `FitOptions`.
     input_interpolation
@@ -225,6 +230,7 @@ def fit(
     settings = {name: value for name, value in arguments.items() if name in settings_of(FitOptions, "fit")}
     check_settings("fit", settings)
     check_types(fit, arguments)
+    check_choice("scheme", scheme, ("auto", "collocation", "shooting"))
     settings["progress"] = progress
     if named := model_named(equations):
         properties = property_names(trials.properties) if isinstance(trials, Trials) else []
@@ -232,7 +238,7 @@ def fit(
         equations, doses = textbook.equations, doses or textbook.doses
     called = functions_in(functions)
     if isinstance(trials, TrialStream):
-        if initial_values or doses or shared or guesses or observe or priors or called:
+        if initial_values or doses or shared or guesses or observe or priors or called or scheme == "shooting":
             raise CommonlawError("not-for-streams")
         return _of_stream(equations, trials, settings, client)
     refuse_client(client)
@@ -262,13 +268,20 @@ def fit(
         "priors": priors,
     }
     changed = changed_settings("fit", settings)
-    asked_of = {"observe": observe, "doses": doses, **model_settings, "initial_time": recorded, **changed}
+    asked_of = {
+        "observe": observe,
+        "doses": doses,
+        **model_settings,
+        "initial_time": recorded,
+        "scheme": scheme,
+        **changed,
+    }
     calls: tuple[str, ...] = (call(fit, asked_of, "cl.fit", repr(whole), "trials"),)
     _refuse_free_starts(dosed, [name for name, start in (initial_values or {}).items() if start in (None, FREE)])
     undosed = tuple(name for name in owners if name not in dosed.objects)
 
-    def jointly(resting: tuple[str, ...] = ()) -> Law:
-        """Return the law of objects together; without those at rest, too, where these do not determine a parameter."""
+    def jointly(reason: str, resting: tuple[str, ...] = ()) -> Law:
+        """Return the law by shooting; without objects at rest, where these do not determine a parameter."""
         moving, given = without_objects(dosed, resting), model_settings | {"shared": groups}
         try:
             law = _of_model(model, moving, calls, given, changed)
@@ -276,21 +289,26 @@ def fit(
             others = objects_at_rest(moving)
             if error.code != "parameters-not-identified" or not others:
                 raise
-            return jointly(others)
+            return jointly(reason, others)
         outcomes = (*law.diagnostics, *outcome_of_undosed(undosed), *outcome_of_rest(resting))
-        domain = replace(law.provenance.domain, at_rest=resting)
-        return replace(law, provenance=replace(law.provenance, outcomes=outcomes, domain=domain))
+        domain, history = replace(law.provenance.domain, at_rest=resting), list(law.history)
+        history.insert(1, Step("scheme", "shooting", reason))
+        provenance = replace(law.provenance, outcomes=outcomes, domain=domain, history=tuple(history))
+        return replace(law, provenance=provenance)
 
-    by_property = any(isinstance(level, str) for level in (noise or {}).values())
-    if by_property or trials.schema.doses or needs_model(model, dosed, initial_values or {}, shared, priors):
+    beyond = beyond_collocation(model, dosed, initial_values or {}, groups, priors, noise)
+    beyond += ["doses"] * bool(trials.schema.doses)
+    if beyond or scheme == "shooting":
         if called:
             raise CommonlawError("function-with-observation", function=called[0].text)
-        return jointly()
+        if scheme == "collocation":
+            raise CommonlawError("beyond-collocation", reasons=beyond)
+        return jointly("as given" if scheme == "shooting" else f"for {', '.join(beyond)}")
     asked = split_equations(equations)
     second = [equation.state for equation in asked if equation.order == 2]
     trials, rates = without_measured_rates(trials, second, [equation.state for equation in asked])
     initial_values = {name: None if start == "free" else start for name, start in (initial_values or {}).items()}
-    shared = tuple(shared)
+    shared = tuple(name for name, by in groups.items() if by == ALL)
     resting = () if shared or initial_values else objects_at_rest(trials)
     trials = without_objects(trials, resting)
     trials, states = with_doses(trials, doses), [equation.state for equation in asked]
@@ -315,6 +333,7 @@ def fit(
     names = {coefficient.name for coefficient in given.coefficients}
     history = (
         Step("equations", text, "as given"),
+        Step("scheme", "collocation", "as given" if scheme == "collocation" else "the equations need nothing else"),
         *(
             Step("start", f"{name} = {start} at {when}", "as given, for a latent state")
             if start is not None
@@ -329,6 +348,7 @@ def fit(
         "doses": doses,
         "shared": shared,
         "guesses": guesses,
+        "scheme": scheme,
         **settings,
     }
     # Functions are no text
@@ -351,6 +371,7 @@ def fit(
     known, domain = (*rates, *outcome_of_undosed(undosed), *outcome_of_rest(resting)), Domain(at_rest=resting)
     provenance = Provenance(differentiation, known, history=history, equations=given.texts, domain=domain)
     settings["input_interpolation"] = settings["input_interpolation"] or "auto"
+    may_shoot = scheme != "collocation" and not called
     unfitted = _unfitted(given, trials, provenance)
     parameters = named_parameters(unfitted)
     for name, value in (guesses or {}).items():
@@ -363,15 +384,15 @@ def fit(
 
     def or_jointly(error: CommonlawError) -> Law:
         """Return a fit of the model, which may give limits or share parameters, where one of objects apart failed."""
-        codes = ("more-unknowns-than-measurements", "no-degrees-of-freedom")
-        if error.code == "state-constant-of-object" and shared and not called:
+        codes, reason = ("more-unknowns-than-measurements", "no-degrees-of-freedom"), "objects determine it together"
+        if error.code == "state-constant-of-object" and shared and may_shoot:
             is_shared = {*parameters.names} <= {*shared}
             if is_shared or (resting := objects_at_rest(dosed)):
-                return jointly(() if is_shared else resting)
-        if called or not (error.code == "parameters-not-identified" or (shared and error.code in codes)):
+                return jointly(reason, () if is_shared else resting)
+        if not may_shoot or not (error.code == "parameters-not-identified" or (shared and error.code in codes)):
             raise error
         try:
-            return jointly()
+            return jointly(reason)
         except CommonlawError as of_model:
             raise (of_model if shared else error) from None
 
@@ -384,9 +405,9 @@ def fit(
     for name in shared:
         check_choice("coefficient", name, [*named_definitions])
         if len(named_definitions[name].parts) > 1:
-            if called:
+            if not may_shoot:
                 raise CommonlawError("parameter-is-quotient", parameter=name)
-            return jointly()
+            return jointly(f"for {name}, a shared quotient")
         equal[named_definitions[name].equation, named_definitions[name].term] = True
     apart = settings | {"partial_pooling": False}
     try:
@@ -396,8 +417,8 @@ def fit(
             return or_jointly(error)
         raise
     outside = any(_outside(law, given.bounds))
-    if outside and initial_values:  # Another maximum of the likelihood may be inside
-        return jointly()
+    if outside and initial_values and may_shoot:  # Another maximum of the likelihood may be inside
+        return jointly("for bounds of parameters")
     if outside:
         law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
         law = pool_objects(law, equal, partial_pooling)
@@ -409,10 +430,10 @@ def fit(
     law = law if called else with_one_sided_limits(law, trials)
     # Latent states have a note of their own
     is_vague = not initial_values and _is_undetermined(law)
-    if is_vague or any(_is_misfit(law, limit) for limit in law.uncertainty.limits):
+    if may_shoot and (is_vague or any(_is_misfit(law, limit) for limit in law.uncertainty.limits)):
         # Other estimates, and their errors, are those given a value that has no meaning
         try:
-            return jointly()
+            return jointly("for a parameter that has no estimate, but a limit")
         except CommonlawError as error:
             if error.code == "parameters-not-identified" and not law.uncertainty.limits:
                 raise
@@ -503,7 +524,7 @@ def _by_collocation(text: ModelText, trials: Trials, settings: Mapping[str, Any]
     fit each object by itself.
     """
     states = {equation.state for equation in split_equations(text.equations)}
-    if states != {*trials.schema.states} or trials.schema.doses or not replace(text, initial={}).is_plain:
+    if states != {*trials.schema.states} or trials.schema.doses or replace(text, initial={}).beyond_equations:
         return None
     try:
         given = read_equations(text.equations, trials.schema, properties=property_names(trials.properties))

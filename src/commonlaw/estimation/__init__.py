@@ -4,8 +4,15 @@ Solutions are computed from their initial values (single shooting) with exact de
 nonlinear least squares from several first values.
 """
 
-from commonlaw.estimation.beginning import needs_model
+from commonlaw.estimation.beginning import beyond_collocation
 from commonlaw.estimation.prediction import has_free_starts, predict_observed, simulate_observed
 from commonlaw.estimation.profile import Profile, likelihood_profile
 
-__all__ = ["Profile", "has_free_starts", "likelihood_profile", "needs_model", "predict_observed", "simulate_observed"]
+__all__ = [
+    "Profile",
+    "beyond_collocation",
+    "has_free_starts",
+    "likelihood_profile",
+    "predict_observed",
+    "simulate_observed",
+]

@@ -42,16 +42,17 @@ InitialGiven = Start | tuple[float, float] | Mapping[str, float | None]
 """An initial value as users give it: a `Start`, an expression of parameters, or a mean and a standard deviation."""
 
 
-def needs_model(
+def beyond_collocation(
     text: ModelText,
     trials: Trials,
     initial_values: Mapping[str, InitialGiven],
-    shared: Sequence[str] | Mapping[str, str],
+    groups: Mapping[str, str],
     priors: Mapping[str, tuple[float, float]] | None,
-) -> bool:
-    """Return whether equations are to be fitted as a model: what `commonlaw.refine` fits has none of these.
+    noise: Mapping[str, NoiseGiven] | None = None,
+) -> list[str]:
+    """Return in words what is to be fitted by shooting; equations with none of these are fitted by collocation.
 
-    Doses are in the trials as `with_doses` adds them.
+    Groups of parameters are as in `Restrictions`. Doses are in the trials as `with_doses` adds them.
     """
     names = property_names(trials.properties)
     special = any(
@@ -62,12 +63,18 @@ def needs_model(
         or (isinstance(start, Mapping) and any(value is None or isinstance(value, str) for value in start.values()))
         for name, start in initial_values.items()
     )
-    censored = any(np.isfinite(trial.below).any() for trial in trials)
-    sparse = has_sparse_states(tuple(trials), trials.schema)
-    if not text.is_plain or special or censored or sparse or priors or isinstance(shared, Mapping):
-        return True
     latent = {equation.state for equation in split_equations(text.equations)} - {*trials.schema.states, *initial_values}
-    return any(trial.begins_with_dose and (latent or np.isnan(trial.states[0]).any()) for trial in trials)
+    unmeasured = any(trial.begins_with_dose and (latent or np.isnan(trial.states[0]).any()) for trial in trials)
+    reasons = {
+        "initial values": special,
+        "values below a limit": any(np.isfinite(trial.below).any() for trial in trials),
+        "states that are seldom measured": has_sparse_states(tuple(trials), trials.schema),
+        "priors": priors,
+        "groups of parameters": not {*groups.values()} <= {ALL, OBJECT},
+        "noise by property": any(isinstance(level, str) for level in (noise or {}).values()),
+        "doses": unmeasured,
+    }
+    return [*dict.fromkeys([*text.beyond_equations, *(name for name, is_there in reasons.items() if is_there)])]
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,11 +79,17 @@ class ModelText:
         return (*(equation.state for equation in split_equations(self.equations)), *self.observed)
 
     @property
-    def is_plain(self) -> bool:
-        """Whether there are differential equations and bounds alone, without delays, jumps and events."""
+    def beyond_equations(self) -> list[str]:
+        """What there is besides differential equations and bounds, in words."""
         calls = (match for text in self.equations for match in _CALLED.finditer(text))
         special = any(match["jump"] or (match["name"] and match["name"] not in FUNCTION_NAMES) for match in calls)
-        return not (self.observed or self.initial or self.events or special)
+        parts = {
+            "observation equations": self.observed,
+            "initial values": self.initial,
+            "events": self.events,
+            "jumps or delays": special,
+        }
+        return [name for name, is_there in parts.items() if is_there]
 
 
 def _with_start(known: Initial | None, state: str, right: str) -> Initial:

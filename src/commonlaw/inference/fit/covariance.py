@@ -84,14 +84,14 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
     if fit.shared is not None and len(complete) == len(fitted):
         used = leverage(complete, free, fit.shared)
     else:
-        own = [
+        of_objects = [
             np.array(model.order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in model.meshes], axis=0)
             + inside.sum(axis=1)
             if regression is None
             else regression.leverage
             for model, inside, regression in zip(problem.models, free, fitted, strict=True)
         ]
-        used = np.sum(own, axis=0)
+        used = np.sum(of_objects, axis=0)
         if fit.shared is not None:  # They count once
             again = np.sum([inside & fit.shared for inside in free], axis=0) - 1
             used = used - np.where(fit.shared, again, 0).sum(axis=1)

@@ -23,16 +23,16 @@ def maximum(factors: Sequence[Floats], free: Sequence[Bools], shared: Bools | No
     if shared is None:
         shared = np.zeros_like(free[0])
     problems, count = list[LeastSquaresProblem](), int(shared.sum())
-    for own, common, factor in _split(factors, free, shared):
-        whole = LeastSquaresProblem.of(np.column_stack([own, common]), factor[:, -1:]).factor
-        problems.append(LeastSquaresProblem(whole[own.shape[1] :, own.shape[1] :], count, len(factor)))
+    for separate, common, factor in _split(factors, free, shared):
+        whole = LeastSquaresProblem.of(np.column_stack([separate, common]), factor[:, -1:]).factor
+        problems.append(LeastSquaresProblem(whole[separate.shape[1] :, separate.shape[1] :], count, len(factor)))
     values = merge(problems).least_squares(np.ones(count, dtype=np.bool_), 0)
     result = list[Floats]()
-    for (own, common, factor), mask in zip(_split(factors, free, shared), free, strict=True):
-        rest = LeastSquaresProblem.of(own, factor[:, -1:] - (common @ values)[:, np.newaxis])
+    for (separate, common, factor), mask in zip(_split(factors, free, shared), free, strict=True):
+        rest = LeastSquaresProblem.of(separate, factor[:, -1:] - (common @ values)[:, np.newaxis])
         coefficients = np.zeros(mask.shape)
         coefficients[shared] = values
-        coefficients[mask & ~shared] = rest.least_squares(np.ones(own.shape[1], dtype=np.bool_), 0)
+        coefficients[mask & ~shared] = rest.least_squares(np.ones(separate.shape[1], dtype=np.bool_), 0)
         result.append(np.where(mask, coefficients, 0.0))
     return result
 
@@ -44,8 +44,8 @@ def leverage(regressions: Sequence[Regression], free: Sequence[Bools], shared: B
     """
     triangles = [regression.factor[:-1, :-1] for regression in regressions]
     total, bases, remainders = np.zeros(len(regressions[0].of_starts)), list[Floats](), list[Floats]()
-    for own, common, _ in _split(triangles, free, shared, targets=0):
-        basis = _basis(own)
+    for separate, common, _ in _split(triangles, free, shared, targets=0):
+        basis = _basis(separate)
         bases.append(basis)
         remainders.append(common - basis @ (basis.T @ common))
     ends = np.cumsum([len(rest) for rest in remainders])[:-1]

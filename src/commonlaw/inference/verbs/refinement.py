@@ -274,8 +274,8 @@ class _Fit:
         )
         pooled = pool_objects(replace(refined, provenance=provenance), shared, alike)
         if fit is not apart and pooled.uncertainty.unpooled is not None:
-            own = fitted_law(law, apart, self.covariance, self.seed)
-            estimates = ObjectEstimates(own.coefficients[:, own.support], own.uncertainty.known_covariance())
+            alone = fitted_law(law, apart, self.covariance, self.seed)
+            estimates = ObjectEstimates(alone.coefficients[:, alone.support], alone.uncertainty.known_covariance())
             pooled = replace(pooled, uncertainty=replace(pooled.uncertainty, unpooled=estimates))
         refuse_infinite(pooled)
         return pooled
