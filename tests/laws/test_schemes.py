@@ -17,6 +17,7 @@ from scipy import optimize
 import commonlaw as cl
 from commonlaw.estimation.profile import likelihood_profile
 from commonlaw.law.parameters import named_parameters
+from commonlaw.likelihood import ERRORS
 from tests.simulations import simulated
 
 LIMITS = {
@@ -88,6 +89,16 @@ def _scattered(trials: cl.Trials) -> cl.Trials:
         replace(trial, states=trial.states * np.exp(0.05 * random.standard_normal(trial.states.shape)))
         for trial in trials
     )
+    return cl.Trials(tuple(made), trials.schema)
+
+
+def _wandering(trials: cl.Trials) -> cl.Trials:
+    """Return trials with errors of 0.1 that are correlated over 0.3."""
+    random, made = np.random.default_rng(4), list[Any]()
+    for trial in trials:
+        covariance = 0.1**2 * np.exp(-np.abs(trial.times[:, np.newaxis] - trial.times) / 0.3)
+        errors = random.multivariate_normal(np.zeros(len(trial)), covariance)
+        made.append(replace(trial, states=trial.states + errors[:, np.newaxis]))
     return cl.Trials(tuple(made), trials.schema)
 
 
@@ -202,6 +213,9 @@ SLOW = {
 }  # fmt: skip
 UNDER_ERRORS = {
     "decay, proportional": decay._replace(noise=0.02, change=_scattered, options={"errors": "proportional"}),
+    "decay, autocorrelated": decay._replace(
+        noise=0.03, times=line(0, 4, 40), change=_wandering, options={"errors": "autocorrelated"}
+    ),
     "logistic growth, proportional": growth._replace(noise=0.3, change=_scattered, options={"errors": "proportional"}),
 }  # fmt: skip
 """With other errors of measurements than white noise."""
@@ -310,6 +324,7 @@ LEVELS = "levels of errors are those of largest evidence by collocation, and of 
 SCORES = "evidence is that of random effects by collocation, and the Bayesian information criterion by shooting"
 DIFFERENCES = {
     "level of proportional noise": Difference(LEVELS, partial(_of_levels, "decay, proportional"), 5.9e-3),
+    "level of autocorrelated errors": Difference(LEVELS, partial(_of_levels, "decay, autocorrelated"), 1.7e-2),
     "evidence of drag": Difference(SCORES, partial(_of_evidence, "x'' = -g", "x'' = -g - c v"), 9.0),
     "order of terms": Difference("the scatter of a term over objects is chosen given those before it", _of_order, 1.4),
 }
@@ -319,7 +334,6 @@ COLLOCATION, SHOOTING = Problem.fit, Problem.shoot
 REFUSED = {
     "random walk": (decay, SHOOTING, {"errors": "random-walk"}, "process-noise-with-observation"),
     "smooth force": (decay, SHOOTING, {"errors": "gp-forcing"}, "process-noise-with-observation"),
-    "autocorrelated errors": (decay, SHOOTING, {"errors": "autocorrelated"}, "not-with-observation"),
     "outliers": (decay, SHOOTING, {"huber_threshold": 2.0}, "not-with-observation"),
     "partial pooling": (decay, SHOOTING, {"partial_pooling": True}, "not-with-observation"),
     "bootstrap": (decay, SHOOTING, {"covariance": "bootstrap"}, "not-with-observation"),
@@ -386,69 +400,88 @@ def test_spellings_of_one_law_are_one_law(problem, left, tree):
     assert np.ptp(_above(laws, trials)) < 0.01
 
 
-def _deviance(logs: np.ndarray, residuals: np.ndarray, fitted: np.ndarray, slopes: np.ndarray) -> float:
-    """Return minus twice the restricted log-likelihood of the logarithms of noise and proportional noise."""
-    variance = np.exp(2 * logs[0]) + (np.exp(logs[1]) * fitted) ** 2
-    information = slopes.T @ (slopes / variance[:, np.newaxis])
-    step = np.linalg.solve(information, slopes.T @ (residuals / variance))
-    squares = np.sum((residuals - slopes @ step) ** 2 / variance)
-    return float(squares + np.log(variance).sum() + np.linalg.slogdet(information)[1])
+Covariance = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""That of measurements by their times, fitted values, and levels: noise, other errors, and a time."""
+COVARIANCES: Mapping[str, tuple[Covariance, np.ndarray]] = {
+    "proportional": (lambda _, x, s: np.diag(s[0] ** 2 + (s[1] * x) ** 2), np.array([0.03, 0.06])),
+    "autocorrelated": (
+        lambda t, _, s: s[0] ** 2 * np.eye(len(t)) + s[1] ** 2 * np.exp(-np.abs(t[:, np.newaxis] - t) / s[2]),
+        np.array([0.05, 0.1, 0.3]),
+    ),
+}
+"""With true levels."""
 
 
-def _weighted_decay(times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return k and h of ``h exp(-k t)``, their standard errors, noise and level of proportional noise, by SciPy."""
-    point, std, levels = np.array([0.5, 4.0]), np.ones(len(x)), np.log([0.1, 0.1])
-    for _ in range(30):
-        point, covariance = optimize.curve_fit(
-            lambda t, k, h: h * np.exp(-k * t), times, x, point, std, absolute_sigma=True, xtol=1e-14, ftol=1e-14
-        )
-        fitted = point[1] * np.exp(-point[0] * times)
-        slopes = np.column_stack([-times * fitted, fitted / point[1]])
-        levels = optimize.minimize(_deviance, levels, (x - fitted, fitted, slopes), options={"gtol": 1e-8}).x
-        std = np.hypot(np.exp(levels[0]), np.exp(levels[1]) * fitted)
-    return point, np.sqrt(np.diagonal(covariance)), np.exp(levels)
+def _deviance(logs: np.ndarray, of: Covariance, times: np.ndarray, residuals: np.ndarray, point: np.ndarray) -> float:
+    """Return minus twice the restricted log-likelihood of logarithms of levels, about k and h of ``h exp(-k t)``."""
+    fitted = point[1] * np.exp(-point[0] * times)
+    slopes, covariance = np.column_stack([-times * fitted, fitted / point[1]]), of(times, fitted, np.exp(logs))
+    weighted = np.linalg.solve(covariance, np.column_stack([slopes, residuals]))
+    information, target = slopes.T @ weighted[:, :2], slopes.T @ weighted[:, 2]
+    squares = residuals @ weighted[:, 2] - target @ np.linalg.solve(information, target)
+    return float(squares + np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(information)[1])
 
 
-def test_proportional_noise_is_that_of_restricted_likelihood():
-    times, random = np.linspace(0, 4, 60), np.random.default_rng(5)
+def _levels(law: cl.Law) -> list[float]:
+    """Return the noise of a law by shooting, and the levels and time of its other errors."""
+    assert law.observation is not None
+    model, noise = law.uncertainty.error_model, [*law.observation.noise.values()]
+    if model.correlated is None:
+        return [*noise, *model.heteroscedastic["proportional"].tolist()]
+    return [*noise, *model.correlated.tolist(), model.memory]
+
+
+@pytest.mark.parametrize("kind", COVARIANCES)
+def test_levels_of_errors_are_those_of_restricted_likelihood(kind):
+    """Weighted least squares, and levels about its curve, in turn, by SciPy; times are irregular, values missing."""
+    covariance, true = COVARIANCES[kind]
+    random = np.random.default_rng(5)
+    times = np.sort(random.uniform(0, 4, 60))
     clean = 4 * np.exp(-0.7 * times)
-    x = clean + 0.03 * random.standard_normal(60) + 0.06 * clean * random.standard_normal(60)
-    law = cl.fit("x' = -k x; x(0) = h", cl.Trials.from_arrays([times], [x], names=["x"]), errors="proportional")
-    point, errors, levels = _weighted_decay(times, x)
-    parameters, error_model = named_parameters(law), law.uncertainty.error_model
-    assert parameters.values[0] == pytest.approx(point, rel=1e-5)
-    assert parameters.errors[0] == pytest.approx(errors, rel=1e-4)
-    assert law.observation.noise["x"] == pytest.approx(levels[0], rel=1e-4)
-    assert error_model.heteroscedastic["proportional"] == pytest.approx(levels[1:], rel=1e-4)
+    x = random.multivariate_normal(clean, covariance(times, clean, true))
+    x[[7, 8, 30]] = np.nan
+    law = cl.fit("x' = -k x; x(0) = h", cl.Trials.from_arrays([times], [x], names=["x"]), errors=kind)
+    times, x = times[np.isfinite(x)], x[np.isfinite(x)]
+    logs, point, weights = np.log(true), np.array([0.7, 4.0]), np.eye(len(x))
+    for _ in range(12):
+        point, errors = optimize.curve_fit(
+            lambda t, k, h: h * np.exp(-k * t), times, x, point, weights, True, xtol=1e-13, ftol=1e-13
+        )
+        residuals = x - point[1] * np.exp(-point[0] * times)
+        logs = optimize.minimize(_deviance, logs, (covariance, times, residuals, point), options={"gtol": 1e-7}).x
+        weights = covariance(times, x - residuals, np.exp(logs))
+    parameters = named_parameters(law)
+    assert _levels(law) == pytest.approx(np.exp(logs), rel=1e-3)
+    assert parameters.values[0] == pytest.approx(point, rel=1e-4)
+    assert parameters.errors[0] == pytest.approx(np.sqrt(np.diagonal(errors)), rel=1e-3)
 
 
-def test_every_verb_takes_proportional_noise():
-    problem = UNDER_ERRORS["decay, proportional"]
-    trials = problem.trials()
+@pytest.mark.parametrize("kind", COVARIANCES)
+def test_every_verb_takes_errors_of_measurements(kind):
+    problem = UNDER_ERRORS[f"decay, {kind}"]
+    trials = problem.trials().select(object="a")
     law = problem.shoot(trials)
-    (level,) = law.uncertainty.error_model.heteroscedastic["proportional"]
+    model, noise = law.uncertainty.error_model, law.observation.noise_levels
+    assert model.kind == kind
     assert cl.law.from_json(cl.law.to_json(law)) == law
-    assert [step.stage for step in law.history].count("proportional noise") == 1
+    assert [step.reason for step in law.history].count("estimates of restricted maximum likelihood") == 1
     again = cl.refine(law, trials)
-    assert again.uncertainty.error_model.heteroscedastic["proportional"] == pytest.approx([level], rel=1e-3)
-    # The true levels are 0.02 and 5 %
-    assert level == pytest.approx(0.05, rel=0.2)
+    assert _levels(again) == pytest.approx(_levels(law), rel=0.01)
     forecast = law.predict(trials, return_std=True)
-    (std,), (curve,) = forecast.measurement_std()[0][0], forecast.trajectories[0].states[0]
-    assert std == pytest.approx(np.hypot(law.observation.noise["x"], level * curve))
-    standardized = np.concatenate(law.residuals(trials).standardized)
-    assert np.std(standardized) == pytest.approx(1, abs=0.1)
-    assert likelihood_profile(law, trials, "k", "a").error == pytest.approx(
-        named_parameters(law).errors[0, 0], rel=1e-3
-    )
+    states = forecast.trajectories[0].states
+    assert forecast.measurement_std()[0] == pytest.approx(model.measurement_std(states, noise))
+    assert (forecast.measurement_std()[0] > 1.5 * noise).any()
+    standardized = (trials[0].states - states) / forecast.measurement_std()[0]
+    assert law.residuals(trials).standardized[0] == pytest.approx(standardized)
+    error = named_parameters(law).errors[0, 0]
+    assert likelihood_profile(law, trials, "k", "a").error == pytest.approx(error, rel=1e-3)
     # As many measurements again
     updated = law.update(trials)
     assert named_parameters(updated).errors == pytest.approx(named_parameters(law).errors / np.sqrt(2), rel=0.02)
-    assert updated.uncertainty.error_model.kind == "proportional"
-    frame = cl.compare({"white": problem.shoot(trials, errors="white"), "proportional": law}, trials)
-    assert frame["law"].tolist() == ["proportional", "white"]
-    assert frame["errors"].tolist() == ["proportional noise", "white noise"]
-    assert frame["2 log B"][1] > 10
+    assert updated.uncertainty.error_model.kind == kind
+    frame = cl.compare({"white": problem.shoot(trials, errors="white"), kind: law}, trials)
+    assert frame["law"].tolist() == [kind, "white"]
+    assert frame["errors"].tolist() == [ERRORS[kind].label, "white noise"]
 
 
 def test_a_written_start_leaves_the_score():

@@ -14,9 +14,9 @@ EXACT = {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 9999}
 
 def minus_log_likelihood(measured, curve, std, limit):
     """Return that of normal errors, of which those below the limit have the probability of the tail."""
-    below = ~(measured >= limit)
-    seen = norm.logpdf(measured[~below], curve[~below], std).sum()
-    return -seen - norm.logcdf((limit - curve[below]) / std).sum()
+    below, std = ~(measured >= limit), np.broadcast_to(std, curve.shape)
+    seen = norm.logpdf(measured[~below], curve[~below], std[~below]).sum()
+    return -seen - norm.logcdf((limit - curve[below]) / std[below]).sum()
 
 
 def test_values_below_a_limit_count_by_the_likelihood_of_the_tail():
@@ -66,3 +66,30 @@ def test_cells_below_a_limit_are_read_and_count_in_fits(tmp_path):
         cl.Trials.read(tmp_path / "marks.csv")
     marked = cl.Trials.read(tmp_path / "marks.csv", below={"BLQ": 0.5})
     assert np.array_equal(marked[0].below, trials[0].below, equal_nan=True)
+
+
+def test_proportional_noise_of_values_below_a_limit_has_its_likelihood():
+    times, source = np.linspace(0, 6, 30), np.random.default_rng(12)
+    clean = 5 * np.exp(-0.5 * times)
+    y = clean + np.hypot(0.05, 0.1 * clean) * source.standard_normal(30)
+    y[y < 0.5] = np.nan
+    below = np.where(np.isnan(y), 0.5, np.nan)[:, None]
+    trials = cl.Trials((cl.Trial("A", "1", times, y[:, None], below=below),), cl.Schema(("x",)))
+    law = cl.fit("x' = -k x; x(0) = h", trials, errors="proportional")
+    k, h = (estimates(law)[name][0] for name in "kh")
+    curve = h * np.exp(-k * times)
+
+    def deviance(p):
+        return minus_log_likelihood(y, curve, np.hypot(np.exp(p[0]), np.exp(p[1]) * curve), 0.5)
+
+    # The log-likelihood is that of the levels of largest likelihood about the curve
+    found = minimize(deviance, [-3, -2], method="Nelder-Mead", options=EXACT)
+    assert -law.observation.log_likelihood == pytest.approx(found.fun, abs=1e-4)
+    std = np.hypot(law.observation.noise["x"], law.uncertainty.error_model.heteroscedastic["proportional"] * curve)
+
+    def at(p):
+        return minus_log_likelihood(y, p[1] * np.exp(-p[0] * times), std, 0.5)
+
+    assert minimize(at, [k, h], method="Nelder-Mead", options=EXACT).x == pytest.approx([k, h], rel=1e-4)
+    with refused("censored-with-autocorrelated"):
+        cl.fit("x' = -k x", trials, errors="autocorrelated")

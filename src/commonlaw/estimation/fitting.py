@@ -59,8 +59,6 @@ def checked_errors(changed: Mapping[str, Any]) -> ErrorKind | None:
     errors: ErrorKind | Literal["auto"] = changed.get("errors", "auto")
     if errors == "auto":
         return None
-    if errors == "autocorrelated":
-        raise CommonlawError("not-with-observation", settings=["errors"])
     if ERRORS[errors].group == "law":
         raise CommonlawError("process-noise-with-observation", errors=errors)
     return errors

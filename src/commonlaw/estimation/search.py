@@ -14,7 +14,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
-from commonlaw.likelihood import ERRORS, ErrorModel, Scales
+from commonlaw.likelihood import ERRORS, Scales
 from commonlaw.likelihood.levels import MIN_NOISE, likeliest_levels
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.text import counted
@@ -468,9 +468,11 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     likelihood about the solutions. The log-likelihood is then that of the levels of maximum likelihood.
     """
     unknowns, noise, errors, is_known = optimum.unknowns, optimum.noise, problem.errors, bool(problem.errors)
+    levels, m, model = None, len(noise), ERRORS[kind]
     for _ in range(20):
         if not is_known:
-            noise, errors = _levels(problem, kind, unknowns, noise, bounds)
+            levels = _levels(problem, kind, unknowns, noise, bounds, levels)
+            noise, errors = levels[:m], model.model(levels[m:])
         problem, before = problem.about(unknowns, errors), unknowns
         unknowns = _polished(problem, before, noise, bounds, is_near=True)
         if np.linalg.norm(problem.information(unknowns, noise) @ (unknowns - before)) < MOVED:
@@ -478,15 +480,21 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     optimum = _summary(problem, unknowns, noise, bounds, given=False, alike=optimum.starts_alike)
     if is_known:
         return problem, optimum
-    likeliest, errors = _levels(problem, kind, unknowns, noise, bounds, restricted=False)
-    log_likelihood = problem.about(unknowns, errors).log_likelihood(unknowns, likeliest)
+    levels = _levels(problem, kind, unknowns, noise, bounds, levels, restricted=False)
+    log_likelihood = problem.about(unknowns, model.model(levels[m:])).log_likelihood(unknowns, levels[:m])
     return problem, replace(optimum, log_likelihood=log_likelihood)
 
 
 def _levels(
-    problem: Problem, kind: ErrorKind, unknowns: Floats, noise: Floats, bounds: Bounds, restricted: bool = True
-) -> tuple[Floats, ErrorModel]:
-    """Return the noise and other errors of largest (restricted) likelihood at unknowns."""
+    problem: Problem,
+    kind: ErrorKind,
+    unknowns: Floats,
+    noise: Floats,
+    bounds: Bounds,
+    first: Floats | None,
+    restricted: bool = True,
+) -> Floats:
+    """Return the noise, other levels and times of largest (restricted) likelihood at unknowns, from first values."""
     trials = [data.trial for data in problem.trials]
     std = np.maximum(within_trial_std(trials), _TINY)
     steps = np.concatenate([np.diff(trial.times) for trial in trials])
@@ -495,7 +503,7 @@ def _levels(
     scales = Scales(std, np.zeros(len(std)), step, max(*durations, step), MIN_NOISE, 0.0)
     floor = np.maximum(MIN_NOISE * std, rounding_noise(trials))
     fit = problem.linearized(unknowns, (unknowns != bounds.low) & (unknowns != bounds.high))
-    return likeliest_levels(ERRORS[kind], [fit], noise, problem.known_noise, floor, scales, restricted)
+    return likeliest_levels(ERRORS[kind], [fit], noise, problem.known_noise, floor, scales, first, restricted)
 
 
 def summarized(

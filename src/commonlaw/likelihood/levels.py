@@ -42,6 +42,44 @@ class Whitened(NamedTuple):
     white: Floats
 
 
+class Innovations(NamedTuple):
+    """What errors are off their expectation by those before them, for autocorrelated errors with white noise.
+
+    With white variances w_i, an Ornstein-Uhlenbeck process of variance c^2, and ``f_i = exp(-(t_(i+1) - t_i) / T)``,
+    errors r_i have the innovations ``e_i = r_i - m_i`` of variance ``s_i = p_i + w_i``; with the gain ``g_i = p_i /
+    s_i``, ``m_(i+1) = f_i (m_i + g_i e_i)`` and ``p_(i+1) = f_i^2 (1 - g_i) p_i + (1 - f_i^2) c^2``, from ``m_0 = 0``
+    and ``p_0 = c^2`` (Kalman 1960). `carried` is ``f_i (1 - g_i)``, `gained` is ``f_i g_i``, and `std` the root of s_i.
+    """
+
+    carried: Floats
+    gained: Floats
+    std: Floats
+
+    @classmethod
+    def of(cls, times: Floats, white: Floats, level: float, memory: float) -> "Innovations":
+        """Return those of errors at times, of white standard deviations, shape (n,) each, and a level and time."""
+        kept = np.exp(-np.diff(times, append=np.inf) / memory)
+        stationary = predicted = level**2
+        gains, variances = list[float](), list[float]()
+        for w, f in zip((white**2).tolist(), kept.tolist(), strict=True):
+            variances.append(predicted + w)
+            gains.append(predicted / variances[-1])
+            predicted = f * f * (1 - gains[-1]) * predicted + (1 - f * f) * stationary
+        return cls(kept * (1 - np.array(gains)), kept * np.array(gains), np.sqrt(variances))
+
+    def of_errors(self, errors: Floats) -> Floats:
+        """Return the innovations of errors, or of columns of them, shape (n, ...)."""
+        from scipy.linalg import lapack
+
+        if len(errors) < 2:
+            return errors
+        bands, right = np.ones((2, len(errors))), np.zeros_like(errors)
+        bands[1] = -self.carried
+        right[1:] = (errors.T * self.gained).T[:-1]
+        expected = lapack.dtbtrs(bands, right.reshape(len(errors), -1), uplo="L", diag="U")[0]
+        return np.asarray(errors - np.asarray(expected).reshape(errors.shape))
+
+
 @dataclass(frozen=True, eq=False)
 class Deviations:
     """Measurements of a trial about the values h of a fit, shape (n, m), with derivatives of these, shape (n, m, k).
@@ -57,9 +95,17 @@ class Deviations:
     def whitened(self, noise: Floats, errors: ErrorModel) -> Whitened:
         """Return the residuals under white noise, shape (m,), and other errors."""
         trial = self.trial
-        std = errors.white_std(self.reference, with_typical(trial.noise, noise)) * trial.averaging
-        slopes = None if self.slopes is None else self.slopes / std[:, :, np.newaxis]
-        return Whitened((self.values - trial.states) / std, slopes, std, std)
+        white = errors.white_std(self.reference, with_typical(trial.noise, noise)) * trial.averaging
+        z, slopes, std = self.values - trial.states, self.slopes, white.copy()
+        if errors.correlated is not None:
+            slopes = None if slopes is None else slopes.copy()
+            for k, level in enumerate(errors.correlated.tolist()):
+                seen = np.isfinite(trial.states[:, k])
+                innovations = Innovations.of(trial.times[seen], white[seen, k], level, errors.memory)
+                z[seen, k], std[seen, k] = innovations.of_errors(z[seen, k]), innovations.std
+                if slopes is not None:
+                    slopes[seen, k] = innovations.of_errors(slopes[seen, k])
+        return Whitened(z / std, None if slopes is None else slopes / std[:, :, np.newaxis], std, white)
 
     def deviance(self, whitened: Whitened) -> float:
         """Return minus twice the log-likelihood beyond the squares of z, without constants.
@@ -128,11 +174,13 @@ def likeliest_levels(
     known: Bools,
     floor: Floats,
     scales: Scales,
+    first: Floats | None = None,
     restricted: bool = True,
-) -> tuple[Floats, ErrorModel]:
-    """Return the noise, shape (m,), and other errors of largest likelihood of fits without common unknowns.
+) -> Floats:
+    """Return the noise, of m quantities, other levels, and times of largest likelihood of fits without common unknowns.
 
-    Known noise stays; otherwise it is at least a floor, shape (m,).
+    Known noise stays; otherwise it is at least a floor, shape (m,). The first values are those of `level_starts` by
+    default.
     """
     m = len(noise)
 
@@ -144,8 +192,8 @@ def likeliest_levels(
         return total if np.isfinite(total) else 1e12
 
     bounds = level_bounds(model, scales, floor, np.where(known, noise, np.nan))
-    levels = np.exp(minimum(value, min(level_starts(model, noise, *bounds), key=value), *bounds))
-    return np.where(known, noise, levels[:m]), model.model(levels[m:])
+    starts = level_starts(model, noise, *bounds) if first is None else [np.clip(np.log(first), *bounds)]
+    return np.asarray(np.exp(minimum(value, min(starts, key=value), *bounds)))
 
 
 def level_bounds(model: AbstractErrors, scales: Scales, floor: Floats, known: Floats) -> tuple[Floats, Floats]:
