@@ -288,9 +288,15 @@ def test_a_letter_that_is_a_column_of_a_guessed_property_is_asked_about():
     assert as_named(word, ["T"], "T' = -rate (T - 21)") is word
 
 
-def test_a_column_of_text_is_no_parameter():
+def test_a_column_that_is_not_read_is_no_parameter():
     frame = cooled({"T": 0.05}).assign(note=lambda table: np.where(np.arange(len(table)) % 2, "ok", "bad"))
     with refused("column-of-text-in-equation", name="note"):
         cl.fit("T' = -note (T - 21)", Trials.from_frame(frame, states="T"))
+    left_out = Trials.from_frame(frame.assign(note=np.arange(len(frame)) % 7), states="T")
+    with refused("column-left-out-in-equation", name="note"):
+        cl.fit("T' = -note (T - 21)", left_out)
+    assert as_named(left_out, ["T"], "T' = -k T") is left_out
+    with_rates = Trials.from_frame(frame.assign(v=frame["T"].diff().fillna(0.0)), states="T")
+    assert as_named(with_rates, ["T"], "T'' = -k v") is with_rates
     trials = Trials.from_frame(frame.rename(columns={"note": "exp"}), states="T")
     assert as_named(trials, ["T"], "T' = exp(-k t)") is trials

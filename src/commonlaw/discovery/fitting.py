@@ -250,7 +250,8 @@ def fit(
     equations, trials = with_doses_in_equations(equations, trials, doses)
     doses = () if trials.schema.doses else doses  # The table records them
     model = ModelText.of(equations, observe)
-    trials = as_named(trials, model.named, "; ".join(equations if not isinstance(equations, str) else [equations]))
+    written = [equations] if isinstance(equations, str) else equations
+    trials = as_named(trials, model.named, "; ".join([*written, *model.observed.values()]))
     if input_interpolation is None:
         _refuse_interpolated_amounts(model, trials, doses)
     dosed = with_doses(trials, doses)
@@ -485,8 +486,9 @@ def _of_model(
     for interpolation in tried:
         interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
         begun = begin(text, interpolated, **given, log_states=log_states, noise=noise, errors=errors)
-        if not given["guesses"] and (collocation := _by_collocation(text, interpolated, settings)):
-            begun = replace(with_values_of(collocation, begun), is_fitted=True)
+        near = laws[0] if laws else None if given["guesses"] else _by_collocation(text, interpolated, settings)
+        if near is not None:
+            begun = replace(with_values_of(near, begun), is_fitted=True)
         fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
         law = fitted.law(calls)
         noted = replace(law.provenance, outcomes=(*law.provenance.outcomes, *outcomes_of_units(law)))

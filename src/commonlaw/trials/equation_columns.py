@@ -28,21 +28,24 @@ def as_named(trials: Trials, states: Sequence[str], text: str = "") -> Trials:
     states
         What has an equation or was observed, by name.
     text
-        The equations. A letter in them that is a column of a guessed property is refused,
-        unless it is in backticks or braces, and so is a column of text.
+        The equations. A letter in them that is a column of a guessed property is refused, unless it is in backticks or
+        braces. So is a column of text, and one of numbers that was left out, unless it is called as rates are.
 
     Raises
     ------
     CommonlawError
-        If a letter may be a column or a parameter; if a column of text is in equations; if columns of objects cannot be
-        states.
+        If a letter may be a column or a parameter; if a column of text or one that was left out is in equations; if
+        columns of objects cannot be states.
     """
     for name in trials.guessed:
         if is_letter(name) and name not in states and re.search(rf"(?<![\w`{{]){re.escape(name)}(?![\w`}}])", text):
             raise CommonlawError("letter-of-column", name=name)
-    for name in trials.text_columns:
-        if name not in states and re.search(rf"(?<!\w){re.escape(name)}(?![\w(])", text):  # A function may be called so
-            raise CommonlawError("column-of-text-in-equation", name=name)
+    rates = {"v", *(f"v_{state}" for state in states)} if "''" in text else set()
+    for name in (*trials.text_columns, *trials.unread):
+        is_named = re.search(rf"(?<!\w){re.escape(name)}(?![\w(])", text)  # A function may be called so
+        if is_named and name not in states and name not in rates:
+            is_text = name in trials.text_columns
+            raise CommonlawError("column-of-text-in-equation" if is_text else "column-left-out-in-equation", name=name)
     schema = trials.schema
     if not schema.wide:
         return trials

@@ -552,9 +552,11 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     nameless = columns.object is None and "object_name" not in roles
     guessed = tuple(name for name in known.names if "properties" not in roles and name not in units)
     guessed += tuple(name for name in columns.inputs if columns.reasons.get(name) == CONSTANT_IN_TRIALS)
-    used = {*names, *known.names, *labels_in, *(columns.object or "").split(", ")}
-    text_columns = tuple(name for name in table.columns if name not in used and not table.is_numeric(name))
-    data = in_radians(TrialData(tuple(trials), schema, known.values, remarks, nameless, guessed, text_columns))
+    used = {*names, *more, *labels_in, *(columns.object or "").split(", ")}
+    rest = [name for name in table.columns if name not in used]
+    text_columns = tuple(name for name in rest if not table.is_numeric(name))
+    unread = tuple(name for name in rest if table.is_numeric(name))
+    data = in_radians(TrialData(tuple(trials), schema, known.values, remarks, nameless, guessed, text_columns, unread))
     return Rows(data, tuple(empty), tuple(row_indices), shown)
 
 

@@ -452,6 +452,7 @@ class TrialData(NamedTuple):
     nameless: bool = False
     guessed: tuple[str, ...] = ()
     text_columns: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
 
 def with_typical(noise: Floats | float, typical: Floats) -> Floats:

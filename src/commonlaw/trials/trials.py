@@ -110,6 +110,8 @@ class Trials(ShownInNotebooks):
         Columns that are constant for each object or in each trial, and were read as properties or inputs for that.
     text_columns
         Columns of text that were left out.
+    unread
+        Columns of numbers that were left out.
     """
 
     trials: tuple[Trial, ...]
@@ -119,6 +121,7 @@ class Trials(ShownInNotebooks):
     nameless: bool = False
     guessed: tuple[str, ...] = ()
     text_columns: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
     def __new__(cls, trials: Sequence[Trial] = (), *_: object, **__: object) -> Self:
         """Refuse tables, which `from_frame` and `read` take."""
@@ -271,7 +274,14 @@ class Trials(ShownInNotebooks):
     @property
     def _data(self) -> TrialData:
         return TrialData(
-            self.trials, self.schema, self.properties, self.notes, self.nameless, self.guessed, self.text_columns
+            self.trials,
+            self.schema,
+            self.properties,
+            self.notes,
+            self.nameless,
+            self.guessed,
+            self.text_columns,
+            self.unread,
         )
 
     @property
@@ -284,7 +294,7 @@ class Trials(ShownInNotebooks):
 
     def __eq__(self, other: object) -> bool:
         return (
-            same_content(self, other, ("notes", "nameless", "guessed", "text_columns"))
+            same_content(self, other, ("notes", "nameless", "guessed", "text_columns", "unread"))
             if isinstance(other, Trials)
             else NotImplemented
         )
@@ -318,7 +328,7 @@ class Trials(ShownInNotebooks):
         names = {trial.object for trial in trials}
         properties = {name: values for name, values in self.properties.items() if name in names}
         notes = self.notes if note is None else (*self.notes, note)
-        return Trials(tuple(trials), self.schema, properties, notes, self.nameless, self.guessed, self.text_columns)
+        return Trials(*self._data._replace(trials=tuple(trials), properties=properties, notes=notes))
 
     @checks_types
     def with_properties(self, values: ObjectProperties) -> "Trials":
