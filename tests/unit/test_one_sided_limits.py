@@ -10,8 +10,9 @@ from scipy.optimize import brentq
 
 import commonlaw as cl
 from commonlaw.app.result import _editable, _table
+from commonlaw.experiments.design import suggestions
 from commonlaw.law import average_law, from_json, select_objects, to_json, to_latex
-from commonlaw.law.pooling import by_properties
+from commonlaw.law.pooling import by_properties, contrasts
 from commonlaw.law.tables import coefficient_rows, interval_frame, quantities_by_object, spread_tables, to_frame
 from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.plots import plot_relations
@@ -179,6 +180,25 @@ def rates():
     uncertainty = cl.law.Uncertainty(covariance, noise=[0.01], limits=limits)
     properties = {name: {"mass": mass} for name, mass in zip(objects, masses.tolist(), strict=True)}
     return replace(law, uncertainty=uncertainty, properties=properties)
+
+
+def test_objects_with_only_a_limit_are_in_no_contrast(rates):
+    groups = {name: {"kind": "old" if name in "ab" else "new"} for name in rates.objects}
+    law = replace(rates, properties=groups)
+    with refused("contrast-with-limits", parameter="k", objects=["fast"]):
+        contrasts(law, "kind")
+    frame = contrasts(select_objects(law, ["a", "b", "c", "d"]), "kind", "new")
+    assert frame["difference"].tolist() == pytest.approx([0.75 - 0.1875], rel=1e-3)
+
+
+def test_experiments_are_designed_for_objects_without_limits(rates):
+    vary = {"x": 1.0, "duration": 2.0, "rate": 5}
+    with refused("design-with-limits", names=["k"], objects=["fast"]):
+        cl.design(rates, vary | {"object": "each"}, about="k of a")
+    assert cl.design(rates, vary | {"object": ["a", "b"]}, about="k of a").experiments
+    trials = cl.Trials.from_arrays([0.0, 1.0, 2.0], [1.0, 0.4, 0.1], object="a", names=["x"])
+    assert suggestions(rates, trials) == {}
+    assert suggestions(select_objects(rates, ["a"]), trials)
 
 
 def test_objects_with_only_a_limit_are_no_evidence_of_relations_and_keep_their_parameters(rates):

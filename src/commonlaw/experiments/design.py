@@ -52,8 +52,8 @@ def design(
     law with observation equations have the derivatives by its parameters p and initial values, dy/dp = dh/dx dx/dp +
     dh/dp.
 
-    Raises `CommonlawError` if a law has no noise or covariance, laws do not match, a setting is unknown, or no
-    experiment is within the budget.
+    Raises `CommonlawError` if a law has no noise or covariance, or only a limit of a parameter, laws do not match, a
+    setting is unknown, or no experiment is within the budget.
 
     Parameters
     ----------
@@ -255,9 +255,11 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> dict[str, Design]:
     Trials start in the visited ranges, with rates, inputs, duration and samples as in the given trials, and end where
     they leave what was visited. All experiments for a purpose have at most `most` trials. Work is bounded: few
     experiments are compared, and laws refitted to few simulated measurements, to none where laws and objects are many.
-    Laws without noise or covariance, and laws in discrete time, have no suggestions.
+    Laws without noise or covariance, or with only a limit of a parameter, and laws in discrete time, have no
+    suggestions.
     """
-    if not has_bands(law) or law.order == 0 or not law.support.any():
+    is_limited = any(model.law.uncertainty.limits for model in law.models)
+    if not has_bands(law) or is_limited or law.order == 0 or not law.support.any():
         return {}
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
     spans = {name: Range(*visited[name]) for name in law.schema.states if name in visited and np.ptp(visited[name]) > 0}

@@ -117,10 +117,14 @@ class Hypothesis:
     def of(cls, law: Law, objects: Sequence[str]) -> "Hypothesis":
         """Return a law with the roots of its covariance, for experiments with these of its objects.
 
-        Raises `CommonlawError` if the law has no noise or covariance, or is one of discrete time.
+        Raises `CommonlawError` if the law has no noise or covariance, is one of discrete time, or has only a limit of a
+        parameter of one of these objects.
         """
         if law.order == 0:
             raise CommonlawError("discrete-between-samples")
+        if limits := [limit for limit in law.uncertainty.limits if limit.object in objects]:
+            names, owners = {limit.parameter for limit in limits}, {limit.object for limit in limits}
+            raise CommonlawError("design-with-limits", names=sorted(names), objects=sorted(owners))
         known = law.uncertainty.select([object_index(law, name) for name in objects])
         covariance = known.known_covariance()
         if measured_noise(law) is None:

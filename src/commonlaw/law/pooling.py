@@ -244,7 +244,8 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
     Raises
     ------
     CommonlawError
-        If there is no such property, it has one value or none twice, or the law has no standard errors.
+        If there is no such property, it has one value or none twice, the law has no standard errors, or of a parameter
+        of an object only a limit is known.
 
     Examples
     --------
@@ -281,6 +282,8 @@ def contrasts(law: Law, by: str, reference: str | float | None = None, level: fl
     for name, is_shared, estimates, errors, unit in columns:
         if is_shared or not errors.any():
             continue
+        if limited := [limit.object for limit in law.uncertainty.limits if limit.parameter == name]:
+            raise CommonlawError("contrast-with-limits", parameter=name, objects=limited)
         if not np.isfinite(errors).all():
             raise CommonlawError("contrast-without-errors", parameter=name)
         weights = 1 / (errors**2 + _between(estimates, errors, inside))
