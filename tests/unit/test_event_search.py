@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.estimation.beginning import begin
+from commonlaw.estimation.model import ModelText
+from commonlaw.estimation.search import EVENT_SHARES, _growing
 from tests.unit.decays import fitted, trials_of
 
 
@@ -45,3 +48,13 @@ def test_the_time_of_a_dose_is_found_from_poor_guesses():
     params = law.params.set_index("parameter")
     assert params["estimate"][["ka", "ke", "V", "tau"]].tolist() == pytest.approx(expected, rel=1e-4)
     assert params["standard error"][["ka", "ke", "V", "tau"]].tolist() == pytest.approx(errors, rel=0.02)
+
+
+def test_each_first_part_of_the_trials_has_new_samples():
+    times = [0.1 * np.arange(6)] * 2
+    trials = cl.Trials.from_arrays(times, [np.exp(-t) for t in times], object=["a", "b"], names=["x"])
+    problem = begin(ModelText.of("x' = -k x; t > tau: x = 0"), trials, {}).problem
+    parts = _growing(problem, EVENT_SHARES)
+    assert [sum(len(data.rows) for data in part.trials) for part in parts] == [4, 6, 12]
+    single = begin(ModelText.of("x' = -k x; t > tau: x = 0"), cl.Trials(trials[:1].trials, trials.schema), {}).problem
+    assert _growing(single, (1.0,)) == [single]

@@ -243,7 +243,11 @@ class Model:
 
     def point(self, states: Floats, inputs: Floats, times: Floats, parameters: Floats) -> Floats:
         """Return the variables at n times, shape (n, variables)."""
-        return np.column_stack([states, inputs, times, np.broadcast_to(parameters, (len(times), len(parameters)))])
+        first = self.first_parameter
+        rows = np.empty((len(times), first + len(parameters)))
+        rows[:, : self.width], rows[:, self.width : first - 1] = states, inputs
+        rows[:, first - 1], rows[:, first:] = times, parameters
+        return rows
 
 
 def _program(expressions: Sequence[str], variables: int) -> Program:

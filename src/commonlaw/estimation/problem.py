@@ -179,13 +179,15 @@ class Problem:
         """Return what a trial should be."""
         model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter
         width, count = model.width, len(parameters)
-        inputs = np.zeros((1, len(model.column)))
-        if model.starting_inputs:
-            inputs = data.inputs.at(data.times[:1], parameters)
-        unit = model.point(np.zeros((1, width)), inputs, data.times[:1], parameters)
-        follows = np.where(np.isnan(data.fixed), model.starts.evaluate(unit)[0], data.fixed)
-        initial = np.where(data.initial < 0, follows, np.append(unknowns, np.nan)[data.initial])
-        start_by = np.hstack([model.starts.jacobian(unit)[0][:, first:], np.eye(width)]) if slopes else None
+        initial = np.where(data.initial < 0, data.fixed, np.append(unknowns, np.nan)[data.initial])
+        follows, start_by = (data.initial < 0) & np.isnan(data.fixed), None
+        if slopes or follows.any():
+            inputs = np.zeros((1, len(model.column)))
+            if model.starting_inputs:
+                inputs = data.inputs.at(data.times[:1], parameters)
+            unit = model.point(np.zeros((1, width)), inputs, data.times[:1], parameters)
+            initial = np.where(follows, model.starts.evaluate(unit)[0], initial)
+            start_by = np.hstack([model.starts.jacobian(unit)[0][:, first:], np.eye(width)]) if slopes else None
         if model.steady:
             initial, start_by = self._steady(data, parameters, initial, start_by)
         if data.cycle:
@@ -210,8 +212,10 @@ class Problem:
         times = data.times[data.rows]
         point = model.point(states, data.inputs.at(times, parameters), times, parameters)
         values = model.outputs.evaluate(point)
-        with np.errstate(all="ignore"):
-            shown = np.where(self.logarithmic, np.log(np.where(self.logarithmic, values, 1.0)), values)
+        shown = values
+        if self.logarithmic.any():
+            with np.errstate(all="ignore"):
+                shown = np.where(self.logarithmic, np.log(np.where(self.logarithmic, values, 1.0)), values)
         if solution.derivatives is None:
             return Predicted(shown, None, states, solution.is_endless)
         by = solution.derivatives[data.rows]

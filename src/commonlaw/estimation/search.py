@@ -20,7 +20,9 @@ from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.text import counted
 
 DRAWS = 128
-"""First values whose likelihood is computed, and values that are tried for one number, or drawn about an estimate."""
+"""First values whose likelihood is computed, and at most so many that are tried for one number, or drawn about it."""
+TRIED = 16
+"""Of these for each sample of the longest trial, as events between the same samples are alike."""
 IMPROVED, FINISHED = 12, 4
 """Of these, how many are improved roughly (half as many with events, which take longer), and then to the end."""
 GROWING_SHARES = (0.2, 0.5, 1.0)
@@ -280,7 +282,7 @@ def maximize(
         unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
     progress(f"computing the likelihood of {counted(len(starts), 'first value')}")
     coarse = replace(problem, tolerance=1e-4)
-    parts = [coarse if share == 1 else _first(coarse, share) for share in shares]
+    parts = _growing(coarse, shares)
     costs = np.array([_cost(parts[0], start, noise) for start in starts])
     if not np.isfinite(costs).any():
         raise unsolved
@@ -332,6 +334,17 @@ def maximize(
     return _summary(problem, unknowns, noise, bounds, given, alike)
 
 
+def _growing(problem: Problem, shares: Sequence[float]) -> list[Problem]:
+    """Return the problems of first parts of the trials, the last of which is whole.
+
+    Each part has more times than the one before, and the first one has some after the initial ones.
+    """
+    parts = [_first(problem, share) for share in shares[:-1]]
+    sizes = [sum(len(data.times) for data in part.trials) for part in (*parts, problem)]
+    growing = zip(parts, sizes, sizes[1:], strict=False)
+    return [*(part for part, size, later in growing if len(problem.trials) < size < later), problem]
+
+
 def _first(problem: Problem, share: float) -> Problem:
     """Return the problem of the first parts of the trials."""
     changed = list[TrialData]()
@@ -368,6 +381,11 @@ def _roughly(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, siz
     return squares, unknowns
 
 
+def _tried(problem: Problem) -> int:
+    """Return how many values are tried where the times of events matter."""
+    return min(DRAWS, TRIED * max(len(data.rows) for data in problem.trials))
+
+
 def _scanned(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, sizes: Floats) -> Floats:
     """Return values of which those in events are the best of many about their sizes, one after the other.
 
@@ -375,13 +393,15 @@ def _scanned(problem: Problem, start: Floats, noise: Floats, bounds: Bounds, siz
     """
     from scipy.special import ndtri
 
-    point, least = start, _cost(problem, start, noise)
+    point, quantiles = start, (np.arange(_tried(problem) // 2) + 0.5) / (_tried(problem) // 2)
     for k in problem.event_unknowns:
-        values = np.abs(sizes[k]) * np.exp(SPREAD * ndtri((np.arange(DRAWS // 2) + 0.5) / (DRAWS // 2)))
+        concerned = replace(problem, trials=tuple(data for data in problem.trials if k in data.parameter))
+        least = _cost(concerned, point, noise)
+        values = np.abs(sizes[k]) * np.exp(SPREAD * ndtri(quantiles))
         values = np.append(values, -values)
         for value in values[(values >= bounds.low[k]) & (values <= bounds.high[k])]:
             moved = np.where(np.arange(len(point)) == k, value, point)
-            cost = _cost(problem, moved, noise)
+            cost = _cost(concerned, moved, noise)
             if cost < least:
                 least, point = cost, moved
     return point
@@ -394,7 +414,7 @@ def _resampled(problem: Problem, point: Floats, noise: Floats, bounds: Bounds, r
         return point
     scale = np.sqrt(np.sum(rows**2, axis=0)) + _TINY
     root = SPREAD * np.linalg.pinv(rows / scale, rcond=1e-8).T / scale
-    near = np.clip(point + random.standard_normal((DRAWS, len(rows))) @ root, bounds.low, bounds.high)
+    near = np.clip(point + random.standard_normal((_tried(problem), len(rows))) @ root, bounds.low, bounds.high)
     return np.asarray(min(near, key=lambda drawn: _cost(problem, drawn, noise)))
 
 

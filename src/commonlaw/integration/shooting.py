@@ -63,8 +63,11 @@ class DelayedInputs:
 
     def at(self, times: Floats, parameters: Floats) -> Floats:
         """Return the inputs at times of shape (n,), shape (n, inputs)."""
-        columns = [self.inputs.at(times - d)[:, c] for c, d in zip(self.column, self.delays(parameters), strict=True)]
-        return np.column_stack(columns) if columns else np.empty((len(times), 0))
+        delays = self.delays(parameters)
+        if not delays.any():
+            return self.inputs.at(times)[:, self.arrays[2]]
+        columns = [self.inputs.at(times - delay)[:, c] for c, delay in zip(self.column, delays, strict=True)]
+        return np.column_stack(columns)
 
     def rate(self, index: int, time: float, parameters: Floats) -> float:
         """Return the derivative of an input by time."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import FROM_RESIDUALS
 from commonlaw.inference.fit.covariance import (
@@ -46,7 +46,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
             estimates = fit.problem.on_half_steps(fit.estimates)
             finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
-            if _moved(finer, fit.estimates) < settings.CONVERGED:
+            if _moved(finer, fit.estimates, _metric(finer)) < settings.CONVERGED:
                 return _rescaled(finer), True  # What is left of the change of the noise is a small share of it
             fit = finer
     return before, is_fitted and before.is_resolved
@@ -73,11 +73,16 @@ def _relative_residuals(fit: Fit) -> Floats:
     )
 
 
-def _moved(fit: Fit, before: Sequence[Estimate]) -> float:
+def _metric(fit: Fit) -> list[tuple[Floats, Bools]]:
+    """Return the factor of the information of each object's free coefficients, and which these are."""
+    return list(zip(factors(fit), free_coefficients(fit), strict=True))
+
+
+def _moved(fit: Fit, before: Sequence[Estimate], metric: Sequence[tuple[Floats, Bools]]) -> float:
     """Return the Mahalanobis distance of coefficients from earlier ones, the largest of all objects."""
     return max(
         float(np.linalg.norm(factor[:, :-1] @ (after.coefficients - one.coefficients)[free]))
-        for factor, free, one, after in zip(factors(fit), free_coefficients(fit), before, fit.estimates, strict=True)
+        for (factor, free), one, after in zip(metric, before, fit.estimates, strict=True)
     )
 
 
@@ -86,12 +91,16 @@ def _fitted(fit: Fit) -> Fit:
 
     Raises `NotPositiveError` if the likelihood is not computable.
     """
+    metric: Sequence[tuple[Floats, Bools]] = ()
     for _ in range(settings.MAX_ITERATIONS):
         estimates = _next(fit)
         if not all(np.isfinite(estimate.objective) for estimate in estimates):
             raise NotPositiveError
         fit, before = replace(fit, estimates=estimates), fit.estimates
-        if _moved(fit, before) < settings.CONVERGED_NOISE:
+        if len(metric) and _moved(fit, before, metric) >= settings.CONVERGED_NOISE:
+            continue  # The information takes longer than a step
+        metric = _metric(fit)
+        if _moved(fit, before, metric) < settings.CONVERGED_NOISE:
             break
     return fit
 
