@@ -285,6 +285,23 @@ def test_both_schemes_state_the_same(name):
     assert {what: size for what, size in result.items() if not size < LIMITS[what]} == {}
 
 
+@pytest.mark.parametrize("options", [{}, {"huber_threshold": 2.5}, {"errors": "white"}])
+def test_both_schemes_weigh_outliers_alike(options):
+    """By the Huber loss if the evidence for outliers is very strong, and never under white noise by name."""
+    bump = np.arange(15)[:, np.newaxis] == 5
+    pairs = zip(decay.trials(), (3.0, -1.5, 0.6), strict=True)
+    made = cl.Trials(
+        tuple(replace(trial, states=trial.states + size * bump) for trial, size in pairs), cl.Schema(("x",))
+    )
+    plain, shot = (fit(decay, made, **({"errors": "auto"} | options)) for fit in (COLLOCATION, SHOOTING))
+    result = differences_of_parameters(plain, shot)
+    assert {what: size for what, size in result.items() if not size < LIMITS[what]} == {}
+    assert ("outliers" in [step.stage for step in shot.history]) is ("errors" not in options)
+    if "errors" not in options:
+        true = np.array([numbers[0] for numbers in decay.numbers.values()])
+        assert np.all(np.abs(named_parameters(shot).values[:, 0] - true) < 3 * named_parameters(shot).errors[:, 0])
+
+
 class Difference(NamedTuple):
     """Why the two ways to one law differ, and by how much today, in the units of `LIMITS` or twice the log-evidence."""
 
@@ -334,7 +351,6 @@ COLLOCATION, SHOOTING = Problem.fit, Problem.shoot
 REFUSED = {
     "random walk": (decay, SHOOTING, {"errors": "random-walk"}, "process-noise-with-observation"),
     "smooth force": (decay, SHOOTING, {"errors": "gp-forcing"}, "process-noise-with-observation"),
-    "outliers": (decay, SHOOTING, {"huber_threshold": 2.0}, "not-with-observation"),
     "partial pooling": (decay, SHOOTING, {"partial_pooling": True}, "not-with-observation"),
     "bootstrap": (decay, SHOOTING, {"covariance": "bootstrap"}, "not-with-observation"),
 }  # fmt: skip

@@ -28,7 +28,7 @@ from commonlaw.estimation.beginning import (
     written_starts,
 )
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
-from commonlaw.estimation.fitting import checked_errors, estimate_at_bound, fit_model
+from commonlaw.estimation.fitting import checked_errors, estimate_at_bound, fit_model, threshold_of
 from commonlaw.estimation.model import ModelText, read_model
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.inference import refine
@@ -486,6 +486,7 @@ def _of_model(
     for interpolation in tried:
         interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
         begun = begin(text, interpolated, **given, log_states=log_states, noise=noise, errors=errors)
+        begun = replace(begun, huber_threshold=threshold_of(settings))
         near = laws[0] if laws else None if given["guesses"] else _by_collocation(text, interpolated, settings)
         if near is not None:
             begun = replace(with_values_of(near, begun), is_fitted=True)

@@ -125,6 +125,7 @@ class Beginning:
     start: float | None
     restrictions: Restrictions
     errors: ErrorKind = "white"
+    huber_threshold: float = np.inf
     is_fitted: bool = False
 
 

@@ -25,6 +25,7 @@ from commonlaw.estimation.search import (
     maximize,
     summarized,
     under_errors,
+    under_huber_loss,
 )
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
@@ -39,13 +40,14 @@ from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.library import Term, Terms
 from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
+from commonlaw.likelihood.observation_model import HUBER_THRESHOLD
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted, shown
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import property_names
 
-_SETTINGS = ("log_states", "input_interpolation", "noise", "errors", "seed", "n_jobs", "progress")
+_SETTINGS = ("log_states", "input_interpolation", "noise", "errors", "huber_threshold", "seed", "n_jobs", "progress")
 """Settings of fits that may be made here."""
 
 
@@ -64,6 +66,11 @@ def checked_errors(changed: Mapping[str, Any]) -> ErrorKind | None:
     return errors
 
 
+def threshold_of(changed: Mapping[str, Any]) -> float:
+    """Return the Huber threshold of changed settings, which white noise by name does without."""
+    return np.inf if changed.get("errors") == "white" else float(changed.get("huber_threshold", HUBER_THRESHOLD))
+
+
 def refit(
     law: Law,
     trials: Trials,
@@ -72,6 +79,7 @@ def refit(
     inputs: Literal["same", "any"] = "same",
     noise: Mapping[str, float] | None = None,
     errors: ErrorKind | None = None,
+    huber_threshold: float = np.inf,
     log_states: Sequence[str] | None = None,
     input_interpolation: str | None = None,
     seed: int = 0,
@@ -81,7 +89,8 @@ def refit(
 
     Observation equations, given initial values and restrictions stay, but for noise of known standard deviation, and so
     do its equations where no other `equations` are given, and the kind of errors by default. A law without observation
-    equations has parameters of each object. Only with `inputs` "any" may the trials have other inputs than the law.
+    equations has parameters of each object. By default outliers count as other measurements. Only with `inputs` "any"
+    may the trials have other inputs than the law.
 
     Raises
     ------
@@ -97,7 +106,7 @@ def refit(
     if errors is None:
         errors = "white" if law.uncertainty.error_model.of_law else law.uncertainty.error_model.kind
     begun = beginning_of(law, trials, given_noise, equations, log_states, input_interpolation, errors)
-    return fit_model(begun, seed, progress)
+    return fit_model(replace(begun, huber_threshold=huber_threshold), seed, progress)
 
 
 def updated(law: Law, trials: Trials) -> Law:
@@ -177,9 +186,12 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     others = tuple[EqualMaximum, ...]()
     if draws > 1 and not len(_lost(optimum)):
         optimum, others = with_fastest_latent_states(begun.problem, optimum, begun.bounds)
+    problem, threshold = begun.problem, begun.huber_threshold
+    if np.isfinite(threshold) and not problem.censored.any():
+        problem, optimum = under_huber_loss(problem, threshold, optimum, begun.first, begun.bounds)
     if begun.errors != "white":
-        problem, optimum = under_errors(begun.problem, begun.errors, optimum, begun.bounds)
-        begun = replace(begun, problem=problem)
+        problem, optimum = under_errors(problem, begun.errors, optimum, begun.bounds)
+    begun = replace(begun, problem=problem)
     optimum, limits = _with_limits(begun, optimum)
     vague, names = np.setdiff1d(_vague(begun, optimum), [*limits]), np.array(begun.unknowns.names)
     everywhere = [k for k in vague if np.isin(np.flatnonzero(names == names[k]), vague).all()]
@@ -370,6 +382,7 @@ class Fitted:
                 for line in observation.lines(trials.objects)[len(model.text.observed) :]
             ),
             *self._zeros_before_doses(),
+            *self._outliers(),
             *error_steps(problem.errors, schema, "estimates of restricted maximum likelihood"),
             Step(
                 "fit",
@@ -411,6 +424,13 @@ class Fitted:
             rows = zip(trials, unknowns.parameters, strict=True)
             for owner in dict.fromkeys(trial.object for trial, indices in rows if k in indices):
                 yield OneSidedLimit(owner, unknowns.names[k], limit.limit, limit.is_lower)
+
+    def _outliers(self) -> Iterator[Step]:
+        """Yield how many measurements are outliers, if there are any."""
+        problem, optimum = self.begun.problem, self.optimum
+        if count := int(sum(far.sum() for far in problem.outliers(optimum.unknowns, optimum.noise))):
+            why = f"beyond {problem.huber_threshold:g} standard deviations; they count linearly instead of squared"
+            yield Step("outliers", counted(count, "measurement"), why)
 
     def _zeros_before_doses(self) -> Iterator[Step]:
         """Yield the states that are zero before the first dose of some trials, if there are any."""

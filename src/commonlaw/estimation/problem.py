@@ -163,6 +163,9 @@ class Problem:
     errors
         Errors of measurements besides white noise; with these the noise is held. They hold in trials that are about
         values of an earlier fit, see `about`.
+    huber_threshold
+        Standardized residual c beyond which a measurement counts by ``2 c |z| - c^2`` instead of the square (Huber
+        1964). These outliers are left out of estimates of the noise, unless most measurements of a quantity are.
     """
 
     model: Model
@@ -174,6 +177,7 @@ class Problem:
     tolerance: float = 1e-8
     max_steps: int = MAX_STEPS
     errors: ErrorModel = WHITE_NOISE
+    huber_threshold: float = np.inf
 
     def predicted(self, data: TrialData, unknowns: Floats, slopes: bool = True) -> Predicted:
         """Return what a trial should be."""
@@ -365,19 +369,23 @@ class Problem:
         trials = tuple(replace(data, fitted=self.predicted(data, unknowns, False).values) for data in self.trials)
         return replace(self, trials=trials, errors=errors)
 
-    def linearized(self, unknowns: Floats, free: Bools) -> LinearizedFit:
-        """Return measurements, and priors, about what the trials are at unknowns, of which some are free."""
+    def linearized(self, unknowns: Floats, noise: Floats, free: Bools) -> LinearizedFit:
+        """Return measurements, and priors, about what the trials are at unknowns, of which some are free.
+
+        Outliers under the noise are left out.
+        """
         trials = list[Deviations]()
-        for data in self.trials:
-            values, slopes, *_ = self.predicted(data, unknowns)
-            trials.append(Deviations(data.trial, values, None if slopes is None else slopes[:, :, free], values))
+        for data, far in zip(self.trials, self.outliers(unknowns, noise), strict=True):
+            (values, slopes, *_), trial = self.predicted(data, unknowns), data.trial
+            trial = replace(trial, states=np.where(far, np.nan, trial.states)) if far.any() else trial
+            trials.append(Deviations(trial, values, None if slopes is None else slopes[:, :, free], values))
         residuals = [np.zeros(0), *(prior.residuals(unknowns) for prior in self.priors)]
         unit = np.eye(self.unknowns)[:, free]
         rows = [prior.root @ unit[prior.indices] for prior in self.priors]
         rows = [np.zeros((0, int(free.sum()))), *rows]
         return LinearizedFit.of(trials, (np.concatenate(residuals), np.concatenate(rows)))
 
-    def _standardized(self, unknowns: Floats, noise: Floats, slopes: bool) -> "Iterator[_Standardized]":
+    def standardized(self, unknowns: Floats, noise: Floats, slopes: bool) -> "Iterator[_Standardized]":
         """Yield the residuals of each trial."""
         for data in self.trials:
             predicted, trial = self.predicted(data, unknowns, slopes), data.trial
@@ -391,34 +399,54 @@ class Problem:
     def residuals(self, unknowns: Floats, noise: Floats, slopes: bool = True) -> tuple[Floats, Floats | None]:
         """Return standardized residuals, shape (r,), and their derivatives, shape (r, p).
 
-        A measurement is ``(h - y) / sigma``; one below a limit L is ``sqrt(-2 log Phi((L - h) / sigma))``, so that half
-        the sum of squares is the negative log-likelihood but for its constants; a prior is ``(p - mean) / std``.
+        A measurement is ``z = (h - y) / sigma``, for an outlier the root of its loss; one below a limit L is
+        ``sqrt(-2 log Phi((L - h) / sigma))``, so that half the sum of squares is the negative log-likelihood but for
+        its constants; a prior is ``(p - mean) / std``.
         """
         parts, rows = list[Floats](), list[Floats]()
-        for _, seen, under, z, u, by, _ in self._standardized(unknowns, noise, slopes):
+        for _, seen, under, z, u, by, _ in self.standardized(unknowns, noise, slopes):
             root = np.sqrt(np.maximum(-2 * log_ndtr(u[under]), np.finfo(np.float64).tiny))
-            parts += [z[seen], root]
+            loss, slope = self._loss(z[seen])
+            parts += [loss, root]
             if by is not None:
-                rows += [by[seen], by[under] * (_mills(u[under]) / root)[:, np.newaxis]]
+                rows += [by[seen] * slope[:, np.newaxis], by[under] * (_mills(u[under]) / root)[:, np.newaxis]]
         for prior in self.priors:
             parts.append(prior.residuals(unknowns))
             rows.append(prior.root @ np.eye(self.unknowns)[prior.indices])
         return np.concatenate(parts), np.concatenate(rows) if slopes else None
 
+    def _loss(self, z: Floats) -> tuple[Floats, Floats]:
+        """Return the roots of the losses of standardized residuals, with the sign of these, and their derivatives."""
+        threshold, loss, slope = self.huber_threshold, z.copy(), np.ones_like(z)
+        far = np.abs(z) > threshold
+        loss[far] = np.sqrt(2 * threshold * np.abs(z[far]) - threshold**2)
+        slope[far] = threshold / loss[far]
+        loss[far] *= np.sign(z[far])
+        return loss, slope
+
+    def outliers(self, unknowns: Floats, noise: Floats) -> list[Bools]:
+        """Return which measurements of each trial are outliers, shape (n, m), unless most of a quantity are."""
+        trials = self.trials if np.isfinite(self.huber_threshold) else ()
+        if not trials:
+            return [np.zeros(data.trial.states.shape, dtype=np.bool_) for data in self.trials]
+        sizes = [np.abs(part.z) for part in self.standardized(unknowns, noise, False)]
+        far = [size > self.huber_threshold for size in sizes]
+        measured = np.sum([np.isfinite(size).sum(axis=0) for size in sizes], axis=0)
+        rare = 2 * np.sum([outlying.sum(axis=0) for outlying in far], axis=0) < measured
+        return [outlying & rare for outlying in far]
+
     def information(self, unknowns: Floats, noise: Floats) -> Floats:
         """Return rows R whose product R'R is the information of the unknowns, shape (r, p).
 
-        They are the derivatives of the residuals, zero where these are not finite, as of 0^p by p. Where values are
-        below limits they count, with u = (L - h) / sigma and m = phi(u) / Phi(u), by m (m + u), the curvature of their
-        tail, and log sigma, on which estimates then depend, is eliminated.
+        They are the derivatives of the residuals, zero where these are not finite, as of 0^p by p; outliers have the
+        weights ``c / |z|``. Where values are below limits they count, with u = (L - h) / sigma and m = phi(u) / Phi(u),
+        by m (m + u), the curvature of their tail, and log sigma, on which estimates then depend, is eliminated.
         """
         if not self.censored.any():
-            rows = self.residuals(unknowns, noise)[1]
-            assert rows is not None
-            return np.where(np.isfinite(rows), rows, 0.0)
+            return self._weighted(unknowns, noise)
         count, quantities = self.unknowns, len(noise)
         total, mixed, by_noise = np.zeros((count, count)), np.zeros((quantities, count)), np.zeros(quantities)
-        for trial, measured, limited, residuals, tails, by, _ in self._standardized(unknowns, noise, True):
+        for trial, measured, limited, residuals, tails, by, _ in self.standardized(unknowns, noise, True):
             assert by is not None
             for k in range(quantities):
                 seen, under = measured[:, k], limited[:, k]
@@ -437,17 +465,30 @@ class Problem:
         sizes, directions = np.linalg.eigh(total)
         return np.asarray(np.sqrt(np.maximum(sizes, 0.0))[:, np.newaxis] * directions.T)
 
+    def _weighted(self, unknowns: Floats, noise: Floats) -> Floats:
+        """Return derivatives of the residuals, zero where not finite, outliers with the root of their weight."""
+        _, rows = self.residuals(unknowns, noise)
+        assert rows is not None
+        rows = np.where(np.isfinite(rows), rows, 0.0)
+        if np.isfinite(self.huber_threshold):
+            parts = list[Floats]()
+            for _, seen, under, z, *_ in self.standardized(unknowns, noise, False):
+                size = np.abs(z[seen]) / self.huber_threshold
+                parts += [np.where(size > 1, np.sqrt(2 - 1 / np.maximum(size, 1.0)), 1.0), np.ones(under.sum())]
+            weights = np.concatenate(parts)
+            rows[: len(weights)] *= weights[:, np.newaxis]
+        return rows
+
     def leverage(self, unknowns: Floats, noise: Floats, free: Bools) -> Floats:
         """Return the trace of the hat matrix of the free unknowns over the measurements of each observable, shape (m,).
 
         With the rows X of the derivatives of standardized residuals, priors among them, it is
         ``sum_i x_i' (X'X)^-1 x_i`` over the rows i of an observable.
         """
-        _, rows = self.residuals(unknowns, noise)
-        assert rows is not None
+        rows = self._weighted(unknowns, noise)
         pairs = [(np.isfinite(data.trial.states), np.isfinite(data.trial.below)) for data in self.trials]
         columns = np.concatenate([np.nonzero(kind)[1] for pair in pairs for kind in pair])
-        rows = np.where(np.isfinite(rows), rows, 0.0)[:, free]
+        rows = rows[:, free]
         scales = np.linalg.norm(rows, axis=0)
         basis, sizes, _ = np.linalg.svd(rows / np.where(scales > 0, scales, 1.0), full_matrices=False)
         basis = basis[: len(columns), sizes > np.finfo(float).eps * len(rows) * sizes.max(initial=0.0)]
@@ -465,7 +506,8 @@ class Problem:
             used = self.leverage(unknowns, noise, free)
             levels, before = self.noise_levels(unknowns, noise, used), freedom
             noise = np.where(levels > 0, levels, noise)  # Without residuals, the leverage is that at any noise
-            freedom = np.where(unknown, self.counts - used, np.inf)
+            outlying = np.sum([far.sum(axis=0) for far in self.outliers(unknowns, noise)], axis=0)
+            freedom = np.where(unknown, self.counts - used - outlying, np.inf)
             if np.allclose(freedom, before, rtol=1e-6):
                 break
         total = max(round(float(freedom[unknown].sum()), 6), 1.0)
@@ -480,16 +522,15 @@ class Problem:
         if self.errors:
             return noise
         result, squares = noise.copy(), np.zeros(len(noise))
-        tails = list[tuple[Floats, Floats]]()
-        for data in self.trials:
+        tails, counts = list[tuple[Floats, Floats]](), self.counts if used is None else self.counts - used
+        for data, far in zip(self.trials, self.outliers(unknowns, noise), strict=True):
             trial, values = data.trial, self.predicted(data, unknowns, False).values
-            seen = np.isfinite(trial.states)
+            seen, counts = np.isfinite(trial.states) & ~far, counts - far.sum(axis=0)
             squares += np.where(seen, (values - trial.states) ** 2 * trial.counts, 0.0).sum(axis=0)
             if trial.repeats is not None:
-                squares += np.where(seen, trial.repeats.squares, 0.0).sum(axis=0)
+                squares += np.where(np.isfinite(trial.states), trial.repeats.squares, 0.0).sum(axis=0)
             tails.append((trial.below, values))
         unknown = ~self.known_noise
-        counts = self.counts if used is None else self.counts - used
         total = max(float(counts[unknown].sum()), 0.1)
         common = float(np.sum(squares[unknown] / noise[unknown] / noise[unknown])) / total
         for k in np.flatnonzero(unknown & (self.counts > 0)):
@@ -501,8 +542,9 @@ class Problem:
     def log_likelihood(self, unknowns: Floats, noise: Floats) -> float:
         """Return the log-likelihood of the measurements, without priors."""
         total = 0.0
-        for _, seen, _, z, _, _, deviance in self._standardized(unknowns, noise, False):
-            total -= 0.5 * (float(z[seen] @ z[seen]) + deviance)
+        for _, seen, _, z, _, _, deviance in self.standardized(unknowns, noise, False):
+            loss, _ = self._loss(z[seen])
+            total -= 0.5 * (float(loss @ loss) + deviance)
         return float(total - 0.5 * self.counts.sum() * np.log(2 * np.pi))
 
 

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.differentiation.noise import rounding_noise, within_trial_std
+from commonlaw.differentiation.noise import MEDIAN_SIZE, rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.likelihood import ERRORS, Scales
 from commonlaw.likelihood.levels import MIN_NOISE, likeliest_levels
+from commonlaw.likelihood.observation_model import VERY_STRONG
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.text import counted
 
@@ -481,6 +482,48 @@ def _not_zero(levels: Floats, problem: Problem) -> Floats:
     return np.maximum(levels, rough_noise(problem, 1e-13))
 
 
+def under_huber_loss(
+    problem: Problem, threshold: float, optimum: Optimum, first: Floats, bounds: Bounds
+) -> tuple[Problem, Optimum]:
+    """Return the problem with the Huber loss, and its optimum, if the evidence for outliers is very strong.
+
+    The search begins from the optimum of least squares and from first values, with the noise of median residuals there.
+    The evidence is that of likelihoods in which outliers are as likely as a measurement at the threshold.
+    """
+    robust, squares = replace(problem, huber_threshold=threshold), optimum
+    best = _capped_deviance(problem, squares.unknowns, _not_zero(squares.noise, problem), threshold) - VERY_STRONG
+    for start in (squares.unknowns, first):
+        noise = _median_noise(problem, start)
+        if noise is None or not any(far.any() for far in robust.outliers(start, noise)):
+            continue
+        unknowns = _under_restricted_noise(robust, start, noise, bounds)
+        noise = _not_zero(robust.restricted_noise(unknowns, noise, np.ones(len(start), dtype=np.bool_))[0], robust)
+        deviance = _capped_deviance(robust, unknowns, noise, threshold)
+        if deviance < best:
+            best = deviance
+            levels = _not_zero(robust.noise_levels(unknowns, noise), robust)
+            problem, optimum = robust, _summary(robust, unknowns, levels, bounds, False, squares.starts_alike)
+    return problem, optimum
+
+
+def _median_noise(problem: Problem, unknowns: Floats) -> Floats | None:
+    """Return the noise of median residuals, where it is not known; None where there is no solution."""
+    residuals = [
+        (problem.predicted(data, unknowns, False).values - data.trial.states) / data.trial.averaging
+        for data in problem.trials
+    ]
+    sizes = np.abs(np.concatenate(residuals))
+    if np.isinf(sizes).any() or not np.isfinite(sizes).any(axis=0).all():
+        return None
+    return _not_zero(np.nanmedian(sizes, axis=0) / MEDIAN_SIZE, problem)
+
+
+def _capped_deviance(problem: Problem, unknowns: Floats, noise: Floats, threshold: float) -> float:
+    """Return minus twice the log-likelihood with outliers as likely as a measurement at the threshold."""
+    parts = problem.standardized(unknowns, noise, False)
+    return sum(part.deviance + float(np.sum(np.minimum(np.abs(part.z[part.seen]), threshold) ** 2)) for part in parts)
+
+
 def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bounds) -> tuple[Problem, Optimum]:
     """Return the problem under an error model, and its optimum, from that under white noise.
 
@@ -522,7 +565,7 @@ def _levels(
     step = float(np.median(steps)) if len(steps) else 1.0
     scales = Scales(std, np.zeros(len(std)), step, max(*durations, step), MIN_NOISE, 0.0)
     floor = np.maximum(MIN_NOISE * std, rounding_noise(trials))
-    fit = problem.linearized(unknowns, (unknowns != bounds.low) & (unknowns != bounds.high))
+    fit = problem.linearized(unknowns, noise, (unknowns != bounds.low) & (unknowns != bounds.high))
     return likeliest_levels(ERRORS[kind], [fit], noise, problem.known_noise, floor, scales, first, restricted)
 
 

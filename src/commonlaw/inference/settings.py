@@ -2,6 +2,7 @@
 
 from commonlaw.differentiation.noise import MIN_SAMPLES as MIN_SAMPLES
 from commonlaw.likelihood.levels import MIN_NOISE as MIN_NOISE
+from commonlaw.likelihood.observation_model import VERY_STRONG as VERY_STRONG
 
 # Rounding and iterations
 ROUNDING = 1e-6
@@ -20,8 +21,6 @@ SAME_DEVIANCE = 0.01
 """Difference below which fits are equal, and at which iterations end."""
 INDIFFERENT = 2.0
 """2 log B up to which evidence is not worth more than a bare mention (Kass and Raftery 1995)."""
-VERY_STRONG = 10.0
-"""2 log B above which evidence is very strong (Kass and Raftery 1995)."""
 
 # Noise before any law
 RESOLVED_NOISE = 0.1

@@ -122,6 +122,8 @@ def _joined(blocks: list[Floats]) -> Floats:
     return joint
 
 
+VERY_STRONG = 10.0
+"""2 log B above which evidence, as for outliers, is very strong (Kass and Raftery 1995)."""
 HUBER_THRESHOLD = FitOptions.huber_threshold
 """Standardized residual beyond which a measurement is an outlier: one in 16 000 of normal noise."""
 

@@ -16,6 +16,8 @@ from commonlaw.inference.fit.annealing import FROM_RESIDUALS
 from commonlaw.inference.fit.covariance import (
     factors,
     free_coefficients,
+    outliers,
+    relative_residuals,
     residual_degrees_of_freedom,
     total_degrees_of_freedom,
 )
@@ -38,7 +40,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     before, is_fitted = fit, False
     with suppress(NotPositiveError):
         fit = _under_residual_noise(fit)
-        if np.any(_relative_residuals(fit) > fit.problem.models[0].observation.huber_threshold):
+        if np.any(relative_residuals(fit) > fit.problem.models[0].observation.huber_threshold):
             squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
             worse = _minus_twice_log_likelihood(squares) - _minus_twice_log_likelihood(fit)
             fit = squares if least_squares or worse < settings.VERY_STRONG else fit
@@ -55,22 +57,10 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
 def _minus_twice_log_likelihood(fit: Fit) -> float:
     """Return minus twice the log-likelihood, with outliers as likely as a measurement at the Huber threshold."""
     problem = fit.problem
-    sizes, (squares, repeated) = _relative_residuals(fit), problem.pure_error
+    sizes, (squares, repeated) = relative_residuals(fit), problem.pure_error
     deviance = np.nansum(np.minimum(sizes, problem.models[0].observation.huber_threshold) ** 2, axis=0)
     deviance += squares / problem.noise**2
     return float(np.sum(deviance + 2 * (np.isfinite(sizes).sum(axis=0) + repeated) * np.log(problem.noise)))
-
-
-def _relative_residuals(fit: Fit) -> Floats:
-    """Return the sizes of standardized residuals, shape (points, states), NaN for constant states."""
-    problem = fit.problem
-    return np.concatenate(
-        [
-            np.where(mesh.still, np.nan, np.abs(model.residuals(mesh, states)) / problem.std_of(mesh))
-            for model, estimate in zip(problem.models, fit.estimates, strict=True)
-            for mesh, states in zip(model.meshes, estimate.states, strict=True)
-        ]
-    )
 
 
 def _metric(fit: Fit) -> list[tuple[Floats, Bools]]:
@@ -161,12 +151,9 @@ def residual_scale(fit: Fit) -> Floats:
     see `residual_degrees_of_freedom` (restricted maximum likelihood, Patterson and Thompson 1971). Outliers count as
     neither, unless most measurements are. A state with less than one degree of freedom has the scale of all.
     """
-    problem, sizes = fit.problem, _relative_residuals(fit)
-    huber = problem.models[0].observation.huber_threshold
-    far, measured = sizes > huber, ~problem.trials.schema.is_latent
-    far &= 2 * far.sum(axis=0) < np.isfinite(sizes).sum(axis=0)
-    squares = np.nansum(np.where(far, 0.0, sizes) ** 2, axis=0) + problem.pure_error[0] / problem.noise**2
-    freedom = residual_degrees_of_freedom(fit) - far.sum(axis=0)
+    problem, sizes, measured = fit.problem, relative_residuals(fit), ~fit.problem.trials.schema.is_latent
+    squares = np.nansum(np.where(outliers(fit), 0.0, sizes) ** 2, axis=0) + problem.pure_error[0] / problem.noise**2
+    freedom = residual_degrees_of_freedom(fit)
     total = total_degrees_of_freedom(freedom[measured])
     if total < 1:
         return np.ones(len(measured))

@@ -74,11 +74,12 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
 
     They are nu_j = n_j - tr H_j, with n_j measurements, replicates included, and the hat matrix H_j (Seber and Wild
     1989, Nonlinear Regression, section 5.10); without a regression, tr H_j is the number of initial states and
-    coefficients of the equation. Unmeasured states have zero.
+    coefficients of the equation. Outliers count as no measurements, and unmeasured states have zero.
     """
     problem = fit.problem
     meshes = [mesh for model in problem.models for mesh in model.meshes]
     counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.pure_error[1]
+    counts = counts - outliers(fit).sum(axis=0)
     fitted, free = regressions(fit), free_coefficients(fit)
     complete = [regression for regression in fitted if regression is not None]
     if fit.shared is not None and len(complete) == len(fitted):
@@ -96,6 +97,25 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
             again = np.sum([inside & fit.shared for inside in free], axis=0) - 1
             used = used - np.where(fit.shared, again, 0).sum(axis=1)
     return np.where(problem.trials.schema.is_latent, 0.0, counts - used)
+
+
+def relative_residuals(fit: Fit) -> Floats:
+    """Return the sizes of standardized residuals, shape (points, states), NaN for constant states."""
+    problem = fit.problem
+    return np.concatenate(
+        [
+            np.where(mesh.still, np.nan, np.abs(model.residuals(mesh, states)) / problem.std_of(mesh))
+            for model, estimate in zip(problem.models, fit.estimates, strict=True)
+            for mesh, states in zip(model.meshes, estimate.states, strict=True)
+        ]
+    )
+
+
+def outliers(fit: Fit) -> Bools:
+    """Return which measurements exceed the Huber threshold, shape (points, states), unless most of a state do."""
+    sizes = relative_residuals(fit)
+    far = sizes > fit.problem.models[0].observation.huber_threshold
+    return np.asarray(far & (2 * far.sum(axis=0) < np.isfinite(sizes).sum(axis=0)))
 
 
 def total_degrees_of_freedom(freedom: Floats) -> float:

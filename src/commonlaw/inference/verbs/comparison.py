@@ -114,8 +114,9 @@ def compare(
     if jointly:
         refuse_client(client)
         changed = changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold})
-        if "huber_threshold" in changed and not observed:
-            raise CommonlawError("shared-under-white-noise", settings=["huber_threshold"])
+        if "huber_threshold" in changed:
+            code = "not-with-observation" if observed else "shared-under-white-noise"
+            raise CommonlawError(code, settings=["huber_threshold"])
         return _fitted_jointly(laws, trials, noise, checked_errors(changed))
     if isinstance(trials, TrialStream):
         kind = "white" if errors == "auto" else errors

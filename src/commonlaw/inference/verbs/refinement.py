@@ -9,7 +9,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import checked_errors, refit, updated
+from commonlaw.estimation.fitting import checked_errors, refit, threshold_of, updated
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.inference import settings
@@ -202,11 +202,12 @@ def _of_observation(
         raise CommonlawError("not-refined-file-by-file", what="observation equations")
     known = settings_of(FitOptions, "refine")
     changed = changed_settings("refine", {name: settings[name] for name in known})
-    errors = checked_errors(changed)
+    errors, threshold = checked_errors(changed), threshold_of(changed)
     taken = {name: changed[name] for name in ("log_states", "input_interpolation", "noise", "seed") if name in changed}
     if taken.get("input_interpolation") == "auto":
         raise CommonlawError("not-with-observation", settings=["input_interpolation='auto'"])
-    refined = refit(law, trials, **taken, errors=errors, progress=progress).law(calls)
+    fitted = refit(law, trials, **taken, errors=errors, huber_threshold=threshold, progress=progress)
+    refined = fitted.law(calls)
     history = (*law.history, refined.provenance.history[-1])
     return replace(refined, provenance=replace(refined.provenance, history=history))
 
