@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.discovery.method import Known
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.formulation import law_variables
-from commonlaw.law import Law
+from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.law import object_index
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.text import left_hand_sides, order_in_words
@@ -155,3 +155,24 @@ def _property_of(trials: Trials, owner: str, name: str) -> float:
         return value
     known = ", ".join((*law_variables(trials.schema, 2).names, *property_names(trials.properties)))
     raise CommonlawError("known-physics-names", name=name, object=owner, known=known)
+
+
+def unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:
+    """Return the law of given equations; coefficients that are to be found are 1 or -1, and only they have an error.
+
+    They have the signs of the text.
+    """
+    known = known_coefficients(given, trials)
+    signs = np.ones(known.shape[1:])
+    for product in given.products:
+        signs[product.equation, product.term] = np.sign(product.factor)
+    coefficients = np.where(np.isnan(known), signs, known)
+    uncertainty = unit_uncertainty(np.isnan(known)[:, np.any(coefficients != 0, axis=0)])
+    return Law(
+        given.terms, trials.schema, given.order, trials.objects, coefficients, uncertainty, provenance=provenance
+    )
+
+
+def unit_uncertainty(free: Bools) -> Uncertainty:
+    """Return a standard error of one for free coefficients, shape (objects, parameters), and of zero for others."""
+    return Uncertainty(free[:, :, np.newaxis] * np.eye(free.shape[1]))

@@ -1,0 +1,373 @@
+"""Given equations that are fitted by collocation, each object by itself but for what all share; or in discrete time."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import compress
+from typing import Any, cast
+
+import numpy as np
+
+from commonlaw.array_types import Bools
+from commonlaw.diagnostics import Outcome, OutcomeKind, marked, note
+from commonlaw.discovery.hints import outcomes_of_units
+from commonlaw.discovery.known_physics import known_coefficients, unfitted, unit_uncertainty
+from commonlaw.discovery.measured_rates import without_measured_rates
+from commonlaw.discovery.method import Known, ModelStructure
+from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
+from commonlaw.discovery.request import FitRequest
+from commonlaw.discovery.shooting import by_shooting
+from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.estimation.beginning import (
+    FREE,
+)
+from commonlaw.estimation.fitting import estimate_at_bound
+from commonlaw.estimation.profile import with_one_sided_limits
+from commonlaw.inference import refine
+from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
+from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
+from commonlaw.inference.verbs.refinement import refine_shared
+from commonlaw.law import Law, Provenance, Step, pool_objects, select_objects
+from commonlaw.law.objects import of_all_objects
+from commonlaw.law.parameters import named_parameters, standard_errors
+from commonlaw.law.parse import GivenEquations, read_equations
+from commonlaw.law.provenance import Domain
+from commonlaw.law.text import with_error
+from commonlaw.law.uncertainty import OneSidedLimit
+from commonlaw.library import ExpressionLibrary
+from commonlaw.library.bounds import Bound
+from commonlaw.library.equation import Equation, split_equations
+from commonlaw.runtime.fit_options import (
+    changed_settings,
+)
+from commonlaw.runtime.progress import on_terminal
+from commonlaw.solvers import STLSQ
+from commonlaw.trials import Trials
+from commonlaw.trials.transformations import (
+    objects_at_rest,
+    outcome_of_rest,
+    outcome_of_undosed,
+    with_doses,
+    with_starts,
+    without_objects,
+)
+from commonlaw.trials.trial import Start, property_names
+
+_OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
+"""Stages of a history that say which errors a law has besides white noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """A request with trials whose states are those of the equations, and these read."""
+
+    request: FitRequest
+    trials: Trials
+    given: GivenEquations
+    settings: dict[str, Any]
+    resting: tuple[str, ...]
+    outcomes: tuple[Outcome, ...]
+    history: tuple[Step, ...]
+
+    @classmethod
+    def of(cls, request: FitRequest) -> "_Prepared":
+        equations = split_equations(request.equations)
+        states = [equation.state for equation in equations]
+        second = [equation.state for equation in equations if equation.order == 2]
+        trials, rates = without_measured_rates(request.trials, second, states)
+        starts = {name: None if start == FREE else start for name, start in request.initial_values.items()}
+        resting = () if request.shared or starts else objects_at_rest(trials)
+        trials = with_doses(without_objects(trials, resting), request.doses)
+        _check_starts(request, trials, equations, starts)
+        trials = with_starts(trials, cast(dict[str, Start], starts), request.at)
+        properties, settings = property_names(trials.properties), dict(request.settings)
+        given = read_equations(request.equations, trials.schema, properties=properties, functions=request.functions)
+        if request.doses and settings["input_interpolation"] is None:
+            settings["input_interpolation"] = "linear"
+        text = "; ".join((*given.texts, *(bound.text for bound in given.bounds)))
+        when = "the first sample of each trial" if request.at is None else f"t = {request.at:g}"
+        names = {coefficient.name for coefficient in given.coefficients}
+        is_asked = request.scheme == "collocation"
+        history = (
+            Step("equations", text, "as given"),
+            Step("scheme", "collocation", "as given" if is_asked else "the equations need nothing else"),
+            *(
+                Step("start", f"{name} = {start} at {when}", "as given, for a latent state")
+                if start is not None
+                else Step("start", name, "latent state; the initial value was estimated in each trial")
+                for name, start in starts.items()
+            ),
+            *(Step("property", name, "given for each object, not estimated") for name in properties if name in names),
+        )
+        outcomes = (*rates, *outcome_of_undosed(request.undosed), *outcome_of_rest(resting))
+        return cls(request, trials, given, settings, resting, outcomes, history)
+
+    @property
+    def has_starts(self) -> bool:
+        """Whether there are latent states with initial values."""
+        return bool(self.request.initial_values)
+
+
+def by_collocation(request: FitRequest) -> Law:
+    """Return the law of a request, by shooting where objects do not determine their parameters by themselves."""
+    prepared = _Prepared.of(request)
+    return _in_discrete_time(prepared) if prepared.given.order == 0 else _in_continuous_time(prepared)
+
+
+def _check_starts(
+    request: FitRequest, trials: Trials, equations: Sequence[Equation], starts: Mapping[str, object]
+) -> None:
+    """Refuse initial values of what is no latent state of first order, and states without a column or initial value."""
+    states = [equation.state for equation in equations]
+    for name in starts:
+        check_choice("state of the equations", name, states)
+        if name in trials.schema.inputs:
+            raise CommonlawError("equation-of-input", name=name)
+    columns = (*trials.schema.states, *trials.schema.inputs, *starts)
+    if starts and (missing := [name for name in states if name not in columns]):
+        raise CommonlawError("equation-without-column", name=missing[0])
+    if latent := [equation.state for equation in equations if equation.state in starts and equation.order != 1]:
+        raise CommonlawError("latent-of-second-order", state=latent[0])
+    if request.initial_time is not None and not starts:
+        raise CommonlawError("initial-time-without-values")
+    if request.guesses and starts:
+        raise CommonlawError("guess-with-latent-states")
+
+
+def _in_discrete_time(prepared: _Prepared) -> Law:
+    given, trials, request = prepared.given, prepared.trials, prepared.request
+    if given.terms.parameters:
+        variables = given.terms.variables
+        raise CommonlawError(
+            "discrete-with-parameters", names=", ".join(variables.parameters), variables=variables.measured
+        )
+    law = _next_samples(given, trials, {**prepared.settings, "shared": request.shared or None})
+    # Of what a search says, only this concerns terms that were given
+    ill_conditioned = (diagnostic for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.ILL_CONDITIONED)
+    provenance = Provenance(
+        outcomes=(*with_origin_outcomes(ill_conditioned, law, trials), *outcome_of_rest(prepared.resting)),
+        history=prepared.history,
+        equations=given.texts,
+        calls=request.calls,
+        domain=Domain(at_rest=prepared.resting),
+    )
+    return _within_bounds(replace(law, provenance=provenance), given.bounds)
+
+
+def _in_continuous_time(prepared: _Prepared) -> Law:
+    request, trials, given, settings = prepared.request, prepared.trials, prepared.given, prepared.settings
+    provenance = Provenance(
+        suitable_differentiation(trials, given.order),
+        prepared.outcomes,
+        history=prepared.history,
+        equations=given.texts,
+        domain=Domain(at_rest=prepared.resting),
+    )
+    settings["input_interpolation"] = settings["input_interpolation"] or "auto"
+    start = unfitted(given, trials, provenance)
+    names = named_parameters(start).names
+    _check_guesses(request.guesses, names, given.bounds)
+    equal, quotient = _shared_coefficients(start, request.shared)
+    if quotient and request.may_shoot:
+        return by_shooting(request, f"for {quotient}, a shared quotient")
+    if quotient:
+        raise CommonlawError("parameter-is-quotient", parameter=quotient)
+    try:
+        begun = with_initial_parameters(start, trials, given.bounds, request.guesses, **settings)
+        law = refine_shared(begun, trials, equal, **settings) if equal.any() else refine(begun, trials, **settings)
+    except CommonlawError as error:
+        return _together(request, names, error)
+    if any(_outside(law, given.bounds)):
+        if prepared.has_starts and request.may_shoot:  # Another maximum of the likelihood may be inside
+            return by_shooting(request, "for bounds of parameters")
+        apart = settings | {"partial_pooling": False}
+        law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
+        law = pool_objects(law, equal, settings["partial_pooling"])
+
+    def under_white_noise() -> Law:
+        return refine_shared(begun, trials, equal, **settings | {"errors": "white"})
+
+    chosen_errors = _chosen_errors(law, under_white_noise) if settings["errors"] == "auto" else ()
+    law = law if request.functions else with_one_sided_limits(law, trials)
+    # Latent states have a note of their own
+    is_vague = not prepared.has_starts and _is_undetermined(law)
+    if request.may_shoot and (is_vague or any(_is_misfit(law, limit) for limit in law.uncertainty.limits)):
+        # Other estimates, and their errors, are those given a value that has no meaning
+        try:
+            return by_shooting(request, "for a parameter that has no estimate, but a limit")
+        except CommonlawError as error:
+            if error.code == "parameters-not-identified" and not law.uncertainty.limits:
+                raise
+    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law))
+    made = replace(law.provenance, calls=request.calls, outcomes=outcomes)
+    return _within_bounds(replace(law, provenance=made), given.bounds)
+
+
+def _check_guesses(guesses: Mapping[str, float], names: Sequence[str], bounds: Sequence[Bound]) -> None:
+    for name, value in guesses.items():
+        check_choice("coefficient", name, names)
+        within = [bound for bound in bounds if bound.name == name]
+        if not np.isfinite(value) or value == 0 or not all(bound.holds(np.array(value)) for bound in within):
+            raise CommonlawError("guess-out-of-bounds", name=name, value=value)
+
+
+def _shared_coefficients(law: Law, names: Sequence[str]) -> tuple[Bools, str]:
+    """Return where shared parameters stand, shape (equations, terms), and the first that is a quotient or product."""
+    equal = np.zeros(law.support.shape, dtype=np.bool_)
+    definitions = {definition.name: definition for definition in named_parameters(law).definitions}
+    for name in names:
+        check_choice("coefficient", name, [*definitions])
+        if len(definitions[name].parts) > 1:
+            return equal, name
+        equal[definitions[name].equation, definitions[name].term] = True
+    return equal, ""
+
+
+def _together(request: FitRequest, names: Sequence[str], error: CommonlawError) -> Law:
+    """Return a fit by shooting, which may give limits, or share parameters, where one of objects apart failed."""
+    if not request.may_shoot:
+        raise error
+    reason = "objects determine it together"
+    if error.code == "state-constant-of-object" and request.shared:
+        resting = () if {*names} <= {*request.shared} else objects_at_rest(request.dosed)
+        if resting or {*names} <= {*request.shared}:
+            return by_shooting(request, reason, resting)
+    codes = ("more-unknowns-than-measurements", "no-degrees-of-freedom")
+    if error.code != "parameters-not-identified" and not (request.shared and error.code in codes):
+        raise error
+    try:
+        return by_shooting(request, reason)
+    except CommonlawError as of_model:
+        raise (of_model if request.shared else error) from None
+
+
+def _is_misfit(law: Law, limit: OneSidedLimit) -> bool:
+    """Whether an estimate that has only a limit is beyond it, or less than its standard error."""
+    parameters = named_parameters(law)
+    place = law.objects.index(limit.object), parameters.names.index(limit.parameter)
+    value, error = float(parameters.values[place]), float(parameters.errors[place])
+    return (value < limit.value) == limit.is_lower or error > abs(value)
+
+
+def _is_undetermined(law: Law) -> bool:
+    """Whether two parameters or more have no limit and standard errors above their estimates in all objects.
+
+    One of them is inside of a term.
+    """
+    parameters = named_parameters(law)
+    vague = np.all(parameters.errors > np.abs(parameters.values), axis=0).tolist()
+    names = {*compress(parameters.names, vague)}
+    return len(names) > 1 and not names.isdisjoint(law.terms.variables.parameters)
+
+
+def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
+    """Return which errors were chosen in place of white noise, and what they change, if there are any."""
+    steps = {step.stage: step.choice for step in law.history if step.choice != "none"}
+    chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
+    parameters = named_parameters(law)
+    if not chosen or not parameters.names:
+        return ()
+    try:
+        white = under_white_noise()
+    except CommonlawError as error:
+        return (note("errors-without-comparison", errors=chosen, error=error.sentence(marked)),)
+    here, errors = parameters.values, parameters.errors
+    comparison = named_parameters(white)
+    there, others = comparison.values, comparison.errors
+    with np.errstate(divide="ignore", invalid="ignore"):
+        changes = np.nan_to_num(abs(there - here) / errors)
+    i, j = np.unravel_index(np.argmax(changes), here.shape)
+    of = f" of {law.objects[i]}" if len(law.objects) > 1 else ""
+    under = with_error(there[i, j], float(np.nan_to_num(others[i, j])))
+    changed = f"{parameters.names[j]}{of} is {with_error(here[i, j], errors[i, j])}, and {under} under white noise"
+    return (note("errors-chosen", errors=chosen, changed=changed),)
+
+
+def _outside(law: Law, bounds: Sequence[Bound]) -> Iterator[CommonlawError]:
+    """Yield errors for parameters outside of their bounds, pooled or by the object alone."""
+    unpooled, coefficients, parameters = law.uncertainty.unpooled, law.coefficients.copy(), named_parameters(law)
+    if unpooled is not None:
+        coefficients[:, law.support] = unpooled.coefficients
+    for bound in bounds:
+        index = parameters.names.index(bound.name)
+        values, errors = parameters.values[:, index], parameters.errors[:, index]
+        definition = next(definition for definition in parameters.definitions if definition.name == bound.name)
+        for name, value, error, alone in zip(law.objects, values, errors, coefficients, strict=True):
+            outside = next((estimate for estimate in (value, definition.of(alone)) if not bound.holds(estimate)), None)
+            if outside is not None:
+                shown = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
+                yield _out_of_bounds(name, bound, shown)
+
+
+def _out_of_bounds(owner: str, bound: Bound, value: str) -> CommonlawError:
+    return CommonlawError("estimate-out-of-bounds", name=owner, parameter=bound.name, value=value, bound=bound.text)
+
+
+def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
+    for error in _outside(law, bounds):
+        raise error
+    return law
+
+
+def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict[str, Any]) -> Law:
+    """Return a law that is not pooled with coefficients that are outside of their bounds at these, others fitted again.
+
+    An active set, object by object: what is at a bound is known there. Coefficients that are quotients or products of
+    what stands before several terms stay as they are.
+    """
+    parts, outcomes = list[Law](), list[Outcome]()
+    for owner in law.objects:
+        start = alone = select_objects(law, [owner])
+        coefficients, is_free = start.coefficients.copy(), start.support & (standard_errors(start) != 0)
+        definitions = {definition.name: definition.parts for definition in named_parameters(start).definitions}
+        held = {name for name, of_name in definitions.items() if len(of_name) > 1}
+        while True:
+            parameters, before = named_parameters(alone), len(held)
+            for bound in (bound for bound in bounds if bound.name not in held):
+                at, (part,) = parameters.names.index(bound.name), definitions[bound.name]
+                value, error = float(parameters.values[0, at]), float(parameters.errors[0, at])
+                if bound.holds(np.array(value)):
+                    continue
+                end = bound.low if value < bound.low else bound.high
+                if end == 0 and part.power < 0:  # It is divided by: zero has no best fit
+                    raise _out_of_bounds(owner, bound, f"{value:.3g}")
+                degrees, is_low = float(parameters.degrees_of_freedom[0, at]), end == bound.low
+                outcomes.append(estimate_at_bound(owner, bound.name, end, is_low, value, error, bound.text, degrees))
+                coefficients[:, part.equation, part.term] = part.factor * end ** float(part.power)
+                is_free[:, part.equation, part.term] = False
+                held.add(bound.name)
+            if len(held) == before:
+                break
+            uncertainty = unit_uncertainty(is_free[:, np.any(coefficients != 0, axis=0)])
+            begun = replace(start, coefficients=coefficients.copy(), uncertainty=uncertainty)
+            alone = refine(begun, trials.select(object=[owner]), **settings)
+        parts.append(alone)
+    if not outcomes:
+        return law
+    coefficients, covariance = of_all_objects(parts)
+    known, provenance = law.uncertainty, law.provenance
+    if len(parts) == 1:
+        known, provenance = parts[0].uncertainty, parts[0].provenance
+    return replace(
+        law,
+        coefficients=coefficients,
+        uncertainty=replace(known, covariance=covariance),
+        provenance=replace(provenance, outcomes=(*provenance.outcomes, *outcomes)),
+    )
+
+
+def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:
+    """Return the law in discrete time whose coefficients are those of least squares."""
+    taken = ("n_jobs", "progress")
+    if refused := ", ".join(name for name in changed_settings("fit", settings) if name not in taken):
+        raise CommonlawError("discrete-without-option", refused=refused)
+    names, terms, values = given.terms.variables.names, given.terms.terms, known_coefficients(given, trials)
+    functions = given.terms.variables.functions
+    library = ExpressionLibrary(*(term.expression(names) for term in terms), functions=functions)
+    known: Known = {
+        (trials.schema.states[j], given.terms.names[k]): dict(
+            zip(trials.objects, values[:, j, k].tolist(), strict=True)
+        )
+        for j, k in np.argwhere(~np.isnan(values).any(axis=0)).tolist()
+    }
+    progress = settings.get("progress") or on_terminal()
+    return DiscreteTimeRegression(solver=STLSQ(0.0)).find(trials, ModelStructure(0, library, known), progress)

@@ -1,0 +1,138 @@
+"""Given equations that are fitted by shooting."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from commonlaw.diagnostics import note
+from commonlaw.discovery.hints import outcomes_of_units
+from commonlaw.discovery.known_physics import unfitted
+from commonlaw.discovery.regression import suitable_differentiation
+from commonlaw.discovery.request import FitRequest
+from commonlaw.errors import CommonlawError
+from commonlaw.estimation.beginning import (
+    begin,
+    with_values_of,
+)
+from commonlaw.estimation.fitting import checked_errors, fit_model, threshold_of
+from commonlaw.estimation.model import ModelText
+from commonlaw.inference.propose.nonlinear_parameters import with_initial_parameters
+from commonlaw.inference.settings import STRONG
+from commonlaw.inference.verbs.refinement import collocated
+from commonlaw.integration import BETWEEN
+from commonlaw.law import Law, Provenance, Step
+from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parse import read_equations
+from commonlaw.library.equation import split_equations
+from commonlaw.runtime.progress import on_terminal, silent
+from commonlaw.trials import Trials
+from commonlaw.trials.transformations import (
+    objects_at_rest,
+    outcome_of_rest,
+    outcome_of_undosed,
+    without_objects,
+)
+from commonlaw.trials.trial import property_names
+
+
+def by_shooting(request: FitRequest, reason: str, resting: tuple[str, ...] = ()) -> Law:
+    """Return the law of a request; without objects at rest, where these do not determine a parameter."""
+    if request.functions:
+        raise CommonlawError("function-with-observation", function=request.functions[0].text)
+    moving = without_objects(request.dosed, resting)
+    try:
+        law = _of_model(request, moving)
+    except CommonlawError as error:
+        others = objects_at_rest(moving)
+        if error.code != "parameters-not-identified" or not others:
+            raise
+        return by_shooting(request, reason, others)
+    outcomes = (*law.diagnostics, *outcome_of_undosed(request.undosed), *outcome_of_rest(resting))
+    domain, history = replace(law.provenance.domain, at_rest=resting), list(law.history)
+    history.insert(1, Step("scheme", "shooting", reason))
+    provenance = replace(law.provenance, outcomes=outcomes, domain=domain, history=tuple(history))
+    return replace(law, provenance=provenance)
+
+
+def _of_model(request: FitRequest, trials: Trials) -> Law:
+    """Return the law of all trials, under the interpolation of inputs of largest likelihood."""
+    settings = request.changed
+    errors = checked_errors(settings) or "white"
+    between = settings.get("input_interpolation") or ("linear" if trials.schema.doses else "auto")
+    if between != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
+        tried = [between.replace("auto", trials.schema.input_interpolation)]
+    else:
+        tried = ["linear", *(interpolation for interpolation in BETWEEN if interpolation != "linear")]
+    noise, log_states = settings.get("noise"), settings.get("log_states") or ()
+    laws = list[Law]()
+    for interpolation in tried:
+        interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
+        begun = begin(
+            request.text,
+            interpolated,
+            request.initial_values,
+            request.at,
+            request.groups,
+            request.guesses,
+            request.priors,
+            log_states=log_states,
+            noise=noise,
+            errors=errors,
+        )
+        begun = replace(begun, huber_threshold=threshold_of(settings))
+        near = laws[0] if laws else None if request.guesses else _by_collocation(request.text, interpolated, settings)
+        if near is not None:
+            begun = replace(with_values_of(near, begun), is_fitted=True)
+        fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
+        law = fitted.law(request.calls)
+        noted = replace(law.provenance, outcomes=(*law.provenance.outcomes, *outcomes_of_units(law)))
+        laws.append(replace(law, provenance=noted))
+    likelihoods = np.array([law.observation.log_likelihood for law in laws if law.observation is not None])
+    gains = 2 * (likelihoods - likelihoods[0])
+    best = int(np.argmax(gains)) if max(gains) > STRONG else 0
+    if len(tried) == 1:
+        return laws[best]
+    law, plausible = laws[best], np.flatnonzero(gains > gains[best] - STRONG).tolist()
+    why = f"between samples; twice the log-likelihood ratio to straight lines is {gains[best]:.3g}"
+    history = (*law.history, Step("inputs", tried[best], why))
+    # Dead times that depend on how inputs go between samples, where measurements do not decide it
+    named, outcomes = named_parameters(law), [*law.provenance.outcomes]
+    for name in dict.fromkeys(name for signal in law.schema.inputs for name in re.findall(r"\(t - (\w+)\)$", signal)):
+        at = named.names.index(name)
+        value, error = named.values[0, at], named.errors[0, at]
+        delays = {tried[i]: named_parameters(laws[i]).values[0, at] for i in plausible if i != best}
+        if apart := [
+            f"{delay:.4g} ({interpolation})"
+            for interpolation, delay in delays.items()
+            if abs(delay - value) > 2 * error
+        ]:
+            where = "" if np.ptp(named.values[:, at]) == 0 else law.objects[0]
+            outcomes.append(
+                note("delay-by-interpolation", where, name=name, value=value, between=tried[best], others=apart)
+            )
+    return replace(law, provenance=replace(law.provenance, history=history, outcomes=tuple(outcomes)))
+
+
+def _by_collocation(text: ModelText, trials: Trials, settings: Mapping[str, Any]) -> Law | None:
+    """Return the law of the same equations by collocation, where the fit of the model begins.
+
+    None of models with latent states, observation equations, events, jumps, delays or doses, and where it does not
+    fit each object by itself.
+    """
+    states = {equation.state for equation in split_equations(text.equations)}
+    if states != {*trials.schema.states} or trials.schema.doses or replace(text, initial={}).beyond_equations:
+        return None
+    try:
+        given = read_equations(text.equations, trials.schema, properties=property_names(trials.properties))
+        provenance = Provenance(suitable_differentiation(trials, given.order), equations=given.texts)
+        start = unfitted(given, trials, provenance)
+        log_states, between = settings.get("log_states"), trials.schema.input_interpolation
+        inside = {coefficient.name for coefficient in given.coefficients}  # Others are in initial values alone
+        bounds = [bound for bound in text.bounds if bound.name in inside]
+        begun = with_initial_parameters(start, trials, bounds, log_states=log_states, progress=silent)
+        return collocated(begun, trials, log_states, between)
+    except CommonlawError:
+        return None
