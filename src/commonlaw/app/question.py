@@ -292,8 +292,9 @@ class Equations(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             if name not in self.fixed and value != 0 and low <= value <= high:
                 guesses[name] = float(f"{value:.6g}")
         groups = {name: by for name, by in self.shared.items() if name not in self.fixed}
-        dosed = with_doses(trials, self.doses)
-        is_shot = trials.schema.administered or beyond_collocation(text, dosed, self.initial, groups, self.priors)
+        is_shot = bool(trials.schema.administered) or beyond_collocation(
+            text, with_doses(trials, self.doses), self.initial, groups, self.priors
+        )
         return fit(
             self.written,
             trials,
