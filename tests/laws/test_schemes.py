@@ -285,6 +285,27 @@ def test_both_schemes_state_the_same(name):
     assert {what: size for what, size in result.items() if not size < LIMITS[what]} == {}
 
 
+def test_a_first_measurement_may_be_an_outlier():
+    times, source = np.linspace(0, 4, 40), np.random.default_rng(7)
+    clean = 4 * np.exp(-1.2 * times)
+    x = clean * (1 + 0.1 * source.standard_normal(40))
+    trials = cl.Trials.from_arrays([times], [np.append(9.0, x[1:])], names=["x"])
+    law = cl.fit("x' = -k x; x(0) = h", trials, errors="proportional")
+    assert [step.choice for step in law.history if step.stage == "outliers"] == ["1 measurement"]
+    assert law.uncertainty.error_model.heteroscedastic["proportional"] == pytest.approx(0.1, rel=0.4)
+    # Neither does noise that grows with the state count as a lack of fit
+    assert "residuals-exceed-noise" not in {outcome.code for outcome in law.diagnostics}
+
+
+def test_exact_measurements_have_no_outliers():
+    times = np.linspace(0, 4, 30)
+    trials = cl.Trials.from_arrays([times], [4 * np.exp(-0.7 * times)], names=["x"])
+    law = cl.fit("x' = -k x; x(0) = h", trials)
+    assert "outliers" not in [step.stage for step in law.history]
+    for kind in ("proportional", "autocorrelated"):
+        assert cl.fit("x' = -k x; x(0) = h", trials, errors=kind).coefficients == pytest.approx(law.coefficients)
+
+
 @pytest.mark.parametrize("options", [{}, {"huber_threshold": 2.5}, {"errors": "white"}])
 def test_both_schemes_weigh_outliers_alike(options):
     """By the Huber loss if the evidence for outliers is very strong, and never under white noise by name."""

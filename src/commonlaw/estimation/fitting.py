@@ -191,6 +191,7 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
         problem, optimum = under_huber_loss(problem, threshold, optimum, begun.first, begun.bounds)
     if begun.errors != "white":
         problem, optimum = under_errors(problem, begun.errors, optimum, begun.bounds)
+        lack_of_fit = _lack_of_fit(replace(begun, problem=problem), optimum)
     begun = replace(begun, problem=problem)
     optimum, limits = _with_limits(begun, optimum)
     vague, names = np.setdiff1d(_vague(begun, optimum), [*limits]), np.array(begun.unknowns.names)
@@ -246,18 +247,27 @@ def _with_limits(begun: Beginning, optimum: Optimum) -> tuple[Optimum, dict[int,
 def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
     """Return the quantities whose residuals exceed the noise by differences of neighbouring samples, with both.
 
-    Residuals are three times as large, and more than a fiftieth of the standard deviation of the measurements.
+    Residuals are three times as large, and more than a fiftieth of the standard deviation of the measurements. Under
+    other errors than white noise, neighbouring differences are those of standardized residuals.
     """
-    listed, schema = list[str](), begun.trials.schema
-    for name, residual in zip(begun.problem.model.observables, optimum.noise.tolist(), strict=True):
+    listed, schema, problem = list[str](), begun.trials.schema, begun.problem
+    for name, residual in zip(problem.model.observables, optimum.noise.tolist(), strict=True):
         if name in begun.logarithmic or name not in schema.states or name in schema.noise_columns:
             continue
         columns = [(trial.times, trial.states[:, schema.states.index(name)]) for trial in begun.trials]
         seen = [(times[kept], column[kept]) for times, column in columns if (kept := np.isfinite(column)).sum() >= 20]
         if not seen:
             continue
+        least = 0.02 * float(np.std(np.concatenate([column for _, column in seen])))
+        if problem.errors:
+            k, parts = (
+                problem.model.observables.index(name),
+                problem.standardized(optimum.unknowns, optimum.noise, False),
+            )
+            columns = [(part.trial.times, residual * part.z[:, k]) for part in parts]
+            seen = [(times[kept], z[kept]) for times, z in columns if (kept := np.isfinite(z)).sum() >= 20]
         level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
-        if residual > max(3 * level, 0.02 * float(np.std(np.concatenate([column for _, column in seen])))):
+        if residual > max(3 * level, 0.0 if problem.errors else least):
             listed.append(f"{name}: {residual:.2g} (noise {level:.2g})")
     return listed
 

@@ -376,9 +376,9 @@ class Problem:
         """
         trials = list[Deviations]()
         for data, far in zip(self.trials, self.outliers(unknowns, noise), strict=True):
-            (values, slopes, *_), trial = self.predicted(data, unknowns), data.trial
-            trial = replace(trial, states=np.where(far, np.nan, trial.states)) if far.any() else trial
-            trials.append(Deviations(trial, values, None if slopes is None else slopes[:, :, free], values))
+            values, slopes, *_ = self.predicted(data, unknowns)
+            slopes = None if slopes is None else slopes[:, :, free]
+            trials.append(Deviations(data.trial, values, slopes, values, far))
         residuals = [np.zeros(0), *(prior.residuals(unknowns) for prior in self.priors)]
         unit = np.eye(self.unknowns)[:, free]
         rows = [prior.root @ unit[prior.indices] for prior in self.priors]
@@ -390,9 +390,10 @@ class Problem:
         for data in self.trials:
             predicted, trial = self.predicted(data, unknowns, slopes), data.trial
             values, is_first = predicted.values, data.fitted is None
-            deviations = Deviations(trial, values, predicted.slopes, values if data.fitted is None else data.fitted)
+            seen, reference = np.isfinite(trial.states), values if data.fitted is None else data.fitted
+            deviations = Deviations(trial, values, predicted.slopes, reference, np.zeros_like(seen))
             whitened = deviations.whitened(noise, WHITE_NOISE if is_first else self.errors)
-            seen, under = np.isfinite(trial.states), np.isfinite(trial.below)
+            under = np.isfinite(trial.below)
             u = (trial.below - values) / whitened.std
             yield _Standardized(trial, seen, under, whitened.z, u, whitened.slopes, deviations.deviance(whitened))
 

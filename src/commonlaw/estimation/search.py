@@ -515,7 +515,8 @@ def _median_noise(problem: Problem, unknowns: Floats) -> Floats | None:
     sizes = np.abs(np.concatenate(residuals))
     if np.isinf(sizes).any() or not np.isfinite(sizes).any(axis=0).all():
         return None
-    return _not_zero(np.nanmedian(sizes, axis=0) / MEDIAN_SIZE, problem)
+    # Residuals of exact measurements are errors of solutions, which are not normal
+    return np.maximum(np.nanmedian(sizes, axis=0) / MEDIAN_SIZE, rough_noise(problem, MIN_NOISE))
 
 
 def _capped_deviance(problem: Problem, unknowns: Floats, noise: Floats, threshold: float) -> float:
@@ -559,7 +560,7 @@ def _levels(
 ) -> Floats:
     """Return the noise, other levels and times of largest (restricted) likelihood at unknowns, from first values."""
     trials = [data.trial for data in problem.trials]
-    std = np.maximum(within_trial_std(trials), _TINY)
+    std = np.maximum(within_trial_std(trials), rough_noise(problem, MIN_NOISE))
     steps = np.concatenate([np.diff(trial.times) for trial in trials])
     durations = [float(np.ptp(trial.times)) for trial in trials]
     step = float(np.median(steps)) if len(steps) else 1.0

@@ -84,13 +84,19 @@ class Innovations(NamedTuple):
 class Deviations:
     """Measurements of a trial about the values h of a fit, shape (n, m), with derivatives of these, shape (n, m, k).
 
-    Heteroscedastic noise is that at `reference` values of an earlier fit, shape (n, m).
+    Heteroscedastic noise is that at `reference` values of an earlier fit, and outliers are left out, shape (n, m) each.
     """
 
     trial: Trial
     values: Floats
     slopes: Floats | None
     reference: Floats
+    outliers: Bools
+
+    @property
+    def seen(self) -> Bools:
+        """Which measurements there are, shape (n, m)."""
+        return np.isfinite(self.trial.states) & ~self.outliers
 
     def whitened(self, noise: Floats, errors: ErrorModel) -> Whitened:
         """Return the residuals under white noise, shape (m,), and other errors."""
@@ -100,7 +106,7 @@ class Deviations:
         if errors.correlated is not None:
             slopes = None if slopes is None else slopes.copy()
             for k, level in enumerate(errors.correlated.tolist()):
-                seen = np.isfinite(trial.states[:, k])
+                seen = self.seen[:, k]
                 innovations = Innovations.of(trial.times[seen], white[seen, k], level, errors.memory)
                 z[seen, k], std[seen, k] = innovations.of_errors(z[seen, k]), innovations.std
                 if slopes is not None:
@@ -113,7 +119,7 @@ class Deviations:
         Repeated measurements vary about their means, and values below limits are in the tails.
         """
         trial, (_, _, std, white) = self.trial, whitened
-        seen, under = np.isfinite(trial.states), np.isfinite(trial.below)
+        seen, under = self.seen, np.isfinite(trial.below)
         result = 2 * float(np.log(std[seen]).sum() - log_ndtr(((trial.below - self.values) / std)[under]).sum())
         if trial.repeats is not None:
             counts, squares = trial.repeats.counts[seen], trial.repeats.squares[seen]
@@ -133,7 +139,7 @@ class LinearizedFit:
     def of(cls, trials: Sequence[Deviations], prior: tuple[Floats, Floats]) -> "LinearizedFit":
         """Return a fit whose unknowns are orthogonal combinations of those that the rows determine."""
         parts = [
-            np.where(np.isfinite(trial.trial.states)[:, :, np.newaxis], np.nan_to_num(trial.slopes), 0.0)
+            np.where(trial.seen[:, :, np.newaxis], np.nan_to_num(trial.slopes), 0.0)
             for trial in trials
             if trial.slopes is not None
         ]
@@ -152,11 +158,11 @@ class LinearizedFit:
         """Return minus twice the (restricted) log-likelihood, without constants; the likelihood keeps the unknowns."""
         residuals, rows, total = [self.prior[0]], [self.prior[1]], 0.0
         for trial in self.trials:
-            whitened, seen = trial.whitened(noise, errors), np.isfinite(trial.trial.states)
+            whitened = trial.whitened(noise, errors)
             total += trial.deviance(whitened)
-            residuals.append(whitened.z[seen])
+            residuals.append(whitened.z[trial.seen])
             assert whitened.slopes is not None
-            rows.append(whitened.slopes[seen])
+            rows.append(whitened.slopes[trial.seen])
         target = np.concatenate(residuals)
         if not restricted:
             return total + float(target @ target)
