@@ -161,7 +161,7 @@ def solve(
     dense_output = _DenseOutput(start[:width], [float(times[0])]) if dense else None
     if len(times) == 1:
         return Trajectory(times, states, dense=dense_output)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"), quiet(UserWarning):
         if not np.all(np.isfinite(rhs.derivatives(times[0], start))):
             ended = float(times[0])
             outcome = diverged(ended, "the law is not finite there", where)
@@ -184,9 +184,7 @@ def solve(
                     break
                 mark = solver.t
             before = solver.t
-            with quiet(UserWarning):
-                bad = solver.step() or _divergence(solver.y[:width], largest)
-            if bad:
+            if bad := solver.step() or _divergence(solver.y[:width], largest):
                 how, why = "ran away", bad
                 break
             if search or dense or solver.t >= times[reached]:
@@ -215,8 +213,7 @@ def _size_reached(
     while size * ABSOLUTE_TOLERANCE > reached:
         steps = _steps(rhs, start, time, np.array([until]), tolerance, ABSOLUTE_TOLERANCE * tolerance * size)
         for solver in islice(steps, _STALLED_STEPS):
-            with quiet(UserWarning):
-                solver.step()
+            solver.step()
             reached = np.fmax(reached, np.max(np.abs(solver.y[:width])))
         if not 0 < reached < size * ABSOLUTE_TOLERANCE:
             return size

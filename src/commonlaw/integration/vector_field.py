@@ -168,7 +168,7 @@ class VectorField:
 
     def point(self, t: float, z: Floats) -> Floats:
         """Return the values of the variables at one time and state, shape (1, variables)."""
-        inputs = () if self.inputs is None else self.inputs(t)
+        inputs = self.inputs(t) if self.inputs is not None and self.terms.variables.inputs else ()
         return np.concatenate([z, inputs, (t,)])[np.newaxis]
 
     def derivatives(self, values: Floats) -> Floats:
