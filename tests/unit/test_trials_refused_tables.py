@@ -1,5 +1,7 @@
 """Tables that cannot be used are refused, and errors name the place and the remedy."""
 
+import io
+import zipfile
 from collections import ChainMap
 
 import pandas as pd
@@ -18,6 +20,15 @@ def changed(row, column, cell):
     cells = lines[row].split(",")
     cells[column] = cell
     return "\n".join([*lines[:row], ",".join(cells), *lines[row + 1 :], ""])
+
+
+def archive(**contents):
+    """Return a zip archive of files with these contents."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as files:
+        for name, content in contents.items():
+            files.writestr(f"{name}.csv", content)
+    return packed.getvalue()
 
 
 MASS_AND_HEIGHT = {"states": "mass", "inputs": "height"}
@@ -101,6 +112,7 @@ BAD_TEXT = {
     "binary": (b"t,x\n\x00\x01\n", "not-a-table"),
     "damaged Parquet": (b"PAR1 and no more", message("parquet-damaged", source="drops.csv")),
     "damaged workbook": (b"PK\x03\x04 and no more", message("workbook-damaged", source="drops.csv")),
+    "a zip archive": (archive(drops=GOOD), message("workbook-is-archive", source="drops.csv")),
     "a sheet of text": (GOOD, message("sheet-of-text", name="drops.csv", sheet="A"), {"sheet": "A"}),
 }
 

@@ -10,6 +10,7 @@ import pickle
 import re
 import subprocess
 import sys
+import zipfile
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -73,6 +74,8 @@ def workbook_table(source: str, content: bytes, wanted: str | None) -> Table:
     except subprocess.TimeoutExpired:
         raise CommonlawError("workbook-too-slow", source=source, seconds=seconds) from None
     if done.returncode == workbook_process.NO_WORKBOOK:
+        if zipfile.is_zipfile(io.BytesIO(content)):
+            raise CommonlawError("workbook-is-archive", source=source)
         reason = done.stderr.decode(errors="replace").strip()
         raise CommonlawError("workbook-damaged", source=source, reason=reason)
     if done.returncode:
