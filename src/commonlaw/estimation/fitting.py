@@ -191,8 +191,9 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
         problem, optimum = under_huber_loss(problem, threshold, optimum, begun.first, begun.bounds)
     if begun.errors != "white":
         problem, optimum = under_errors(problem, begun.errors, optimum, begun.bounds)
-        lack_of_fit = _lack_of_fit(replace(begun, problem=problem), optimum)
-    begun = replace(begun, problem=problem)
+    if problem is not begun.problem:
+        begun = replace(begun, problem=problem)
+        lack_of_fit = _lack_of_fit(begun, optimum)
     optimum, limits = _with_limits(begun, optimum)
     vague, names = np.setdiff1d(_vague(begun, optimum), [*limits]), np.array(begun.unknowns.names)
     everywhere = [k for k in vague if np.isin(np.flatnonzero(names == names[k]), vague).all()]
