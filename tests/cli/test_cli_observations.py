@@ -22,8 +22,8 @@ def test_laws_with_observation_equations_are_fitted_compared_refined_and_forecas
     assert rows[0]["law"] == "law.json"
     assert rows[1]["2 log B"] > 10
     done("refine", "cells.csv", "law.json", "--save", "again.json")
-    one, other = (cl.Law.load(f"{name}.json").observation for name in ("law", "again"))
-    assert one.log_likelihood == pytest.approx(other.log_likelihood, abs=1e-6)
+    one, other = (cl.Law.load(f"{name}.json") for name in ("law", "again"))
+    assert one.observation.log_likelihood == pytest.approx(other.observation.log_likelihood, abs=1e-6)
     assert one.restrictions.shared == other.restrictions.shared == {"c": "all"}
     done("predict", "cells.csv", "law.json", "--save", "forecast.csv")
     assert "signal forecast" in (tmp_path / "forecast.csv").read_text()
@@ -35,7 +35,7 @@ def test_parameters_are_shared_by_column(done, tmp_path):
     shared = ("--trial", "trial", "--shared", "a", "--shared", "k=T")
     done("fit", "cells.csv", "x' = -k x; y = x + b; x(0) = a", *shared, "--save", "law.json")
     law = cl.Law.load("law.json")
-    assert law.observation.restrictions.shared == {"a": "all", "k": "T"}
+    assert law.restrictions.shared == {"a": "all", "k": "T"}
     assert len(law.observation.estimated) == 6
 
 

@@ -9,8 +9,9 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law import Law, from_json, to_json
-from commonlaw.law.observation import Observation, Restrictions, TrialEstimate
+from commonlaw.law.observation import Observation, TrialEstimate
 from commonlaw.law.parse import read_equations
+from commonlaw.law.restrictions import Restrictions
 from commonlaw.library.bounds import parts_of
 from commonlaw.library.equation import split_equations
 from commonlaw.trials import Schema
@@ -75,10 +76,10 @@ def observed(law, seed):
         {state: 1e140},
         (TrialEstimate(law.objects[0], trial, f"{state}(0)", -1e30, 1e-300),),
         -1.5,
-        restrictions=Restrictions({parameter: "trial"}, {parameter: (1.0, 2.0)}, ("K > 0",), {measured: trial}),
         events={f"{quoted} < 0": {state: f"-{quoted}"}},
     )
-    return replace(law, observation=observation)
+    restrictions = Restrictions({parameter: "trial"}, {parameter: (1.0, 2.0)}, ("K > 0",), {measured: trial})
+    return replace(law, observation=observation, restrictions=restrictions)
 
 
 def or_code(function, *arguments):

@@ -21,8 +21,9 @@ import commonlaw as cl
 from commonlaw.cli.results import command_line
 from commonlaw.law import Law, Provenance, from_json, to_json, to_latex, to_script
 from commonlaw.law.io import file_content
-from commonlaw.law.observation import Observation, Restrictions, TrialEstimate
+from commonlaw.law.observation import Observation, TrialEstimate
 from commonlaw.law.provenance import Alternative, Domain, Step
+from commonlaw.law.restrictions import Restrictions
 from commonlaw.law.script import Source
 from commonlaw.report import Report, Section, Table, Text, law_report, to_page
 from commonlaw.report.markup import code, literal
@@ -63,7 +64,6 @@ def whole_law():
         {"x": 2.0},
         (TrialEstimate("a", "1", "x(0)", 1.0, 0.1),),
         -3.0,
-        restrictions=Restrictions({"k": "trial"}, {"k": (1.0, 2.0)}, ("k > 0",), {"x": 0.1}),
         events={"x < 0": {"x": "-x"}},
     )
     provenance = Provenance(
@@ -80,6 +80,7 @@ def whole_law():
         schema=schema,
         provenance=provenance,
         properties={"a": {"mass": 1.0, "make": "A"}, "b": {"mass": 2.0, "make": "B"}},
+        restrictions=Restrictions({"k": "trial"}, {"k": (1.0, 2.0)}, ("k > 0",), {"x": 0.1}),
         observation=observation,
     )
 

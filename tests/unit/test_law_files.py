@@ -284,7 +284,7 @@ def test_a_damaged_law_of_version_2_is_refused(damage):
 def test_inflation_of_intervals_is_read_by_its_name_until_version_5():
     law, inflation = Law.load(SAVED / "version-2.json"), IntervalInflation(np.array([0.5, 1.0]), np.array([1.0, 3.0]))
     law = replace(law, uncertainty=replace(law.uncertainty, interval_inflation=inflation))
-    text = to_json(law).replace('"version": 6', '"version": 5').replace('"interval_inflation"', '"widening"')
+    text = to_json(law).replace('"version": 7', '"version": 5').replace('"interval_inflation"', '"widening"')
     again = from_json(text)
     assert again.uncertainty.interval_inflation.factors.tolist() == [1.0, 3.0]
     assert again.uncertainty.interval_inflation.horizons.tolist() == [0.5, 1.0]

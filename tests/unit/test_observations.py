@@ -108,7 +108,7 @@ def test_a_law_is_refined_as_it_was_fitted(text, tmp_path):
     assert again.observation.log_likelihood == pytest.approx(law.observation.log_likelihood, rel=1e-8, abs=1e-6)
     assert again.params["estimate"].to_numpy() == pytest.approx(law.params["estimate"].to_numpy(), rel=1e-4)
     assert again.params["standard error"].to_numpy() == pytest.approx(law.params["standard error"].to_numpy(), rel=1e-2)
-    assert again.observation.restrictions == law.observation.restrictions
+    assert again.restrictions == law.restrictions
     assert np.isfinite(again.predict(trials).to_frame()["y forecast"]).all()
     # Of other trials, as a fit of them alone
     fewer = trials.select(object="B")
@@ -213,19 +213,19 @@ def test_files_of_version_4_have_initial_values_by_state_and_no_restrictions():
     free = cl.fit("x' = -k x", trials_of({"A": (T, SIGNAL)}, ["x"]), priors={"k": (0.5, 0.2)})
     for each in (law, free):
         document = json.loads(to_json(each))
-        del document["observation"]["restrictions"]
+        del document["restrictions"]
         estimated = document["observation"]["estimated"]
         document |= {"version": 4}
         for own in estimated:
             own["state"] = own.pop("name").removesuffix("(0)")
         old = from_json(json.dumps(document))
-        assert old.observation.restrictions is None
+        assert old.restrictions is None
         assert old.observation.estimated == each.observation.estimated
         assert np.array_equal(old.coefficients, each.coefficients)
         with refused("restrictions-not-recorded"):
             cl.refine(old, trials_of({"A": (T, SIGNAL)}, each.observation.measured.states))
-    assert law.observation.restrictions.priors == {"a": (1, 0.1)}
-    assert law.observation.restrictions.bounds == ("b > 0",)
+    assert law.restrictions.priors == {"a": (1, 0.1)}
+    assert law.restrictions.bounds == ("b > 0",)
 
 
 @pytest.fixture(scope="module")

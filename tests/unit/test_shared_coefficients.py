@@ -1,5 +1,6 @@
 """Coefficients of several terms, and parameters inside terms, in laws with latent states."""
 
+import json
 from functools import cache
 
 import numpy as np
@@ -269,3 +270,21 @@ def test_collocation_names_what_it_does_not_fit(more, reasons):
     _, _, trials = three_decays()
     with refused("beyond-collocation", reasons=reasons):
         cl.fit(**{"equations": "x' = -k x", "trials": trials, "scheme": "collocation"} | more)
+
+
+def test_refined_laws_keep_the_bounds_they_were_fitted_with():
+    _, _, trials = three_decays()
+    law = cl.fit("x' = -k x; k < 0.55", trials, errors="white")
+    again = from_json(to_json(law))
+    assert again.restrictions.bounds == ("k < 0.55",)
+    refined = cl.refine(again, trials, errors="white")
+    assert refined.params["estimate"].max() <= 0.55
+    assert refined.params["estimate"].tolist() == pytest.approx(law.params["estimate"].tolist(), rel=1e-6)
+
+
+def test_files_of_version_6_have_shared_parameters_as_those_without_scatter():
+    _, _, trials = three_decays()
+    law = cl.fit("x' = a - k x", trials, shared="k", errors="white")
+    document = json.loads(to_json(law)) | {"version": 6}
+    del document["restrictions"]
+    assert from_json(json.dumps(document)).restrictions.shared == law.restrictions.shared == {"k": "all"}

@@ -14,7 +14,7 @@ from commonlaw.experiments import suggestions
 from commonlaw.forecast import forecast_from
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.law.law import object_index
-from commonlaw.law.observation import ALL, TRIAL
+from commonlaw.law.restrictions import ALL, TRIAL
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.check import Finding, Report
 from commonlaw.trials.columns import Codes, Table as Cells

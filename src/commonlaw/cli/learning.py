@@ -26,7 +26,7 @@ from commonlaw.cli.source import WITH_LAW, WITHOUT_LAW, Source, on_cluster_at, s
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.models import named_models
-from commonlaw.law.observation import ALL
+from commonlaw.law.restrictions import ALL
 from commonlaw.runtime.progress import Stage, part
 from commonlaw.text import number_or_text
 from commonlaw.trials.transformations import without_notes_on

@@ -1,16 +1,16 @@
 """Given equations that are fitted by collocation, each object by itself but for what all share; or in discrete time."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import compress
 from typing import Any, cast
 
 import numpy as np
 
-from commonlaw.array_types import Bools
 from commonlaw.diagnostics import Outcome, OutcomeKind, marked, note
 from commonlaw.discovery.hints import outcomes_of_units
-from commonlaw.discovery.known_physics import known_coefficients, unfitted, unit_uncertainty
+from commonlaw.discovery.known_physics import known_coefficients, unfitted
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
@@ -20,17 +20,16 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.beginning import (
     FREE,
 )
-from commonlaw.estimation.fitting import estimate_at_bound
 from commonlaw.estimation.profile import with_one_sided_limits
-from commonlaw.inference import refine
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
-from commonlaw.inference.verbs.refinement import refine_shared
-from commonlaw.law import Law, Provenance, Step, pool_objects, select_objects
-from commonlaw.law.objects import of_all_objects
-from commonlaw.law.parameters import named_parameters, standard_errors
+from commonlaw.inference.verbs.parameter_bounds import at_bounds, outside, within_bounds
+from commonlaw.inference.verbs.refinement import refined
+from commonlaw.law import Law, Provenance, Step, pool_objects
+from commonlaw.law.parameters import named_parameters, shared_coefficients
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.provenance import Domain
+from commonlaw.law.restrictions import Restrictions
 from commonlaw.law.text import with_error
 from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.library import ExpressionLibrary
@@ -150,7 +149,7 @@ def _in_discrete_time(prepared: _Prepared) -> Law:
         calls=request.calls,
         domain=Domain(at_rest=prepared.resting),
     )
-    return _within_bounds(replace(law, provenance=provenance), given.bounds)
+    return within_bounds(replace(law, provenance=provenance), given.bounds)
 
 
 def _in_continuous_time(prepared: _Prepared) -> Law:
@@ -163,28 +162,31 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
         domain=Domain(at_rest=prepared.resting),
     )
     settings["input_interpolation"] = settings["input_interpolation"] or "auto"
-    start = unfitted(given, trials, provenance)
+    bounds = tuple(bound.text for bound in given.bounds)
+    restrictions = Restrictions(dict(request.groups), bounds=bounds)
+    start = unfitted(given, trials, provenance, restrictions)
     names = named_parameters(start).names
     _check_guesses(request.guesses, names, given.bounds)
-    equal, quotient = _shared_coefficients(start, request.shared)
-    if quotient and request.may_shoot:
-        return by_shooting(request, f"for {quotient}, a shared quotient")
-    if quotient:
-        raise CommonlawError("parameter-is-quotient", parameter=quotient)
+    for name in request.shared:
+        check_choice("coefficient", name, names)
+    quotients = [entry.name for entry in named_parameters(start).definitions if len(entry.parts) > 1]
+    if quotients := [name for name in request.shared if name in quotients]:
+        if not request.may_shoot:
+            raise CommonlawError("parameter-is-quotient", parameter=quotients[0])
+        return by_shooting(request, f"for {quotients[0]}, a shared quotient")
     try:
         begun = with_initial_parameters(start, trials, given.bounds, request.guesses, **settings)
-        law = refine_shared(begun, trials, equal, **settings) if equal.any() else refine(begun, trials, **settings)
+        law = refined(begun, trials, **settings)
     except CommonlawError as error:
         return _together(request, names, error)
-    if any(_outside(law, given.bounds)):
+    if any(outside(law, given.bounds)):
         if prepared.has_starts and request.may_shoot:  # Another maximum of the likelihood may be inside
             return by_shooting(request, "for bounds of parameters")
-        apart = settings | {"partial_pooling": False}
-        law = _at_bounds(refine(begun, trials, **apart), trials, given.bounds, apart)
-        law = pool_objects(law, equal, settings["partial_pooling"])
+        apart = at_bounds(begun, trials, given.bounds, partial(refined, **settings | {"partial_pooling": False}))
+        law = pool_objects(apart, shared_coefficients(begun), settings["partial_pooling"])
 
     def under_white_noise() -> Law:
-        return refine_shared(begun, trials, equal, **settings | {"errors": "white"})
+        return refined(begun, trials, **settings | {"errors": "white"})
 
     chosen_errors = _chosen_errors(law, under_white_noise) if settings["errors"] == "auto" else ()
     law = law if request.functions else with_one_sided_limits(law, trials)
@@ -199,7 +201,7 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
                 raise
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law))
     made = replace(law.provenance, calls=request.calls, outcomes=outcomes)
-    return _within_bounds(replace(law, provenance=made), given.bounds)
+    return within_bounds(replace(law, provenance=made), given.bounds)
 
 
 def _check_guesses(guesses: Mapping[str, float], names: Sequence[str], bounds: Sequence[Bound]) -> None:
@@ -208,18 +210,6 @@ def _check_guesses(guesses: Mapping[str, float], names: Sequence[str], bounds: S
         within = [bound for bound in bounds if bound.name == name]
         if not np.isfinite(value) or value == 0 or not all(bound.holds(np.array(value)) for bound in within):
             raise CommonlawError("guess-out-of-bounds", name=name, value=value)
-
-
-def _shared_coefficients(law: Law, names: Sequence[str]) -> tuple[Bools, str]:
-    """Return where shared parameters stand, shape (equations, terms), and the first that is a quotient or product."""
-    equal = np.zeros(law.support.shape, dtype=np.bool_)
-    definitions = {definition.name: definition for definition in named_parameters(law).definitions}
-    for name in names:
-        check_choice("coefficient", name, [*definitions])
-        if len(definitions[name].parts) > 1:
-            return equal, name
-        equal[definitions[name].equation, definitions[name].term] = True
-    return equal, ""
 
 
 def _together(request: FitRequest, names: Sequence[str], error: CommonlawError) -> Law:
@@ -280,79 +270,6 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
     under = with_error(there[i, j], float(np.nan_to_num(others[i, j])))
     changed = f"{parameters.names[j]}{of} is {with_error(here[i, j], errors[i, j])}, and {under} under white noise"
     return (note("errors-chosen", errors=chosen, changed=changed),)
-
-
-def _outside(law: Law, bounds: Sequence[Bound]) -> Iterator[CommonlawError]:
-    """Yield errors for parameters outside of their bounds, pooled or by the object alone."""
-    unpooled, coefficients, parameters = law.uncertainty.unpooled, law.coefficients.copy(), named_parameters(law)
-    if unpooled is not None:
-        coefficients[:, law.support] = unpooled.coefficients
-    for bound in bounds:
-        index = parameters.names.index(bound.name)
-        values, errors = parameters.values[:, index], parameters.errors[:, index]
-        definition = next(definition for definition in parameters.definitions if definition.name == bound.name)
-        for name, value, error, alone in zip(law.objects, values, errors, coefficients, strict=True):
-            outside = next((estimate for estimate in (value, definition.of(alone)) if not bound.holds(estimate)), None)
-            if outside is not None:
-                shown = with_error(value, np.nan_to_num(error)) if outside == value else f"{outside:.3g}, by itself"
-                yield _out_of_bounds(name, bound, shown)
-
-
-def _out_of_bounds(owner: str, bound: Bound, value: str) -> CommonlawError:
-    return CommonlawError("estimate-out-of-bounds", name=owner, parameter=bound.name, value=value, bound=bound.text)
-
-
-def _within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
-    for error in _outside(law, bounds):
-        raise error
-    return law
-
-
-def _at_bounds(law: Law, trials: Trials, bounds: Sequence[Bound], settings: dict[str, Any]) -> Law:
-    """Return a law that is not pooled with coefficients that are outside of their bounds at these, others fitted again.
-
-    An active set, object by object: what is at a bound is known there. Coefficients that are quotients or products of
-    what stands before several terms stay as they are.
-    """
-    parts, outcomes = list[Law](), list[Outcome]()
-    for owner in law.objects:
-        start = alone = select_objects(law, [owner])
-        coefficients, is_free = start.coefficients.copy(), start.support & (standard_errors(start) != 0)
-        definitions = {definition.name: definition.parts for definition in named_parameters(start).definitions}
-        held = {name for name, of_name in definitions.items() if len(of_name) > 1}
-        while True:
-            parameters, before = named_parameters(alone), len(held)
-            for bound in (bound for bound in bounds if bound.name not in held):
-                at, (part,) = parameters.names.index(bound.name), definitions[bound.name]
-                value, error = float(parameters.values[0, at]), float(parameters.errors[0, at])
-                if bound.holds(np.array(value)):
-                    continue
-                end = bound.low if value < bound.low else bound.high
-                if end == 0 and part.power < 0:  # It is divided by: zero has no best fit
-                    raise _out_of_bounds(owner, bound, f"{value:.3g}")
-                degrees, is_low = float(parameters.degrees_of_freedom[0, at]), end == bound.low
-                outcomes.append(estimate_at_bound(owner, bound.name, end, is_low, value, error, bound.text, degrees))
-                coefficients[:, part.equation, part.term] = part.factor * end ** float(part.power)
-                is_free[:, part.equation, part.term] = False
-                held.add(bound.name)
-            if len(held) == before:
-                break
-            uncertainty = unit_uncertainty(is_free[:, np.any(coefficients != 0, axis=0)])
-            begun = replace(start, coefficients=coefficients.copy(), uncertainty=uncertainty)
-            alone = refine(begun, trials.select(object=[owner]), **settings)
-        parts.append(alone)
-    if not outcomes:
-        return law
-    coefficients, covariance = of_all_objects(parts)
-    known, provenance = law.uncertainty, law.provenance
-    if len(parts) == 1:
-        known, provenance = parts[0].uncertainty, parts[0].provenance
-    return replace(
-        law,
-        coefficients=coefficients,
-        uncertainty=replace(known, covariance=covariance),
-        provenance=replace(provenance, outcomes=(*provenance.outcomes, *outcomes)),
-    )
 
 
 def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:

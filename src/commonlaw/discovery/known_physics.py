@@ -14,6 +14,7 @@ from commonlaw.formulation import law_variables
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.law import object_index
 from commonlaw.law.parse import GivenEquations, read_equations
+from commonlaw.law.restrictions import Restrictions
 from commonlaw.law.text import left_hand_sides, order_in_words
 from commonlaw.library import AbstractLibrary, ExpressionLibrary, Order
 from commonlaw.library.expansion import summands, traced
@@ -157,7 +158,7 @@ def _property_of(trials: Trials, owner: str, name: str) -> float:
     raise CommonlawError("known-physics-names", name=name, object=owner, known=known)
 
 
-def unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> Law:
+def unfitted(given: GivenEquations, trials: Trials, provenance: Provenance, restrictions: Restrictions) -> Law:
     """Return the law of given equations; coefficients that are to be found are 1 or -1, and only they have an error.
 
     They have the signs of the text.
@@ -169,7 +170,14 @@ def unfitted(given: GivenEquations, trials: Trials, provenance: Provenance) -> L
     coefficients = np.where(np.isnan(known), signs, known)
     uncertainty = unit_uncertainty(np.isnan(known)[:, np.any(coefficients != 0, axis=0)])
     return Law(
-        given.terms, trials.schema, given.order, trials.objects, coefficients, uncertainty, provenance=provenance
+        given.terms,
+        trials.schema,
+        given.order,
+        trials.objects,
+        coefficients,
+        uncertainty,
+        provenance=provenance,
+        restrictions=restrictions,
     )
 
 

@@ -33,7 +33,7 @@ from commonlaw.inference.settings import (
     VERY_STRONG,
 )
 from commonlaw.law import Law, Step
-from commonlaw.law.observation import ALL
+from commonlaw.law.restrictions import ALL
 from commonlaw.law.text import Addend, free_parameter_names, written_equations
 from commonlaw.library import AbstractLibrary, PolynomialLibrary, Terms
 from commonlaw.library.notation import quoted

@@ -12,7 +12,7 @@ from commonlaw.estimation import beyond_collocation
 from commonlaw.estimation.beginning import FREE, InitialGiven, initial_time_of, refuse_zero_columns, written_starts
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
 from commonlaw.estimation.model import ModelText, read_model
-from commonlaw.law.observation import ALL
+from commonlaw.law.restrictions import ALL
 from commonlaw.library.functions import Function
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.trials import Trials

@@ -26,6 +26,7 @@ from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
+from commonlaw.law.restrictions import Restrictions
 from commonlaw.library.equation import split_equations
 from commonlaw.runtime.progress import on_terminal, silent
 from commonlaw.trials import Trials
@@ -128,7 +129,7 @@ def _by_collocation(text: ModelText, trials: Trials, settings: Mapping[str, Any]
     try:
         given = read_equations(text.equations, trials.schema, properties=property_names(trials.properties))
         provenance = Provenance(suitable_differentiation(trials, given.order), equations=given.texts)
-        start = unfitted(given, trials, provenance)
+        start = unfitted(given, trials, provenance, Restrictions())
         log_states, between = settings.get("log_states"), trials.schema.input_interpolation
         inside = {coefficient.name for coefficient in given.coefficients}  # Others are in initial values alone
         bounds = [bound for bound in text.bounds if bound.name in inside]

@@ -25,8 +25,8 @@ from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.inference.fit.fit import NO_MODEL_ERROR
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import measured_noise
-from commonlaw.law.observation import ALL
 from commonlaw.law.parameters import left_hand_sides
+from commonlaw.law.restrictions import ALL
 from commonlaw.library import Variables, highest_columns
 from commonlaw.library.notation import quoted
 from commonlaw.trials import Trials

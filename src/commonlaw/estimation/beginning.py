@@ -16,8 +16,8 @@ from commonlaw.estimation.search import Bounds
 from commonlaw.law import Law
 from commonlaw.law.alignment import measured_schema
 from commonlaw.law.law import object_index, shares_terms
-from commonlaw.law.observation import ALL, OBJECT, TRIAL, Restrictions
-from commonlaw.law.parameters import named_parameters, shared_parameters
+from commonlaw.law.parameters import named_parameters, restrictions_of
+from commonlaw.law.restrictions import ALL, OBJECT, TRIAL, Restrictions
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.equation import split_equations
 from commonlaw.library.sizes import likely_sizes
@@ -492,13 +492,12 @@ def beginning_of(
     trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
     written = equations or law.provenance.equations or law.structure
     text, free = ModelText.of(written), list[str]()
-    restrictions = Restrictions(dict.fromkeys(shared_parameters(law), ALL))
+    restrictions = restrictions_of(law)
+    text = replace(text, bounds=bounds_in(restrictions.bounds))
     names = {name for trial in trials for name in (trial.object, trial.label)}
     if observation is not None:
-        if observation.restrictions is None:
+        if law.restrictions is None:
             raise CommonlawError("restrictions-not-recorded")
-        restrictions = observation.restrictions
-        bounds = bounds_in(restrictions.bounds)
         text = replace(
             text,
             observed=observation.equations,
@@ -508,7 +507,6 @@ def beginning_of(
                 else start
                 for name, start in observation.initial.items()
             },
-            bounds=bounds,
             events=observation.events,
         )
         free = [name for name in law.terms.variables.states if name not in observation.initial]

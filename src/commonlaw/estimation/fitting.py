@@ -31,10 +31,11 @@ from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import object_index
 from commonlaw.law.objects import of_all_objects
-from commonlaw.law.observation import OBJECT, Observation, TrialEstimate, by_trial
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.observation import Observation, TrialEstimate
+from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.law.parse import Product, read_equations
 from commonlaw.law.provenance import Domain, error_steps
+from commonlaw.law.restrictions import OBJECT, by_trial
 from commonlaw.law.text import with_error
 from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.library import Term, Terms
@@ -100,8 +101,7 @@ def refit(
     """
     levels = matched_noise(law, trials, noise)
     trials = matched(law, trials, inputs=inputs, observed=True)
-    given = law.observation and law.observation.restrictions
-    groups = {name: by for name, by in given.noise.items() if isinstance(by, str)} if given else {}
+    groups = {name: by for name, by in restrictions_of(law).noise.items() if isinstance(by, str)}
     given_noise: dict[str, NoiseGiven] = {**groups, **(levels or {})}
     if errors is None:
         errors = "white" if law.uncertainty.error_model.of_law else law.uncertainty.error_model.kind
@@ -380,7 +380,6 @@ class Fitted:
             estimated,
             optimum.log_likelihood,
             noise_of,
-            begun.restrictions,
             model.text.events,
             model.text.functions,
             degrees,
@@ -390,7 +389,7 @@ class Fitted:
             *(Step("observation", f"{name} = {right}", "as given") for name, right in model.text.observed.items()),
             *(
                 Step("event" if ": " in line else "start" if "(0) = " in line else "parameters", line, "as given")
-                for line in observation.lines(trials.objects)[len(model.text.observed) :]
+                for line in observation.lines(trials.objects, begun.restrictions.shared)[len(model.text.observed) :]
             ),
             *self._zeros_before_doses(),
             *self._outliers(),
@@ -426,6 +425,7 @@ class Fitted:
             provenance=provenance,
             properties=properties,
             observation=observation,
+            restrictions=begun.restrictions,
         )
 
     def _limits(self) -> Iterator[OneSidedLimit]:

@@ -22,9 +22,10 @@ from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, shoot
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
 from commonlaw.law.law import object_index
-from commonlaw.law.observation import OBJECT, Observation, Restrictions, by_trial
-from commonlaw.law.parameters import Parameters, named_parameters, state_rates
+from commonlaw.law.observation import Observation
+from commonlaw.law.parameters import Parameters, named_parameters, restrictions_of, state_rates
 from commonlaw.law.quantiles import two_sided
+from commonlaw.law.restrictions import OBJECT, Restrictions, by_trial
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.forking import cached_property
@@ -71,7 +72,7 @@ class ObservedLaw:
     @cached_property
     def restrictions(self) -> Restrictions:
         """What restricts the parameters."""
-        return self.observation.restrictions or Restrictions()
+        return restrictions_of(self.law)
 
     @cached_property
     def of_trial(self) -> list[int]:

@@ -14,9 +14,9 @@ from commonlaw.estimation.search import Objective, minimum
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched, measured_schema
 from commonlaw.law.law import only_object, shares_terms
-from commonlaw.law.observation import OBJECT, TRIAL, Restrictions, by_trial
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.law.quantiles import two_sided
+from commonlaw.law.restrictions import OBJECT, TRIAL, by_trial
 from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.trials import Trials
 
@@ -101,7 +101,7 @@ def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginn
         raise CommonlawError("profile-without-equations")
     parameters = named_parameters(law)
     check_choice("parameter", parameter, parameters.names)
-    shared = {} if law.observation is None else (law.observation.restrictions or Restrictions()).shared
+    shared = restrictions_of(law).shared
     if by_trial(shared.get(parameter, OBJECT), measured_schema(law)):
         raise CommonlawError("profile-by-trial", parameter=parameter, by=shared[parameter])
     alone = all(by in (OBJECT, TRIAL) for by in shared.values())

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from itertools import product
+from itertools import compress, product
 from math import prod
 from typing import Any, Literal, cast
 
@@ -22,8 +22,10 @@ from commonlaw.law.export import exported
 from commonlaw.law.law import Law, with_other_laws
 from commonlaw.law.objects import select_objects
 from commonlaw.law.observation import Observation
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative, Domain, Provenance, Step
+from commonlaw.law.restrictions import ALL, Restrictions
 from commonlaw.law.uncertainty import (
     Explanation,
     IntervalInflation,
@@ -42,7 +44,7 @@ from commonlaw.trials import Schema
 from commonlaw.trials.files import parquet_bytes, parquet_columns
 from commonlaw.trials.trial import nearest
 
-VERSION = 6
+VERSION = 7
 
 _LARGEST = float(np.sqrt(np.finfo(np.float64).max))
 """Of a number in a file: deviances, covariances and lengths of vectors take squares, and that of a larger one, 1.3e154,
@@ -116,13 +118,14 @@ class OtherDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, om
     explanation: Explanation | None = None
     terms: list[str] | None = None
     constants: list[str] = []
+    restrictions: Restrictions | None = None
 
 
 class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """See `Law`; terms are expressions, coefficients lists by object, constants the names of those inside terms."""
 
     format: Literal["commonlaw law"] = "commonlaw law"
-    version: Literal[6] = 6
+    version: Literal[7] = 7
     order: Literal[0, 1, 2] | tuple[Literal[1, 2], ...]
     schema: Schema
     rates: list[str]
@@ -136,6 +139,7 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     other_laws: list[OtherDocument] = []
     constants: list[str] = []
     observation: Observation | None = None
+    restrictions: Restrictions | None = None
 
 
 _BAYES_FACTOR = "2 log B"
@@ -150,7 +154,7 @@ _ALTERNATIVES = {"settings": "hyperparameters", "evidence lost": _BAYES_FACTOR}
 
 
 def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
-    """Return a document of an earlier version, or of a law in it, by the names of version 6; it need not be valid."""
+    """Return a document of an earlier version, or of a law in it, by the names of version 7; it need not be valid."""
     current = _renamed(document) if version < 3 else dict(document)
     if "version" in current:
         current["version"] = VERSION
@@ -171,7 +175,10 @@ def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
             else estimate
             for estimate in observation["estimated"]
         ]
-        current["observation"] = observation | {"estimated": named}
+        current["observation"] = observation = observation | {"estimated": named}
+    if isinstance(observation, dict) and "restrictions" in observation:
+        current["observation"] = {name: value for name, value in observation.items() if name != "restrictions"}
+        current["restrictions"] = observation["restrictions"]
     if isinstance(others := current.get("other_laws"), list):
         current["other_laws"] = [as_now(law, VERSION) if isinstance(law, dict) else law for law in others]
     if isinstance(wider := current.get("with_discrepancy"), dict):
@@ -251,6 +258,7 @@ def document_of(law: Law) -> LawDocument:
         with_discrepancy=None if wider is None else document_of(wider),
         other_laws=[_saved_other(model.probability, model.law, terms) for model in law.uncertainty.other_laws],
         observation=law.observation,
+        restrictions=law.restrictions,
     )
 
 
@@ -269,6 +277,7 @@ def _saved_other(probability: float, law: Law, terms: Terms) -> OtherDocument:
         explanation=law.uncertainty.explanation,
         terms=_saved_terms(law.terms) if has_own_terms else None,
         constants=list(law.terms.variables.parameters) if has_own_terms else [],
+        restrictions=law.restrictions,
     )
 
 
@@ -360,9 +369,20 @@ def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]]
         raise CommonlawError("law-nested-discrepancy")
     called = functions_in(functions)
     law = _read_law(document, called)
+    if version < 7 and law.observation is None:
+        law = _with_recorded_sharing(law)
     others = tuple(PlausibleLaw(saved.probability, _read_other(saved, law)) for saved in document.other_laws)
     provenance = replace(law.provenance, with_discrepancy=None if wider is None else _read_law(wider, called))
     return with_other_laws(replace(law, provenance=provenance), others)
+
+
+def _with_recorded_sharing(law: Law) -> Law:
+    """Return a law that was saved before its restrictions were, with parameters that all objects have in common."""
+    if law.uncertainty.shared_factor is None or law.uncertainty.explanation is not None:
+        return law
+    parameters = named_parameters(law)
+    in_common = (np.ptp(parameters.values, axis=0) == 0) & np.all(parameters.errors > 0, axis=0)
+    return replace(law, restrictions=Restrictions(dict.fromkeys(compress(parameters.names, in_common), ALL)))
 
 
 def check_numbers(document: dict[str, Any]) -> None:
@@ -402,7 +422,16 @@ def _read_other(saved: OtherDocument, law: Law) -> Law:
     if not np.array_equal(np.any(values != 0, axis=0), support):
         raise CommonlawError("law-average-coefficients")
     uncertainty = _read_uncertainty(saved, objects, shape, parameters)
-    return Law(terms, law.schema, law.order, objects, values, uncertainty, properties=law.properties)
+    return Law(
+        terms,
+        law.schema,
+        law.order,
+        objects,
+        values,
+        uncertainty,
+        properties=law.properties,
+        restrictions=saved.restrictions,
+    )
 
 
 def _read_law(document: LawDocument, functions: tuple[Function, ...]) -> Law:
@@ -433,7 +462,7 @@ def _read_law(document: LawDocument, functions: tuple[Function, ...]) -> Law:
     if is_given and read_equations(saved.equations, schema, variables).terms != terms:
         # Before 0.2 what stood before several terms was a constant of each: such laws are as their terms say
         provenance = replace(provenance, equations=())
-    extra = provenance, document.properties, document.observation
+    extra = provenance, document.properties, document.observation, document.restrictions
     return Law(terms, schema, document.order, objects, coefficients, uncertainty, *extra)
 
 

@@ -19,6 +19,7 @@ from commonlaw.law import text
 from commonlaw.law.observation import Observation
 from commonlaw.law.parse import GivenEquations, Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
+from commonlaw.law.restrictions import Restrictions
 from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
 from commonlaw.library import Order, Terms, highest_order, with_rates
@@ -74,6 +75,8 @@ class Law(ShownInNotebooks):
         Of the objects, by object and name; their units are in ``schema.units``.
     observation
         Observation equations, if the states were not measured directly, see `commonlaw.fit`.
+    restrictions
+        Of the parameters; None where none are on record, as of a law that was discovered.
 
     See Also
     --------
@@ -92,6 +95,7 @@ class Law(ShownInNotebooks):
     provenance: Provenance = field(default_factory=Provenance)
     properties: ObjectProperties = field(default_factory=dict)
     observation: Observation | None = None
+    restrictions: Restrictions | None = None
 
     def __post_init__(self) -> None:
         self._check_names()

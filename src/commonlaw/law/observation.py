@@ -10,6 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.law.restrictions import by_trial
 from commonlaw.trials import Schema
 
 if TYPE_CHECKING:
@@ -26,10 +27,6 @@ The expression ``steady`` stands for the steady state, ``steady(u = 0)`` for tha
 STEADY = re.compile(r"steady(?:\s*\((?P<inputs>[^()]*)\))?")
 
 
-ALL, OBJECT, TRIAL = "all", "object", "trial"
-"""What has one value of a parameter: all trials, those of an object, or each one."""
-
-
 @dataclass(frozen=True)
 class TrialEstimate:
     """A parameter or an initial value, such as ``x(0)``, that belongs to a trial, with its standard error."""
@@ -39,35 +36,6 @@ class TrialEstimate:
     name: str
     value: float
     error: float
-
-
-@dataclass(frozen=True)
-class Restrictions:
-    """What restricted the parameters when a law was fitted.
-
-    Parameters
-    ----------
-    shared
-        By parameter what has one value of it: "all" trials, those of an "object" (as where it is not here), each
-        "trial", or trials with the same value of a property or an input, by its name.
-    priors
-        Means and standard deviations by parameter.
-    bounds
-        As they are written, ``K > 0``.
-    noise
-        By measured quantity the standard deviation that was given, or the property whose values have noise of their
-        own.
-    """
-
-    shared: Mapping[str, str] = field(default_factory=dict)
-    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    bounds: tuple[str, ...] = ()
-    noise: Mapping[str, float | str] = field(default_factory=dict)
-
-
-def by_trial(by: str, schema: Schema) -> bool:
-    """Return whether what has one value of a parameter differs between trials of an object."""
-    return by == TRIAL or by in schema.inputs
 
 
 def written(
@@ -107,8 +75,6 @@ class Observation:
         Of the measurements, at the maximum.
     noise_of
         Standard deviations by measured quantity and object, of quantities that objects have been measured differently.
-    restrictions
-        Of the parameters; None for laws that were saved before these were recorded.
     events
         By condition the values that states and rates take where it becomes true, by name, as expressions.
     functions
@@ -131,7 +97,6 @@ class Observation:
     estimated: tuple[TrialEstimate, ...]
     log_likelihood: float
     noise_of: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    restrictions: Restrictions | None = None
     events: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     functions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     degrees_of_freedom: Mapping[str, float] = field(default_factory=dict)
@@ -150,10 +115,10 @@ class Observation:
         """Right-hand sides of observation equations, expressions of initial values, and events, by left-hand side."""
         return written(self.equations, self.initial, self.events)
 
-    def lines(self, objects: Sequence[str]) -> list[str]:
+    def lines(self, objects: Sequence[str], shared: Mapping[str, str]) -> list[str]:
         """Return observation equations, initial values and events as they are printed, and what differs between trials.
 
-        In a law of one object trials go by their names.
+        Parameters are shared as in `Restrictions`. In a law of one object trials go by their names.
         """
         numbers = {name: start for name, start in self.initial.items() if isinstance(start, Mapping)}
         prefix = f"{objects[0]}, trial " if len(objects) == 1 else ""
@@ -163,7 +128,6 @@ class Observation:
             for where, value in start.items()
         ]
         priors = {f"{name}(0)": f"{s[0]:g} ± {s[1]:g}" for name, s in self.initial.items() if isinstance(s, tuple)}
-        shared = {} if self.restrictions is None else self.restrictions.shared
         apart = [f"{name} by {by}; means are shown" for name, by in shared.items() if by_trial(by, self.measured)]
         return [*(f"{name} = {right}" for name, right in (self.written | priors).items()), *by_name, *apart]
 
@@ -182,16 +146,6 @@ class Observation:
         if not known:
             return None
         return np.array([known.get(name, sum(known.values())) for name in names])
-
-    @property
-    def prior_std(self) -> dict[str, float]:
-        """Standard deviations of the normal priors of parameters that do not differ between trials of an object."""
-        restrictions = self.restrictions or Restrictions()
-        return {
-            name: std
-            for name, (_, std) in restrictions.priors.items()
-            if not by_trial(restrictions.shared.get(name, OBJECT), self.measured)
-        }
 
     def place_of(self, parameter: str) -> str:
         """Return the left-hand side of the equation in which a parameter stands first; empty if in none of these."""

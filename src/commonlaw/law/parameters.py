@@ -17,6 +17,7 @@ from commonlaw.law import text
 from commonlaw.law.law import Law, given_equations, object_index, shares_terms
 from commonlaw.law.parse import Coefficient, Part, Product
 from commonlaw.law.quantiles import mixture_interval, propagated, two_sided
+from commonlaw.law.restrictions import ALL, Restrictions
 from commonlaw.law.text import free_parameter_names
 from commonlaw.law.uncertainty import OneSidedLimit, PlausibleLaw
 from commonlaw.library import with_rates
@@ -163,9 +164,10 @@ class Parameters:
         if freedom is None:
             return np.full(self.values.shape, np.inf)
         degrees = np.broadcast_to(freedom[self.places[0]], self.values.shape)
-        if observation is None or not observation.prior_std:
+        priors = {} if observation is None else restrictions_of(self.law).prior_std(observation.measured)
+        if not priors:
             return degrees
-        stds = np.array([observation.prior_std.get(name, np.inf) for name in self.names])
+        stds = np.array([priors.get(name, np.inf) for name in self.names])
         by_priors = np.sum((self.covariance / stds) ** 2, axis=2)
         variances = np.where(self.errors > 0, self.errors**2, 1.0)
         with np.errstate(divide="ignore"):
@@ -262,13 +264,23 @@ def named_parameters(law: Law) -> Parameters:
     return Parameters(law, definitions, tuple(Product(j, k, 1.0, ((name, 1),)) for name, j, k in named))
 
 
+def restrictions_of(law: Law) -> Restrictions:
+    """Return the restrictions of the parameters of a law that are on record."""
+    return law.restrictions or Restrictions()
+
+
 def shared_parameters(law: Law) -> tuple[str, ...]:
-    """Return the names of the estimated parameters that objects of a pooled law have in common."""
-    if law.uncertainty.shared_factor is None or law.uncertainty.explanation is not None:
-        return ()
-    parameters = named_parameters(law)
-    in_common = (np.ptp(parameters.values, axis=0) == 0) & np.all(parameters.errors > 0, axis=0)
-    return tuple(np.array(parameters.names)[in_common].tolist())
+    """Return the names of the parameters that all objects of a law have in common."""
+    return tuple(name for name, by in restrictions_of(law).shared.items() if by == ALL)
+
+
+def shared_coefficients(law: Law) -> Bools:
+    """Return which coefficients are parameters that the objects of a law share, shape (equations, terms)."""
+    result, names = np.zeros(law.support.shape, dtype=np.bool_), shared_parameters(law)
+    for definition in named_parameters(law).definitions:
+        if definition.name in names and len(definition.parts) == 1:
+            result[definition.equation, definition.term] = True
+    return result
 
 
 def tabulated_parameters(law: Law, support: Bools | None = None) -> Parameters:

@@ -15,9 +15,10 @@ from commonlaw.hierarchy import PropertyTable, Relation, explain, informative, s
 from commonlaw.hierarchy.relation import dimensions_of
 from commonlaw.law.law import Law, shares_terms, with_other_laws
 from commonlaw.law.objects import with_estimates
-from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters
+from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, restrictions_of
 from commonlaw.law.printing import dependence
 from commonlaw.law.provenance import Step
+from commonlaw.law.restrictions import ALL
 from commonlaw.law.script import written
 from commonlaw.law.text import MANY
 from commonlaw.law.uncertainty import Explanation, ObjectEstimates
@@ -88,6 +89,11 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
         apart = [name for name, is_informative in zip(law.objects, informed, strict=True) if not is_informative]
         diagnostics = (*law.diagnostics, note("not-pooled", objects=shown(apart, "object")))
         law = replace(law, provenance=replace(law.provenance, outcomes=diagnostics))
+    if shared is not None:
+        names = [entry.name for entry in named_parameters(law).definitions if shared[entry.equation, entry.term]]
+        restrictions = restrictions_of(law)
+        restrictions = replace(restrictions, shared={**restrictions.shared, **dict.fromkeys(names, ALL)})
+        law = replace(law, restrictions=restrictions)
     known = {"covariance": errors, "shared_factor": factor, "unpooled": ObjectEstimates(values, covariance)}
     return _with_values(law, drawn, Step("pooling", "; ".join(choices), reason), other_laws=other_laws, **known)
 

@@ -14,7 +14,14 @@ from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.hierarchy.relation import meaning, quotient_unit
 from commonlaw.law import text
 from commonlaw.law.law import Law, object_index, only_object, shares_terms
-from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, standard_errors, state_rates
+from commonlaw.law.parameters import (
+    coefficient_units,
+    left_hand_sides,
+    named_parameters,
+    restrictions_of,
+    standard_errors,
+    state_rates,
+)
 from commonlaw.law.parse import latex_summands
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.text import (
@@ -233,7 +240,10 @@ def _has_relations(law: Law) -> bool:
 
 def equation_lines(law: Law) -> list[str]:
     """Return the equations of a law: with numbers of one object, with relations to properties, or of each object."""
-    observed = [*([] if law.observation is None else law.observation.lines(law.objects)), *start_lines(law)]
+    observed = [
+        *([] if law.observation is None else law.observation.lines(law.objects, restrictions_of(law).shared)),
+        *start_lines(law),
+    ]
     if len(law.objects) == 1:
         return [*law.equations(), *observed]
     if _has_relations(law):

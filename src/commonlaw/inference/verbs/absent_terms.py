@@ -14,8 +14,13 @@ from commonlaw.inference.verbs.other_terms import candidate_law
 from commonlaw.law import Law, Provenance
 from commonlaw.law.alignment import matched
 from commonlaw.law.law import shares_terms
-from commonlaw.law.observation import Restrictions
-from commonlaw.law.parameters import coefficient_units, left_hand_sides, named_parameters, standard_errors
+from commonlaw.law.parameters import (
+    coefficient_units,
+    left_hand_sides,
+    named_parameters,
+    restrictions_of,
+    standard_errors,
+)
 from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.law.text import free_parameter_names
 from commonlaw.library import Terms, parse_term, parse_terms
@@ -198,7 +203,7 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
         place, unit = fitted.terms.index(name), coefficient_units(fitted).get((side, name), "")
         coefficients, errors = fitted.coefficients[:, equation, place], standard_errors(fitted)[:, equation, place]
     else:  # Noise that was given stays, too
-        given = (law.observation.restrictions or Restrictions()).noise
+        given = restrictions_of(law).noise
         levels = {key: level for key, level in given.items() if not isinstance(level, str)}
         names, matching = law.terms.variables.names, matched(law, trials, observed=True)
         taken = (*names, *law.observation.measured.states, *property_names(matching.properties))

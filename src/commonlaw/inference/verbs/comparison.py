@@ -20,7 +20,7 @@ from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched, measured_schema
-from commonlaw.law.parameters import shared_parameters
+from commonlaw.law.parameters import restrictions_of, shared_parameters
 from commonlaw.library import parse_terms
 from commonlaw.likelihood import ERRORS
 from commonlaw.runtime.arguments import check_types
@@ -167,7 +167,10 @@ def _frame(
 ) -> "pd.DataFrame":
     import pandas as pd
 
-    lines = [[] if law.observation is None else law.observation.lines(law.objects) for law in laws.values()]
+    lines = [
+        [] if law.observation is None else law.observation.lines(law.objects, restrictions_of(law).shared)
+        for law in laws.values()
+    ]
     equations = ["; ".join((*law.structure, *line)) for law, line in zip(laws.values(), lines, strict=True)]
     columns = {
         "law": list(laws),

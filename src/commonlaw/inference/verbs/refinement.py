@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import checked_errors, refit, threshold_of, updated
 from commonlaw.estimation.profile import with_one_sided_limits
@@ -32,12 +31,14 @@ from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import choose_interpolation, fit_terms
 from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
+from commonlaw.inference.verbs.parameter_bounds import at_bounds, outside, within_bounds
 from commonlaw.law import Law, Step, pool_objects, select_objects
 from commonlaw.law.alignment import matched
-from commonlaw.law.parameters import named_parameters, refuse_infinite, shared_parameters, state_rates
+from commonlaw.law.parameters import refuse_infinite, restrictions_of, shared_coefficients, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.law.uncertainty import ObjectEstimates
+from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import on_cluster, refuse_client
@@ -127,6 +128,7 @@ def refine(
     given = locals()
     check_settings("refine", given)
     check_types(refine, given)
+    settings = {name: given[name] for name in (*settings_of(FitOptions, "refine"), "progress")}
     calls = (*law.provenance.calls, call(refine, given, "cl.refine", "law", "trials"))
     progress = on_terminal() if progress is None else progress
     if law.observation is not None:
@@ -135,24 +137,23 @@ def refine(
     how = _Fit(log_states, input_interpolation, noise, errors, errors == "white", huber_threshold, covariance, seed)
     if isinstance(trials, TrialStream):
         with on_cluster(client):
-            refined = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
-        domain = refined.provenance.domain
-        provenance = replace(
-            law.provenance, outcomes=(), history=refined.provenance.history, calls=calls, domain=domain
-        )
-        return pool_objects(replace(refined, provenance=provenance), None, partial_pooling)
+            result = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
+        domain = result.provenance.domain
+        provenance = replace(law.provenance, outcomes=(), history=result.provenance.history, calls=calls, domain=domain)
+        return pool_objects(replace(result, provenance=provenance), None, partial_pooling)
     refuse_client(client)
-    with threads(n_jobs):
-        refined = how.refined(law, trials, partial_pooling, progress, _shared_coefficients(law))
-    refined = replace(refined, provenance=replace(refined.provenance, calls=calls))
+    bounds, result = bounds_in(restrictions_of(law).bounds), refined(law, trials, **settings)
+    if any(outside(result, bounds)):
+        apart = at_bounds(law, trials, bounds, partial(refined, **settings | {"partial_pooling": False}))
+        result = within_bounds(pool_objects(apart, shared_coefficients(law), partial_pooling), bounds)
+    result = replace(result, provenance=replace(result.provenance, calls=calls))
     # Laws of a search have neither
-    return with_one_sided_limits(refined, trials) if law.provenance.calls or law.provenance.equations else refined
+    return with_one_sided_limits(result, trials) if law.provenance.calls or law.provenance.equations else result
 
 
-def refine_shared(
+def refined(
     law: Law,
     trials: Trials,
-    shared: Bools,
     *,
     log_states: Sequence[str] | None,
     input_interpolation: str | None,
@@ -165,19 +166,10 @@ def refine_shared(
     n_jobs: int,
     progress: ProgressCallback | None,
 ) -> Law:
-    """Return a law fitted as by `refine`, whose objects share coefficients, shape (equations, terms)."""
+    """Return a law fitted as by `refine`, but for its bounds and limits on one side."""
     how = _Fit(log_states, input_interpolation, noise, errors, errors == "white", huber_threshold, covariance, seed)
     with threads(n_jobs):
-        return how.refined(law, trials, partial_pooling, on_terminal() if progress is None else progress, shared)
-
-
-def _shared_coefficients(law: Law) -> Bools:
-    """Return which coefficients are parameters that the objects of a law share, shape (equations, terms)."""
-    result, names = np.zeros(law.support.shape, dtype=np.bool_), shared_parameters(law)
-    for definition in named_parameters(law).definitions:
-        if definition.name in names and len(definition.parts) == 1:
-            result[definition.equation, definition.term] = True
-    return result
+        return how.refined(law, trials, partial_pooling, on_terminal() if progress is None else progress)
 
 
 def collocated(law: Law, trials: Trials, log_states: Sequence[str] | None, input_interpolation: str) -> Law:
@@ -225,11 +217,8 @@ class _Fit:
     covariance: CovarianceKind
     seed: int
 
-    def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback, shared: Bools) -> Law:
-        """Return a law fitted to trials; objects may be alike, and say where parameters inside terms begin.
-
-        They have `shared` coefficients, shape (equations, terms), in common.
-        """
+    def refined(self, law: Law, trials: Trials, alike: bool, progress: ProgressCallback) -> Law:
+        """Return a law fitted to trials; objects may be alike, and say where parameters inside terms begin."""
         setup = FitSetup.of(law, trials, self.noise, self.huber_threshold, self.input_interpolation, self.log_states)
         error_kinds(self.errors, setup.trials.schema)  # Refused before the work
         setup.check_determined()
@@ -247,7 +236,7 @@ class _Fit:
         pool = choose_errors(pool, errors=errors, propose=lambda _: None, progress=progress)
         pool = choose_deterministic(pool, progress)
         fit, is_converged = converged(pool.best, self.least_squares)
-        apart = fit
+        apart, shared = fit, shared_coefficients(setup.law)
         if shared.any() and len(fit.estimates) > 1:
             fit, is_converged = converged(replace(pool.best, shared=shared), self.least_squares)
         problem = fit.problem
@@ -290,10 +279,7 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
     names = objects_of_parts(parts, part(progress, 0.0, 0.1))
     laws = [select_objects(light, name) if known.issuperset(name) else typical(law, name) for name in names]
-    fits = [
-        partial(how.refined, law_of_part, alike=False, progress=silent, shared=np.zeros_like(law.support))
-        for law_of_part in laws
-    ]
+    fits = [partial(how.refined, law_of_part, alike=False, progress=silent) for law_of_part in laws]
     result = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
     step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
     return replace(result, provenance=replace(result.provenance, history=(*law.history, step)))
