@@ -520,6 +520,15 @@ def test_every_verb_takes_errors_of_measurements(kind):
     assert frame["errors"].tolist() == [ERRORS[kind].label, "white noise"]
 
 
+@pytest.mark.parametrize("kind", COVARIANCES)
+def test_forecasts_under_errors_of_measurements_have_the_errors_of_their_coefficients(kind):
+    problem = UNDER_ERRORS[f"decay, {kind}"]
+    trials = problem.trials()
+    plain, shot = (fit(trials).predict(trials, start="all", return_std=True) for fit in (problem.fit, problem.shoot))
+    for one, other in zip(plain.std, shot.std, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.03)
+
+
 def test_a_written_start_leaves_the_score():
     trials = decay.trials()
     plain = decay.fit(trials)

@@ -45,15 +45,15 @@ add: what is tolerated adds up, over all steps of a thousand samples, to a fifti
 class FilteredStart:
     """The states at the k first samples of a trial, given these and the law.
 
-    `states` and their standard deviations at fixed coefficients have shape (k, D); the forecast starts at the last, of
-    `covariance` (D, D) and `sensitivity` (D, parameters): its derivative by the coefficients.
+    `states` and their standard deviations at fixed coefficients have shape (k, D), and their derivatives by the
+    coefficients, `sensitivities`, (k, D, parameters); the forecast starts at the last, of `covariance` (D, D).
     """
 
     times: Floats
     states: Floats
     std: Floats
     covariance: Floats
-    sensitivity: Floats
+    sensitivities: Floats
 
     @property
     def initial(self) -> Floats:
@@ -74,9 +74,13 @@ class FilteredStart:
         """Return a trajectory from this start, with the states at the times before it in front."""
         return replace(trajectory, times=times, states=self._before(self.states, times, trajectory.states))
 
-    def std_followed_by(self, std: Floats, times: Floats) -> Floats:
-        """Return standard deviations of a forecast from this start, with those before it in front."""
-        return self._before(self.std, times, std)
+    def std_followed_by(self, std: Floats, times: Floats, covariance: Floats) -> Floats:
+        """Return standard deviations of a forecast from this start, with those before it in front.
+
+        These follow from the covariance of the coefficients, too, shape (parameters, parameters).
+        """
+        by_coefficients = np.einsum("kdp,pq,kdq->kd", self.sensitivities, covariance, self.sensitivities)
+        return self._before(np.sqrt(self.std**2 + np.maximum(by_coefficients, 0.0)), times, std)
 
     def _before(self, values: Floats, times: Floats, after: Floats) -> Floats:
         earlier = times[: len(times) - len(after)]
@@ -84,7 +88,7 @@ class FilteredStart:
 
     def propagated(self, trajectory: Trajectory) -> tuple[Trajectory, Floats]:
         """Return a trajectory from this start whose derivatives follow the coefficients, and its covariance, (D, D)."""
-        return _following(trajectory, self.sensitivity), self.covariance
+        return _following(trajectory, self.sensitivities[-1]), self.covariance
 
 
 def _following(trajectory: Trajectory, sensitivity: Floats) -> Trajectory:
@@ -140,7 +144,7 @@ class _AtFirstSample:
     def followed_by(self, trajectory: Trajectory, _: Floats) -> Trajectory:
         return trajectory
 
-    def std_followed_by(self, std: Floats, _: Floats) -> Floats:
+    def std_followed_by(self, std: Floats, *_: Floats) -> Floats:
         return std
 
 
@@ -322,7 +326,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         estimate.states[0][::MESH_POINTS, inner],
         np.sqrt(variances[::MESH_POINTS, inner]),
         last[inner, inner],
-        reduced.state_sensitivity[-1, inner],
+        reduced.state_sensitivity[::MESH_POINTS, inner],
     )
 
 

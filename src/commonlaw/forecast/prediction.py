@@ -239,7 +239,7 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: floa
 
     def forecast(plausible: Law) -> Forecast:
         sensitivity = np.zeros((width, int(plausible.support.sum())))
-        given = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity)
+        given = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity[None])
         started, has_std = (StartedTrial(begun, inputs, given),), law.uncertainty.has_std
         return _Forecaster(plausible, followed, started, None, has_std, "auto", 1e-8, limit).forecast()
 
@@ -302,12 +302,13 @@ class _Forecaster:
         assert covariance is not None
         for started, trajectory in zip(self.started, trajectories, strict=True):
             carried, initial = started.start.propagated(trajectory)
-            std = trajectory_std(carried, covariance[object_index(law, started.trial.object)], initial)
+            of_object = covariance[object_index(law, started.trial.object)]
+            std = trajectory_std(carried, of_object, initial)
             if parameters.limits:
                 std = np.hypot(std, self._to_limits(started, trajectory, parameters))
             if errors.of_law:
                 std = np.hypot(std, model_error_std(law, started.ahead, started.inputs, trajectory.states))
-            whole = started.start.std_followed_by(std, started.trial.times)
+            whole = started.start.std_followed_by(std, started.trial.times, of_object)
             deviations.append(whole[:, : len(law.schema.states)])
         return tuple(deviations)
 
