@@ -5,6 +5,7 @@ import pytest
 from benchmarks import next_experiment, unseen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("designed", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_one_draw_of_designed_and_of_random_experiments(designed):
     found = next_experiment.drawn("heights of balls", 28, 1, designed, each=True)

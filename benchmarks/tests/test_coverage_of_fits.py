@@ -7,6 +7,7 @@ from benchmarks.coverage_of_fits import experiment, holds, least_squares, main, 
 from tests.refusals import refused
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "objects", "draws"), [(3, 1, 40), (6, 8, 12)])
 def test_intervals_of_few_samples_hold_the_truth_as_often_as_they_state(samples, objects, draws):
     drawn = [experiment("decay", samples, objects, seed) for seed in range(draws)]

@@ -36,6 +36,7 @@ def reynolds():
     return reynolds_drag(INQUIRY)
 
 
+@pytest.mark.slow
 def test_the_averages_of_linear_drag_are_those_of_the_authors_program_whatever_the_seed(linear):
     found = linear.results["linear_drag_averages"]
     assert [{term: round(value, 6) for term, value in found[f"{noise:g}"].items()} for noise in NOISES] == list(

@@ -23,6 +23,7 @@ def test_few_samples_of_large_swings_are_not_all_taken_for_outliers():
     assert law.structure == ("x' = a x + b x y", "y' = c y^2 + d x y^2")
 
 
+@pytest.mark.slow
 def test_what_objects_have_in_common_is_found_among_many():
     # From rest at one height, v^2 and x are nearly functions of each other, and many laws fit nearly as well
     drag = -np.random.default_rng([1, 30]).uniform(0.1, 0.8, 30)

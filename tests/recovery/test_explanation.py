@@ -59,6 +59,7 @@ def test_steps_without_a_dead_time_leave_no_lack_of_fit():
     assert OutcomeKind.APPROXIMATION not in {diagnostic.kind for diagnostic in law.diagnostics}
 
 
+@pytest.mark.slow
 def test_process_noise_stays_where_solutions_explain_as_much_with_it():
     generator, times, step = np.random.default_rng(0), np.linspace(0, 20, 61), 1 / 60
     states = list[np.ndarray]()

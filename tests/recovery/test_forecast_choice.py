@@ -44,6 +44,7 @@ def test_candidates_of_a_law_that_forecasts_chose_are_ranked_by_their_scores_and
     assert law.uncertainty.inclusion_probabilities is None
 
 
+@pytest.mark.slow
 def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(seasonal, law):
     assert law.structure == ("w' = a w",)
     reasons = {step.stage: step.reason for step in law.history}

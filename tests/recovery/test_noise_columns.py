@@ -68,7 +68,8 @@ def test_coefficients_and_errors_are_those_of_weighted_least_squares_on_the_solu
     np.testing.assert_allclose(law.coefficients[0, 0] * [1, -1], found[2:], rtol=1e-4)
     np.testing.assert_allclose(standard_errors(law)[0, 0], np.sqrt(np.diag(covariance))[2:], rtol=2e-3)
     assert law.uncertainty.noise == [0.3]
-    assert law.history[1].reason == "as given for each measurement, T by T noise; their median"
+    reasons = {step.stage: step.reason for step in law.history}
+    assert reasons["noise"] == "as given for each measurement, T by T noise; their median"
 
 
 def test_noise_that_grows_is_found_beside_what_was_given():

@@ -112,6 +112,7 @@ def _monod(_: float, z: np.ndarray, rate: float, half: float, gain: float) -> li
     return [uptake, -uptake / gain]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rates", "objects", "starts", "times", "names", "noise", "structure"),
     [

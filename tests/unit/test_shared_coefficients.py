@@ -186,6 +186,7 @@ def test_parameters_that_enter_as_a_product_alone_are_refused_with_latent_states
     np.testing.assert_allclose(named_parameters(law).values, 1.0, atol=0.01)
 
 
+@pytest.mark.slow
 def test_objects_with_as_many_unknowns_as_samples_share_coefficients_in_one_fit():
     random, times = np.random.default_rng(0), np.array([1.0, 4.0, 6.0])
     first = random.uniform(8, 12, 12)

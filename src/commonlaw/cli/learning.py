@@ -111,14 +111,6 @@ def discover(source: Source, question: Question, outputs: Outputs, batch: Batch,
     "guesses",
     group="Law",
 )
-@option(
-    "--scheme SCHEME",
-    "How solutions are fitted: collocation, at mesh points together with the parameters, or shooting, computed from "
-    "initial values  [default: collocation where it can fit EQUATIONS]",
-    group="Law",
-    type=click.Choice(["auto", "collocation", "shooting"]),
-    default="auto",
-)
 @with_settings("fit")
 @with_outputs
 @with_cluster
@@ -130,7 +122,6 @@ def fit(
     doses: tuple[str, ...],
     shared: tuple[str, ...],
     guesses: tuple[str, ...],
-    scheme: str,
     settings: dict[str, Any],
     outputs: Outputs,
     cluster: str | None,
@@ -158,7 +149,7 @@ def fit(
 
     if cluster:
         alone = {"--initial-value": initial_values, "--initial-time": initial_time, "--dose": doses}
-        source.check_streams(alone | {"--shared": shared, "--guess": guesses, "--scheme": scheme != "auto"})
+        source.check_streams(alone | {"--shared": shared, "--guess": guesses})
         with working("Fitting ...") as show, on_cluster_at(cluster, show):
             outcome = find_law(
                 source, outputs, show, True, lambda trials, tell: cl.fit(equations, trials, **settings, progress=tell)
@@ -177,7 +168,7 @@ def fit(
         training = source.select(trials)
         origin = None if initial_time is None else number_or_text(initial_time)
         settings |= {"initial_time": origin, "doses": doses, "guesses": numbers("--guess", guesses) or None}
-        settings |= {"shared": groups, "scheme": scheme}
+        settings["shared"] = groups
         law = cl.fit(equations, training, initial_values=known, **settings, progress=show)
         later.save(outputs.save, law=law)
         learned = FitResult.check(law, source, trials, training, outputs.draws, later)

@@ -49,7 +49,7 @@ _NUMBERS: dict[DecimalMark, re.Pattern[str]] = {
 
 
 _PLAIN: dict[DecimalMark, re.Pattern[str]] = {
-    mark: re.compile(rf"[+-]?(?:\d+[{mark}]?\d*|[{mark}]\d+)(?:[eE][+-]?\d+)?", re.ASCII) for mark in _GROUPS
+    mark: re.compile(rf"[+-]?(?:\d+(?:[{mark}]\d*)?|[{mark}]\d+)(?:[eE][+-]?\d+)?", re.ASCII) for mark in _GROUPS
 }
 """Numbers without groups of thousands."""
 _CLOCK = re.compile(r"[+-]?\d+[:-]")
