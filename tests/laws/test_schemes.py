@@ -520,6 +520,14 @@ def test_every_verb_takes_errors_of_measurements(kind):
     assert frame["errors"].tolist() == [ERRORS[kind].label, "white noise"]
 
 
+def test_autocorrelated_residuals_are_noted_where_shooting_takes_white_noise():
+    problem = UNDER_ERRORS["decay, autocorrelated"]
+    trials = problem.trials()
+    codes = [outcome.code for outcome in problem.shoot(trials, errors="auto").diagnostics]
+    assert "residuals-autocorrelated" in codes
+    assert "residuals-autocorrelated" not in [outcome.code for outcome in problem.shoot(trials).diagnostics]
+
+
 @pytest.mark.parametrize("kind", COVARIANCES)
 def test_forecasts_under_errors_of_measurements_have_the_errors_of_their_coefficients(kind):
     problem = UNDER_ERRORS[f"decay, {kind}"]

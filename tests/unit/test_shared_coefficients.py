@@ -289,3 +289,12 @@ def test_files_of_version_6_have_shared_parameters_as_those_without_scatter():
     document = json.loads(to_json(law)) | {"version": 6}
     del document["restrictions"]
     assert from_json(json.dumps(document)).restrictions.shared == law.restrictions.shared == {"k": "all"}
+
+
+def test_a_shared_rate_of_which_a_quotient_alone_is_determined_is_refused():
+    times = np.linspace(0, 5.7, 20)
+    rates = enumerate((0.5, 0.8, 1.1))
+    states = [20 * np.exp(-k * times) + 0.2 * np.random.default_rng(i).standard_normal(20) for i, k in rates]
+    trials = cl.Trials.from_arrays([times] * 3, states, object=["a", "b", "c"], names=["x"])
+    with refused("parameters-not-identified"):
+        cl.fit("x' = -V x/(K + x)", trials, shared="V", scheme="collocation", errors="white")

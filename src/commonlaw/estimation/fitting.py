@@ -40,6 +40,7 @@ from commonlaw.law.text import with_error
 from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.library import Term, Terms
 from commonlaw.likelihood import ERRORS
+from commonlaw.likelihood.levels import autocorrelation
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD
 from commonlaw.runtime.fit_options import ErrorKind
@@ -475,8 +476,24 @@ class Fitted:
             yield note("latent-state-ambiguous", object=shown([*names]), others=others, states=", ".join(states))
         if self.lack_of_fit:
             yield note("residuals-exceed-noise", residuals=self.lack_of_fit)
+        if correlated := [*self._autocorrelations()]:
+            yield note("residuals-autocorrelated", residuals=correlated)
         if differing := _differing_trials(self):
             yield note("trials-differ", objects=shown(differing))
+
+    def _autocorrelations(self) -> Iterator[str]:
+        """Yield quantities whose residuals are autocorrelated under white noise, in words."""
+        problem, optimum = self.begun.problem, self.optimum
+        parts = [] if problem.errors else [*problem.standardized(optimum.unknowns, optimum.noise, False)]
+        for k, name in enumerate(problem.model.observables):
+            squares, products = list[Floats](), list[Floats]()
+            for part in parts:
+                z = part.z[:, k][part.seen[:, k]]
+                usual = np.abs(z) <= HUBER_THRESHOLD
+                squares.append(z[usual] ** 2)
+                products.append((z[1:] * z[:-1])[usual[1:] & usual[:-1]])
+            if parts and (memory := autocorrelation(np.concatenate(squares), np.concatenate(products))):
+                yield f"{name}: {memory:.2f} from one sample to the next"
 
     def _values(self, owner: str) -> dict[str, Floats]:
         """Return the value of each parameter of an object, the mean over its trials."""

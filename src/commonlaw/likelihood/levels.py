@@ -173,6 +173,18 @@ class LinearizedFit:
         return total + rest + 2 * float(np.log(diagonal[:k]).sum())
 
 
+def autocorrelation(squares: Floats, products: Floats) -> float:
+    """Return the autocorrelation r of standardized residuals, zero unless the evidence is for it.
+
+    It has squares of n residuals and products of m neighbouring ones; ``-m log(1 - r^2) > 2 log n`` (BIC).
+    """
+    if len(products) < 2 or not squares.any():
+        return 0.0
+    memory = float(np.clip(products.mean() / squares.mean(), -0.99, 0.99))
+    is_evident = memory > 0 and -len(products) * np.log1p(-(memory**2)) > 2 * np.log(max(len(squares), 2))
+    return memory if is_evident else 0.0
+
+
 def likeliest_levels(
     model: AbstractErrors,
     fits: Sequence[LinearizedFit],

@@ -70,10 +70,11 @@ def _metric(fit: Fit) -> list[tuple[Floats, Bools]]:
 
 def _moved(fit: Fit, before: Sequence[Estimate], metric: Sequence[tuple[Floats, Bools]]) -> float:
     """Return the Mahalanobis distance of coefficients from earlier ones, the largest of all objects."""
-    return max(
-        float(np.linalg.norm(factor[:, :-1] @ (after.coefficients - one.coefficients)[free]))
-        for (factor, free), one, after in zip(metric, before, fit.estimates, strict=True)
-    )
+    with np.errstate(all="ignore"):  # Of estimates that run away
+        return max(
+            float(np.linalg.norm(factor[:, :-1] @ (after.coefficients - one.coefficients)[free]))
+            for (factor, free), one, after in zip(metric, before, fit.estimates, strict=True)
+        )
 
 
 def _fitted(fit: Fit) -> Fit:

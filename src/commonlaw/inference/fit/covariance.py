@@ -160,11 +160,19 @@ def own_coefficients(fit: Fit) -> Floats:
 
     Only those that objects share differ from the fit; shape (objects, equations, terms).
     """
-    free, estimates = free_coefficients(fit), [estimate.coefficients for estimate in fit.estimates]
-    if fit.shared is None:
-        return np.array(estimates)
-    alone = maximum(factors(fit), free, None)
-    return np.array([np.where(inside, one, held) for inside, one, held in zip(free, alone, estimates, strict=True)])
+    estimates = np.array([estimate.coefficients for estimate in fit.estimates])
+    return estimates if fit.shared is None else _maximum(fit, None)
+
+
+def joint_coefficients(fit: Fit) -> Floats:
+    """Return coefficients of all objects together, of which the shared ones are equal, see `own_coefficients`."""
+    return _maximum(fit, fit.shared)
+
+
+def _maximum(fit: Fit, shared: Bools | None) -> Floats:
+    free = free_coefficients(fit)
+    triples = zip(fit.estimates, free, maximum(factors(fit), free, shared), strict=True)
+    return np.array([np.where(inside, value, estimate.coefficients) for estimate, inside, value in triples])
 
 
 def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:

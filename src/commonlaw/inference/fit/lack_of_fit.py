@@ -32,6 +32,7 @@ from commonlaw.integration import (
 )
 from commonlaw.library.grammar import evaluate
 from commonlaw.likelihood import HUBER_THRESHOLD, ErrorModel, Estimate, Mesh, jacobians
+from commonlaw.likelihood.levels import autocorrelation
 from commonlaw.runtime.progress import unannounced
 
 Departures = Mapping[str, bool]
@@ -45,7 +46,7 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> Departu
     """Return the departures of residuals from white noise, state by state.
 
     They are heteroscedastic or autocorrelated if twice the log-likelihood ratio of a model with it exceeds log n for
-    each of its parameters (BIC): ``-m log(1 - r^2) > 2 log n`` for the autocorrelation r of m pairs.
+    each of its parameters (BIC), see `autocorrelation`.
     """
     # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
@@ -80,9 +81,7 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
     is_logarithmic = problem.trials.schema.states[j] in problem.trials.schema.logarithmic
     if not is_logarithmic and proportional_noise_gain(squared, np.concatenate(sizes))[0] > penalty:
         listed.append("heteroscedastic")
-    pairs = np.concatenate(lags)
-    memory = float(np.clip(pairs.mean() / squared.mean(), -0.99, 0.99)) if len(pairs) > 1 and squared.any() else 0.0
-    if memory > 0 and -len(pairs) * np.log1p(-(memory**2)) > 2 * penalty:
+    if autocorrelation(squared, np.concatenate(lags)):
         listed.append("autocorrelated")
     return listed
 

@@ -14,7 +14,12 @@ from commonlaw.forecast.population import with_objects_of
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.fit.convergence import converged
-from commonlaw.inference.fit.covariance import fitted_law, residual_degrees_of_freedom, total_degrees_of_freedom
+from commonlaw.inference.fit.covariance import (
+    fitted_law,
+    joint_coefficients,
+    residual_degrees_of_freedom,
+    total_degrees_of_freedom,
+)
 from commonlaw.inference.fit.latent_initialization import latent_state_ranges
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.nonlinear_parameters import empirical_priors
@@ -34,7 +39,13 @@ from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.inference.verbs.parameter_bounds import at_bounds, outside, within_bounds
 from commonlaw.law import Law, Step, pool_objects, select_objects
 from commonlaw.law.alignment import matched
-from commonlaw.law.parameters import refuse_infinite, restrictions_of, shared_coefficients, state_rates
+from commonlaw.law.parameters import (
+    refuse_infinite,
+    restrictions_of,
+    shared_coefficients,
+    shared_parameters,
+    state_rates,
+)
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.law.uncertainty import ObjectEstimates
@@ -239,6 +250,8 @@ class _Fit:
         apart, shared = fit, shared_coefficients(setup.law)
         if shared.any() and len(fit.estimates) > 1:
             fit, is_converged = converged(replace(pool.best, shared=shared), self.least_squares)
+            if not is_converged and fit.shared is not None:
+                raise CommonlawError("parameters-not-identified", names=shared_parameters(law))
         problem = fit.problem
         if (
             not (problem.noise_given or problem.noise_is_identifiable)
@@ -263,6 +276,9 @@ class _Fit:
             domain=replace(domain, visited={**domain.visited, **latent_state_ranges(problem.trials, fit.estimates)}),
         )
         pooled = pool_objects(replace(refined, provenance=provenance), shared, alike)
+        if fit.shared is not None:  # Pooling has rounding errors where coefficients are nearly collinear
+            coefficients = np.where(shared | (not alike), joint_coefficients(fit), pooled.coefficients)
+            pooled = replace(pooled, coefficients=coefficients)
         if fit is not apart and pooled.uncertainty.unpooled is not None:
             alone = fitted_law(law, apart, self.covariance, self.seed)
             estimates = ObjectEstimates(alone.coefficients[:, alone.support], alone.uncertainty.known_covariance())
