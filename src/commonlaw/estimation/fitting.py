@@ -476,7 +476,7 @@ class Fitted:
             yield note("latent-state-ambiguous", object=shown([*names]), others=others, states=", ".join(states))
         if self.lack_of_fit:
             yield note("residuals-exceed-noise", residuals=self.lack_of_fit)
-        if correlated := [*self._autocorrelations()]:
+        elif correlated := [*self._autocorrelations()]:
             yield note("residuals-autocorrelated", residuals=correlated)
         if differing := _differing_trials(self):
             yield note("trials-differ", objects=shown(differing))
