@@ -366,12 +366,14 @@ def make_folder(folder: AnyPath, private: bool = False) -> None:
 
 @contextmanager
 def one_writer(folder: Path) -> Iterator[None]:
-    """Let one thread of one process at a time do what is within: read and write again what is in a folder."""
+    """Let one thread of one process at a time do what is within: read and write again what is in a folder.
+
+    Raises `CommonlawError` if the folder cannot be locked, such as one that cannot be written.
+    """
     from filelock import FileLock
 
     with ExitStack() as stack:
-        # Some network file systems have no locks; in a folder that cannot be written the writing itself is refused
-        with suppress(OSError, NotImplementedError):
+        with _refused(folder / ".lock"):
             stack.enter_context(FileLock(folder / ".lock", mode=0o600))
         yield
 
