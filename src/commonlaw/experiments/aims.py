@@ -16,8 +16,10 @@ from commonlaw.law.alignment import measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import named_parameters, vector_field
 
-_FORECAST = re.compile(r"(?P<state>\S+) at (?:\S+ *= *)?(?P<time>\S+) from (?P<start>.+?)(?: of (?P<object>.+))?")
-_COEFFICIENT = re.compile(r"(?P<name>.+?)(?: of (?P<object>.+))?")
+_FORECAST = re.compile(
+    r"(?P<state>\S+) at (?:\S+ *= *)?(?P<time>\S+) from (?P<start>.+?)(?: of (?P<object>.+))?", re.DOTALL
+)
+_COEFFICIENT = re.compile(r"(?P<name>.+?)(?: of (?P<object>.+))?", re.DOTALL)
 
 
 @dataclass(frozen=True, eq=False)
