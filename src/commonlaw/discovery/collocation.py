@@ -17,9 +17,7 @@ from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_diff
 from commonlaw.discovery.request import FitRequest
 from commonlaw.discovery.shooting import by_shooting
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation.beginning import (
-    FREE,
-)
+from commonlaw.estimation.beginning import FREE
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
@@ -35,9 +33,7 @@ from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
 from commonlaw.library.equation import Equation, split_equations
-from commonlaw.runtime.fit_options import (
-    changed_settings,
-)
+from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.runtime.progress import on_terminal
 from commonlaw.solvers import STLSQ
 from commonlaw.trials import Trials

@@ -9,9 +9,7 @@ from commonlaw.discovery.collocation import by_collocation
 from commonlaw.discovery.request import FitRequest
 from commonlaw.discovery.shooting import by_shooting
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.estimation.beginning import (
-    InitialGiven,
-)
+from commonlaw.estimation.beginning import InitialGiven
 from commonlaw.inference.verbs.chunks import fitted_by_parts
 from commonlaw.law import Law, pool_objects
 from commonlaw.law.models import model_named

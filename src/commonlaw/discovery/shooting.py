@@ -13,10 +13,7 @@ from commonlaw.discovery.known_physics import unfitted
 from commonlaw.discovery.regression import suitable_differentiation
 from commonlaw.discovery.request import FitRequest
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.beginning import (
-    begin,
-    with_values_of,
-)
+from commonlaw.estimation.beginning import begin, with_values_of
 from commonlaw.estimation.fitting import checked_errors, fit_model, threshold_of
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference.propose.nonlinear_parameters import with_initial_parameters
