@@ -14,8 +14,8 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation.noise import MEDIAN_SIZE, rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
-from commonlaw.likelihood import ERRORS, Scales
-from commonlaw.likelihood.levels import MIN_NOISE, likeliest_levels
+from commonlaw.likelihood import ERRORS
+from commonlaw.likelihood.levels import MIN_NOISE, MOVED, likeliest_levels, scales_of
 from commonlaw.likelihood.observation_model import VERY_STRONG
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.text import counted
@@ -33,8 +33,6 @@ SPREAD = 2.0
 """Standard deviation of the logarithm of a first value, and of values about an estimate in its standard errors."""
 REACH = 16.0
 """How far from its likely size the logarithm of a parameter is looked for."""
-MOVED = 1e-4
-"""Change of the unknowns, in standard errors, at which rounds of levels of errors and unknowns end."""
 _TINY = float(np.finfo(np.float64).tiny)
 """In place of zero, whose logarithm and inverse are infinite."""
 
@@ -561,13 +559,11 @@ def _levels(
     """Return the noise, other levels and times of largest (restricted) likelihood at unknowns, from first values."""
     trials = [data.trial for data in problem.trials]
     std = np.maximum(within_trial_std(trials), rough_noise(problem, MIN_NOISE))
-    steps = np.concatenate([np.diff(trial.times) for trial in trials])
-    durations = [float(np.ptp(trial.times)) for trial in trials]
-    step = float(np.median(steps)) if len(steps) else 1.0
-    scales = Scales(std, np.zeros(len(std)), step, max(*durations, step), MIN_NOISE, 0.0)
     floor = np.maximum(MIN_NOISE * std, rounding_noise(trials))
     fit = problem.linearized(unknowns, noise, (unknowns != bounds.low) & (unknowns != bounds.high))
-    return likeliest_levels(ERRORS[kind], [fit], noise, problem.known_noise, floor, scales, first, restricted)
+    return likeliest_levels(
+        ERRORS[kind], [fit], noise, problem.known_noise, floor, scales_of(std, trials), first, restricted
+    )
 
 
 def summarized(

@@ -31,6 +31,7 @@ from commonlaw.likelihood.fitting import (
 from commonlaw.likelihood.linearization import (
     Linearization as Linearization,
     Regression as Regression,
+    deviations as deviations,
     variance_of_rates as variance_of_rates,
     whitened_with_initial_states as whitened_with_initial_states,
 )

@@ -40,6 +40,13 @@ class ErrorModel:
         return LatentProcesses(self.correlated, self.memory, self.force, self.force_time)
 
     @property
+    def levels(self) -> Floats:
+        """Levels of errors of measurements, then times, as `AbstractErrors.model` takes them."""
+        if self.correlated is not None:
+            return np.append(self.correlated, self.memory)
+        return np.concatenate([np.zeros(0), *self.heteroscedastic.values()])
+
+    @property
     def hyperparameters(self) -> int:
         """Number of levels and times, without the random walk."""
         return self.latent.hyperparameters + sum(map(len, self.heteroscedastic.values()))

@@ -23,6 +23,8 @@ from commonlaw.trials.trial import with_typical
 
 MIN_NOISE = 1e-4
 """Smallest noise, in standard deviations of a state, at the size of discretization errors."""
+MOVED = 1e-4
+"""Change of the unknowns, in standard errors, at which rounds of levels of errors and unknowns end."""
 _MAX_STEPS = 30
 """Newton steps of a minimization."""
 _SAME_LOGARITHM = 1e-6
@@ -92,6 +94,12 @@ class Deviations:
     slopes: Floats | None
     reference: Floats
     outliers: Bools
+
+    @property
+    def jacobian(self) -> Floats:
+        """The derivatives of values that have them."""
+        assert self.slopes is not None
+        return self.slopes
 
     @property
     def seen(self) -> Bools:
@@ -212,6 +220,14 @@ def likeliest_levels(
     bounds = level_bounds(model, scales, floor, np.where(known, noise, np.nan))
     starts = level_starts(model, noise, *bounds) if first is None else [np.clip(np.log(first), *bounds)]
     return np.asarray(np.exp(minimum(value, min(starts, key=value), *bounds)))
+
+
+def scales_of(std: Floats, trials: Sequence[Trial]) -> Scales:
+    """Return the scales of errors of measurements, by the standard deviations of the measured, shape (m,)."""
+    steps = np.concatenate([np.diff(trial.times) for trial in trials])
+    step = float(np.median(steps)) if len(steps) else 1.0
+    duration = max(step, *(float(np.ptp(trial.times)) for trial in trials))
+    return Scales(std, np.zeros(len(std)), step, duration, MIN_NOISE, 0.0)
 
 
 def level_bounds(model: AbstractErrors, scales: Scales, floor: Floats, known: Floats) -> tuple[Floats, Floats]:

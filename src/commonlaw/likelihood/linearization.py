@@ -15,8 +15,10 @@ from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.library import with_rates
 from commonlaw.likelihood.collocation import Jacobians, jacobians
 from commonlaw.likelihood.fitting import Estimate, NotPositiveError, TrajectoryModel
-from commonlaw.likelihood.mesh import Mesh
+from commonlaw.likelihood.levels import Deviations
+from commonlaw.likelihood.mesh import Mesh, segments
 from commonlaw.likelihood.observation_model import LatentSteps
+from commonlaw.trials import Trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,31 @@ class Regression:
             projected[j][np.ix_(determined, determined)] = of_state.T @ of_state
         whole = np.vstack([factor * scales, np.zeros((size + 1 - len(factor), size + 1))])
         return cls(whole, projected, leverage[:d])
+
+
+def deviations(
+    model: TrajectoryModel, estimate: Estimate, free: Bools, trials: Sequence[Trial], omitted: Sequence[Bools]
+) -> list[Deviations]:
+    """Return the segments of an object's trials about the states of an estimate.
+
+    Slopes are by the initial states of one segment after the other, then by the free coefficients, shape (n, d, k). Of
+    each mesh some measurements are omitted, shape (points, d).
+    """
+    parts, width, size, d = list[Deviations](), model.width, int(free.sum()), model.equations
+    cut, before = segments(trials), 0
+    starts = width * sum(map(len, cut))
+    for mesh, values, of_mesh, without in zip(model.meshes, estimate.states, cut, omitted, strict=True):
+        with np.errstate(all="ignore"):
+            derivatives = _along(model, mesh, values, estimate.coefficients, free)[:, :d]
+        first = np.flatnonzero(mesh.first)
+        for trial, begin, end in zip(of_mesh, first, [*first[1:], len(mesh)], strict=True):
+            rows = np.linspace(begin, end - 1, len(trial)).round().astype(np.int64)
+            slopes = np.zeros((len(rows), d, starts + size))
+            slopes[:, :, before : before + width] = derivatives[rows, :, :width]
+            slopes[:, :, starts:] = derivatives[rows, :, width:]
+            states, before = values[rows, :d], before + width
+            parts.append(Deviations(trial, states, slopes, states, (without | mesh.still)[rows]))
+    return parts
 
 
 def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Floats, free: Bools) -> Floats:

@@ -163,6 +163,12 @@ def interpolate(values: Sequence[Floats], points: int = 1, most: int = MAX_MESH_
     return [np.concatenate([_between(values[i][segment], points) for i, segment in group]) for group in groups]
 
 
+def segments(trials: Sequence[Trial]) -> list[list[Trial]]:
+    """Return the segments of an object's trials that are in each of its meshes."""
+    groups = _groups([len(trial) for trial in trials], MAX_MESH_SAMPLES)
+    return [[trials[i].rows(segment) for i, segment in group] for group in groups]
+
+
 def _groups(lengths: Sequence[int], most: int) -> Iterator[list[tuple[int, slice]]]:
     """Yield groups of at most `most` samples, each of trial indices with slices; longer trials are cut evenly."""
     group: list[tuple[int, slice]] = []

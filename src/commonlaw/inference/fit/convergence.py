@@ -11,7 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation.noise import within_trial_std
 from commonlaw.inference import settings
+from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.annealing import FROM_RESIDUALS
 from commonlaw.inference.fit.covariance import (
     factors,
@@ -23,7 +25,9 @@ from commonlaw.inference.fit.covariance import (
 )
 from commonlaw.inference.fit.fit import Fit, errors_to_fit
 from commonlaw.inference.fit.shared_coefficients import maximum
-from commonlaw.likelihood import Estimate, NotPositiveError, fit_each
+from commonlaw.likelihood import ERRORS, ErrorModel, Estimate, NotPositiveError, deviations, fit_each
+from commonlaw.likelihood.levels import MOVED, Deviations, LinearizedFit, likeliest_levels, scales_of
+from commonlaw.runtime.fit_options import ErrorKind
 
 
 def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
@@ -31,19 +35,25 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
 
     Fits with a random walk, or with coefficients fixed at pooled values, are returned as they are, and so are those
     that do not converge. The Huber loss is replaced by least squares, always if `least_squares`, unless the evidence
-    for outliers is very strong.
+    for outliers is very strong, under white noise. Other errors of measurements have levels of largest restricted
+    likelihood.
     """
     if any(fit.problem.fixed_at_pooled(index).any() for index in range(len(fit.estimates))):
         return replace(fit, shared=None), True
     if fit.has_model_error:
         return fit if fit.shared is None else _fitted(fit), True
-    before, is_fitted = fit, False
+    before, is_fitted, kind = fit, False, fit.errors
     with suppress(NotPositiveError):
+        if ERRORS[kind].group == "measurement":
+            white = fit.problem.under_white_noise
+            fit = replace(fit, problem=white, estimates=white.padded(fit.estimates))
         fit = _under_residual_noise(fit)
         if np.any(relative_residuals(fit) > fit.problem.models[0].observation.huber_threshold):
             squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
             worse = _minus_twice_log_likelihood(squares) - _minus_twice_log_likelihood(fit)
             fit = squares if least_squares or worse < settings.VERY_STRONG else fit
+        if ERRORS[kind].group == "measurement":
+            fit = _under_likeliest_levels(fit, kind)
         is_fitted = True
         while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
             estimates = fit.problem.on_half_steps(fit.estimates)
@@ -112,8 +122,11 @@ def _next(fit: Fit) -> tuple[Estimate, ...]:
 def _under_residual_noise(fit: Fit) -> Fit:
     """Return the converged fit under its residual noise, by fixed-point iteration.
 
-    Noise that is given, or estimated from more samples than are fitted, is kept, and so is that with other errors.
+    Noise that is given, or estimated from more samples than are fitted, is kept, and so is that with errors of the law.
+    Other errors of measurements are those of `_under_likeliest_levels`.
     """
+    if ERRORS[fit.errors].group == "measurement":
+        return _under_likeliest_levels(fit, fit.errors)
     fit = _fitted(fit)
     if _keeps_noise(fit):
         return fit
@@ -125,9 +138,65 @@ def _under_residual_noise(fit: Fit) -> Fit:
     return fit
 
 
+def _under_likeliest_levels(fit: Fit, kind: ErrorKind) -> Fit:
+    """Return the fit under errors of measurements, with which levels of largest restricted likelihood alternate."""
+    for _ in range(settings.MAX_ITERATIONS):
+        noise, errors = likeliest_errors(fit, kind)
+        problem = fit.problem.about(fit.estimates)
+        problem = problem.with_errors(noise, errors, "estimate of restricted maximum likelihood under this error model")
+        before, fit = fit, _fitted(replace(fit, problem=problem, estimates=problem.padded(fit.estimates)))
+        if _moved(fit, before.estimates, _metric(fit)) < MOVED:
+            break
+    return fit
+
+
+def likeliest_errors(fit: Fit, kind: ErrorKind) -> tuple[Floats, ErrorModel]:
+    """Return the noise of each state, shape (d,), and errors of measurements of largest restricted likelihood."""
+    problem, states, free = fit.problem, len(fit.problem.noise), free_coefficients(fit)
+    trials, latent, errors = problem.trials, problem.trials.schema.is_latent, problem.errors
+    lengths = [len(mesh) for model in problem.models for mesh in model.meshes]
+    far = iter(np.split(outliers(fit), np.cumsum(lengths)[:-1]))
+    objects = [
+        deviations(model, estimate, inside, trials.of_object(name), [next(far) for _ in model.meshes])
+        for name, model, estimate, inside in zip(trials.objects, problem.models, fit.estimates, free, strict=True)
+    ]
+    if fit.shared is not None:
+        objects = [[part for parts in _side_by_side(objects, free, fit.shared) for part in parts]]
+    floor = noise_floor(trials)
+    levels = likeliest_levels(
+        ERRORS[kind],
+        [LinearizedFit.of(parts, (np.zeros(0), np.zeros((0, parts[0].jacobian.shape[2])))) for parts in objects],
+        problem.noise,
+        problem.noise_given | latent,
+        floor,
+        scales_of(np.where(latent, floor, within_trial_std(trials)), tuple(trials)),
+        np.concatenate([problem.noise, errors.levels]) if errors else None,
+    )
+    return levels[:states], ERRORS[kind].model(levels[states:])
+
+
+def _side_by_side(
+    objects: Sequence[Sequence[Deviations]], free: Sequence[Bools], shared: Bools
+) -> list[list[Deviations]]:
+    """Return the trials of all objects with slopes by the unknowns of all, of which the shared ones come last."""
+    result, last, before = list[list[Deviations]](), int(shared.sum()), 0
+    places = np.cumsum(shared).reshape(shared.shape) - 1
+    widths = [parts[0].jacobian.shape[2] - int(mask[shared].sum()) for parts, mask in zip(objects, free, strict=True)]
+    for parts, mask, width in zip(objects, free, widths, strict=True):
+        starts = parts[0].jacobian.shape[2] - int(mask.sum())
+        is_shared = np.append(np.zeros(starts, dtype=np.bool_), shared[mask])
+        wide = [np.zeros((*part.jacobian.shape[:2], sum(widths) + last)) for part in parts]
+        for part, slopes in zip(parts, wide, strict=True):
+            slopes[:, :, before : before + width] = part.jacobian[:, :, ~is_shared]
+            slopes[:, :, sum(widths) + places[mask & shared]] = part.jacobian[:, :, is_shared]
+        result.append([replace(part, slopes=slopes) for part, slopes in zip(parts, wide, strict=True)])
+        before += width
+    return result
+
+
 def _rescaled(fit: Fit) -> Fit:
-    """Return the fit after one more iteration of `_under_residual_noise`."""
-    if _keeps_noise(fit):
+    """Return the fit after one more iteration of `_under_residual_noise` under white noise."""
+    if _keeps_noise(fit) or fit.problem.errors:
         return fit
     scale = residual_scale(fit)
     return (
@@ -138,7 +207,7 @@ def _rescaled(fit: Fit) -> Fit:
 
 
 def _keeps_noise(fit: Fit) -> bool:
-    return fit.problem.noise_given or bool(fit.problem.samples) or bool(fit.problem.errors)
+    return fit.problem.noise_given or bool(fit.problem.samples) or fit.problem.errors.of_law
 
 
 def residual_scale(fit: Fit) -> Floats:
