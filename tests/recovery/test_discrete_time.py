@@ -47,6 +47,12 @@ def test_a_law_in_discrete_time_refuses_uneven_steps(populations):
         cl.discover(uneven, order=0, method=cl.DiscreteTimeRegression(solver="stlsq:0.5"), library="poly:3")
 
 
+def test_a_law_in_discrete_time_refuses_trials_of_one_sample():
+    trials = cl.Trials.from_arrays([np.zeros(1)] * 2, [np.ones(1), 2 * np.ones(1)], object="a", names=["x"])
+    with refused("discrete-one-sample", where="a"):
+        cl.discover(trials, order=0, library="poly:2", method=cl.DiscreteTimeRegression(solver="forward:2"))
+
+
 def test_the_next_sample_of_a_chaotic_map_is_forecast_though_the_tenth_is_not():
     noisy = mapped(3.9, 0.3, 300) + 0.005 * np.random.default_rng(0).standard_normal(300)
     trials = cl.Trials.from_arrays([np.arange(300.0)], [noisy], names=["x"])

@@ -384,3 +384,12 @@ def test_a_power_that_is_infinite_at_a_sample_is_refused_without_a_warning():
     times = np.linspace(0, 0.7, 6)
     with refused("terms-nowhere-finite"):
         cl.fit("x' = abs(t)^a", cl.Trials.from_arrays(times, 21 + np.exp(9 * times), names=["x"]))
+
+
+def test_terms_whose_squares_overflow_are_refused_without_a_warning():
+    falling = cl.Trials.from_arrays([0.0, 0.5, 1.0], [5.1, -2.1, -3.2], names=["x"])
+    with refused("parameters-not-identified"):
+        cl.fit("x' = exp(-k t)", falling)
+    driven = cl.Trials.from_arrays(np.arange(3) / 3, [100.0, 74.1, 54.9], inputs=[0.0, 0.84, 0.91], names=["x", "u"])
+    with refused("terms-nowhere-finite"):
+        cl.fit("x'' = u^k", driven)

@@ -6,7 +6,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.estimation.beginning import begin
 from commonlaw.estimation.model import ModelText
-from commonlaw.estimation.search import EVENT_SHARES, _growing
+from commonlaw.estimation.search import EVENT_SHARES, STEPS_PER_SAMPLE, _growing, with_step_limit
 from tests.unit.decays import fitted, trials_of
 
 
@@ -58,3 +58,11 @@ def test_each_first_part_of_the_trials_has_new_samples():
     assert [sum(len(data.rows) for data in part.trials) for part in parts] == [4, 6, 12]
     single = begin(ModelText.of("x' = -k x; t > tau: x = 0"), cl.Trials(trials[:1].trials, trials.schema), {}).problem
     assert _growing(single, (1.0,)) == [single]
+
+
+def test_solutions_take_steps_by_samples_and_more_where_those_of_first_values_do():
+    trials = cl.Trials.from_arrays(0.25 * np.arange(8), np.cos(np.arange(8.0)), names=["x"])
+    begun = begin(ModelText.of("x'' = -k x; x < 0: v = v"), trials, {})
+    slow, fast = (np.array([k, 1.0, 0.0]) for k in (30.0, 1e7))
+    assert with_step_limit(begun.problem, slow).max_steps == 8 * STEPS_PER_SAMPLE < begun.problem.max_steps
+    assert with_step_limit(begun.problem, fast) is begun.problem

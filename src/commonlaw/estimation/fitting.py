@@ -26,6 +26,7 @@ from commonlaw.estimation.search import (
     summarized,
     under_errors,
     under_huber_loss,
+    with_step_limit,
 )
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
@@ -171,6 +172,7 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     Raises `CommonlawError` if the solution is finite from none of them, or the measurements do not determine all
     unknowns.
     """
+    begun = replace(begun, problem=with_step_limit(begun.problem, begun.first))
     search = partial(maximize, begun.problem, begun.first, begun.guessed, begun.bounds, None, seed, progress)
     optimum, lack_of_fit = None, list[str]()
     if begun.is_fitted and draws > 1 and is_solved(begun.problem, begun.first):

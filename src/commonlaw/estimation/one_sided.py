@@ -70,7 +70,7 @@ def one_sided(
     if not 0 < size < np.inf:
         return None
     quantile = float(two_sided(0.90, degrees_of_freedom)) ** 2
-    objective = Objective(replace(problem, max_steps=_MAX_STEPS), noise)
+    objective = Objective(replace(problem, max_steps=min(problem.max_steps, _MAX_STEPS)), noise)
     free = np.arange(len(unknowns)) != index
     costs = dict[float, tuple[float, Floats]]()
 

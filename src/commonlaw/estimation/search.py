@@ -33,6 +33,9 @@ SPREAD = 2.0
 """Standard deviation of the logarithm of a first value, and of values about an estimate in its standard errors."""
 REACH = 16.0
 """How far from its likely size the logarithm of a parameter is looked for."""
+STEPS_PER_SAMPLE, ROUGH_SHARE = 500, 5
+"""Steps of a solution for each sample of the longest trial, and how many times fewer a rough one may take: what
+oscillates, or has events, so often between samples is not estimated by these."""
 _TINY = float(np.finfo(np.float64).tiny)
 """In place of zero, whose logarithm and inverse are infinite."""
 
@@ -235,7 +238,19 @@ def rough_noise(problem: Problem, share: float = 0.1) -> Floats:
 
 def is_solved(problem: Problem, unknowns: Floats) -> bool:
     """Return whether the solutions of all trials are finite."""
-    return bool(np.isfinite(_cost(replace(problem, tolerance=1e-4), unknowns, rough_noise(problem))))
+    return bool(np.isfinite(_cost(_rough(problem), unknowns, rough_noise(problem))))
+
+
+def _rough(problem: Problem) -> Problem:
+    """Return the problem with rough solutions."""
+    return replace(problem, tolerance=1e-4, max_steps=problem.max_steps // ROUGH_SHARE)
+
+
+def with_step_limit(problem: Problem, first: Floats) -> Problem:
+    """Return the problem with so many steps of a solution as samples may need, or more if that of first values does."""
+    steps = STEPS_PER_SAMPLE * max(len(data.times) for data in problem.trials)
+    limited = replace(problem, max_steps=min(steps, problem.max_steps))
+    return problem if is_solved(problem, first) and not is_solved(limited, first) else limited
 
 
 def maximize(
@@ -280,7 +295,7 @@ def maximize(
         names = [problem.model.variables.states[j] for j in problem.model.steady]
         unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
     progress(f"computing the likelihood of {counted(len(starts), 'first value')}")
-    coarse = replace(problem, tolerance=1e-4)
+    coarse = _rough(problem)
     parts = _growing(coarse, shares)
     costs = np.array([_cost(parts[0], start, noise) for start in starts])
     if not np.isfinite(costs).any():

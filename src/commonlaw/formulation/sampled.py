@@ -94,6 +94,7 @@ class DiscreteForm(AbstractSampledForm):
         return 0, len(trial) - 1
 
     def segments(self, trial: Trial, cuts: list[int]) -> Iterator[Segment]:
+        self.span(trial)
         steps = np.diff(trial.times)
         far = np.flatnonzero(np.abs(steps - np.median(steps)) > 0.01 * np.median(steps))
         if len(far):  # Not one step of the same law

@@ -257,7 +257,8 @@ def _orthogonal(columns: Floats) -> tuple[Floats, Floats]:
     from scipy.linalg import blas, lapack
 
     norms = column_scales(columns)
-    factor, failed = lapack.dpotrf(columns.T @ columns / np.outer(norms, norms))
+    with np.errstate(over="ignore", invalid="ignore"):  # Squares that overflow, whose factorization fails
+        factor, failed = lapack.dpotrf(columns.T @ columns / np.outer(norms, norms))
     if failed or not lapack.dtrcon(factor)[0] > 1e-6:
         return np.linalg.qr(columns)
     factor = np.asarray(factor * norms)

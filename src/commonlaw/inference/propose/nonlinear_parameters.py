@@ -139,9 +139,9 @@ class _Profile:
         """Return the derivatives of rates by all estimated coefficients, of unit norm, shape (m, parameters)."""
         plain = replace(self.terms, variables=replace(self.terms.variables, logarithmic=()))
         field = VectorField(plain, self.fitted(parameters)[0], order, free=np.isnan(self.known))
-        linear = field.linearize(self.values).by_parameters
-        columns = linear.reshape(-1, linear.shape[2])
-        with np.errstate(invalid="ignore"):  # An infinite column over its norm, which the caller refuses
+        with np.errstate(invalid="ignore"):  # Infinite derivatives, and these over their norm, which the caller refuses
+            linear = field.linearize(self.values).by_parameters
+            columns = linear.reshape(-1, linear.shape[2])
             return np.asarray(columns / column_scales(columns))
 
     def fitted(self, parameters: Floats) -> tuple[Floats, list[Floats]]:
