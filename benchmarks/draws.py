@@ -14,6 +14,7 @@ from benchmarks.families import Experiment, experiment
 from benchmarks.variational import term_values
 from commonlaw.differentiation import AbstractDifferentiator, parse_differentiation
 from commonlaw.law import pool_objects
+from commonlaw.law.parameters import reach_of_equations
 
 Floats = NDArray[np.float64]
 
@@ -86,7 +87,7 @@ def stated(known: Experiment, law: cl.Law) -> Stated | None:
     if coefficients is None:
         return None
     sizes = list(map(len, known.family.equations))
-    return Stated(coefficients, known.errors(law), np.repeat(law.uncertainty.reach(len(sizes)), sizes))
+    return Stated(coefficients, known.errors(law), np.repeat(reach_of_equations(law), sizes))
 
 
 def _outcome(name: str, level: float, seed: int) -> Outcome:

@@ -13,7 +13,6 @@ from commonlaw.forecast import Forecast, fitted
 from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
-from commonlaw.law.alignment import has_bands
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import by_terms_of, named_parameters
 from commonlaw.law.pooling import by_properties
@@ -127,7 +126,7 @@ class Summary:
         if law is self.law:
             return self
         fit, forecast = (
-            curves and self.curves_of(law, curves.trials, curves.is_fit, has_bands(law))
+            curves and self.curves_of(law, curves.trials, curves.is_fit, law.uncertainty.has_std)
             for curves in (self.findings.fit, self.findings.forecast)
         )
         return replace(self, findings=replace(self.findings, law=law, verdict=None, fit=fit, forecast=forecast))

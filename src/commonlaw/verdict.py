@@ -19,7 +19,7 @@ from commonlaw.forecast.forecast import variation
 from commonlaw.forecast.initial_state import can_fit_initial_state
 from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law import Law
-from commonlaw.law.alignment import has_bands, matched, measured_noise, measured_schema
+from commonlaw.law.alignment import matched
 from commonlaw.law.law import has_free_starts
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.verdict import SMALL_ERROR, LawVerdict, StateError, listed
@@ -107,8 +107,8 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> tuple[pd.Data
     If the law was fitted to the whole trial, and one sample is before, the start is fitted to the first fifth: that
     sample alone may be below the noise. Raises `CommonlawError` if it cannot be forecast.
     """
-    trial, origin, first, states = segment.trial, segment.origin, segment.first, len(measured_schema(law).states)
-    fits = law.order != 0 and measured_noise(law) is not None
+    trial, origin, first, states = segment.trial, segment.origin, segment.first, len(law.observation.measured.states)
+    fits = law.order != 0 and law.uncertainty.noise is not None
     # More samples before a forecast take long and tell little more of where it starts
     how: dict[str, Any] = {"start": 200 if fits and origin > 200 else None}
     how |= {"from_time": float(trial.times[origin])}
@@ -117,7 +117,7 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> tuple[pd.Data
     elif fits and segment.kind is Kind.SEEN and origin == 1:
         how = {"start": max(2, samples_before(len(trial), law.order))}
     # Far below the error of any measurement
-    forecast = law.predict(trials, return_std=has_bands(law), tolerance=1e-6, **how)
+    forecast = law.predict(trials, return_std=law.uncertainty.has_std, tolerance=1e-6, **how)
     rows = np.flatnonzero(np.isfinite(forecast.trials[0].states).any(axis=1))
     compared, measured = rows[first - len(trial) :], trial.states[first:]
     errors = forecast.trajectories[0].states[compared, :states] - measured
@@ -168,7 +168,7 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
         judged.append(segment)
         diverged += has_diverged
     once = list({(segment.trial.object, segment.trial.name): segment.trial for segment in judged}.values())
-    spread = _spread(once, len(measured_schema(law).states))
+    spread = _spread(once, len(law.observation.measured.states))
     errors = pd.concat(frames) if frames else pd.DataFrame(columns=_COLUMNS, dtype=np.float64)
     errors = errors[np.isfinite(spread[errors["state"].astype(int)])]
     scales = spread[errors["state"].astype(int)]
@@ -213,8 +213,8 @@ def _unknowns(law: Law, trials: Trials) -> int:
     is_free = (parameters.errors > 0) | parameters.limited
     listed = zip(parameters.values.T, is_free.T, strict=True)
     count = sum(len(np.unique(values[free])) for values, free in listed)
-    if law.observation is not None:
-        return count + len({(row.object, row.trial, row.name) for row in law.observation.estimated})
+    if law.scheme == "shooting":
+        return count + len({(row.object, row.trial, row.name) for row in law.trial_estimates})
     orders = np.array(order_of_each(law.order, len(law.schema.states)))
     is_started = np.array([law.schema.initial_values.get(name) is None for name in law.schema.states])
     measured = [np.isfinite(trial.states).any(axis=0) for trial in trials]
@@ -392,7 +392,7 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     whole = matched(law, trials, observed=True)
     training = whole if learned is None or learned is trials else matched(law, learned, observed=True)
     failures = list[str]()
-    bands = bands and has_bands(law)
+    bands = bands and law.uncertainty.has_std
     fitting = partial(fitted, law, training, bands)
     fit = _tried("the law has no fitted curves", fitting, failures) if law.order != 0 else None
     verdict = _tried("the forecast assessment failed", partial(assess, law, whole, training), failures)
@@ -402,7 +402,7 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     held_out = [trial for trial in others if trial.object in law.objects]
     checked = whole.with_trials(held_out or [trial for trial in whole if (trial.object, trial.name) in learned_from])
     fewest = min(len(trial.measured()) for trial in checked)
-    fits = can_fit_initial_state(law) or law.observation is not None
+    fits = can_fit_initial_state(law) or law.scheme == "shooting"
     start = samples_before(fewest, law.order) if fits and has_free_starts(law, checked) else None
     checking = partial(law.predict, checked, return_std=bands, start=start)
     forecast = _tried("the law was not checked by forecasts", checking, failures)

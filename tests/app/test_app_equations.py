@@ -233,7 +233,7 @@ def test_a_parameter_of_each_trial_is_chosen_fitted_and_shown_by_trial(page, app
         value, error = map(float, shown[f"{owner}, trial {trial}"].split(" ± "))
         assert abs(value - k) < 4 * error < 0.1
     law = cl.fit("x' = -k (x - c)", cl.Trials.read(path), shared={"k": "trial", "c": "all"})
-    for owner, trial, _, value, _ in law.observation.to_frame().query("parameter == 'k'").values.tolist():
+    for owner, trial, _, value, _ in law.trial_estimates.to_frame().query("parameter == 'k'").values.tolist():
         assert float(shown[f"{owner}, trial {trial}"].split(" ± ")[0]) == pytest.approx(value, 0.01)
     page.refresh()
     page.wait("!$('result').hidden && $('parameters').children.length === 2")

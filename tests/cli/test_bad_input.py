@@ -122,8 +122,8 @@ def test_unsorted_times_are_sorted_and_said(run, done, tmp_path):
 
 def test_laws_that_cannot_be_read(fails, tmp_path):
     (tmp_path / "drops.csv").write_text(rows())
-    (tmp_path / "law.json").write_text('{"format": "commonlaw law", "version": 8}')
-    assert "law.json: the law has format version 8" in fails(
+    (tmp_path / "law.json").write_text('{"format": "commonlaw law", "version": 9}')
+    assert "law.json: the law has format version 9" in fails(
         "predict", "drops.csv", "law.json", "--save", "forecast.csv"
     )
     (tmp_path / "law.json").write_text("{")

@@ -101,7 +101,7 @@ def test_noise_may_be_that_of_each_value_of_a_property(run, done, tmp_path):
     text = ("fit", "cells.csv", "x' = -k x; s = c x; x(0) = 1", "--noise", "s=lab", "--save", "l.json")
     done(*text)
     law = cl.Law.load(tmp_path / "l.json")
-    assert [law.observation.noise_of["s"][cell] for cell in ("A1", "B1")] == pytest.approx([0.01, 0.1], rel=0.25)
+    assert [law.uncertainty.noise_of["s"][cell] for cell in ("A1", "B1")] == pytest.approx([0.01, 0.1], rel=0.25)
     assert run("discover", "cells.csv", "--noise", "s=lab")[0] == 2
 
 

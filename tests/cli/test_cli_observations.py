@@ -23,7 +23,7 @@ def test_laws_with_observation_equations_are_fitted_compared_refined_and_forecas
     assert rows[1]["2 log B"] > 10
     done("refine", "cells.csv", "law.json", "--save", "again.json")
     one, other = (cl.Law.load(f"{name}.json") for name in ("law", "again"))
-    assert one.observation.log_likelihood == pytest.approx(other.observation.log_likelihood, abs=1e-6)
+    assert one.provenance.log_likelihood == pytest.approx(other.provenance.log_likelihood, abs=1e-6)
     assert one.restrictions.shared == other.restrictions.shared == {"c": "all"}
     done("predict", "cells.csv", "law.json", "--save", "forecast.csv")
     assert "signal forecast" in (tmp_path / "forecast.csv").read_text()
@@ -36,7 +36,7 @@ def test_parameters_are_shared_by_column(done, tmp_path):
     done("fit", "cells.csv", "x' = -k x; y = x + b; x(0) = a", *shared, "--save", "law.json")
     law = cl.Law.load("law.json")
     assert law.restrictions.shared == {"a": "all", "k": "T"}
-    assert len(law.observation.estimated) == 6
+    assert len(law.trial_estimates) == 6
 
 
 def test_a_measured_state_has_a_given_initial_value(done, tmp_path):

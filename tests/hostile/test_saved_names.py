@@ -9,7 +9,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.law import Law, from_json, to_json
-from commonlaw.law.observation import Observation, TrialEstimate
+from commonlaw.law.observation import Observation, TrialEstimate, TrialEstimates
 from commonlaw.law.parse import read_equations
 from commonlaw.law.restrictions import Restrictions
 from commonlaw.library.bounds import parts_of
@@ -72,14 +72,19 @@ def observed(law, seed):
         {measured: f"2 {quoted} + `{parameter.replace('`', '``')}`"},
         {state: initial},
         r.choice([None, 0.0, -1e9]),
-        {measured: 0.1},
-        {state: 1e140},
-        (TrialEstimate(law.objects[0], trial, f"{state}(0)", -1e30, 1e-300),),
-        -1.5,
         events={f"{quoted} < 0": {state: f"-{quoted}"}},
     )
     restrictions = Restrictions({parameter: "trial"}, {parameter: (1.0, 2.0)}, ("K > 0",), {measured: trial})
-    return replace(law, observation=observation, restrictions=restrictions)
+    domain = replace(law.provenance.domain, sizes={state: 1e140})
+    return replace(
+        law,
+        observation=observation,
+        restrictions=restrictions,
+        scheme="shooting",
+        uncertainty=replace(law.uncertainty, noise=[0.1], noise_of={measured: {trial: 0.1}}, degrees_of_freedom=None),
+        provenance=replace(law.provenance, domain=domain, log_likelihood=-1.5),
+        trial_estimates=TrialEstimates([TrialEstimate(law.objects[0], trial, f"{state}(0)", -1e30, 1e-300)]),
+    )
 
 
 def or_code(function, *arguments):

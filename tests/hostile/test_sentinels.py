@@ -21,10 +21,11 @@ import commonlaw as cl
 from commonlaw.cli.results import command_line
 from commonlaw.law import Law, Provenance, from_json, to_json, to_latex, to_script
 from commonlaw.law.io import file_content
-from commonlaw.law.observation import Observation, TrialEstimate
+from commonlaw.law.observation import Observation, TrialEstimate, TrialEstimates
 from commonlaw.law.provenance import Alternative, Domain, Step
 from commonlaw.law.restrictions import Restrictions
 from commonlaw.law.script import Source
+from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.report import Report, Section, Table, Text, law_report, to_page
 from commonlaw.report.markup import code, literal
 from commonlaw.trials import Schema
@@ -60,10 +61,6 @@ def whole_law():
         {"y": "2 y + k"},
         {"x": "2 k", "y": (1.0, 0.5)},
         0.0,
-        {"x": 0.1},
-        {"x": 2.0},
-        (TrialEstimate("a", "1", "x(0)", 1.0, 0.1),),
-        -3.0,
         events={"x < 0": {"x": "-x"}},
     )
     provenance = Provenance(
@@ -71,7 +68,7 @@ def whole_law():
         history=(Step("noise", "x: 0.1", "from differences"),),
         equations=law.provenance.equations,
         calls=('cl.fit("x\' = -k x", trials)', "cl.refine(law, trials)"),
-        domain=Domain({"x": (0.0, 1.0)}, at_rest=("c",), constant=("z",)),
+        domain=Domain({"x": (0.0, 1.0)}, at_rest=("c",), constant=("z",), sizes={"x": 2.0}),
     )
     terms = replace(law.terms, variables=variables)
     return replace(
@@ -82,6 +79,9 @@ def whole_law():
         properties={"a": {"mass": 1.0, "make": "A"}, "b": {"mass": 2.0, "make": "B"}},
         restrictions=Restrictions({"k": "trial"}, {"k": (1.0, 2.0)}, ("k > 0",), {"x": 0.1}),
         observation=observation,
+        scheme="shooting",
+        trial_estimates=TrialEstimates([TrialEstimate("a", "1", "x(0)", 1.0, 0.1)]),
+        uncertainty=Uncertainty(noise_of={"x": {"a": 0.1}}),
     )
 
 

@@ -262,10 +262,10 @@ def differences(trials: cl.Trials, plain: cl.Law, shot: cl.Law) -> dict[str, flo
         states.append(np.concatenate([curve.states[:, :count] for curve in forecast.trajectories]))
         std.append(np.concatenate([values[:, :count] for values in forecast.std or ()]))
         widths.append(np.concatenate([(high - low)[:, :count] for low, high in forecast.bands(measured=True)]))
-    assert shot.observation is not None
+    assert shot.scheme == "shooting"
     likelihood = log_likelihood(plain, trials, curves[0])
     return differences_of_parameters(plain, shot) | {
-        "log-likelihood": largest(shot.observation.log_likelihood - likelihood),
+        "log-likelihood": largest(shot.provenance.log_likelihood - likelihood),
         "forecasts": largest((states[1] - states[0]) / std[0]),
         "forecast errors": largest(std[1] / std[0] - 1),
         "bands": largest(widths[1] / widths[0] - 1),
@@ -279,8 +279,8 @@ def test_both_schemes_state_the_same(name):
     latent = {"initial_values": {"g": 5.0}} if name.startswith("absorption") else {}
     plain = problem.fit(trials, **latent)
     shot = problem.shoot(trials)
-    assert plain.observation is None
-    assert shot.observation is not None
+    assert plain.scheme == "collocation"
+    assert shot.scheme == "shooting"
     result = differences(trials, plain, shot)
     assert {what: size for what, size in result.items() if not size < LIMITS[what]} == {}
 
@@ -452,8 +452,7 @@ def _deviance(logs: np.ndarray, of: Covariance, times: np.ndarray, residuals: np
 
 def _levels(law: cl.Law) -> list[float]:
     """Return the noise of a law, and the levels and time of its other errors."""
-    noises = law.uncertainty.noise if law.observation is None else np.array([*law.observation.noise.values()])
-    model, noise = law.uncertainty.error_model, noises.tolist()
+    model, noise = law.uncertainty.error_model, law.uncertainty.noise.tolist()
     if model.correlated is None:
         return [*noise, *model.heteroscedastic["proportional"].tolist()]
     return [*noise, *model.correlated.tolist(), model.memory]
@@ -489,7 +488,7 @@ def test_every_verb_takes_errors_of_measurements(kind):
     problem = UNDER_ERRORS[f"decay, {kind}"]
     trials = problem.trials().select(object="a")
     law = problem.shoot(trials)
-    model, noise = law.uncertainty.error_model, law.observation.noise_levels
+    model, noise = law.uncertainty.error_model, law.uncertainty.noise
     assert model.kind == kind
     assert cl.law.from_json(cl.law.to_json(law)) == law
     assert [step.reason for step in law.history].count("estimates of restricted maximum likelihood") == 1

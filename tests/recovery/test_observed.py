@@ -93,7 +93,7 @@ def test_a_law_with_fixed_coefficients_has_the_likelihood_of_a_fit_with_these():
     trials, _ = measured(4, eaten=0.75)
     law = cl.discover(trials, observe=OBSERVE, latent_states="z", known={("z", "x*z"): 0.75}, cache=False)
     fitted = cl.fit("x' = a x - c x z; z' = -d z + 0.75 x z", trials, observe=OBSERVE, shared=["s", "b"])
-    assert law.observation.log_likelihood == pytest.approx(fitted.observation.log_likelihood, abs=1e-3)
+    assert law.provenance.log_likelihood == pytest.approx(fitted.provenance.log_likelihood, abs=1e-3)
 
 
 @pytest.mark.slow

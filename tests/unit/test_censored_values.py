@@ -32,10 +32,10 @@ def test_values_below_a_limit_count_by_the_likelihood_of_the_tail():
 
     found = minimize(deviance, [0.5, 3, -2], method="Nelder-Mead", options=EXACT)
     assert [estimates(law)[each][0] for each in "ka"] == pytest.approx(found.x[:2], rel=1e-4)
-    assert -law.observation.log_likelihood == pytest.approx(found.fun, abs=1e-5)
+    assert -law.provenance.log_likelihood == pytest.approx(found.fun, abs=1e-5)
 
     # The curvature of all of the likelihood, at the noise that is reported
-    point, steps = np.array([*found.x[:2], np.log(law.observation.noise["x"])]), np.diag([1e-4, 1e-4, 1e-4])
+    point, steps = np.array([*found.x[:2], np.log(law.uncertainty.noise[0])]), np.diag([1e-4, 1e-4, 1e-4])
     signs = [(i, j) for i in (1, -1) for j in (1, -1)]
     hessian = [[sum(i * j * deviance(point + i * a + j * b) for i, j in signs) / 4e-8 for b in steps] for a in steps]
     errors = np.sqrt(np.diag(np.linalg.inv(hessian)))[:2]
@@ -84,8 +84,8 @@ def test_proportional_noise_of_values_below_a_limit_has_its_likelihood():
 
     # The log-likelihood is that of the levels of largest likelihood about the curve
     found = minimize(deviance, [-3, -2], method="Nelder-Mead", options=EXACT)
-    assert -law.observation.log_likelihood == pytest.approx(found.fun, abs=1e-4)
-    std = np.hypot(law.observation.noise["x"], law.uncertainty.error_model.heteroscedastic["proportional"] * curve)
+    assert -law.provenance.log_likelihood == pytest.approx(found.fun, abs=1e-4)
+    std = np.hypot(law.uncertainty.noise[0], law.uncertainty.error_model.heteroscedastic["proportional"] * curve)
 
     def at(p):
         return minus_log_likelihood(y, p[1] * np.exp(-p[0] * times), std, 0.5)

@@ -21,7 +21,7 @@ def test_cells_that_divide_have_the_estimates_of_least_squares():
     times, truth = np.linspace(0, 10, 81), (0.5, 2.0, 1.3)
     data = masses(times, *truth) + 0.03 * np.random.default_rng(3).standard_normal(len(times))
     law = cl.fit("y' = k; y > top: y = y/2", trials_of({"A": (times, data)}))
-    own = [*law.params["estimate"], law.observation.estimated[0].value]
+    own = [*law.params["estimate"], law.trial_estimates[0].value]
     expected, errors = fitted(lambda p: masses(times, *p), own, data)
     assert own == pytest.approx(expected, rel=1e-5)
     assert law.params["standard error"].to_numpy() == pytest.approx(errors[:2], rel=1e-3)

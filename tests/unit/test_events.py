@@ -44,7 +44,7 @@ def test_a_ball_that_bounces_has_the_estimates_of_least_squares(ball):
     measured, law = ball
     (trial,) = measured
     expected, errors = fitted(lambda p: heights(TIMES, *p), [9.81, 0.75, 1.2, 0.5], trial.states[:, 0])
-    found = law.observation.estimated
+    found = law.trial_estimates
     values = [*law.params["estimate"], *(each.value for each in found)]
     assert values == pytest.approx(expected, rel=1e-5)
     own = [*law.params["standard error"], *(each.error for each in found)]

@@ -95,7 +95,7 @@ def test_the_first_sample_and_any_time_may_be_the_origin():
 def test_starts_that_are_not_written_stay_at_the_first_sample():
     trials, _ = of_hours(count=1)
     law = cl.fit("c' = -k c; 0 < k < 5", trials, priors={"k": (0.3, 1.0)})
-    (start,) = law.observation.estimated
+    (start,) = law.trial_estimates
     assert law.observation.initial_time is None
     assert start.value == pytest.approx(trials[0].states[0, 0], rel=0.02)
 

@@ -38,7 +38,7 @@ def test_an_initial_value_with_a_standard_deviation_is_a_prior():
     found = least(residuals, [1.0, 1.0])
     errors = errors_of(found)
     assert estimates(law)["k"] == pytest.approx((found.x[0], errors[0]), rel=1e-4)
-    (initial,) = law.observation.estimated
+    (initial,) = law.trial_estimates
     assert (initial.value, initial.error) == pytest.approx((found.x[1], errors[1]), rel=1e-4)
     assert "x(0) = 2.2 ± 0.01" in str(law)
     assert f"{initial.value:.4f}" in law.summary()
@@ -53,8 +53,8 @@ def test_initial_values_by_object_are_those_of_each_trial_where_they_are_free():
     ]
     trials = cl.Trials(tuple(made), cl.Schema(("x",)))
     law = cl.fit("x' = -k x", trials, initial_values={"x": {"A": 2, "B": None}}, shared="k")
-    found = {(each.object, each.trial): each.value for each in law.observation.estimated}
-    assert {each.name for each in law.observation.estimated} == {"x(0)"}
+    found = {(each.object, each.trial): each.value for each in law.trial_estimates}
+    assert {each.name for each in law.trial_estimates} == {"x(0)"}
     assert found == pytest.approx({("B", "1"): 3.0, ("B", "2"): 5.0}, rel=0.02)
     assert law.params["parameter"].unique().tolist() == ["k"]
     assert law.predict(trials).to_frame()["x forecast"].iloc[0] == 2.0

@@ -367,7 +367,7 @@ def test_a_trial_begins_at_a_dose_before_its_first_measurement():
         values = dict(zip(named_parameters(law).names, named_parameters(law).values[0], strict=True))
         assert values["V"] == pytest.approx(volume, rel=1e-3)
         assert values["k"] == pytest.approx(k, rel=1e-3)
-        assert law.observation.estimated == ()
+        assert law.trial_estimates == ()
         forecast = law.predict(trials, start="all")
         assert (forecast.trials[0].times[0], forecast.trajectories[0].states[0, 0]) == (0, 0)
     assert len(of_table[0].rows(slice(1, None)).earlier) == 0
@@ -420,8 +420,8 @@ def test_all_states_are_zero_before_a_first_dose_but_those_that_are_measured_the
         law = cl.fit(SWALLOWED, trials, doses="dose")
         parameters = named_parameters(law)
         assert (np.abs(parameters.values[0] - [ka, volume, k]) < 3 * parameters.errors[0]).all()
-        assert [estimate.name for estimate in law.observation.estimated] == ["conc(0)"] * bool(before)
-        assert all(estimate.value == pytest.approx(before, abs=0.1) for estimate in law.observation.estimated)
+        assert [estimate.name for estimate in law.trial_estimates] == ["conc(0)"] * bool(before)
+        assert all(estimate.value == pytest.approx(before, abs=0.1) for estimate in law.trial_estimates)
         again = from_json(to_json(law)).predict(trials)
         assert again.trajectories[0].states[0, 0] == pytest.approx(before, abs=0.1)
     with refused("free-start-with-dose", state="depot"):

@@ -232,7 +232,7 @@ def test_a_saved_law_comes_back_whole(tmp_path, rule):
 def test_a_law_of_another_version_or_damaged_is_refused_with_its_file(drag, tmp_path):
     path, text = tmp_path / "law.json", to_json(drag)
     for damage, message in (
-        (text.replace('"version": 7', '"version": 9'), Diagnostic("law-version", {"version": 9, "supported": 7})),
+        (text.replace('"version": 8', '"version": 9'), Diagnostic("law-version", {"version": 9, "supported": 8})),
         (text[:200], "not-a-law"),
         ("[1, 2]", "not-a-law"),
         (text.replace("-9.8", "null"), "not-a-law"),

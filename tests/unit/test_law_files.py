@@ -210,7 +210,10 @@ def test_measurements_in_parquet_are_no_law(tmp_path):
 
 
 SAVED = Path(__file__).parent / "laws"
-"""A law of two balls as version 2 wrote it; in version 1 laws knew neither their uncertainty nor their history."""
+"""A law of two balls as version 2 wrote it; in version 1 laws knew neither their uncertainty nor their history.
+
+And one of a signal with an offset of each trial and noise of each object, by shooting, as version 7 wrote it.
+"""
 
 
 def test_a_law_of_version_2_is_read_whole():
@@ -284,7 +287,7 @@ def test_a_damaged_law_of_version_2_is_refused(damage):
 def test_inflation_of_intervals_is_read_by_its_name_until_version_5():
     law, inflation = Law.load(SAVED / "version-2.json"), IntervalInflation(np.array([0.5, 1.0]), np.array([1.0, 3.0]))
     law = replace(law, uncertainty=replace(law.uncertainty, interval_inflation=inflation))
-    text = to_json(law).replace('"version": 7', '"version": 5').replace('"interval_inflation"', '"widening"')
+    text = to_json(law).replace('"version": 8', '"version": 5').replace('"interval_inflation"', '"widening"')
     again = from_json(text)
     assert again.uncertainty.interval_inflation.factors.tolist() == [1.0, 3.0]
     assert again.uncertainty.interval_inflation.horizons.tolist() == [0.5, 1.0]
@@ -306,3 +309,39 @@ def test_a_factor_of_all_intervals_becomes_an_inflation_at_every_horizon():
                 np.ones(2) if found.interval_inflation is None else found.interval_inflation.at(np.array([0.0, 100.0]))
             )
             assert widths.tolist() == [factor, factor]
+
+
+def test_estimates_were_in_the_observation_until_version_7():
+    law, raw = Law.load(SAVED / "version-7.json"), json.loads((SAVED / "version-7.json").read_text())
+    known = raw["observation"]
+    assert law.scheme == "shooting"
+    assert (law.uncertainty.noise.tolist(), law.uncertainty.noise_of) == ([known["noise"]["y"]], known["noise_of"])
+    assert law.uncertainty.degrees_of_freedom.tolist() == [known["degrees_of_freedom"]["y"]]
+    assert law.provenance.domain.sizes == known["sizes"]
+    assert law.provenance.log_likelihood == known["log_likelihood"]
+    assert [vars(each) for each in law.trial_estimates] == known["estimated"]
+    assert (law.observation.equations, law.observation.initial) == ({"y": "2 x + b"}, {"x": "h"})
+    again = from_json(to_json(law))
+    assert again == law
+    assert again.provenance.log_likelihood == law.provenance.log_likelihood
+    table = pd.DataFrame({"lab": ["a"] * 5, "t": np.arange(5.0), "y": 6 * np.exp(-0.49 * np.arange(5.0)) + 0.1})
+    trials = cl.Trials.from_frame(table, object="lab", time="t", states=["y"])
+    assert law.predict(trials).metric("r2") > 0.999
+    for damage in ({"noise": {"z": 1.0}}, {"noise": {"y": "much"}}, {"noise": 3.0}, {"estimated": 1.0}, {"sizes": []}):
+        with pytest.raises(cl.CommonlawError):
+            from_json(json.dumps(raw | {"observation": known | damage}))
+
+
+def test_initial_values_of_trials_were_by_state_until_version_4():
+    raw = json.loads((SAVED / "version-7.json").read_text())
+    law = Law.load(SAVED / "version-7.json")
+    for estimate in raw["observation"]["estimated"]:
+        estimate["state"] = estimate.pop("name")
+    del raw["restrictions"]
+    old = from_json(json.dumps(raw | {"version": 4}))
+    assert old.restrictions is None
+    assert [each.name for each in old.trial_estimates] == ["b(0)"] * 4
+    assert np.array_equal(old.coefficients, law.coefficients)
+    trials = cl.Trials.from_arrays({"a": np.arange(9.0)}, {"a": np.exp(-np.arange(9.0))}, names=["y"])
+    with refused("restrictions-not-recorded"):
+        cl.refine(old, trials)

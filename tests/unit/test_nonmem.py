@@ -406,9 +406,10 @@ def test_rates_are_not_proposed_as_doses() -> None:
 
 def test_starts_of_trials_that_a_dose_begins_are_at_the_dose() -> None:
     law = cl.Law.from_text("c' = -k c + dose", {"k": 0.2}, inputs=("dose",))
-    observation = Observation(cl.Schema(("y",)), {"y": "2 c"}, {"c": "0"}, None, {}, {}, (), 0.0)
+    observation = Observation(cl.Schema(("y",)), {"y": "2 c"}, {"c": "0"})
     for doses, when in (("dose",), "dose or sample"), ((), "sample"):
-        of_doses = replace(law, schema=replace(law.schema, doses=doses), observation=observation)
+        schema = replace(law.schema, doses=doses)
+        of_doses = replace(law, schema=schema, observation=observation, scheme="shooting")
         assert start_lines(of_doses) == [f"c(0) at the first {when} of each trial"]
 
 

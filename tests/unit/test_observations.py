@@ -66,7 +66,7 @@ def test_known_noise_and_repeated_measurements_have_their_likelihood():
     law = cl.fit("x' = -k x; x(0) = a", trials_of({"A": (times, y)}, ["x"]), noise={"x": 0.1})
     k, a = (estimates(law)[each][0] for each in "ka")
     expected = norm.logpdf(y, a * np.exp(-k * times), 0.1).sum()
-    assert law.observation.log_likelihood == pytest.approx(expected, rel=1e-9)
+    assert law.provenance.log_likelihood == pytest.approx(expected, rel=1e-9)
 
 
 def decay(rate):
@@ -105,15 +105,15 @@ def test_a_law_is_refined_as_it_was_fitted(text, tmp_path):
     law = cl.fit(text, trials, **settings)
     law.save(tmp_path / "law.json")
     again = cl.refine(cl.Law.load(tmp_path / "law.json"), trials)
-    assert again.observation.log_likelihood == pytest.approx(law.observation.log_likelihood, rel=1e-8, abs=1e-6)
+    assert again.provenance.log_likelihood == pytest.approx(law.provenance.log_likelihood, rel=1e-8, abs=1e-6)
     assert again.params["estimate"].to_numpy() == pytest.approx(law.params["estimate"].to_numpy(), rel=1e-4)
     assert again.params["standard error"].to_numpy() == pytest.approx(law.params["standard error"].to_numpy(), rel=1e-2)
     assert again.restrictions == law.restrictions
     assert np.isfinite(again.predict(trials).to_frame()["y forecast"]).all()
     # Of other trials, as a fit of them alone
     fewer = trials.select(object="B")
-    assert cl.refine(law, fewer).observation.log_likelihood == pytest.approx(
-        cl.fit(text, fewer, **settings).observation.log_likelihood, abs=1e-4
+    assert cl.refine(law, fewer).provenance.log_likelihood == pytest.approx(
+        cl.fit(text, fewer, **settings).provenance.log_likelihood, abs=1e-4
     )
 
 
@@ -177,9 +177,9 @@ def test_new_trials_update_the_parameters_of_an_object():
     errors = updated.params["standard error"].to_numpy()
     assert errors == pytest.approx(whole.params["standard error"].to_numpy(), rel=0.02)
     assert (errors < 0.9 * law.params["standard error"].to_numpy()[: len(errors)]).all()
-    (initial,) = updated.observation.estimated
+    (initial,) = updated.trial_estimates
     assert (initial.trial, initial.name) == ("2", "x(0)")
-    assert initial.value == pytest.approx(whole.observation.estimated[2].value, rel=1e-3)
+    assert initial.value == pytest.approx(whole.trial_estimates[2].value, rel=1e-3)
 
 
 def test_absent_terms_are_limited_through_an_observation_equation():
@@ -203,31 +203,6 @@ def test_absent_terms_are_limited_through_an_observation_equation():
         assert bound.effect == pytest.approx(4 * bound.at_most, rel=1e-6)
 
 
-def test_files_of_version_4_have_initial_values_by_state_and_no_restrictions():
-    law = cl.fit(
-        "x' = -k x; signal = c x + b; b > 0",
-        TRIALS,
-        initial_values={"x": "a"},
-        priors={"a": (1, 0.1)},
-    )
-    free = cl.fit("x' = -k x", trials_of({"A": (T, SIGNAL)}, ["x"]), priors={"k": (0.5, 0.2)})
-    for each in (law, free):
-        document = json.loads(to_json(each))
-        del document["restrictions"]
-        estimated = document["observation"]["estimated"]
-        document |= {"version": 4}
-        for own in estimated:
-            own["state"] = own.pop("name").removesuffix("(0)")
-        old = from_json(json.dumps(document))
-        assert old.restrictions is None
-        assert old.observation.estimated == each.observation.estimated
-        assert np.array_equal(old.coefficients, each.coefficients)
-        with refused("restrictions-not-recorded"):
-            cl.refine(old, trials_of({"A": (T, SIGNAL)}, each.observation.measured.states))
-    assert law.restrictions.priors == {"a": (1, 0.1)}
-    assert law.restrictions.bounds == ("b > 0",)
-
-
 @pytest.fixture(scope="module")
 def law():
     """Return a law of a signal, with a prior of its scale."""
@@ -236,11 +211,20 @@ def law():
 
 @pytest.mark.parametrize(
     "change",
-    [{"noise": {"signal": -1.0}}, {"noise": {"other": 1.0}}, {"sizes": {"x": 0.0}}, {"equations": {"other": "x"}}],
+    [
+        {"uncertainty": {"noise": [-1.0]}},
+        {"uncertainty": {"noise_of": {"other": {"A": 1.0}}}},
+        {"uncertainty": {"noise_of": {"signal": {"A": 0.0}}}},
+        {"provenance": {"domain": {"sizes": {"x": 0.0}}}},
+        {"observation": {"equations": {"other": "x"}}},
+        {"scheme": "collocation"},
+        {"scheme": "guesses"},
+    ],
 )
 def test_files_with_observations_that_cannot_be_are_refused(change, law):
     document = json.loads(to_json(law))
-    document["observation"] |= change
+    for part, changed in change.items():
+        document[part] = changed if isinstance(changed, str) else document[part] | changed
     with pytest.raises(cl.CommonlawError):
         from_json(json.dumps(document))
 

@@ -127,7 +127,7 @@ def test_residuals_are_those_of_the_measured_quantities_by_their_logarithms():
     found, params = law.residuals(trials), law.params.set_index(["object", "parameter"])["estimate"]
     for trial, residuals in zip(trials, found.standardized, strict=True):
         k, s, b = (params[trial.object, name] for name in "ksb")
-        expected = np.log(trial.states[:, 0] / (s * 2 * np.exp(-k * TIMES) + b)) / law.observation.noise["y"]
+        expected = np.log(trial.states[:, 0] / (s * 2 * np.exp(-k * TIMES) + b)) / law.uncertainty.noise[0]
         assert residuals[:, 0] == pytest.approx(expected, abs=1e-5)
     assert not found.significant
     assert not law.discrepancy(trials).claimed

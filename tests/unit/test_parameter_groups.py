@@ -57,7 +57,7 @@ def test_parameters_may_differ_between_trials_of_an_object(tmp_path):
     trials = by_trial(21)
     law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared={"k": "trial", "a": "all"})
     x, covariance = by_trial_expected(trials, range(6))
-    found = {(each.object, each.trial): (each.value, each.error) for each in law.observation.estimated}
+    found = {(each.object, each.trial): (each.value, each.error) for each in law.trial_estimates}
     expected = {(t.object, t.name): (x[i], np.sqrt(covariance[i, i])) for i, t in enumerate(trials)}
     assert found == {key: pytest.approx(each, rel=1e-4) for key, each in expected.items()}
     # An object has the mean of its trials
@@ -100,7 +100,7 @@ def test_trials_with_one_value_of_an_input_may_share_a_parameter():
     trials = by_trial(23, (0.4, 0.8, 0.4), T=(20.0, 30.0, 20.0))
     law = cl.fit("x' = -k x; y = x + b; x(0) = a", trials, shared={"k": "T", "a": "all"})
     x, _ = by_trial_expected(trials, [0, 1, 0, 0, 1, 0])
-    found = [each.value for each in law.observation.estimated]
+    found = [each.value for each in law.trial_estimates]
     assert found == pytest.approx([x[0], x[1], x[0], x[0], x[1], x[0]], rel=1e-5)
     assert estimates(law, "A")["k"][0] == pytest.approx((2 * x[0] + x[1]) / 3, rel=1e-5)
     drifting = [cl.Trial(t.object, t.name, t.times, t.states, t.times[:, None]) for t in trials]
@@ -168,7 +168,7 @@ def test_objects_of_one_property_share_their_noise(tmp_path):
     best = minimize(negative, [0.5, 1.8, -4, -2], method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-12})
     best = minimize(negative, best.x, method="BFGS", options={"gtol": 1e-7})
     assert estimates(law, "A")["k"][0] == pytest.approx(best.x[0], rel=1e-5)
-    noise = law.observation.noise_of["y"]
+    noise = law.uncertainty.noise_of["y"]
     assert noise["B"] == noise["C"]
     decay = np.exp(-best.x[0] * t)
     slopes = np.column_stack([-best.x[1] * t * decay, decay])
@@ -184,7 +184,7 @@ def test_objects_of_one_property_share_their_noise(tmp_path):
     assert [noise["A"], noise["B"]] == pytest.approx(levels, rel=1e-5)
     law.save(tmp_path / "law.json")
     again = cl.Law.load(tmp_path / "law.json")
-    assert again.observation.noise_of == law.observation.noise_of
+    assert again.uncertainty.noise_of == law.uncertainty.noise_of
     forecast = again.predict(trials, return_std=True)
     assert [np.median(trial.noise) for trial in forecast.trials] == pytest.approx([noise[name] for name in labs])
 
@@ -213,8 +213,8 @@ def test_bands_of_log_scaled_quantities_have_the_relative_noise_of_their_laborat
     for trial, curve, (low, high), std in zip(
         curves.trials, curves.trajectories, curves.bands(measured=True), curves.std, strict=True
     ):
-        share = np.hypot(law.observation.noise_of["y"][trial.object], std / curve.states)
-        reach = student.ppf(0.975, law.observation.degrees_of_freedom["y"])
+        share = np.hypot(law.uncertainty.noise_of["y"][trial.object], std / curve.states)
+        reach = student.ppf(0.975, law.uncertainty.degrees_of_freedom[0])
         assert np.log(high / low) == pytest.approx(2 * reach * share, rel=1e-6)
     standardized = np.concatenate(law.residuals(new).standardized)
     assert np.std(standardized) == pytest.approx(1.0, abs=0.15)
@@ -226,7 +226,7 @@ def test_updates_weigh_each_laboratory_by_its_relative_noise():
     new = decays_of_labs(2)
     updated = law.update(new)
     for name in "AB":
-        own, noise = estimates(law, name), law.observation.noise_of["y"][name]
+        own, noise = estimates(law, name), law.uncertainty.noise_of["y"][name]
         prior = law.cov_params(name).loc[["k", "a"], ["k", "a"]].to_numpy()
         rows, target = [np.linalg.inv(np.linalg.cholesky(prior))], []
         target.append(rows[0] @ [own["k"][0], own["a"][0]])

@@ -298,7 +298,7 @@ def dosed(text, *doses, measured=(), **values):
     law = replace(law, schema=replace(law.schema, doses=doses))
     observed = {name: right for name, right in measured if right}
     schema = Schema(tuple(name for name, _ in measured))
-    return replace(law, observation=Observation(schema, observed, {}, 0.0, {}, {}, (), 0.0))
+    return replace(law, observation=Observation(schema, observed, initial_time=0.0), scheme="shooting")
 
 
 def test_volumes_are_those_of_measured_concentrations():

@@ -45,7 +45,7 @@ def rates(law):
 
 def test_the_start_of_a_trial_is_as_written_and_others_are_estimated(law, trials):
     assert rates(law) == pytest.approx([0.7, 0.3], abs=0.01)
-    starts = law.observation.to_frame()[["trial", "parameter"]].to_numpy().tolist()
+    starts = law.trial_estimates.to_frame()[["trial", "parameter"]].to_numpy().tolist()
     assert starts == [["A; 1st", "A(0)"], ["A; 1st", "B(0)"], ["B = alone", "B(0)"]]
     assert np.all(law.predict(trials).latent[1][:, 0] == 0)
     assert 'A(0) = 0 @ "B = alone"' in str(law).splitlines()
@@ -71,7 +71,7 @@ def test_objects_that_are_called_like_trials_have_the_starts(table):
     parts = [first.assign(object=str(i), trial="1", A=i * first.A, B=i * first.B) for i in (1, 2)]
     trials = cl.Trials.from_frame(pd.concat(parts)[["object", "trial", "t", "A", "B"]])
     law = cl.fit(EQUATIONS, trials, initial_values={"A": {"1": 5.0, "2": None}})
-    starts = law.observation.to_frame()
+    starts = law.trial_estimates.to_frame()
     assert starts[starts.parameter == "A(0)"][["object", "trial"]].to_numpy().tolist() == [["2", "1"]]
 
 

@@ -21,7 +21,6 @@ from commonlaw.forecast import Forecast
 from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw, candidate_law, compare, iterate_candidates
 from commonlaw.law import Law
-from commonlaw.law.alignment import has_bands
 from commonlaw.law.equilibria import has_phase_plane
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_names, standard_errors, units_with_rates
@@ -229,7 +228,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         curves = summary.findings.fit if view.is_fit else summary.findings.forecast
         few = view.trials.with_trials(view.trials.trials[:MAX_DRAWN_TRIALS])
         whole = len(few) == len(view.trials)
-        drawn = curves if whole else of_found.curves_of(law, few, view.is_fit, has_bands(law))
+        drawn = curves if whole else of_found.curves_of(law, few, view.is_fit, law.uncertainty.has_std)
         score = "" if curves is None else summary.score(curves)
         views.append({"score": score, "curves": [] if drawn is None else [*_curves(drawn)]})
     try:  # In parts, between which a line may break
@@ -275,8 +274,8 @@ def _editable(law: Law) -> dict[str, Any] | None:
         return None
     parameters = named_parameters(law)
     low, high = (parameters.values,) * 2 if law.uncertainty.covariance is None else parameters.intervals()
-    observed = () if law.observation is None else (f"{a} = {b}" for a, b in law.observation.written.items())
-    schema = law.schema if law.observation is None else law.observation.measured
+    observed = (f"{a} = {b}" for a, b in law.observation.written.items())
+    schema = law.observation.measured
     return {
         "text": ";\n".join([*law.structure, *observed]),
         "values": {name: numbers(column) for name, column in zip(parameters.names, parameters.values.T, strict=True)},

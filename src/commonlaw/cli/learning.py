@@ -24,7 +24,6 @@ from commonlaw.cli.question import Question, with_question, with_settings
 from commonlaw.cli.results import FitResult, Outputs, compared, find_law, load, over_table, print_compared, with_outputs
 from commonlaw.cli.source import WITH_LAW, WITHOUT_LAW, Source, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError, check_choice
-from commonlaw.law.alignment import measured_schema
 from commonlaw.law.models import named_models
 from commonlaw.law.restrictions import ALL
 from commonlaw.runtime.progress import Stage, part
@@ -281,7 +280,7 @@ def refine(source: Source, law_path: str, settings: dict[str, Any], save: tuple[
     if cluster:
         source.check_streams()
     with working("Refining ...") as show, on_cluster_at(cluster, show):
-        trials = source.select(stream_of(source, law.schema)) if cluster else source.chosen(measured_schema(law))
+        trials = source.select(stream_of(source, law.schema)) if cluster else source.chosen(law.observation.measured)
         law = cl.refine(law, trials, **settings, progress=show)
         later = Artifacts()
         later.save(save, law=law)

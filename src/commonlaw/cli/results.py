@@ -14,7 +14,6 @@ from commonlaw.cli.output import Artifacts, print_frame, print_json, print_law, 
 from commonlaw.cli.source import Source, few_trials, stream_of
 from commonlaw.errors import CommonlawError
 from commonlaw.law import to_json
-from commonlaw.law.alignment import measured_schema
 from commonlaw.law.models import model_named
 from commonlaw.runtime.fit_options import FitOptions, settings_of
 from commonlaw.runtime.progress import ProgressCallback, part
@@ -78,7 +77,7 @@ def load(
     """
     from commonlaw.estimation.model import ModelText
 
-    schemas = [*map(measured_schema, laws)]
+    schemas = [law.observation.measured for law in laws]
     if not equations:
         return source.load(schemas[0])
     trials, text = source.load(), ModelText.of(equations[0])

@@ -18,7 +18,6 @@ from commonlaw.cli.results import page
 from commonlaw.cli.source import WITH_LAW, Source, guesses, on_cluster_at, stream_of, with_cluster, with_table
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, average_law, relations_frame, select_objects, to_json, to_latex
-from commonlaw.law.alignment import has_bands, measured_schema
 from commonlaw.law.parameters import units_with_rates
 from commonlaw.law.text import Written
 from commonlaw.runtime.progress import check_memory, part
@@ -159,7 +158,7 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
             everything = find_by_stream(law, source.held_out(stream), part(show, 0.0, 1.0), training)
             made = partial(page, everything.few, source.program(stream), show, everything)
         else:
-            trials = source.load(measured_schema(law))
+            trials = source.load(law.observation.measured)
             guessed += guesses(trials)
             program = source.program(trials) if source.path else ""
             made = partial(page, find(law, trials, source.select(trials)), program, show)
@@ -283,7 +282,7 @@ def predict(
         if step is not None and not save:
             raise click.UsageError("--step sets the times in a file: give one, such as --save forecast.csv")
         trials = trials if until is None else _ended(trials, until)
-        forecast = law.predict(trials, times=times, return_std=bool(save) and has_bands(law), **how)
+        forecast = law.predict(trials, times=times, return_std=bool(save) and law.uncertainty.has_std, **how)
         errors, begin = forecast.errors(), forecast.title.removeprefix("forecast ")
 
         def figure(plots: Any) -> Any:
@@ -304,7 +303,7 @@ def _with_properties(source: Source, law: "Law") -> Trials:
 
     In a table of one object a column that does not change is a property only where one is looked for.
     """
-    trials = source.load(measured_schema(law))
+    trials = source.load(law.observation.measured)
     taken = law.uncertainty.explanation.properties if law.uncertainty.explanation else ()
     wider = law.provenance.with_discrepancy or law
     inside = [name for name in wider.terms.variables.parameters if name in property_names(wider.properties)]
@@ -312,7 +311,7 @@ def _with_properties(source: Source, law: "Law") -> Trials:
     known = {name for values in trials.properties.values() for name in values}
     if source.path and "properties" not in source.roles and not {*taken} <= known:
         with suppress(CommonlawError):
-            return source.reading(properties=list(taken)).load(measured_schema(law))
+            return source.reading(properties=list(taken)).load(law.observation.measured)
     return trials
 
 
@@ -390,7 +389,7 @@ def check(source: Source, law_path: str, save: tuple[str, ...], as_json: bool, c
         later.end(silent=as_json)
         return
     with working("Checking ..."):
-        trials = source.chosen(measured_schema(law))
+        trials = source.chosen(law.observation.measured)
         residuals = law.residuals(trials)
         later.save(save, table=residuals.to_frame, figure=lambda plots: plots.plot_residuals(residuals))
     if as_json:
@@ -456,7 +455,7 @@ def discrepancy(
     """
     law = Law.load(law_path)
     with working("Seeking a discrepancy ..."):
-        trials = source.chosen(measured_schema(law))
+        trials = source.chosen(law.observation.measured)
         levels = numbers("--noise", noise) if noise else None
         zero: float | Literal["auto"] | None = None if zero_at == "none" else "auto"
         if zero_at not in ("none", "auto"):
@@ -514,7 +513,7 @@ def bounds(
 
     law = Law.load(law_path)
     with working("Fitting ...") as show:
-        trials = source.chosen(measured_schema(law))
+        trials = source.chosen(law.observation.measured)
         limits = found_by(law, trials, terms or None, level=level, progress=show)
         frame = limits.to_frame()
         later = Artifacts()

@@ -37,6 +37,7 @@ from commonlaw.inference.data.subsampling import can_be_subsampled
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.law import Law, Step
 from commonlaw.law.alignment import matched
+from commonlaw.law.observation import STATES
 from commonlaw.law.parameters import state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
@@ -273,7 +274,7 @@ class LawDiscovery:
             if isinstance(trials, TrialStream):
                 raise CommonlawError("known-of-stream")
             if isinstance(known, Law) and known.schema.states == trials.schema.states:
-                trials = matched(replace(known, observation=None), trials, inputs="any")
+                trials = matched(replace(known, scheme="collocation", observation=STATES), trials, inputs="any")
             if self.order == "auto" and by_state is None:
                 orders = order_of_each(order_of_base(known, trials), len(trials.schema.states))
                 possible = tuple((order,) for order in orders)

@@ -75,7 +75,7 @@ def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
         raise CommonlawError(
             "known-physics-order", order=known_order, known_states=law.schema.states, sought=sought, states=states
         )
-    rates = [k for k, term in enumerate(law.terms.terms) if law.observation is None or term.parameter is None]
+    rates = [k for k, term in enumerate(law.terms.terms) if law.scheme == "collocation" or term.parameter is None]
     if any(column >= len(law.terms.variables.measured) for k in rates for column in law.terms.terms[k].columns()):
         raise CommonlawError("known-physics-parameters")
     law, names = with_objects_of(law, trials)[0], law.terms.variables.names

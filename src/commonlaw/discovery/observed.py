@@ -20,7 +20,7 @@ from commonlaw.discovery.known_physics import Base, with_base
 from commonlaw.discovery.method import ModelStructure
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.beginning import Beginning, begin
-from commonlaw.estimation.fitting import fit_model
+from commonlaw.estimation.fitting import fit_model, known_log_likelihood
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import TrialData
 from commonlaw.estimation.search import FINISHED, IMPROVED, first_values
@@ -372,8 +372,7 @@ def discover_observed(
         except CommonlawError as error:
             refused.append(error)
             continue
-        assert law.observation is not None
-        laws.append((-2 * law.observation.log_likelihood + search.penalty * sum(candidate.support), law))
+        laws.append((-2 * known_log_likelihood(law) + search.penalty * sum(candidate.support), law))
     if not laws:
         raise refused[0]
     law = min(laws, key=lambda pair: pair[0])[1]

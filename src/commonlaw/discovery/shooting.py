@@ -14,7 +14,7 @@ from commonlaw.discovery.regression import suitable_differentiation
 from commonlaw.discovery.request import FitRequest
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import begin, with_values_of
-from commonlaw.estimation.fitting import checked_errors, fit_model, threshold_of
+from commonlaw.estimation.fitting import checked_errors, fit_model, known_log_likelihood, threshold_of
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference.propose.nonlinear_parameters import with_initial_parameters
 from commonlaw.inference.settings import STRONG
@@ -88,7 +88,7 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
         law = fitted.law(request.calls)
         noted = replace(law.provenance, outcomes=(*law.provenance.outcomes, *outcomes_of_units(law)))
         laws.append(replace(law, provenance=noted))
-    likelihoods = np.array([law.observation.log_likelihood for law in laws if law.observation is not None])
+    likelihoods = np.array([known_log_likelihood(law) for law in laws])
     gains = 2 * (likelihoods - likelihoods[0])
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
     if len(tried) == 1:

@@ -232,7 +232,7 @@ def discrepancy(
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
     trials, texts = replace(trials, properties=known), [times, *([of] if of else [])]
     setting: AbstractSetting
-    if law.observation is None:
+    if law.scheme == "collocation":
         if law.terms.parameters:
             inside = ", ".join(law.terms.variables.parameters)
             raise CommonlawError("discrepancy-with-parameters", parameters=inside)

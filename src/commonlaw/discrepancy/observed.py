@@ -24,7 +24,6 @@ from commonlaw.estimation.fitting import Fitted, refit
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.inference.fit.fit import NO_MODEL_ERROR
 from commonlaw.law import Law, select_objects
-from commonlaw.law.alignment import measured_noise
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.law.restrictions import ALL
 from commonlaw.library import Variables, highest_columns
@@ -171,7 +170,7 @@ class ObservedSetting(AbstractSetting):
         return self._about(model, problem, np.append(unknowns, np.zeros(problem.unknowns - len(unknowns)))).value
 
     def given_deviance(self) -> float:
-        residuals = untested(self.law, self.trials, measured_noise(self.fitted.law(())))[0]
+        residuals = untested(self.law, self.trials, self.fitted.law(()).uncertainty.noise)[0]
         return float(sum(np.nansum(series**2) for series in residuals.standardized))
 
     def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:

@@ -10,7 +10,7 @@ from commonlaw.differentiation import noise_level
 from commonlaw.discrepancy.residual_tests import Residuals, patterns
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
-from commonlaw.law.alignment import TRIALS, matched, measured_noise, measured_schema
+from commonlaw.law.alignment import TRIALS, matched
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import rate_names, units_with_rates
 from commonlaw.likelihood import WHITE_NOISE
@@ -21,8 +21,8 @@ from commonlaw.trials import Trials, TrialStream
 def residuals(law: Law, trials: Trials) -> Residuals:
     """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
     refuse_discrete_time(law)
-    result, spent = untested(law, trials, measured_noise(law))
-    names, totals = measured_schema(law).states, spent.sum(axis=0).tolist()
+    result, spent = untested(law, trials, law.uncertainty.noise)
+    names, totals = law.observation.measured.states, spent.sum(axis=0).tolist()
     tested = patterns(names, result.standardized, result.columns, law.schema.time, totals)
     return replace(result, patterns=tested)
 
@@ -40,7 +40,7 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
         trials = trials.with_trials([trial.measured() for trial in trials])
     trials = matched(law, trials, observed=True)
     noise = noise_of([noise_squares(trials)]) if noise is None else noise
-    if law.observation is not None:
+    if law.scheme == "shooting":
         return _of_observation(law, trials, noise)
     known = replace(law.uncertainty, noise=noise, error_model=WHITE_NOISE)
     forecast = replace(law, uncertainty=known).predict(trials, start="all", averaged=False)
@@ -63,7 +63,6 @@ def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals,
 
     Initial values and parameters count alike for all.
     """
-    assert law.observation is not None
     forecast, measured = law.predict(trials, start="all"), law.observation.measured
     forecast = forecast.followed or forecast
     shown, curves = forecast.trials, [trajectory.states for trajectory in forecast.trajectories]
@@ -78,7 +77,7 @@ def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals,
     counts = np.array(
         [np.sum([trial.counts.sum(axis=0) for trial in trials.of_object(name)], axis=0) for name in trials.objects]
     )
-    starts = [sum(estimate.object == name for estimate in law.observation.estimated) for name in trials.objects]
+    starts = [sum(estimate.object == name for estimate in law.trial_estimates) for name in trials.objects]
     parameters = int(law.support.sum()) + np.array(starts)
     spent = parameters[:, np.newaxis] * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
     return Residuals(shown, fitted, standardized, {names[j]: units.get(names[j], "") for j in latent}, ()), spent

@@ -14,7 +14,6 @@ from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
 from commonlaw.estimation.search import Bounds
 from commonlaw.law import Law
-from commonlaw.law.alignment import measured_schema
 from commonlaw.law.law import object_index, shares_terms
 from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.law.restrictions import ALL, OBJECT, TRIAL, Restrictions
@@ -488,14 +487,14 @@ def beginning_of(
     if not shares_terms(law):
         raise CommonlawError("refine-own-terms")
     observation = law.observation
-    between = input_interpolation or measured_schema(law).input_interpolation
+    between = input_interpolation or law.observation.measured.input_interpolation
     trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
     written = equations or law.provenance.equations or law.structure
     text, free = ModelText.of(written), list[str]()
     restrictions = restrictions_of(law)
     text = replace(text, bounds=bounds_in(restrictions.bounds))
     names = {name for trial in trials for name in (trial.object, trial.label)}
-    if observation is not None:
+    if law.scheme == "shooting":
         if law.restrictions is None:
             raise CommonlawError("restrictions-not-recorded")
         text = replace(
@@ -513,11 +512,11 @@ def beginning_of(
     begun = begin(
         text,
         trials,
-        dict(law.schema.initial_values) if observation is None else dict.fromkeys(free),
-        law.schema.initial_time if observation is None else observation.initial_time,
+        {**law.schema.initial_values, **dict.fromkeys(free)},
+        observation.initial_time,
         restrictions.shared,
         priors=restrictions.priors,
-        log_states=measured_schema(law).logarithmic if log_states is None else log_states,
+        log_states=law.observation.measured.logarithmic if log_states is None else log_states,
         noise=noise,
         errors=errors,
     )
@@ -530,8 +529,7 @@ def with_values_of(law: Law, begun: Beginning) -> Beginning:
     Of parameters that several objects share they are medians.
     """
     first, named, by_unknown = begun.first.copy(), named_parameters(law), dict[int, list[float]]()
-    estimated = () if law.observation is None else law.observation.estimated
-    by_trial = {(estimate.object, estimate.trial, estimate.name): estimate.value for estimate in estimated}
+    by_trial = {(estimate.object, estimate.trial, estimate.name): estimate.value for estimate in law.trial_estimates}
     rows = zip(begun.trials, begun.unknowns.parameters, begun.unknowns.initial, strict=True)
     for trial, parameters, initial in rows:
         values = dict(zip(named.names, named.values[object_index(law, trial.object)].tolist(), strict=True))

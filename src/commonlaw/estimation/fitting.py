@@ -32,7 +32,7 @@ from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import object_index
 from commonlaw.law.objects import of_all_objects
-from commonlaw.law.observation import Observation, TrialEstimate
+from commonlaw.law.observation import Observation, TrialEstimate, TrialEstimates
 from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.law.parse import Product, read_equations
 from commonlaw.law.provenance import Domain, error_steps
@@ -119,14 +119,13 @@ def updated(law: Law, trials: Trials) -> Law:
     has the priors of the law's fit.
     """
     trials, parts = matched(law, trials, observed=True), list[Law]()
-    named, observation = named_parameters(law), law.observation
-    assert observation is not None
+    named, known_noise = named_parameters(law), law.uncertainty.noise
     law.uncertainty.known_covariance()
+    assert known_noise is not None
+    noise: dict[str, NoiseGiven] = dict(zip(trials.schema.states, known_noise.tolist(), strict=True))
+    noise |= law.uncertainty.noise_of
     known = np.any([trial.known_noise for trial in trials], axis=0)
-    levels = {
-        name: observation.noise_of.get(name, observation.noise[name])
-        for name in np.array(trials.schema.states)[~known].tolist()
-    }
+    levels = {name: noise[name] for name in np.array(trials.schema.states)[~known].tolist()}
     for owner in trials.objects:
         errors, o = law.uncertainty.error_model, object_index(law, owner)
         begun = beginning_of(law, trials.select(object=owner), levels, errors=errors.kind)
@@ -146,22 +145,29 @@ def updated(law: Law, trials: Trials) -> Law:
         begun = replace(begun, guessed=guessed, problem=replace(problem, priors=(*others, *filter(None, [prior]))))
         parts.append(fit_model(begun, 0, lambda _: None).law(()))
     coefficients, covariance = of_all_objects(parts)
-    observations = [part.observation for part in parts if part.observation is not None]
-    estimated = tuple(row for part_observation in observations for row in part_observation.estimated)
-    likelihood = sum(part_observation.log_likelihood for part_observation in observations)
+    likelihood = sum(known_log_likelihood(part) for part in parts)
     return replace(
         law,
         objects=trials.objects,
         coefficients=coefficients,
         uncertainty=Uncertainty(
             covariance=covariance,
+            noise=known_noise,
+            noise_of=law.uncertainty.noise_of,
             error_model=law.uncertainty.error_model,
             degrees_of_freedom=law.uncertainty.degrees_of_freedom,
             limits=tuple(limit for part in parts for limit in part.uncertainty.limits),
         ),
         properties={owner: attribute for part in parts for owner, attribute in part.properties.items()},
-        observation=replace(observation, estimated=estimated, log_likelihood=likelihood),
+        provenance=replace(law.provenance, log_likelihood=likelihood),
+        trial_estimates=TrialEstimates(estimate for part in parts for estimate in part.trial_estimates),
     )
+
+
+def known_log_likelihood(law: Law) -> float:
+    """Return the log-likelihood of the measurements that a law was fitted to."""
+    assert law.provenance.log_likelihood is not None
+    return law.provenance.log_likelihood
 
 
 def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: int = DRAWS) -> "Fitted":
@@ -357,8 +363,9 @@ class Fitted:
         freedom |= {
             name: min(freedom[f"{name} of {group}"] for group in group_of.values()) for name, group_of in groups.items()
         }
-        degrees = {name: freedom[name] for name in model.observables if freedom[name] < np.inf}
         noise = {name: noise.get(name) or float(np.median(list(noise_of[name].values()))) for name in model.observables}
+        estimated_noise = [freedom[name] for name in trials.schema.states if freedom[name] < np.inf]
+        degrees = [min(freedom[name], sum(estimated_noise)) for name in trials.schema.states]
         largest = [
             np.abs(problem.predicted(trial, optimum.unknowns, False).states).max(axis=0) for trial in problem.trials
         ]
@@ -366,7 +373,7 @@ class Fitted:
         sizes = dict(zip(model.variables.states, np.maximum(np.max(largest, axis=0), 1e-300).tolist(), strict=True))
         errors = np.sqrt(np.diagonal(optimum.covariance))
         apart = [by_trial(begun.restrictions.shared.get(name, OBJECT), trials.schema) for name in model.parameters]
-        estimated = tuple(
+        estimated = TrialEstimates(
             TrialEstimate(trial.object, trial.name, unknowns.names[k], float(optimum.unknowns[k]), float(errors[k]))
             for trial, parameter, indices in zip(trials, unknowns.parameters, unknowns.initial, strict=True)
             for k in [*np.array(parameter, dtype=int)[apart].tolist(), *indices]
@@ -378,14 +385,8 @@ class Fitted:
             dict(model.text.observed),
             dict(model.text.initial),
             begun.start,
-            noise,
-            sizes,
-            estimated,
-            optimum.log_likelihood,
-            noise_of,
             model.text.events,
             model.text.functions,
-            degrees,
         )
         steps = (
             Step("equations", "; ".join(given.texts), "as given"),
@@ -409,7 +410,8 @@ class Fitted:
             history=steps,
             equations=given.texts,
             calls=calls,
-            domain=Domain.of(trials, ()),
+            domain=replace(Domain.of(trials, ()), sizes=sizes),
+            log_likelihood=optimum.log_likelihood,
         )
         properties = {owner: values for owner, values in trials.properties.items() if owner in trials.objects}
         return Law(
@@ -421,14 +423,18 @@ class Fitted:
             Uncertainty(
                 covariance=covariance,
                 shared_factor=shared,
+                noise=np.array([noise[name] for name in trials.schema.states]),
+                noise_of=noise_of,
                 error_model=problem.errors,
-                degrees_of_freedom=observation.degrees_of(model.schema.states),
+                degrees_of_freedom=np.array(degrees) if estimated_noise else None,
                 limits=tuple(self._limits()),
             ),
             provenance=provenance,
             properties=properties,
             observation=observation,
             restrictions=begun.restrictions,
+            scheme="shooting",
+            trial_estimates=estimated,
         )
 
     def _limits(self) -> Iterator[OneSidedLimit]:

@@ -26,8 +26,8 @@ from commonlaw.law.observation import Observation
 from commonlaw.law.parameters import Parameters, named_parameters, restrictions_of, state_rates
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.restrictions import OBJECT, Restrictions, by_trial
+from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library.bounds import bounds_in, limits_of
-from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, starts_by, with_logarithms, with_noise
@@ -42,7 +42,6 @@ class ObservedLaw:
     """
 
     law: Law
-    observation: Observation
     model: Model
     named: Parameters
 
@@ -56,7 +55,6 @@ class ObservedLaw:
     ) -> "ObservedLaw":
         """Return the law for objects with these properties, where initial values of chosen states (rates) are set."""
         observation, rates = law.observation, {f"{state}'": rate for state, rate in state_rates(law)}
-        assert observation is not None
         measured = observation.measured
         measured = replace(measured, input_interpolation=input_interpolation or measured.input_interpolation)
         initial = {name: start for name, start in observation.initial.items() if rates.get(name, name) not in chosen}
@@ -67,7 +65,12 @@ class ObservedLaw:
             events=observation.events,
             functions=observation.functions,
         )
-        return cls(law, observation, read_model(text, measured, properties), named_parameters(law))
+        return cls(law, read_model(text, measured, properties), named_parameters(law))
+
+    @property
+    def observation(self) -> Observation:
+        """What was measured."""
+        return self.law.observation
 
     @cached_property
     def restrictions(self) -> Restrictions:
@@ -87,7 +90,8 @@ class ObservedLaw:
     @cached_property
     def sizes(self) -> Floats:
         """How large states and rates get, shape (D,)."""
-        return np.array([self.observation.sizes[name] for name in self.model.variables.states])
+        sizes = self.law.provenance.domain.sizes
+        return np.array([sizes[name] for name in self.model.variables.states])
 
     def problem(self, trials: tuple[TrialData, ...], unknowns: int, priors: tuple[NormalPrior, ...] = ()) -> Problem:
         """Return the likelihood of trials."""
@@ -155,11 +159,17 @@ class ObservedLaw:
         parts = [rows, prediction.slopes[:, :, count:], prediction.slopes[:, :, self.of_trial]]
         return prediction._replace(slopes=np.concatenate(parts, axis=2))
 
+    @cached_property
+    def levels(self) -> dict[str, float]:
+        """The noise of measured quantities, as far as it is known."""
+        known, names = self.law.uncertainty.noise, self.observation.measured.states
+        return {} if known is None else dict(zip(names, known.tolist(), strict=True))
+
     def noise(self, name: str) -> Floats:
         """Return the standard deviations of the measurements of an object, relative where log-scaled, shape (m,)."""
-        known = self.observation
+        by_object = self.law.uncertainty.noise_of
         return np.array(
-            [known.noise_of.get(quantity, {}).get(name, known.noise[quantity]) for quantity in self.model.observables]
+            [by_object.get(quantity, {}).get(name, self.levels[quantity]) for quantity in self.model.observables]
         )
 
 
@@ -197,10 +207,9 @@ def predict_observed(
     if discrepancy:
         law, trials = with_discrepancy(law, trials)
     observation = law.observation
-    assert observation is not None
     if return_std:
         law.uncertainty.known_covariance()
-        if observation.noise_levels is None:
+        if law.uncertainty.noise is None:
             raise CommonlawError("noise-unknown-at-start")
     for name in trials.objects:
         object_index(law, name)
@@ -220,12 +229,10 @@ def predict_observed(
         trials = trials.with_trials(kept, *notes) if lost else trials
     notes = notes_of_few(trials, start, from_time)
     trials = trials.with_trials(trials.trials, *notes) if notes else trials
-    shown = with_noise(with_logarithms(trials, observation.measured.logarithmic), observation.noise_of)
+    shown = with_noise(with_logarithms(trials, observation.measured.logarithmic), law.uncertainty.noise_of)
     curves = [_Curve.of(observed, trials, trial, start, from_time, tolerance) for trial in shown]
     points = shown.with_trials([_with_times(trial, more) for trial in shown])
-    forecast = replace(
-        _forecast(observation, law.uncertainty.error_model, points, curves, from_time, return_std), wanted=more
-    )
+    forecast = replace(_forecast(law.uncertainty, points, curves, from_time, return_std), wanted=more)
     return forecast.as_measured(trials) if observation.measured.logarithmic else forecast
 
 
@@ -330,7 +337,7 @@ class _Curve:
         priors = tuple(NormalPrior.of(place[index], *prior) for index, prior in known.items())
         problem = observed.problem((seen,), len(free), priors)
         rough = rough_noise(problem)
-        noise = np.array([observation.noise.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
+        noise = np.array([observed.levels.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
         unknowns = np.concatenate([values, np.zeros(model.width)])
         if free:
             first, guessed = np.concatenate([values, observed.sizes])[free], np.zeros(len(free), dtype=np.bool_)
@@ -441,8 +448,7 @@ def _trajectory(times: Floats, values: Floats, is_endless: bool, where: str) -> 
 
 
 def _forecast(
-    observation: Observation,
-    errors: ErrorModel,
+    known: Uncertainty,
     trials: Trials,
     curves: Sequence[_Curve],
     from_time: float | None,
@@ -454,17 +460,17 @@ def _forecast(
         trials = trials.with_trials([_with_times(trial, time) for trial, time in zip(trials, times, strict=True)])
     predictions = [curve.at(trial.times, return_std) for trial, curve in zip(trials, curves, strict=True)]
     return Forecast(
-        with_noise(trials, observation.noise_of),
+        with_noise(trials, known.noise_of),
         tuple(
             _trajectory(trial.times, values, is_endless, trial.label)
             for trial, (values, *_, is_endless) in zip(trials, predictions, strict=True)
         ),
         tuple(std for _, std, *_ in predictions) if return_std else None,
-        observation.noise_levels if return_std else None,
+        known.noise if return_std else None,
         from_time,
-        errors,
-        degrees_of_freedom=observation.degrees_of(trials.schema.states),
-        at_more_times=partial(_forecast, observation, errors, trials, curves, from_time, return_std),
+        known.error_model,
+        degrees_of_freedom=known.degrees_of_freedom,
+        at_more_times=partial(_forecast, known, trials, curves, from_time, return_std),
         horizons=tuple(
             np.maximum(0.0, trial.times - curve.known_until) for trial, curve in zip(trials, curves, strict=True)
         ),

@@ -12,7 +12,7 @@ from commonlaw.estimation.fitting import notes_of_limits
 from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, one_sided
 from commonlaw.estimation.search import Objective, minimum
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched, measured_schema
+from commonlaw.law.alignment import matched
 from commonlaw.law.law import only_object, shares_terms
 from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.law.quantiles import two_sided
@@ -102,16 +102,16 @@ def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginn
     parameters = named_parameters(law)
     check_choice("parameter", parameter, parameters.names)
     shared = restrictions_of(law).shared
-    if by_trial(shared.get(parameter, OBJECT), measured_schema(law)):
+    if by_trial(shared.get(parameter, OBJECT), law.observation.measured):
         raise CommonlawError("profile-by-trial", parameter=parameter, by=shared[parameter])
     alone = all(by in (OBJECT, TRIAL) for by in shared.values())
     related = trials.select(object=owner) if alone else trials
-    groups = {} if law.observation is None else law.observation.noise_of
+    groups = law.uncertainty.noise_of
     begun = beginning_of(law, matched(law, related, observed=True), groups)
     rows = zip(begun.trials, begun.unknowns.parameters, strict=True)
     unknown_indices = next(indices for trial, indices in rows if trial.object == owner)
     index = unknown_indices[begun.model.parameters.index(parameter)]
-    noise = law.uncertainty.noise if law.observation is None else law.observation.noise_levels
+    noise = law.uncertainty.noise
     known = None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
     errors = law.uncertainty.error_model
     if known is not None and errors and not errors.of_law:

@@ -12,7 +12,6 @@ from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Evidence
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.integration import InitialValueProblem, simulate
-from commonlaw.law.alignment import measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import named_parameters, vector_field
 
@@ -109,9 +108,9 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
 def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:
     law, states = each.law, each.law.terms.variables.states
     observed = each.observed(frozenset(states))
-    shown = states if observed is None else measured_schema(law).states
+    shown = states if observed is None else law.observation.measured.states
     check_choice("state" if observed is None else "measured quantity", parts["state"], shown)
-    if measured_schema(law).inputs:
+    if law.observation.measured.inputs:
         raise CommonlawError("design-forecast-with-inputs")
     try:
         time, start = float(parts["time"]), [float(number) for number in parts["start"].split(",")]
@@ -129,7 +128,7 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
     initial = np.pad(np.array(start), (0, len(states) - len(start)))
     column, times, count = shown.index(parts["state"]), np.array([0.0, time]), int(law.support.sum())
     if observed is not None:
-        logs = [i for i, name in enumerate(shown) if name in measured_schema(law).logarithmic]
+        logs = [i for i, name in enumerate(shown) if name in law.observation.measured.logarithmic]
         settings = {**dict(zip(states, initial.tolist(), strict=True)), "times": (0.0, time)}
         made = Experiment.of(law, tuple(names), settings, {})
         beginning, _ = observed.beginning(made.start, made.start_std)

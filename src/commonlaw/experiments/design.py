@@ -21,7 +21,7 @@ from commonlaw.experiments.plan import Design, Forecasts, Gain, Planned
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import POINTS, SETTLED, Effort, Search
 from commonlaw.law import Law, PlausibleLaw
-from commonlaw.law.alignment import has_bands, matched, measured_schema
+from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import named_parameters, state_rates
 from commonlaw.law.provenance import Domain
 from commonlaw.runtime.arguments import check_types
@@ -197,7 +197,7 @@ def _designed(
 def usual(law: Law, trials: Trials) -> dict[str, Options]:
     """Return how experiments were made: where trials start, how long they take, how many samples they have."""
     followed = law.predict(trials, start="all", averaged=False)
-    trials, schema, given = matched(law, trials, observed=True), measured_schema(law), given_starts(law)
+    trials, schema, given = matched(law, trials, observed=True), law.observation.measured, given_starts(law)
     courses = followed.latent or [trajectory.states for trajectory in followed.trajectories]
     starts = np.array([states[0] for states in courses])
     result: dict[str, Options] = {}
@@ -237,7 +237,7 @@ def _between(values: Floats) -> Options:
 
 def _setting_of(law: Law) -> tuple[object, ...]:
     """Return what laws of the same experiments have in common: variables, what is measured and what is set."""
-    measured, variables = measured_schema(law), law.terms.variables
+    measured, variables = law.observation.measured, law.terms.variables
     names = (variables.states, measured.inputs, variables.time, measured.measured, measured.logarithmic)
     return *names, law.objects, given_starts(law)
 
@@ -259,7 +259,7 @@ def suggestions(law: Law, trials: Trials, most: int = 1) -> dict[str, Design]:
     suggestions.
     """
     is_limited = any(model.law.uncertainty.limits for model in law.models)
-    if not has_bands(law) or is_limited or law.order == 0 or not law.support.any():
+    if not law.uncertainty.has_std or is_limited or law.order == 0 or not law.support.any():
         return {}
     visited = law.provenance.domain.visited or Domain.of(trials, state_rates(law)).visited
     spans = {name: Range(*visited[name]) for name in law.schema.states if name in visited and np.ptp(visited[name]) > 0}

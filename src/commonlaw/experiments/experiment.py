@@ -13,7 +13,6 @@ from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.forecast.prediction import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
-from commonlaw.law.alignment import measured_schema
 from commonlaw.law.parameters import state_rates, units_with_rates
 from commonlaw.text import counted
 from commonlaw.trials import Schema
@@ -72,7 +71,7 @@ class Settings:
         Raises `CommonlawError` if a setting is unknown, cannot be read, or is missing.
         """
         given = {name: read(name, value) for name, value in vary.items()}
-        schema, states = measured_schema(law), law.terms.variables.states
+        schema, states = law.observation.measured, law.terms.variables.states
         details = ("at", "every") if schema.doses else ("shape", "period")
         inputs = [name for u in schema.inputs for name in (u, *(f"{u}.{detail}" for detail in details))]
         for name in given:
@@ -226,7 +225,7 @@ def _some(names: tuple[str, ...], most: int = 20) -> tuple[str, ...]:
 
 def _check_complete(options: Mapping[str, Options], law: Law) -> None:
     """Refuse settings that leave open what every experiment needs, or have values that it cannot have."""
-    known, schema = {*options, *given_starts(law)}, measured_schema(law)
+    known, schema = {*options, *given_starts(law)}, law.observation.measured
     missing = [name for name in (*law.terms.variables.states, *schema.inputs) if name not in known]
     if "times" not in options:
         missing += [name for name in ("duration",) if name not in options]
@@ -311,13 +310,13 @@ class Experiment:
         repeats = round(_number(settings, "repeats", 1.0))
         start = np.array([_start(law, settings, name) for name in law.terms.variables.states])
         known = np.array([float((start_std or {}).get(name, np.inf)) for name in law.terms.variables.states])
-        names, inputs = measured_schema(law).inputs, None
-        if measured_schema(law).doses:
+        names, inputs = law.observation.measured.inputs, None
+        if law.observation.measured.doses:
             amounts = [dict.fromkeys(dose_times(settings, name, times), _number(settings, name)) for name in names]
             inputs = inputs_of_doses(times, amounts)
         elif names:
             columns = np.column_stack([_course(settings, name, times) for name in names])
-            inputs = Inputs.of(times, columns, measured_schema(law).input_interpolation)
+            inputs = Inputs.of(times, columns, law.observation.measured.input_interpolation)
         return cls(dict(settings), objects, times, start, known, inputs, properties, repeats, unit_costs)
 
     def until(self, time: float) -> "Experiment":
@@ -346,7 +345,7 @@ class Experiment:
         who = "each object" if self.settings.get("object") == EACH else self.objects[0]
         if self.properties:
             who = f"a new object with {', '.join(valued(*pair) for pair in self.properties.items())}"
-        given, schema = given_starts(law), measured_schema(law)
+        given, schema = given_starts(law), law.observation.measured
         pairs = zip(law.terms.variables.states, self.start.tolist(), strict=True)
         start = ", ".join(valued(name, value) for name, value in pairs if name in self.settings or name not in given)
         inputs = [self._input(name, schema, units) for name in schema.inputs]
@@ -389,18 +388,16 @@ def _times(settings: Mapping[str, Value]) -> Floats:
 
 def given_starts(law: Law) -> frozenset[str]:
     """Return the states and rates whose initial values a law gives for all of its objects."""
-    if law.observation is None:
-        return frozenset(law.schema.initial_values)
     rates = {f"{state}'": rate for state, rate in state_rates(law)}
     given = law.observation.initial.items()
     partly = [name for name, start in given if isinstance(start, Mapping) and not {*start} >= {*law.objects}]
-    return frozenset(rates.get(name, name) for name, _ in given if name not in partly)
+    return frozenset(rates.get(name, name) for name, _ in given if name not in partly) | {*law.schema.initial_values}
 
 
 def _start(law: Law, settings: Mapping[str, Value], name: str) -> float:
     if name in settings:
         return _number(settings, name)
-    if law.observation is not None:
+    if law.scheme == "shooting":
         return np.nan
     value = law.schema.initial_values[name]
     if not isinstance(value, Real):

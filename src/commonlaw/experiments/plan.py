@@ -12,7 +12,6 @@ from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.experiments.search import MAX_REPEATS, MIN_RELATIVE_GAIN, SETTLED
 from commonlaw.law import Law, PlausibleLaw
-from commonlaw.law.alignment import measured_schema
 from commonlaw.law.text import with_error
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.text import counted
@@ -40,12 +39,12 @@ class Forecasts:
         """Return those of an experiment in which no law diverges."""
         law, predicted = hypotheses[0].law, [hypothesis.predictions([experiment])[0] for hypothesis in hypotheses]
         first = [by_object[0] for by_object in predicted if by_object is not None]
-        states, times = measured_schema(law).measured, experiment.times
+        states, times = law.observation.measured.measured, experiment.times
         shape = (len(first), -1, len(states))
         times = times[evenly_spaced(len(times), len(first[0].mean) // len(states))]
         total = [prediction.variances for prediction in first]
         means = np.array([prediction.mean for prediction in first]).reshape(shape)
-        return cls(times, states, means, np.sqrt(total).reshape(shape), measured_schema(law).logarithmic)
+        return cls(times, states, means, np.sqrt(total).reshape(shape), law.observation.measured.logarithmic)
 
 
 @dataclass(frozen=True, eq=False)

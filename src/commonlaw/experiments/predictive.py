@@ -15,7 +15,6 @@ from commonlaw.experiments.gaussian import Gaussian
 from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
-from commonlaw.law.alignment import measured_noise, measured_schema
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import vector_field
 from commonlaw.library import highest_columns
@@ -127,7 +126,7 @@ class Hypothesis:
             raise CommonlawError("design-with-limits", names=sorted(names), objects=sorted(owners))
         known = law.uncertainty.select([object_index(law, name) for name in objects])
         covariance = known.known_covariance()
-        if measured_noise(law) is None:
+        if law.uncertainty.noise is None:
             raise CommonlawError("noise-unknown")
         factor = known.shared_factor
         if factor is not None:
@@ -149,7 +148,9 @@ class Hypothesis:
     def observed(self) -> Callable[[frozenset[str]], ObservedLaw | None]:
         """The law with its observation equations, if it has some, by the states (and rates) whose start is set."""
         law, properties = self.law, property_names(self.law.properties)
-        return cache(lambda chosen: None if law.observation is None else ObservedLaw.of(law, properties, None, chosen))
+        return cache(
+            lambda chosen: None if law.scheme == "collocation" else ObservedLaw.of(law, properties, None, chosen)
+        )
 
     def within(self, experiments: Sequence[Experiment], limits: Mapping[str, Range]) -> list[Experiment]:
         """Return experiments that end where its forecasts leave the limits of states (and rates)."""
@@ -227,7 +228,7 @@ class Hypothesis:
     def _followed(
         self, trials: "Sequence[tuple[_Planned, str, Floats | None]]", slopes: bool = False, limit: float | None = None
     ) -> "list[_Followed]":
-        if self.law.observation is not None:
+        if self.law.scheme == "shooting":
             return [plan.observed_at(name, point, slopes, limit) for plan, name, point in trials]
         problems = [plan.problem(name, point) for plan, name, point in trials]
         # Noise and errors of coefficients exceed it
@@ -371,7 +372,7 @@ class _Planned:
 
 
 def _planned(known: Hypothesis, experiment: Experiment) -> _Planned:
-    times, law, measured = experiment.times, known.law, len(measured_schema(known.law).measured)
+    times, law, measured = experiment.times, known.law, len(known.law.observation.measured.measured)
     most = min(MAX_MEASUREMENTS, _MAX_MEASUREMENTS_OF_ALL // len(experiment.objects)) // measured
     most = max(most, min(_MIN_MEASUREMENTS, MAX_MEASUREMENTS // measured))
     times = times[evenly_spaced(len(times), most)]

@@ -199,7 +199,7 @@ class Search:
         """
         names, visited = self.law.terms.variables.states, self.law.provenance.domain.visited
         been = [value for name in names for value in visited.get(name, ())]
-        been += self.law.observation.sizes.values() if self.law.observation else []
+        been += self.law.provenance.domain.sizes.values()
         starts = [value for name in names for value in numbers_of(self.settings.options.get(name, ()))]
         return 1000 * float(np.abs([*been, *starts]).max()) if been else None
 

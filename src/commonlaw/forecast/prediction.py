@@ -343,7 +343,7 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
         raise CommonlawError("discrepancy-missing")
     if {*law.objects} <= {*wider.objects}:
         wider = select_objects(wider, law.objects)
-    if law.observation is None:
+    if law.scheme == "collocation":
         same = np.array_equal(wider.coefficients[:, :, : used.sum()], law.coefficients[:, :, used])
     else:
         narrow, whole = named_parameters(law), named_parameters(wider)

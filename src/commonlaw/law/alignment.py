@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.law.law import Law
 from commonlaw.library.parametric import free_name
@@ -53,9 +52,9 @@ def matched(
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
     check_type("trials", trials, (Trials, TrialStream), TRIALS)
-    if law.observation is not None and not observed:
+    if law.scheme == "shooting" and not observed:
         raise CommonlawError("law-with-observation")
-    schema = measured_schema(law)
+    schema = law.observation.measured
     trials = as_named(_with_recorded_doses(trials, schema), schema.measured)
     trials = without_states(without_rates(trials, schema.rates), law.provenance.domain.constant)
     known = property_names(trials.properties)
@@ -95,21 +94,6 @@ def _with_recorded_doses(trials: Trials, schema: Schema) -> Trials:
     return with_recorded_doses(in_units(trials, units), schema.doses)
 
 
-def measured_schema(law: Law) -> Schema:
-    """Return names and units of what was measured: the states, or what an observation says."""
-    return law.schema if law.observation is None else law.observation.measured
-
-
-def measured_noise(law: Law) -> Floats | None:
-    """Return the standard deviation of the noise of what was measured, shape (columns,); None if it is not known."""
-    return law.uncertainty.noise if law.observation is None else law.observation.noise_levels
-
-
-def has_bands(law: Law) -> bool:
-    """Return whether forecasts of a law have standard deviations."""
-    return law.uncertainty.has_std or (law.observation is not None and measured_noise(law) is not None)
-
-
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:
     """Return times that were given with trials, in the unit of their time, in that of the law."""
     check_type("trials", trials, (Trials, TrialStream), TRIALS)
@@ -122,7 +106,7 @@ def matched_noise(law: Law, trials: Trials, noise: Mapping[str, float] | None) -
     """Return standard deviations by state, given in the units of the trials, in those of the law."""
     if noise is None:
         return None
-    given, measured, result = trials.schema, measured_schema(law), {}
+    given, measured, result = trials.schema, law.observation.measured, {}
     for key, level in noise.items():
         name = find_name(key, given.states, "state")
         is_share = name in measured.logarithmic or name in given.logarithmic

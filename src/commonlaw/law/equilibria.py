@@ -104,7 +104,7 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
     """
     if depends_on(law, *law.terms.variables.inputs, law.terms.variables.time):
         return
-    visited, sizes = law.provenance.domain.visited, {} if law.observation is None else law.observation.sizes
+    visited, sizes = law.provenance.domain.visited, law.provenance.domain.sizes
     ends = [visited.get(name, (-sizes.get(name, 1e3), sizes.get(name, 1e3))) for name in law.schema.states]
     low, high = np.array(ends).T
     # The range of the states with as much on both sides, but no negative values of what was none

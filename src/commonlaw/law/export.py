@@ -59,14 +59,12 @@ class _System:
     @property
     def has_events(self) -> bool:
         """Whether states take new values at events."""
-        return self.law.observation is not None and bool(self.law.observation.events)
+        return bool(self.law.observation.events)
 
     def events(
         self, algebra: Algebra, states: Sequence[str], inputs: Sequence[str], time: str, parameters: Sequence[str]
     ) -> list[tuple[str, dict[int, str]]]:
         """Return what is positive where the condition of each event is true, and the new values of states, by index."""
-        if self.law.observation is None:
-            return []
         law, values = self.law, dict(zip(named_parameters(self.law).names, parameters, strict=True))
         variables = law.terms.variables
         meanings = meanings_of(law.schema, law.order, variables, are_clear=True)

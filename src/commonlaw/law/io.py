@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Floats
 from commonlaw.diagnostics import Outcome
 from commonlaw.differentiation import format_differentiation, parse_differentiation
-from commonlaw.errors import CommonlawError
+from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.export import exported
 from commonlaw.law.law import Law, with_other_laws
 from commonlaw.law.objects import select_objects
-from commonlaw.law.observation import Observation
+from commonlaw.law.observation import STATES, Observation, Scheme, TrialEstimate, TrialEstimates
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative, Domain, Provenance, Step
@@ -44,7 +44,7 @@ from commonlaw.trials import Schema
 from commonlaw.trials.files import parquet_bytes, parquet_columns
 from commonlaw.trials.trial import nearest
 
-VERSION = 7
+VERSION = 8
 
 _LARGEST = float(np.sqrt(np.finfo(np.float64).max))
 """Of a number in a file: deviances, covariances and lengths of vectors take squares, and that of a larger one, 1.3e154,
@@ -87,6 +87,7 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
     covariance: dict[str, list[float]] | None = None
     shared_factor: dict[str, list[list[float]]] | None = None
     noise: Floats | None = None
+    noise_of: dict[str, dict[str, float]] = {}
     inclusion_probabilities: Floats | None = None
     error_model: ErrorsDocument | None = None
     unpooled: EstimatesDocument | None = None
@@ -106,6 +107,7 @@ class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tru
     equations: tuple[str, ...] = ()
     calls: tuple[str, ...] = ()
     domain: Domain = Domain()
+    log_likelihood: float | None = None
 
 
 class OtherDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -125,7 +127,7 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """See `Law`; terms are expressions, coefficients lists by object, constants the names of those inside terms."""
 
     format: Literal["commonlaw law"] = "commonlaw law"
-    version: Literal[7] = 7
+    version: Literal[8] = 8
     order: Literal[0, 1, 2] | tuple[Literal[1, 2], ...]
     schema: Schema
     rates: list[str]
@@ -140,6 +142,8 @@ class LawDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     constants: list[str] = []
     observation: Observation | None = None
     restrictions: Restrictions | None = None
+    scheme: Scheme = "collocation"
+    trial_estimates: tuple[TrialEstimate, ...] = ()
 
 
 _BAYES_FACTOR = "2 log B"
@@ -154,7 +158,7 @@ _ALTERNATIVES = {"settings": "hyperparameters", "evidence lost": _BAYES_FACTOR}
 
 
 def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
-    """Return a document of an earlier version, or of a law in it, by the names of version 7; it need not be valid."""
+    """Return a document of an earlier version, or of a law in it, by the names of version 8; it need not be valid."""
     current = _renamed(document) if version < 3 else dict(document)
     if "version" in current:
         current["version"] = VERSION
@@ -179,11 +183,48 @@ def as_now(document: dict[str, Any], version: int) -> dict[str, Any]:
     if isinstance(observation, dict) and "restrictions" in observation:
         current["observation"] = {name: value for name, value in observation.items() if name != "restrictions"}
         current["restrictions"] = observation["restrictions"]
+    if version < 8 and isinstance(observation := current.get("observation"), dict):
+        current |= _estimates_apart(current, observation)
     if isinstance(others := current.get("other_laws"), list):
         current["other_laws"] = [as_now(law, VERSION) if isinstance(law, dict) else law for law in others]
     if isinstance(wider := current.get("with_discrepancy"), dict):
         current["with_discrepancy"] = as_now(wider, VERSION)
     return current
+
+
+_OF_OBSERVATION = ("noise", "noise_of", "sizes", "estimated", "log_likelihood", "degrees_of_freedom")
+
+
+def _estimates_apart(document: dict[str, Any], observation: dict[str, Any]) -> dict[str, Any]:
+    """Return the parts of a document before version 8 whose observation had the estimates of a fit by shooting."""
+    measured, uncertainty, provenance = (
+        part if isinstance(part, dict) else {}
+        for part in (observation.get("measured"), document.get("uncertainty"), document.get("provenance"))
+    )
+    names, known = measured.get("states"), {name: observation.get(name) for name in _OF_OBSERVATION}
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        return {}
+    noise, degrees = ({} if each is None else each for each in (known["noise"], known["degrees_of_freedom"]))
+    for levels in (noise, degrees):
+        if not isinstance(levels, dict) or not all(isinstance(level, int | float) for level in levels.values()):
+            raise CommonlawError("not-a-law", error="levels of noise are not numbers")
+        for name in levels:
+            check_choice("measured quantity", name, names)
+    every = sum(degrees.values())
+    levels_now = {
+        "noise": [noise[name] for name in names] if {*names} <= {*noise} else None,
+        "noise_of": known["noise_of"] or {},
+        "degrees_of_freedom": [degrees.get(name, every) for name in names] if degrees else None,
+    }
+    domain = provenance.get("domain")
+    found = {"domain": {**(domain if isinstance(domain, dict) else {}), "sizes": known["sizes"] or {}}}
+    return {
+        "observation": {name: value for name, value in observation.items() if name not in _OF_OBSERVATION},
+        "uncertainty": {**uncertainty, **levels_now},
+        "provenance": {**provenance, **found, "log_likelihood": known["log_likelihood"]},
+        "scheme": "shooting",
+        "trial_estimates": known["estimated"] or [],
+    }
 
 
 def _renamed(document: dict[str, Any]) -> dict[str, Any]:
@@ -257,8 +298,10 @@ def document_of(law: Law) -> LawDocument:
         explanation=law.uncertainty.explanation,
         with_discrepancy=None if wider is None else document_of(wider),
         other_laws=[_saved_other(model.probability, model.law, terms) for model in law.uncertainty.other_laws],
-        observation=law.observation,
+        observation=law.observation if law.scheme == "shooting" else None,
         restrictions=law.restrictions,
+        scheme=law.scheme,
+        trial_estimates=law.trial_estimates,
     )
 
 
@@ -302,6 +345,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         covariance=triangles(uncertainty.covariance),
         shared_factor=by_object(uncertainty.shared_factor),
         noise=uncertainty.noise,
+        noise_of={name: {**levels} for name, levels in uncertainty.noise_of.items()},
         inclusion_probabilities=uncertainty.inclusion_probabilities,
         error_model=ErrorsDocument(**errors) if errors else None,
         unpooled=estimates(uncertainty.unpooled),
@@ -369,7 +413,7 @@ def decode_document(raw: dict[str, Any], functions: Iterable[Callable[..., Any]]
         raise CommonlawError("law-nested-discrepancy")
     called = functions_in(functions)
     law = _read_law(document, called)
-    if version < 7 and law.observation is None:
+    if version < 7 and law.scheme == "collocation":
         law = _with_recorded_sharing(law)
     others = tuple(PlausibleLaw(saved.probability, _read_other(saved, law)) for saved in document.other_laws)
     provenance = replace(law.provenance, with_discrepancy=None if wider is None else _read_law(wider, called))
@@ -462,8 +506,20 @@ def _read_law(document: LawDocument, functions: tuple[Function, ...]) -> Law:
     if is_given and read_equations(saved.equations, schema, variables).terms != terms:
         # Before 0.2 what stood before several terms was a constant of each: such laws are as their terms say
         provenance = replace(provenance, equations=())
-    extra = provenance, document.properties, document.observation, document.restrictions
-    return Law(terms, schema, document.order, objects, coefficients, uncertainty, *extra)
+    return Law(
+        terms,
+        schema,
+        document.order,
+        objects,
+        coefficients,
+        uncertainty,
+        provenance,
+        document.properties,
+        document.observation or STATES,
+        document.restrictions,
+        document.scheme,
+        TrialEstimates(document.trial_estimates),
+    )
 
 
 def _read_uncertainty(
@@ -495,6 +551,7 @@ def _read_uncertainty(
         None if saved.covariance is None else _covariance(saved.covariance, objects, parameters),
         shared,
         saved.noise,
+        saved.noise_of,
         inclusion,
         ErrorModel(grown, **levels),
         estimates(saved.unpooled),

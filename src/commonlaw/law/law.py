@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, Unpack, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from commonlaw.diagnostics import Outcome
 from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.integration import BETWEEN, METHODS, Event, OutputOptions, Trajectory
 from commonlaw.law import text
-from commonlaw.law.observation import Observation
+from commonlaw.law.observation import STATES, Observation, Scheme, TrialEstimates
 from commonlaw.law.parse import GivenEquations, Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.restrictions import Restrictions
@@ -74,9 +74,14 @@ class Law(ShownInNotebooks):
     properties
         Of the objects, by object and name; their units are in ``schema.units``.
     observation
-        Observation equations, if the states were not measured directly, see `commonlaw.fit`.
+        What was measured: the states themselves, unless observation equations say otherwise, see `commonlaw.fit`.
     restrictions
         Of the parameters; None where none are on record, as of a law that was discovered.
+    scheme
+        How the law is fitted and forecast: "collocation", or "shooting", which observation equations, initial values
+        and events need.
+    trial_estimates
+        Initial values of trials and what else differs between them, of a law that is fitted by shooting.
 
     See Also
     --------
@@ -94,16 +99,23 @@ class Law(ShownInNotebooks):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     provenance: Provenance = field(default_factory=Provenance)
     properties: ObjectProperties = field(default_factory=dict)
-    observation: Observation | None = None
+    observation: Observation = STATES
     restrictions: Restrictions | None = None
+    scheme: Scheme = "collocation"
+    trial_estimates: TrialEstimates = field(default_factory=TrialEstimates)
 
     def __post_init__(self) -> None:
         self._check_names()
+        check_choice("scheme", self.scheme, get_args(Scheme))
+        if self.scheme == "collocation" and self.observation.is_of_more:
+            raise CommonlawError("law-beyond-collocation")
+        if self.scheme == "collocation" or self.observation is STATES:
+            object.__setattr__(self, "observation", Observation.direct(self.schema))
+        object.__setattr__(self, "trial_estimates", TrialEstimates(self.trial_estimates))
         shape = (len(self.objects), len(self.schema.states), len(self.terms))
         values = checked(self.coefficients, "array of coefficients", "objects, equations, terms", shape)
         object.__setattr__(self, "coefficients", values)
-        measured = self.schema if self.observation is None else self.observation.measured
-        uncertainty = self.uncertainty.checked(self.objects, self.support, len(measured.states))
+        uncertainty = self.uncertainty.checked(self.objects, self.support, self.observation.measured.states)
         object.__setattr__(self, "uncertainty", uncertainty)
         object.__setattr__(self, "properties", normalized(self.properties))
         strangers = [name for name in self.properties if name not in self._indices]
@@ -442,7 +454,7 @@ class Law(ShownInNotebooks):
         arguments = locals()
         how = {"tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
         how |= {"inputs": inputs, "sensitivities": sensitivities}
-        has_events = self.observation is not None and bool(self.observation.events)
+        has_events = bool(self.observation.events)
         self._check_integration(method, tolerance, by_shooting=has_events)
         check_types(Law.simulate, arguments)
         if has_events:
@@ -513,9 +525,9 @@ class Law(ShownInNotebooks):
         is_all = isinstance(start, str) and start == "all"
         if not (start is None or is_all) and (not isinstance(start, Integral) or start < 1):
             raise CommonlawError("forecast-start", start=start)
-        self._check_integration(method, tolerance, by_shooting=self.observation is not None)
+        self._check_integration(method, tolerance, by_shooting=self.scheme == "shooting")
         check_whole_number("seed", seed, 0, optional=True)
-        if seed is not None and (self.observation is not None or highest_order(self.order) != 2):
+        if seed is not None and (self.scheme == "shooting" or highest_order(self.order) != 2):
             raise CommonlawError("option-without-effect", option=f"seed={seed}", kind="this law, which draws no noise")
         if input_interpolation is not None:
             check_choice("interpolation of inputs between samples", input_interpolation, BETWEEN)
@@ -531,7 +543,7 @@ class Law(ShownInNotebooks):
             raise CommonlawError("forecast-times-discrete")
         options = {"times": times, "start": start, "from_time": from_time, "return_std": return_std}
         options |= {"input_interpolation": input_interpolation, "tolerance": tolerance, "discrepancy": discrepancy}
-        if self.observation is not None:  # Without plausible other laws, so that an average is the law itself
+        if self.scheme == "shooting":  # Without plausible other laws, so that an average is the law itself
             return cast("Forecast", _call("estimation:predict_observed", self, trials, **options))
         options |= {"method": method, "seed": seed or 0, "averaged": averaged}
         return cast("Forecast", _call("forecast:predict", self, trials, **options))
@@ -872,7 +884,7 @@ def only_object(law: Law, name: str | None) -> str:
 
 def has_free_starts(law: Law, trials: Trials) -> bool:
     """Return whether samples determine where forecasts of trials begin: not if the law gives all initial values."""
-    return law.observation is None or bool(_call("estimation:has_free_starts", law, trials))
+    return law.scheme == "collocation" or bool(_call("estimation:has_free_starts", law, trials))
 
 
 def given_equations(law: Law) -> GivenEquations | None:

@@ -3,13 +3,9 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field
-from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
-from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.errors import check_choice
 from commonlaw.law.restrictions import by_trial
 from commonlaw.trials import Schema
 
@@ -24,6 +20,8 @@ Numbers may be those of trials, by their labels; other objects and trials then h
 
 The expression ``steady`` stands for the steady state, ``steady(u = 0)`` for that under other inputs.
 """
+Scheme = Literal["collocation", "shooting"]
+"""How solutions are computed: as states on a mesh that fulfil the equations, or from initial values."""
 STEADY = re.compile(r"steady(?:\s*\((?P<inputs>[^()]*)\))?")
 
 
@@ -49,9 +47,20 @@ def written(
     return {**equations, **starts, **changes}
 
 
+class TrialEstimates(tuple[TrialEstimate, ...]):
+    """What was estimated of each trial: initial values, and parameters that differ between trials of an object."""
+
+    def to_frame(self) -> "pd.DataFrame":
+        """Return a table: object, trial, parameter, estimate, standard error."""
+        import pandas as pd
+
+        columns = ["object", "trial", "parameter", "estimate", "standard error"]
+        return pd.DataFrame([astuple(estimate) for estimate in self], columns=columns)
+
+
 @dataclass(frozen=True)
 class Observation:
-    """How the states of a law were measured.
+    """What was measured of the states of a law, and how they begin and change.
 
     Parameters
     ----------
@@ -61,54 +70,40 @@ class Observation:
         What measured quantities are, by name, as expressions of states, inputs, time and parameters; the others are
         states.
     initial
-        Initial values of states and rates; the others are estimated in each trial.
+        Initial values of states and rates; the others are estimated in each trial, or are in the law's schema.
     initial_time
         Their time, None for that of the first sample of each trial.
-    noise
-        Standard deviation of the measurement noise by measured quantity, relative where it is log-scaled, for
-        measurements without one of their own.
-    sizes
-        The largest absolute value of each state and rate in the fitted solutions.
-    estimated
-        Initial values, and parameters that differ between trials of an object, by trial.
-    log_likelihood
-        Of the measurements, at the maximum.
-    noise_of
-        Standard deviations by measured quantity and object, of quantities that objects have been measured differently.
     events
         By condition the values that states and rates take where it becomes true, by name, as expressions.
     functions
         By state what is added to its equation: expressions by the parameters that they are multiplied with.
-    degrees_of_freedom
-        Of the noise by measured quantity, where it was estimated.
 
     Raises
     ------
     CommonlawError
-        If a noise or a size is not a positive number, or of something that was not measured.
+        If an equation is of something that was not measured.
     """
 
     measured: Schema
-    equations: Mapping[str, str]
-    initial: Mapping[str, Initial]
-    initial_time: float | None
-    noise: Mapping[str, float]
-    sizes: Mapping[str, float]
-    estimated: tuple[TrialEstimate, ...]
-    log_likelihood: float
-    noise_of: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    equations: Mapping[str, str] = field(default_factory=dict)
+    initial: Mapping[str, Initial] = field(default_factory=dict)
+    initial_time: float | None = None
     events: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     functions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    degrees_of_freedom: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in (*self.equations, *self.noise, *self.noise_of, *self.degrees_of_freedom):
+        for name in self.equations:
             check_choice("measured quantity", name, self.measured.states)
-        by_object = (pair for levels in self.noise_of.values() for pair in levels.items())
-        levels = self.noise.items(), self.sizes.items(), self.degrees_of_freedom.items(), by_object
-        for name, value in chain.from_iterable(levels):
-            if not 0 < value < np.inf:
-                raise CommonlawError("observation-not-positive", name=name, value=value)
+
+    @classmethod
+    def direct(cls, schema: Schema) -> "Observation":
+        """Return that of states that were measured themselves."""
+        return cls(schema, initial_time=schema.initial_time)
+
+    @property
+    def is_of_more(self) -> bool:
+        """Whether there is more in it than that states were measured themselves."""
+        return bool(self.equations or self.initial or self.events or self.functions)
 
     @property
     def written(self) -> dict[str, str]:
@@ -131,30 +126,11 @@ class Observation:
         apart = [f"{name} by {by}; means are shown" for name, by in shared.items() if by_trial(by, self.measured)]
         return [*(f"{name} = {right}" for name, right in (self.written | priors).items()), *by_name, *apart]
 
-    @property
-    def noise_levels(self) -> Floats | None:
-        """The noise of each measured quantity, shape (m,); None if that of a quantity is not known."""
-        levels = np.array([self.noise.get(name, np.nan) for name in self.measured.states])
-        return levels if np.isfinite(levels).all() else None
-
-    def degrees_of(self, names: Sequence[str]) -> Floats | None:
-        """Return the degrees of freedom for states or measured quantities, shape (names,); None if noise is known.
-
-        Those without an estimate of noise of their own, such as latent states, have those of all.
-        """
-        known = self.degrees_of_freedom
-        if not known:
-            return None
-        return np.array([known.get(name, sum(known.values())) for name in names])
-
     def place_of(self, parameter: str) -> str:
         """Return the left-hand side of the equation in which a parameter stands first; empty if in none of these."""
         word = re.compile(rf"(?<!\w){re.escape(parameter)}(?!\w)")
         return next((name for name, text in self.written.items() if word.search(f"{name} = {text}")), "")
 
-    def to_frame(self) -> "pd.DataFrame":
-        """Return what was estimated by trial: object, trial, parameter, estimate, standard error."""
-        import pandas as pd
 
-        columns = ["object", "trial", "parameter", "estimate", "standard error"]
-        return pd.DataFrame([astuple(estimate) for estimate in self.estimated], columns=columns)
+STATES = Observation(Schema(("states",)))
+"""Stands for that of any law of which all states were measured themselves, see `Observation.direct`."""

@@ -160,11 +160,11 @@ class Parameters:
         deviations s leave a share ``r_i = 1 - sum_p C_ip^2/(s_p^2 C_ii)`` of the variance of parameter i to
         measurements, and make them ``nu/r_i^2`` (Satterthwaite 1946, Biometrics Bull. 2, 110).
         """
-        freedom, observation = self.law.uncertainty.degrees_of_freedom, self.law.observation
+        freedom = degrees_of_equations(self.law)
         if freedom is None:
             return np.full(self.values.shape, np.inf)
         degrees = np.broadcast_to(freedom[self.places[0]], self.values.shape)
-        priors = {} if observation is None else restrictions_of(self.law).prior_std(observation.measured)
+        priors = restrictions_of(self.law).prior_std(self.law.observation.measured)
         if not priors:
             return degrees
         stds = np.array([priors.get(name, np.inf) for name in self.names])
@@ -297,6 +297,26 @@ def tabulated_parameters(law: Law, support: Bools | None = None) -> Parameters:
     return replace(named, definitions=definitions)
 
 
+def degrees_of_equations(law: Law) -> Floats | None:
+    """Return the degrees of freedom of the noise of each equation's state, shape (equations,); None if it was given.
+
+    A state that was not measured itself has those of all quantities.
+    """
+    known, names = law.uncertainty.degrees_of_freedom, law.observation.measured.states
+    if known is None:
+        return None
+    return np.array([known[names.index(name)] if name in names else known.sum() for name in law.schema.states])
+
+
+def reach_of_equations(law: Law, level: float = 0.95) -> Floats:
+    """Return how many standard errors on both sides hold this share, of the coefficients of each equation.
+
+    Raises `CommonlawError` if the share is not between 0 and 1.
+    """
+    degrees = degrees_of_equations(law)
+    return np.broadcast_to(two_sided(level, np.inf if degrees is None else degrees), (len(law.schema.states),))
+
+
 def standard_errors(law: Law) -> Floats:
     """Return the standard errors of the coefficients, shape (objects, equations, terms).
 
@@ -318,7 +338,7 @@ def coefficient_intervals(law: Law, level: float = 0.95, averaged: bool = False)
     weights = np.array([model.probability for model in laws]).reshape(-1, 1, 1, 1)
     values = np.array([by_terms_of(law, model.law, model.law.coefficients) for model in laws])
     errors = np.nan_to_num([by_terms_of(law, model.law, standard_errors(model.law)) for model in laws])
-    degrees = [model.law.uncertainty.degrees_of_freedom for model in laws]
+    degrees = [degrees_of_equations(model.law) for model in laws]
     whole = np.array([np.full(len(law.schema.states), np.inf) if degree is None else degree for degree in degrees])
     low, high = mixture_interval(weights, values, errors, whole[:, np.newaxis, :, np.newaxis], level)
     absent = law.coefficients == 0
@@ -355,7 +375,7 @@ def equation_label(law: Law, equation: int, term: int) -> str:
     """Return the left-hand side of the equation that a coefficient stands in: of an observation, if in no other."""
     column = law.terms.terms[term].parameter
     inside = frozenset[int]().union(*(factor.columns() for factor in law.terms.terms if factor.parameter is None))
-    if law.observation is None or column is None or column in inside:
+    if column is None or column in inside:
         return left_hand_sides(law)[equation]
     return law.observation.place_of(law.terms.variables.names[column])
 

@@ -75,8 +75,7 @@ def latex_structure(law: Law) -> tuple[tuple[Addend, ...], ...]:
     """Return the right-hand sides of `Law.structure` in LaTeX."""
     variables = law.terms.variables
     if law.provenance.equations:
-        observed = {} if law.observation is None else law.observation.written
-        return latex_summands(law.provenance.equations, law.schema, variables, observed)
+        return latex_summands(law.provenance.equations, law.schema, variables, law.observation.written)
     factors = zip(law.terms.names, law.terms.latex_factors(variables.names), strict=True)
     return _with_names(law, ["1" if name == "1" else latex for name, latex in factors], LATEX)
 
@@ -115,8 +114,7 @@ def equations(law: Law, name: str | None, digits: int, errors: bool | None) -> t
 def latex_lefts(law: Law) -> tuple[str, ...]:
     """Return the left-hand sides of `latex_structure` in LaTeX."""
     lefts = text.latex_left_hand_sides(law.schema.states, law.order)
-    observed = () if law.observation is None else law.observation.written
-    return (*lefts, *text.latex_observed(observed))
+    return (*lefts, *text.latex_observed(law.observation.written))
 
 
 @checks_types
@@ -240,10 +238,7 @@ def _has_relations(law: Law) -> bool:
 
 def equation_lines(law: Law) -> list[str]:
     """Return the equations of a law: with numbers of one object, with relations to properties, or of each object."""
-    observed = [
-        *([] if law.observation is None else law.observation.lines(law.objects, restrictions_of(law).shared)),
-        *start_lines(law),
-    ]
+    observed = [*law.observation.lines(law.objects, restrictions_of(law).shared), *start_lines(law)]
     if len(law.objects) == 1:
         return [*law.equations(), *observed]
     if _has_relations(law):
@@ -261,14 +256,11 @@ def start_lines(law: Law) -> list[str]:
     >>> start_lines(Law.from_text("x' = -x"))
     []
     """
-    if law.observation is None:
-        schema, at = law.schema, law.schema.initial_time
-        written = {name: start for name, start in schema.initial_values.items() if isinstance(start, str | float)}
-        names = [f"{name}(0) = {written[name]}" if name in written else f"{name}(0)" for name in schema.initial_values]
-    else:
-        schema, at = law.observation.measured, law.observation.initial_time
-        estimated = [estimate.name for estimate in law.observation.estimated if estimate.name.endswith("(0)")]
-        names = [*dict.fromkeys((*(f"{name}(0)" for name in law.observation.initial), *estimated))]
+    schema, at, starts = law.observation.measured, law.observation.initial_time, law.schema.initial_values
+    written = {name: start for name, start in starts.items() if isinstance(start, str | float)}
+    names = [f"{name}(0) = {written[name]}" if name in written else f"{name}(0)" for name in starts]
+    estimated = [estimate.name for estimate in law.trial_estimates if estimate.name.endswith("(0)")]
+    names += dict.fromkeys((*(f"{name}(0)" for name in law.observation.initial), *estimated))
     if not names:
         return []
     # Doses that precede the first sample begin a trial

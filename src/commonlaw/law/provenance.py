@@ -13,6 +13,7 @@ from commonlaw.array_types import Floats
 from commonlaw.diagnostics import Outcome
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
+from commonlaw.law.uncertainty import check_positive
 from commonlaw.likelihood import ERRORS, ErrorModel
 from commonlaw.runtime.notebooks import ShownInNotebooks
 from commonlaw.trials import Schema, Trial, Trials
@@ -41,6 +42,8 @@ class Domain:
         Objects that were left out, as nothing changed in their trials.
     constant
         States that were left out, as they stay constant within their noise in all trials.
+    sizes
+        The largest absolute value of each state and rate in the fitted solutions, where these are known.
     """
 
     visited: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -48,6 +51,11 @@ class Domain:
     judged: float | None = None
     at_rest: tuple[str, ...] = ()
     constant: tuple[str, ...] = ()
+    sizes: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, size in self.sizes.items():
+            check_positive(name, size)
 
     @classmethod
     def of(cls, trials: Trials, rates: Sequence[tuple[str, str]]) -> "Domain":
@@ -199,6 +207,8 @@ class Provenance:
         Calls that made the law from ``trials``, as Python: ``cl.discover(trials, order=2)``; none if not known.
     domain
         Range of the training data, and reliable forecast horizon.
+    log_likelihood
+        Of the measurements, at the maximum, where it is known.
     with_discrepancy
         The law with the discrepancy as further terms, if `Law.discrepancy` estimated these coefficients.
     """
@@ -210,6 +220,7 @@ class Provenance:
     equations: tuple[str, ...] = ()
     calls: tuple[str, ...] = ()
     domain: Domain = field(default_factory=Domain)
+    log_likelihood: float | None = None
     with_discrepancy: Any = None
 
     def __post_init__(self) -> None:

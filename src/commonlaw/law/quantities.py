@@ -17,7 +17,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.equilibria import Quantity, equilibria, modes
 from commonlaw.law.law import Law
-from commonlaw.law.parameters import Parameters, named_parameters
+from commonlaw.law.parameters import Parameters, named_parameters, reach_of_equations
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.quantiles import Estimate, Function, propagated
 from commonlaw.library import Variables, order_of_each, term_unit, with_rates
@@ -312,14 +312,12 @@ def _inside(terms: Sequence[Term], variables: Variables) -> list[str]:
 
 def _is_measured(law: Law, state: str) -> bool:
     """Return whether a state has a column of its name."""
-    if law.observation is None:
-        return state in law.schema.measured
-    return state in law.observation.measured.states and state not in law.observation.equations
+    return state in law.observation.measured.measured and state not in law.observation.equations
 
 
 def _volume(law: Law, state: str) -> tuple[int, str] | None:
     """Return the term of the parameter V, and the name of the dose, where a state begins at ``dose/V``."""
-    start = None if law.observation is None else law.observation.initial.get(state)
+    start = law.observation.initial.get(state)
     parts = re.fullmatch(r"(\w+) */ *(\w+)", start) if isinstance(start, str) else None
     parameters = law.terms.variables.parameters
     if parts is None or parts[2] not in parameters or parts[1] not in property_names(law.properties):
@@ -390,8 +388,7 @@ def _units(match: _Match, source: str) -> dict[str, str]:
     names = {**match.names, "t": match.law.schema.time, "u": source}
     if match.volume:
         names["dose"] = match.volume[1]
-    observation = match.law.observation
-    units = {**({} if observation is None else observation.measured.units), **match.law.schema.units}
+    units = {**match.law.observation.measured.units, **match.law.schema.units}
     return {variable: units[name] for variable, name in names.items() if name in units}
 
 
@@ -444,7 +441,7 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
 
     for name in initial or {}:
         check_choice("state", name, law.schema.states)
-    reach = float(law.uncertainty.reach(len(law.schema.states), level).max())
+    reach = float(reach_of_equations(law, level).max())
     matches, known = _matches(law) if law.order != 0 else [], named_parameters(law)
     rows = list[tuple[object, ...]]()
     for i, owner in enumerate(law.objects if law.order != 0 else ()):

@@ -285,7 +285,7 @@ def to_script(law: Law, path: str | Source = "trials.csv") -> str:
     law = cl.fit("x'' = -g - c v", trials)
     """
     source = path if isinstance(path, Source) else Source(path)
-    schema = law.schema if law.observation is None else law.observation.measured
+    schema = law.observation.measured
     equations = law.structure if shares_terms(law) else ()
     columns = (schema.time, *schema.measured, *schema.inputs)
     roles: dict[str, Any] = {
@@ -321,10 +321,8 @@ def to_script(law: Law, path: str | Source = "trials.csv") -> str:
 
 def given_initial_time(law: Law) -> float | Literal["first"] | None:
     """Return the time of the initial values that a law gives, as `commonlaw.fit` takes it; None where it gives none."""
-    if law.observation is None:
-        is_given, at = any(start is not None for start in law.schema.initial_values.values()), law.schema.initial_time
-    else:
-        is_given, at = bool(law.observation.initial), law.observation.initial_time
+    at, starts = law.observation.initial_time, law.schema.initial_values.values()
+    is_given = bool(law.observation.initial) or any(start is not None for start in starts)
     return "first" if at is None and is_given else at
 
 

@@ -234,8 +234,8 @@ def readable_candidates(alternatives: Sequence[Alternative]) -> pd.DataFrame:
 def summary(law: Law) -> str:
     """Return the law as it prints, with its tables, see `Law.summary`."""
     tables = [readable(law.params).dropna(axis=1, how="all")]
-    if law.observation is not None and law.observation.estimated:
-        tables.append(readable(law.observation.to_frame()))
+    if law.trial_estimates:
+        tables.append(readable(law.trial_estimates.to_frame()))
     if len(quantities := shown_quantities(law)):
         tables.append(readable(quantities))
     if law.provenance.alternatives:
@@ -270,7 +270,7 @@ def coefficients_by_object(law: Law) -> pd.DataFrame:
     known = law.uncertainty.covariance is not None
     low, high = parameters.intervals() if known else (parameters.values, parameters.values)
     by_trial = dict[str, dict[str, dict[str, Written]]]()
-    for estimate in () if law.observation is None else law.observation.estimated:
+    for estimate in law.trial_estimates:
         by_trial.setdefault(estimate.object, {}).setdefault(estimate.trial, {})[estimate.name] = Written(
             with_error(estimate.value, estimate.error)
         )

@@ -1,7 +1,7 @@
 """Uncertainty of a law: errors of coefficients and measurements, relations to properties, plausible laws."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import one_sided_text
 from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Heteroscedastic
 from commonlaw.runtime.arguments import check_whole_number
@@ -30,6 +29,12 @@ def checked(
         raise CommonlawError("law-array-range", array=what, value=wrong, low=low, high=high)
     array.flags.writeable = False
     return array
+
+
+def check_positive(name: str, value: float) -> None:
+    """Refuse the noise or the size of a quantity that is no positive number."""
+    if not 0 < value < np.inf:
+        raise CommonlawError("law-size-not-positive", name=name, value=value)
 
 
 def checked_covariance(values: ArrayLike, objects: tuple[str, ...], parameters: int) -> Floats:
@@ -185,7 +190,10 @@ class Uncertainty:
         Dependence between objects after partial pooling, shape (objects, parameters, columns): the covariance of the
         parameters of objects i and j is ``F_i F_j^T``. None if objects are independent.
     noise
-        Standard deviation of the measurement noise of each state, shape (states,).
+        Standard deviation of the noise of each measured quantity, shape (m,), relative where it is log-scaled, for
+        measurements without one of their own.
+    noise_of
+        The same by measured quantity and object, of quantities that objects have been measured differently.
     inclusion_probabilities
         Posterior probability of each term, shape (equations, terms).
     error_model
@@ -195,8 +203,8 @@ class Uncertainty:
     pooled
         Partially pooled estimates for forecasts; None if forecasts use the coefficients of the law.
     degrees_of_freedom
-        Of the noise estimate of each state, shape (states,), for Student's t distribution. None if the noise was given,
-        for the normal distribution.
+        Of the noise estimate of each measured quantity, shape (m,), for Student's t distribution; of all where one has
+        none of its own. None if the noise was given, for the normal distribution.
     interval_inflation
         Inflation of forecast intervals, calibrated on held-out data (conformal).
     explanation
@@ -211,6 +219,7 @@ class Uncertainty:
     covariance: Floats | None = None
     shared_factor: Floats | None = None
     noise: Floats | None = None
+    noise_of: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     inclusion_probabilities: Floats | None = None
     error_model: ErrorModel = WHITE_NOISE
     unpooled: ObjectEstimates | None = None
@@ -221,20 +230,18 @@ class Uncertainty:
     limits: tuple[OneSidedLimit, ...] = ()
     other_laws: tuple[PlausibleLaw[Any], ...] = ()
 
-    def checked(self, objects: tuple[str, ...], support: Bools, measured: int) -> "Uncertainty":
+    def checked(self, objects: tuple[str, ...], support: Bools, measured: Sequence[str]) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
-
-        So many quantities are measured.
 
         Raises `CommonlawError` if an array does not fit the law, or is no covariance, noise or probability.
         """
-        size, states, factor = int(support.sum()), support.shape[:1], np.asarray(self.shared_factor)
+        size, quantities, factor = int(support.sum()), (len(measured),), np.asarray(self.shared_factor)
         shared = (len(objects), size, factor.shape[2] if factor.ndim == 3 else size)
         arrays = (
             ("shared_factor", "shared factor of errors", "objects, coefficients in the law, columns", shared),
-            ("noise", "noise", "states", states, 0),
+            ("noise", "noise", "measured quantities", quantities, 0),
             ("inclusion_probabilities", "array of inclusion probabilities", "equations, terms", support.shape, 0, 1),
-            ("degrees_of_freedom", "degrees of freedom", "states", states, np.finfo(float).tiny),
+            ("degrees_of_freedom", "degrees of freedom", "measured quantities", quantities, np.finfo(float).tiny),
         )
         known: dict[str, Any] = {
             name: checked(getattr(self, name), *how) for name, *how in arrays if getattr(self, name) is not None
@@ -243,10 +250,14 @@ class Uncertainty:
         checked([limit.value for limit in limits], "array of limits", "parameters", (len(limits),))
         if self.covariance is not None:
             known["covariance"] = checked_covariance(self.covariance, objects, size)
+        for name, levels in self.noise_of.items():
+            check_choice("measured quantity", name, measured)
+            for level in levels.values():
+                check_positive(name, level)
         return replace(
             self,
             **known,
-            error_model=_checked_errors(self.error_model, measured),
+            error_model=_checked_errors(self.error_model, len(measured)),
             unpooled=self.unpooled and self.unpooled.checked(objects, size),
             pooled=self.pooled and self.pooled.checked(objects, size),
             interval_inflation=self.interval_inflation and self.interval_inflation.checked(),
@@ -267,14 +278,6 @@ class Uncertainty:
     def map_other_laws(self, change: Callable[[Any], Any]) -> tuple[PlausibleLaw[Any], ...]:
         """Return the plausible laws, the same change made to each."""
         return tuple(PlausibleLaw(law.probability, change(law.law)) for law in self.other_laws)
-
-    def reach(self, states: int, level: float = 0.95) -> Floats:
-        """Return how many standard errors on both sides hold this share, for each of so many states, shape (states,).
-
-        Raises `CommonlawError` if the share is not between 0 and 1.
-        """
-        degrees = np.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
-        return np.broadcast_to(two_sided(level, degrees), (states,))
 
     def known_covariance(self) -> Floats:
         """Return the covariance, shape (objects, parameters, parameters).

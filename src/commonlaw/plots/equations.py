@@ -33,10 +33,9 @@ def equation_lines(law: Law) -> str:
     lines = []
     for j, label in enumerate(equation_labels(law)):
         lines += _broken(f"{label} $=$", _summands(law, j))
-    if law.observation is not None:
-        lefts, names = latex_lefts(law)[len(law.schema.states) :], law.observation.written
-        for j, (label, name) in enumerate(zip(lefts, names, strict=True), len(law.schema.states)):
-            lines += _broken(f"{math(label, name)} $=$", _summands(law, j))
+    lefts, names = latex_lefts(law)[len(law.schema.states) :], law.observation.written
+    for j, (label, name) in enumerate(zip(lefts, names, strict=True), len(law.schema.states)):
+        lines += _broken(f"{math(label, name)} $=$", _summands(law, j))
     rates = [
         f"{math(latex_name(rate), rate)} $=$ " + math(rf"\dot{{{latex_name(state)}}}", f"{state}'")
         for state, rate in state_rates(law)

@@ -20,7 +20,6 @@ from commonlaw.errors import unknown
 from commonlaw.experiments.plan import Design, Forecasts
 from commonlaw.forecast import Forecast
 from commonlaw.forecast.forecast import squared_errors
-from commonlaw.law.alignment import measured_schema
 from commonlaw.law.quantiles import two_sided
 from commonlaw.plots.style import (
     BAND,
@@ -307,7 +306,7 @@ def plot_design(design: Design) -> Figure:
     bands do not overlap, one measurement discriminates between the laws. Only the first object of an experiment is
     drawn.
     """
-    drawn, laws, schema = design.experiments[:4], design.laws[:4], measured_schema(design.laws[0].law)
+    drawn, laws, schema = design.experiments[:4], design.laws[:4], design.laws[0].law.observation.measured
     states = drawn[0].forecasts.states
     figure = Figure(figsize=fitting(max(5.4, 3.4 * len(states)), 0.8 + 2.5 * len(drawn)), layout="constrained")
     panels = figure.subplots(len(drawn), len(states), squeeze=False)

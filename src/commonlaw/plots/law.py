@@ -22,7 +22,6 @@ from commonlaw.estimation import likelihood_profile
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.hierarchy import informative
 from commonlaw.law import Law, select_objects
-from commonlaw.law.alignment import has_bands
 from commonlaw.law.parameters import equation_label, left_hand_sides, named_parameters, tabulated_parameters
 from commonlaw.law.text import MANY, one_sided_text, with_error
 from commonlaw.library.notation import latex_name
@@ -535,7 +534,7 @@ def plot_law(law: Law, trials: Trials | Forecast, truth: Law | None = None) -> F
     if isinstance(trials, Forecast):
         forecast = trials
     else:
-        forecast = law.predict(trials) if law.order == 0 else fitted(law, trials, has_bands(law))
+        forecast = law.predict(trials) if law.order == 0 else fitted(law, trials, law.uncertainty.has_std)
     names = representative(forecast)
     shown, left_out = of_objects(forecast, names), omission(forecast, names)
     if left_out and (known := [name for name in law.objects if name in names]):

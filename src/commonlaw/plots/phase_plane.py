@@ -73,7 +73,7 @@ def plot_phase_plane(
     coefficients = [followed_coefficients(law, owner) for owner in objects]
     shared = len(objects) > 1 and np.allclose(coefficients, coefficients[:1], rtol=1e-9, atol=0.0)
     solved = smooth.latent or [trajectory.states for trajectory in smooth.trajectories]
-    observed = () if law.observation is None else law.observation.equations
+    observed = law.observation.equations
     columns = [j for j, state in enumerate(forecast.trials.schema.states) if state not in observed]
     curves = [
         (trial.object, path[:, :2], trial.states[:, columns] if len(columns) == 2 else np.empty((0, 2)))

@@ -13,7 +13,7 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law import Law, select_objects
-from commonlaw.law.parameters import coefficient_units, left_hand_sides
+from commonlaw.law.parameters import coefficient_units, left_hand_sides, reach_of_equations
 from commonlaw.law.printing import dependence
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import MANY
@@ -109,7 +109,7 @@ def _coefficients(law: Law) -> Iterator[_RelatedCoefficient]:
     if law.uncertainty.explanation is None:
         raise CommonlawError("relations-missing-to-draw")
     estimates = law.uncertainty.own_estimates(law.coefficients[:, law.support])
-    reach = law.uncertainty.reach(len(law.schema.states))[np.nonzero(law.support)[0]]
+    reach = reach_of_equations(law)[np.nonzero(law.support)[0]]
     halves = reach * np.sqrt(np.diagonal(estimates.covariance, axis1=1, axis2=2))
     units, lefts, terms = coefficient_units(law), equation_labels(law), term_labels(law.terms)
     sides = left_hand_sides(law)

@@ -18,7 +18,7 @@ from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw, candidate_laws
 from commonlaw.inference.settings import STRONG
 from commonlaw.law import Law, relations_frame, to_script
-from commonlaw.law.alignment import TRIALS, has_bands, measured_noise, measured_schema
+from commonlaw.law.alignment import TRIALS
 from commonlaw.law.equilibria import depends_on, has_phase_plane
 from commonlaw.law.parameters import named_parameters, state_rates, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
@@ -232,8 +232,8 @@ def _discrepancy(case: Summary) -> Iterator[Block]:
 
 def _errors(case: Summary) -> Iterator[Block]:
     """Yield the errors of measurement, and whether the law itself errs."""
-    law, errors, schema = case.law, case.law.uncertainty.error_model, measured_schema(case.law)
-    noise = measured_noise(law)
+    law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.observation.measured
+    noise = law.uncertainty.noise
     if noise is not None:
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
         kinds = (("noise", noise), (f"autocorrelated errors ({time})", errors.correlated))
@@ -353,7 +353,7 @@ def experiments(case: Summary) -> Iterator[Block]:
     """Yield what to measure next."""
     designs = suggestions(case.law, case.findings.training)
     if not designs:
-        if has_bands(case.law) and case.law.order != 0 and case.law.support.any():
+        if case.law.uncertainty.has_std and case.law.order != 0 and case.law.support.any():
             yield Text("No suggestion: all experiments in the range of the data diverge by one of the plausible laws.")
             return
         needs = "a law in continuous time of measured states, with a covariance matrix"

@@ -16,8 +16,10 @@ from commonlaw.law.alignment import matched
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import (
     coefficient_units,
+    degrees_of_equations,
     left_hand_sides,
     named_parameters,
+    reach_of_equations,
     restrictions_of,
     standard_errors,
 )
@@ -155,7 +157,7 @@ def bounds(
     """
     two_sided(level)
     progress = on_terminal() if progress is None else progress
-    delayed = law.observation is not None and law.schema.inputs != law.observation.measured.inputs
+    delayed = law.schema.inputs != law.observation.measured.inputs
     if law.order == 0 or not shares_terms(law) or delayed:
         raise CommonlawError("limits-unsupported")
     pairs = _absent(law, terms)
@@ -195,7 +197,7 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
     """Yield the limits of an object's coefficient of a term, from values of all variables, shape (n, variables)."""
     wider, side = _with_term(law, name), left_hand_sides(law)[equation]
     term = wider.terms.terms[wider.terms.index(name)]
-    if law.observation is None:
+    if law.scheme == "collocation":
         support = wider.support.copy()
         support[equation, wider.terms.index(name)] = True
         estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
@@ -215,8 +217,8 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
         named = named_parameters(fitted)
         at = named.names.index(parameter)
         coefficients, errors, unit = named.values[:, at], named.errors[:, at], named.units[at] or ""
-    reach = float(fitted.uncertainty.reach(len(law.schema.states), level)[equation])
-    known = fitted.uncertainty.degrees_of_freedom
+    reach = float(reach_of_equations(fitted, level)[equation])
+    known = degrees_of_equations(fitted)
     degrees = np.inf if known is None else float(known[equation])
     plain = replace(law.terms.variables, parameters=())
     sizes = np.abs(parse_terms([term.expression(law.terms.variables.names)], plain).evaluate(values))

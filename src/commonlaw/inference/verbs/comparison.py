@@ -19,7 +19,7 @@ from commonlaw.inference.search.pool import Pool, score_of_order
 from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law
-from commonlaw.law.alignment import matched, measured_schema
+from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import restrictions_of, shared_parameters
 from commonlaw.library import parse_terms
 from commonlaw.likelihood import ERRORS
@@ -103,12 +103,12 @@ def compare(
     if isinstance(laws, Mapping) and not (laws and all(isinstance(law, Law) for law in laws.values())):
         raise CommonlawError("laws-without-names")
     check_types(compare, arguments)
-    observed = any(law.observation is not None for law in laws.values())
+    observed = any(law.scheme == "shooting" for law in laws.values())
     jointly = observed or any(shared_parameters(law) for law in laws.values())
-    states = [measured_schema(law).measured if jointly else law.schema.states for law in laws.values()]
+    states = [law.observation.measured.measured if jointly else law.schema.states for law in laws.values()]
     if len(listed := dict.fromkeys(", ".join(sorted(state)) for state in states)) > 1:
         raise CommonlawError("laws-of-other-states", states=listed)
-    scales = dict.fromkeys(", ".join(measured_schema(law).logarithmic) or "none" for law in laws.values())
+    scales = dict.fromkeys(", ".join(law.observation.measured.logarithmic) or "none" for law in laws.values())
     if len(scales) > 1:
         raise CommonlawError("log-states-differ", scales=scales)
     if jointly:
@@ -167,10 +167,7 @@ def _frame(
 ) -> "pd.DataFrame":
     import pandas as pd
 
-    lines = [
-        [] if law.observation is None else law.observation.lines(law.objects, restrictions_of(law).shared)
-        for law in laws.values()
-    ]
+    lines = [law.observation.lines(law.objects, restrictions_of(law).shared) for law in laws.values()]
     equations = ["; ".join((*law.structure, *line)) for law, line in zip(laws.values(), lines, strict=True)]
     columns = {
         "law": list(laws),
@@ -198,7 +195,7 @@ def _fitted_jointly(
         raise CommonlawError("not-refined-file-by-file", what="observation equations or shared parameters")
     units = dict[str, str]()
     for law in laws.values():
-        units_of_law = measured_schema(law).units
+        units_of_law = law.observation.measured.units
         if any(units.get(name, unit) != unit for name, unit in units_of_law.items()):
             raise CommonlawError("laws-in-other-units")
         units |= units_of_law

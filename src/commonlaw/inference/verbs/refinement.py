@@ -142,7 +142,7 @@ def refine(
     settings = {name: given[name] for name in (*settings_of(FitOptions, "refine"), "progress")}
     calls = (*law.provenance.calls, call(refine, given, "cl.refine", "law", "trials"))
     progress = on_terminal() if progress is None else progress
-    if law.observation is not None:
+    if law.scheme == "shooting":
         refuse_client(client)
         return _of_observation(law, trials, given, calls, progress)
     how = _Fit(log_states, input_interpolation, noise, errors, errors == "white", huber_threshold, covariance, seed)
@@ -308,7 +308,7 @@ def adapt(law: Law, trials: Trials) -> Law:
         f"{len(trials.trials)} trials",
         "coefficients estimated from these trials, with the other objects as prior",
     )
-    if law.observation is not None:
+    if law.scheme == "shooting":
         result = updated(law, trials)
         return replace(result, provenance=replace(law.provenance, history=(*law.history, step)))
     law.uncertainty.known_covariance()
