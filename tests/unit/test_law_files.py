@@ -342,6 +342,6 @@ def test_initial_values_of_trials_were_by_state_until_version_4():
     assert old.restrictions is None
     assert [each.name for each in old.trial_estimates] == ["b(0)"] * 4
     assert np.array_equal(old.coefficients, law.coefficients)
-    trials = cl.Trials.from_arrays({"a": np.arange(9.0)}, {"a": np.exp(-np.arange(9.0))}, names=["y"])
+    trials = cl.Trials.from_arrays(np.arange(9.0), np.exp(-np.arange(9.0)), names=["y"])
     with refused("restrictions-not-recorded"):
         cl.refine(old, trials)

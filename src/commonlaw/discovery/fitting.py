@@ -117,7 +117,7 @@ def fit(
         all objects together. A mapping names groups: with ``shared={"k2": "strain"}`` objects of the same strain share
         k2 (a property, or an input that is constant in each trial), ``{"c": "all"}`` is one value for all trials, and
         ``{"b": "trial"}`` one for each.
-        If a parameter differs between trials, the law has its mean for each object, ``law.observation.estimated`` the
+        If a parameter differs between trials, the law has its mean for each object, ``law.trial_estimates`` the
         values, and `Law.predict` estimates it from each trial like an initial value.
     guesses
         Initial guesses of nonlinear parameters, ``guesses={"w": 0.3}``, in place of the grid.

@@ -83,7 +83,7 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
         begun = replace(begun, huber_threshold=threshold_of(settings))
         near = laws[0] if laws else None if request.guesses else _by_collocation(request.text, interpolated, settings)
         if near is not None:
-            begun = replace(with_values_of(near, begun), is_fitted=True)
+            begun = with_values_of(near, begun)
         fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
         law = fitted.law(request.calls)
         noted = replace(law.provenance, outcomes=(*law.provenance.outcomes, *outcomes_of_units(law)))

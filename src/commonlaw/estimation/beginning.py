@@ -524,7 +524,7 @@ def beginning_of(
 
 
 def with_values_of(law: Law, begun: Beginning) -> Beginning:
-    """Return a beginning whose first values are those of a law, as far as it has some that are not zero.
+    """Return a beginning whose first values are those of a law that was fitted, as far as it has some but zero.
 
     Of parameters that several objects share they are medians.
     """
@@ -540,7 +540,7 @@ def with_values_of(law: Law, begun: Beginning) -> Beginning:
                 by_unknown.setdefault(k, []).append(value)
     for k, several in by_unknown.items():
         first[k] = np.median(several)
-    return replace(begun, first=first)
+    return replace(begun, first=first, is_fitted=True)
 
 
 def refuse_zero_columns(model: Model, trials: Trials) -> None:

@@ -14,11 +14,12 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import Beginning, NoiseGiven, beginning_of
 from commonlaw.estimation.interchange import EqualMaximum, latent_states, with_fastest_latent_states
 from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, OneSided, one_sided
-from commonlaw.estimation.problem import NormalPrior
+from commonlaw.estimation.problem import NormalPrior, Problem
 from commonlaw.estimation.search import (
     DRAWS,
     EVENT_SHARES,
     GROWING_SHARES,
+    LACK_OF_FIT,
     REACH,
     Optimum,
     is_solved,
@@ -258,28 +259,42 @@ def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
     """Return the quantities whose residuals exceed the noise by differences of neighbouring samples, with both.
 
     Residuals are three times as large, and more than a fiftieth of the standard deviation of the measurements. Under
-    other errors than white noise, neighbouring differences are those of standardized residuals.
+    other errors than white noise, or noise that is known, neighbouring differences are those of standardized residuals.
     """
-    listed, schema, problem = list[str](), begun.trials.schema, begun.problem
-    for name, residual in zip(problem.model.observables, optimum.noise.tolist(), strict=True):
+    listed, schema, problem, levels = list[str](), begun.trials.schema, begun.problem, _levels(begun.problem, optimum)
+    apart = problem.known_noise | bool(problem.errors)
+    parts = [*problem.standardized(optimum.unknowns, optimum.noise, False)] if apart.any() else []
+    for k, name in enumerate(problem.model.observables):
         if name in begun.logarithmic or name not in schema.states or name in schema.noise_columns:
             continue
         columns = [(trial.times, trial.states[:, schema.states.index(name)]) for trial in begun.trials]
-        seen = [(times[kept], column[kept]) for times, column in columns if (kept := np.isfinite(column)).sum() >= 20]
+        seen = _long(columns)
         if not seen:
             continue
-        least = 0.02 * float(np.std(np.concatenate([column for _, column in seen])))
-        if problem.errors:
-            k, parts = (
-                problem.model.observables.index(name),
-                problem.standardized(optimum.unknowns, optimum.noise, False),
-            )
-            columns = [(part.trial.times, residual * part.z[:, k]) for part in parts]
-            seen = [(times[kept], z[kept]) for times, z in columns if (kept := np.isfinite(z)).sum() >= 20]
+        residual, least = float(levels[k]), 0.02 * float(np.std(np.concatenate([column for _, column in seen])))
+        if apart[k]:
+            seen = _long([(part.trial.times, levels[k] * part.z[:, k]) for part in parts])
+        if problem.known_noise[k]:
+            residual = float(np.sqrt(np.mean(np.concatenate([column for _, column in seen]) ** 2)))
         level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
-        if residual > max(3 * level, 0.0 if problem.errors else least):
+        if residual > max(LACK_OF_FIT * level, 0.0 if problem.errors else least):
             listed.append(f"{name}: {residual:.2g} (noise {level:.2g})")
     return listed
+
+
+def _long(columns: Sequence[tuple[Floats, Floats]]) -> list[tuple[Floats, Floats]]:
+    """Return the times and values of series that have twenty values or more."""
+    return [(times[kept], column[kept]) for times, column in columns if (kept := np.isfinite(column)).sum() >= 20]
+
+
+def _levels(problem: Problem, optimum: Optimum) -> Floats:
+    """Return the noise of each observable; where each measurement has its own, the median."""
+    levels = optimum.noise.copy()
+    for k in np.flatnonzero(problem.known_noise):
+        of_each = np.concatenate([(data.trial.std(levels) / data.trial.averaging)[:, k] for data in problem.trials])
+        known = np.concatenate([np.isfinite(data.trial.noise[:, k]) for data in problem.trials])
+        levels[k] = np.median(of_each[known])
+    return levels
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,12 +364,7 @@ class Fitted:
                 whole[product.equation, product.term] = float(product.value(values))
         support = np.any(coefficients != 0, axis=0)
         covariance, shared = self._covariance(products, support)
-        levels = optimum.noise.copy()
-        for k in np.flatnonzero(problem.known_noise):  # Where each measurement has its own, the median
-            of_each = np.concatenate([(data.trial.std(levels) / data.trial.averaging)[:, k] for data in problem.trials])
-            known_each = np.concatenate([np.isfinite(data.trial.noise[:, k]) for data in problem.trials])
-            levels[k] = np.median(of_each[known_each])
-        noise = dict(zip(problem.model.observables, levels.tolist(), strict=True))
+        noise = dict(zip(problem.model.observables, _levels(problem, optimum).tolist(), strict=True))
         noise_of = {
             name: {owner: noise[f"{name} of {group}"] for owner, group in group_of.items()}
             for name, group_of in groups.items()

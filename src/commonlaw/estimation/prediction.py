@@ -12,7 +12,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialData
-from commonlaw.estimation.search import Bounds, maximize, rough_noise, under_errors
+from commonlaw.estimation.search import LACK_OF_FIT, Bounds, Optimum, is_solved, maximize, rough_noise, under_errors
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.forecast.initial_state import MIN_SAMPLES, notes_of_few, notes_of_lost
 from commonlaw.forecast.prediction import initial_value_problems, wanted_times, with_discrepancy
@@ -32,6 +32,9 @@ from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, starts_by, with_logarithms, with_noise
 from commonlaw.trials.trial import property_names
+
+_FIRST = 8
+"""Measurements of a state from whose curve its initial rate is guessed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,11 +343,16 @@ class _Curve:
         noise = np.array([observed.levels.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
         unknowns = np.concatenate([values, np.zeros(model.width)])
         if free:
-            first, guessed = np.concatenate([values, observed.sizes])[free], np.zeros(len(free), dtype=np.bool_)
+            first = np.concatenate([values, observed.sizes])[free]
             names = (*model.parameters, *(f"{name}(0)" for name in model.variables.states))
             limits = np.array([limits_of(names[index], bounds_in(observed.restrictions.bounds)) for index in free])
             bounds, errors = Bounds(*limits.T), observed.law.uncertainty.error_model
-            optimum = maximize(problem, first, guessed, bounds, noise, 0, lambda _: None)
+            likely = _likely_starts(observed, trial, used)
+            near = np.array([likely.get(names[index], np.nan) for index in free])
+            optimum = _near_optimum(problem, near, bounds, noise)
+            if optimum is None:
+                nothing = np.zeros(len(free), dtype=np.bool_)
+                optimum = maximize(problem, first, nothing, bounds, noise, 0, lambda _: None)
             if errors:
                 optimum = under_errors(replace(problem, errors=errors), errors.kind, optimum, bounds)[1]
             unknowns[free] = optimum.unknowns
@@ -385,6 +393,39 @@ class _Curve:
             moved = [np.abs(self.problem.predicted(data, end, False).values - predicted.values) for end in self.ends]
             variance += (np.fmax.reduce([np.zeros_like(variance), *moved]) / two_sided(0.95)) ** 2
             return predicted.values, np.sqrt(np.maximum(variance, 0.0)), predicted.states, predicted.is_endless
+
+
+def _likely_starts(observed: ObservedLaw, trial: Trial, used: Bools) -> dict[str, float]:
+    """Return likely initial values and parameters of a trial, by name, as far as there are some.
+
+    They are those of the fit of the law, if the trial is one of its trials; else the first measurements of states, of
+    those that are used, and the slopes there.
+    """
+    model, names = observed.model, observed.observation.measured.states
+    result, rates = dict[str, float](), dict(state_rates(observed.law))
+    for name in (name for name in names if name not in observed.observation.equations and name in model.schema.states):
+        column = trial.states[:, names.index(name)]
+        rows = np.flatnonzero(used & np.isfinite(column))[:_FIRST]
+        if len(rows):
+            values = np.exp(column[rows]) if name in observed.observation.measured.logarithmic else column[rows]
+            result[f"{name}(0)"] = float(values[0])
+            if name in rates and len(rows) > 1:
+                times = trial.times[rows] - trial.times[rows[0]]
+                result[f"{rates[name]}(0)"] = float(np.polyfit(times, values, min(2, len(rows) - 1))[-2])
+    of_trial = (trial.object, trial.name)
+    fitted = observed.law.trial_estimates
+    return result | {each.name: each.value for each in fitted if (each.object, each.trial) == of_trial}
+
+
+def _near_optimum(problem: Problem, near: Floats, bounds: Bounds, noise: Floats) -> Optimum | None:
+    """Return the optimum to which likely first values lead; None where some are unknown, or it has a lack of fit."""
+    near = np.clip(near, bounds.low, bounds.high)
+    if not np.isfinite(near).all() or not is_solved(problem, near):
+        return None
+    known = np.ones(len(near), dtype=np.bool_)
+    optimum = maximize(problem, near, known, bounds, noise, 0, lambda _: None, draws=1)
+    squares = np.concatenate([part.z[part.seen] for part in problem.standardized(optimum.unknowns, noise, False)]) ** 2
+    return optimum if len(squares) and np.mean(squares) < LACK_OF_FIT**2 else None
 
 
 def _default_start(observed: ObservedLaw, trial: Trial, used: Bools) -> int | Literal["all"]:

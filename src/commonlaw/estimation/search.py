@@ -36,6 +36,8 @@ REACH = 16.0
 STEPS_PER_SAMPLE, ROUGH_SHARE = 500, 5
 """Steps of a solution for each sample of the longest trial, and how many times fewer a rough one may take: what
 oscillates, or has events, so often between samples is not estimated by these."""
+LACK_OF_FIT = 3.0
+"""Times the noise that residuals are where solutions do not fit."""
 _TINY = float(np.finfo(np.float64).tiny)
 """In place of zero, whose logarithm and inverse are infinite."""
 

@@ -201,10 +201,11 @@ def _estimates_apart(document: dict[str, Any], observation: dict[str, Any]) -> d
         part if isinstance(part, dict) else {}
         for part in (observation.get("measured"), document.get("uncertainty"), document.get("provenance"))
     )
-    names, known = measured.get("states"), {name: observation.get(name) for name in _OF_OBSERVATION}
+    empty: dict[str, Any] = {key: {} for key in _OF_OBSERVATION} | {"estimated": [], "log_likelihood": None}
+    names, known = measured.get("states"), {name: observation.get(name, part) for name, part in empty.items()}
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         return {}
-    noise, degrees = ({} if each is None else each for each in (known["noise"], known["degrees_of_freedom"]))
+    noise, degrees = known["noise"], known["degrees_of_freedom"]
     for levels in (noise, degrees):
         if not isinstance(levels, dict) or not all(isinstance(level, int | float) for level in levels.values()):
             raise CommonlawError("not-a-law", error="levels of noise are not numbers")
@@ -213,17 +214,17 @@ def _estimates_apart(document: dict[str, Any], observation: dict[str, Any]) -> d
     every = sum(degrees.values())
     levels_now = {
         "noise": [noise[name] for name in names] if {*names} <= {*noise} else None,
-        "noise_of": known["noise_of"] or {},
+        "noise_of": known["noise_of"],
         "degrees_of_freedom": [degrees.get(name, every) for name in names] if degrees else None,
     }
     domain = provenance.get("domain")
-    found = {"domain": {**(domain if isinstance(domain, dict) else {}), "sizes": known["sizes"] or {}}}
+    found = {"domain": {**(domain if isinstance(domain, dict) else {}), "sizes": known["sizes"]}}
     return {
         "observation": {name: value for name, value in observation.items() if name not in _OF_OBSERVATION},
         "uncertainty": {**uncertainty, **levels_now},
         "provenance": {**provenance, **found, "log_likelihood": known["log_likelihood"]},
         "scheme": "shooting",
-        "trial_estimates": known["estimated"] or [],
+        "trial_estimates": known["estimated"],
     }
 
 
