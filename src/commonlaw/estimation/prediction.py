@@ -414,7 +414,9 @@ def _likely_starts(observed: ObservedLaw, trial: Trial, used: Bools) -> dict[str
                 result[f"{rates[name]}(0)"] = float(np.polyfit(times, values, min(2, len(rows) - 1))[-2])
     of_trial = (trial.object, trial.name)
     fitted = observed.law.trial_estimates
-    return result | {each.name: each.value for each in fitted if (each.object, each.trial) == of_trial}
+    return result | {
+        estimate.name: estimate.value for estimate in fitted if (estimate.object, estimate.trial) == of_trial
+    }
 
 
 def _near_optimum(problem: Problem, near: Floats, bounds: Bounds, noise: Floats) -> Optimum | None:

@@ -218,11 +218,11 @@ def _estimates_apart(document: dict[str, Any], observation: dict[str, Any]) -> d
         "degrees_of_freedom": [degrees.get(name, every) for name in names] if degrees else None,
     }
     domain = provenance.get("domain")
-    found = {"domain": {**(domain if isinstance(domain, dict) else {}), "sizes": known["sizes"]}}
+    sized = {"domain": {**(domain if isinstance(domain, dict) else {}), "sizes": known["sizes"]}}
     return {
         "observation": {name: value for name, value in observation.items() if name not in _OF_OBSERVATION},
         "uncertainty": {**uncertainty, **levels_now},
-        "provenance": {**provenance, **found, "log_likelihood": known["log_likelihood"]},
+        "provenance": {**provenance, **sized, "log_likelihood": known["log_likelihood"]},
         "scheme": "shooting",
         "trial_estimates": known["estimated"],
     }
