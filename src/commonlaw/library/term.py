@@ -402,8 +402,10 @@ class Terms:
         """Return values of measured variables, shape (n, variables), followed by parameters from the coefficients."""
         if not self.parameters:
             return values
-        parameters = coefficients[:, list(self.parameters)].sum(axis=0)
-        return np.column_stack([values, np.broadcast_to(parameters, (len(values), len(parameters)))])
+        measured = values.shape[1]
+        result = np.empty((len(values), measured + len(self.parameters)))
+        result[:, :measured], result[:, measured:] = values, coefficients[:, list(self.parameters)].sum(axis=0)
+        return result
 
     def index(self, name: str) -> int:
         """Return the index of the term of that name, without spaces or with stars: ``x^2 v`` is also ``x**2*v``.

@@ -74,6 +74,11 @@ class _Profile:
         return np.asarray(np.isnan(self.known) & ~self.terms.is_factor)
 
     @cached_property
+    def _fixed(self) -> Floats:
+        """The known coefficients, and zero where they are estimated."""
+        return np.nan_to_num(self.known)
+
+    @cached_property
     def bases(self) -> list[str]:
         """Code of the bases of powers with estimated exponents, as K and x of ``K^n + x^n``."""
         return [write(power.left) for power in _estimated_powers(self.terms)]
@@ -101,7 +106,7 @@ class _Profile:
 
     def _columns(self, parameters: Floats) -> Floats:
         """Return the variables and parameters along the trials, shape (variables, n)."""
-        coefficients = np.nan_to_num(self.known)
+        coefficients = self._fixed.copy()
         coefficients[self.inside] = parameters
         return self.terms.at(self.values, coefficients).T
 
@@ -110,7 +115,7 @@ class _Profile:
 
         They are NaN unless all parameters are factors of terms.
         """
-        coefficients, factors = np.nan_to_num(self.known), self.terms.is_factor
+        coefficients, factors = self._fixed.copy(), self.terms.is_factor
         coefficients[self.inside] = 1.0
         library = self.terms.evaluate(self.terms.at(self.values, coefficients))
         columns = [self.terms.parameters.index(k) for k in np.argwhere(self.inside)[:, 1]]
@@ -149,7 +154,7 @@ class _Profile:
 
         Residuals are infinite if a term is not finite.
         """
-        result = np.nan_to_num(self.known)
+        result = self._fixed.copy()
         result[self.inside] = parameters
         library = self.terms.evaluate(self.terms.at(self.values, result))
         if not np.isfinite(library).all():
@@ -331,6 +336,8 @@ class _Grid:
             swept = [self._swept(profiles, parameters) for parameters in best]
             swept_alone = in_parallel(lambda profile: [self._swept([profile], start) for start in swept[:1]], profiles)
         together = self._best(profiles, deviances.sum(axis=0), swept)[: settings.MAX_KEPT]
+        if len(profiles) == 1 and not swept and together:  # The first is the best of the only object too
+            return [np.array([profiles[0].fitted(parameters)[0]]) for parameters in reversed(together)]
         alone = in_parallel(
             lambda profile, deviance, more: self._best([profile], deviance, [*swept, *more])[:1],
             profiles,
