@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import openpyxl
@@ -10,6 +11,7 @@ from scipy.optimize import brentq
 
 import commonlaw as cl
 from commonlaw.app.result import _editable, _table
+from commonlaw.estimation.one_sided import one_sided
 from commonlaw.experiments.design import suggestions
 from commonlaw.law import average_law, from_json, select_objects, to_json, to_latex
 from commonlaw.law.pooling import by_properties, contrasts
@@ -63,6 +65,16 @@ def test_the_limit_is_where_the_profile_in_closed_form_has_it(law):
     # Others are those of the samples after the first one, in which nothing is left of the beginning
     assert estimates(law)["c"] == pytest.approx((FAST[1:].mean(), NOISE / np.sqrt(len(FAST) - 1)), rel=1e-4)
     assert estimates(law)["a"] == pytest.approx((FAST[0], NOISE), rel=1e-4)
+
+
+def test_the_limit_of_a_shared_parameter_is_searched_once(monkeypatch):
+    search = Mock(wraps=one_sided)
+    monkeypatch.setattr("commonlaw.estimation.profile.one_sided", search)
+    heights = 20 * np.exp(-0.02 * TIMES) + np.random.default_rng(1).standard_normal((3, len(TIMES)))
+    trials = cl.Trials.from_arrays([TIMES] * 3, [*heights], object=["a", "b", "c"], names=["x"])
+    law = cl.fit("x' = -k x", trials, shared="k", noise={"x": 20.0})
+    assert law.params["standard error"].iloc[0] > law.params["estimate"].iloc[0]
+    assert search.call_count == 1
 
 
 @pytest.mark.parametrize("rate", [1.2, 2.0, 30.0])
@@ -288,6 +300,7 @@ def test_small_coefficients_of_either_sign_have_both_limits():
     assert law.uncertainty.limits == ()
 
 
+@pytest.mark.slow
 def test_a_lag_too_short_to_be_solved_has_an_upper_limit():
     times = 0.5 * np.arange(20)
     step, random = np.where(times >= 5.0, 2.0, 0.0), np.random.default_rng(0)

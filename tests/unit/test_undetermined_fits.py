@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.estimation.profile import one_sided_limit
 from commonlaw.integration import integrate
 from commonlaw.integration.shooting import shoot
 from commonlaw.summary import parameters_caption
@@ -141,10 +140,10 @@ def test_of_a_rate_too_fast_to_be_measured_only_a_limit_is_given():
     trials = _trials(times, 20 + 80 * np.exp(-1000 * times) + noise)
     law = cl.fit("x' = -k (x - c)", trials)
     assert "one-sided-limit" in {note.code for note in law.diagnostics}
-    limit = one_sided_limit(law, trials, "k")
+    (limit,) = law.uncertainty.limits
+    assert limit.parameter == "k"
     # What is left of 80 after a step, between half of the noise and four times that
     assert np.log(80 / 0.04) / step < limit.value < np.log(80 / 0.005) / step
-    assert one_sided_limit(law, trials, "c") is None
 
 
 def test_a_coefficient_that_may_be_zero_has_two_limits():
@@ -154,7 +153,7 @@ def test_a_coefficient_that_may_be_zero_has_two_limits():
     law = cl.fit("x' = -k (x - c) + b x^2", trials)
     b = law.params.set_index("parameter").loc["b"]
     assert abs(b["estimate"]) < 2 * b["standard error"]
-    assert one_sided_limit(law, trials, "b") is None
+    assert law.uncertainty.limits == ()
     assert "one-sided-limit" not in {note.code for note in law.diagnostics}
 
 

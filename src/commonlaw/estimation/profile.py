@@ -9,7 +9,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.beginning import Beginning, beginning_of
 from commonlaw.estimation.fitting import notes_of_limits
-from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, one_sided
+from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, OneSided, one_sided
 from commonlaw.estimation.search import Objective, minimum
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
@@ -119,41 +119,43 @@ def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginn
     return begun, index, known
 
 
-def one_sided_limit(law: Law, trials: Trials, parameter: str, name: str | None = None) -> OneSidedLimit | None:
-    """Return the limit of a parameter that has no other one, such as a rate too fast to be measured; None of others.
-
-    See `commonlaw.estimation.one_sided`. The law and its trials are those of `likelihood_profile`, with the same
-    refusals.
-    """
-    owner = only_object(law, name)
-    begun, index, known = _begun(law, trials, parameter, owner)
-    if known is None:
-        return None
-    parameters = named_parameters(law)
-    error = float(parameters.errors[law.objects.index(owner), parameters.names.index(parameter)])
-    degrees = _degrees_of_freedom(law, parameter)
-    limit = one_sided(begun.problem, begun.first, known, begun.bounds, index, error, degrees)
-    return None if limit is None else OneSidedLimit(owner, parameter, limit.limit, limit.is_lower)
-
-
 def with_one_sided_limits(law: Law, trials: Trials) -> Law:
     """Return a law with the limits, and notes on these, of the least certain parameters that have only one.
 
-    Where the likelihood of a law has no profile, as in discrete time or with terms of each object, there are none.
+    Such is a rate too fast to be measured, see `commonlaw.estimation.one_sided`. Where the likelihood of a law has no
+    profile, as in discrete time or with terms of each object, there are none.
     """
     parameters, limits = named_parameters(law), list[OneSidedLimit]()
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.nan_to_num(parameters.errors / np.abs(parameters.values))
     ranked = np.argsort(-relative, axis=None, kind="stable")[:MAX_PROFILES]
     unsure = zip(*np.unravel_index(ranked[relative.flat[ranked] > VAGUE], relative.shape), strict=True)
+    of_unknowns = dict[tuple[tuple[str, ...], int], OneSided | None]()  # Objects may share an unknown
     for o, p in unsure if shares_terms(law) else ():
+        owner, name = law.objects[o], parameters.names[p]
         with suppress(CommonlawError):
-            limit = one_sided_limit(law, trials, parameters.names[p], law.objects[o])
-            limits += [] if limit is None else [limit]
+            begun, index, known = _begun(law, trials, name, owner)
+            unknown = tuple(trial.object for trial in begun.trials), index
+            if unknown not in of_unknowns:
+                of_unknowns[unknown] = _one_sided(law, begun, index, known, name, owner)
+            limit = of_unknowns[unknown]
+            limits += [] if limit is None else [OneSidedLimit(owner, name, limit.limit, limit.is_lower)]
     others = [outcome for outcome in law.provenance.outcomes if outcome.code != "one-sided-limit"]
     outcomes = (*others, *notes_of_limits(limits, law.objects))
     uncertainty = replace(law.uncertainty, limits=tuple(limits))
     return replace(law, uncertainty=uncertainty, provenance=replace(law.provenance, outcomes=outcomes))
+
+
+def _one_sided(
+    law: Law, begun: Beginning, index: int, known: Floats | None, parameter: str, owner: str
+) -> OneSided | None:
+    """Return the limit of an unknown, the parameter of an object, under noise that is known; None of others."""
+    if known is None:
+        return None
+    parameters = named_parameters(law)
+    error = float(parameters.errors[law.objects.index(owner), parameters.names.index(parameter)])
+    degrees = _degrees_of_freedom(law, parameter)
+    return one_sided(begun.problem, begun.first, known, begun.bounds, index, error, degrees)
 
 
 def _degrees_of_freedom(law: Law, parameter: str) -> float:
