@@ -11,6 +11,8 @@ import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
 from tests.ordinary_tables import ORDINARY
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 
 @pytest.fixture
 def cups(tmp_path):
@@ -274,7 +276,9 @@ def test_a_table_of_generations_hints_at_the_option_for_discrete_time(run, tmp_p
     assert "discrete time" not in err
 
 
-@pytest.mark.parametrize("kind", ORDINARY)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind == "driven")) for kind in ORDINARY]
+)
 def test_a_table_alone_gives_its_law(done, tmp_path, kind):
     (tmp_path / "table.csv").write_text(ORDINARY[kind].table())
     out = done("discover", "table.csv", "--save", "law.json")

@@ -20,6 +20,8 @@ from commonlaw.law.parameters import named_parameters
 from commonlaw.likelihood import ERRORS
 from tests.simulations import simulated
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 LIMITS = {
     "estimates": 1e-3,
     "standard errors": 5e-4,

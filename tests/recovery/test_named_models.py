@@ -8,6 +8,8 @@ from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 SIMULATED = {
     "exponential-growth": ([1.0], {"r": 0.5}, 4),
     "logistic": ([0.1], {"r": 0.8, "K": 2.0}, 12),

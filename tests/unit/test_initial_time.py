@@ -16,6 +16,8 @@ from commonlaw.law.script import to_script
 from commonlaw.report.markup import law_markdown
 from tests.refusals import refused
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 HOURS = np.array([1.0, 2.0, 3.0, 5.0, 8.0, 12.0])
 BOLUS = "c' = -k c; c(0) = 100/V"
 

@@ -24,6 +24,8 @@ from commonlaw.trials.transformations import with_doses
 from tests.refusals import refused
 from tests.simulations import drawn
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 METHODS = ["scipy"] + (["heyoka"] if find_spec("heyoka") else [])
 TIMES = np.cumsum(np.random.default_rng(0).uniform(0.2, 1.5, 13)) + 100
 VALUES = np.random.default_rng(1).uniform(0, 2, (13, 2))

@@ -15,6 +15,8 @@ from commonlaw.trials import Trial, Trials, TrialStream, stream
 from studies.falling_balls.plots import plot_displacement, plot_strobe
 from tests.refusals import refused
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 ROLES = {"object": "object", "trial": "trial", "time": "t", "states": ["x", "y"]}
 
 

@@ -23,6 +23,8 @@ from commonlaw.trials.trial import Dose
 from commonlaw.verdict import find
 from tests.refusals import refused
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 ONE = "DV' = -k DV + AMT/V"
 
 

@@ -14,6 +14,8 @@ from commonlaw.estimation.beginning import begin
 from commonlaw.estimation.doses import with_doses_in_equations
 from commonlaw.estimation.model import ModelText
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 
 @dataclass(frozen=True)
 class Kinetics:
@@ -186,7 +188,7 @@ def test_predictions_of_drawn_tables(seed):
     assert difference < 1e-5
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", [pytest.param(3, marks=pytest.mark.slow), 4])
 def test_estimates_of_drawn_tables(seed):
     assert fitted_difference(seed) < 0.1
 

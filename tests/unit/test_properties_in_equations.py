@@ -8,6 +8,8 @@ import commonlaw as cl
 from commonlaw.law.parameters import named_parameters
 from tests.refusals import refused
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 NOISE = 0.01
 """Of measurements, in the size of the population."""
 

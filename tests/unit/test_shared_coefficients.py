@@ -22,6 +22,8 @@ from commonlaw.trials import Schema
 from tests.refusals import refused
 from tests.simulations import drawn
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 HOURS = np.array([0.25, 0.5, 0.75, 1, 1.25, 2, 3, 4, 5, 6, 8])
 DAYS = np.linspace(0, 40, 21)
 SWALLOWED = np.array([0, 0.25, 0.5, 0.75, 1, 1.5, 2, 3, 4, 6, 8, 10, 12.0])

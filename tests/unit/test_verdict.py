@@ -9,6 +9,8 @@ import pytest
 import commonlaw as cl
 from commonlaw import datasets
 
+pytestmark = pytest.mark.usefixtures("few_starts")
+
 
 @pytest.fixture(scope="module")
 def drops():
