@@ -203,6 +203,7 @@ def test_falls_and_drops_are_compared_with_their_truth():
     assert discrepancy.claimed(0)[0] == 0
 
 
+@pytest.mark.slow
 def test_a_small_problem_is_the_same_for_a_seed_and_its_terms_are_as_sure_as_its_kind_says():
     strong, weak = (next(each for each in small_problems.KINDS if each.weak is wanted) for wanted in (False, True))
     problem = small_problems.draw(strong, 4)

@@ -45,6 +45,7 @@ def test_rounded_measurements_lie_on_a_scale():
     assert np.abs(errors_of("rounded")).max() <= LEVELS["rounded"] / 2 + 1e-9
 
 
+@pytest.mark.slow
 def test_a_smooth_force_has_its_size_and_length(monkeypatch):
     monkeypatch.setattr(error_models, "BESIDE", 0.0)
     coefficients = np.repeat(KNOWN.coefficients, 2, axis=0)

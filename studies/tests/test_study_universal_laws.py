@@ -7,6 +7,8 @@ from studies.falling_balls.inquiry import Inquiry
 from studies.falling_balls.settings import SEED
 from studies.falling_balls.universal_laws import universal_laws
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def results(drops):

@@ -175,7 +175,7 @@ CASES = {
     "by weight": Case("x' = -k*x; level = x/(W*mass); x(0) = 10", {"k": 0.5, "W": 4.0}, masses=MASSES),
 }
 QUICK = (
-    "property", "spring", "saturation", "lag", "batch", "found inverse", "found by mass", "driven", "absorption",
+    "property", "spring", "saturation", "batch", "found inverse", "found by mass", "driven", "absorption",
     "refill", "moment", "concentration",
 )  # fmt: skip
 

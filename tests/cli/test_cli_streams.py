@@ -92,7 +92,7 @@ def test_what_needs_all_trials_at_once_reads_the_files_of_a_pattern(done, words,
             "2 held-out trials of 1 object",
             marks=pytest.mark.slow,
         ),
-        (["--learn-until", "1"], "6 trials of 2 objects"),
+        pytest.param(["--learn-until", "1"], "6 trials of 2 objects", marks=pytest.mark.slow),
     ],
 )
 def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials):

@@ -94,7 +94,9 @@ QUICK = ["--order", "2", "--library", "poly:1", "--set", "solver=group-stlsq:1.5
     [
         (["data", "export", "--save", f"{BYTES}.parquet"], f"{BYTES}.parquet"),
         (["discover", *QUICK, *(f"--save={BYTES}.{kind}" for kind in ("json", "svg", "html"))], f"{BYTES}.html"),
-        (["discover", *QUICK, "--each", "--save", f"{BYTES}-all.csv"], f"{BYTES}-all.csv"),
+        pytest.param(
+            ["discover", *QUICK, "--each", "--save", f"{BYTES}-all.csv"], f"{BYTES}-all.csv", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_a_name_of_a_file_may_be_any_bytes(run, tmp_path, words, written):

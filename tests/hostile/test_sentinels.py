@@ -225,11 +225,13 @@ def test_a_text_of_a_saved_law_runs_nowhere(number, step):
         check_script(to_script(law, "trials.csv"))
 
 
-@pytest.mark.parametrize("sentinel", SENTINELS, ids=range(len(SENTINELS)))
-def test_a_name_in_a_saved_law_runs_nowhere(sentinel):
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", range(len(SENTINELS)))
+def test_a_name_in_a_saved_law_runs_nowhere(number, step):
+    sentinel = SENTINELS[number]
     law = Law.from_text("x' = -k x + u; y' = x - y", {"k": 0.5}, inputs=("u",))
     document = json.loads(to_json(law))
-    for name in ("x", "y", "u", "object", "k", "t"):
+    for name in ("x", "y", "u", "object", "k", "t")[number % step :: step]:
         changed = planted_everywhere(document, name, sentinel)
         quoted = "`" + sentinel.replace("`", "``") + "`"
         changed["terms"] = [quoted if term in (name, sentinel) else term for term in document["terms"]]

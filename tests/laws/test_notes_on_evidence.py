@@ -23,7 +23,9 @@ def test_trials_of_few_samples_can_agree_by_chance():
     assert not any("copy" in finding for finding in short.check().findings)
 
 
-@pytest.mark.parametrize("method", [cl.DerivativeRegression(solver="group-stlsq:1"), cl.TrajectoryLikelihood()])
+@pytest.mark.parametrize(
+    "method", [cl.DerivativeRegression(solver="group-stlsq:1"), cl.TrajectoryLikelihood(errors="white")]
+)
 @pytest.mark.parametrize(("trials", "count"), [(DROPS, 0), (COPIED, 2)])
 def test_a_law_of_copied_trials_says_so(trials, count, method):
     law = cl.discover(trials, order=2, library="poly:1", method=method)

@@ -107,8 +107,8 @@ def test_there_are_as_many_threads_as_other_numerical_libraries_take(monkeypatch
 
 @pytest.mark.usefixtures("switching")
 def test_a_law_is_the_same_for_any_number_of_threads():
-    drag = tuple(np.linspace(-0.7, -0.1, 8).tolist())
-    trials = cl.datasets.linear_drag(drag=drag, noise=0.05, trials=1)
+    drag = tuple(np.linspace(-0.7, -0.1, 5).tolist())
+    trials = cl.datasets.linear_drag(drag=drag, noise=0.05, samples=30, trials=1)
     laws = [
         cl.discover(trials, order=2, library="poly:2", method=cl.TrajectoryLikelihood(n_jobs=n_jobs), cache=False)
         for n_jobs in (1, 4)
@@ -117,7 +117,7 @@ def test_a_law_is_the_same_for_any_number_of_threads():
 
 
 def test_laws_fitted_and_compared_are_the_same_for_any_number_of_threads():
-    trials = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), noise=0.05)
+    trials = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), noise=0.05, samples=30, trials=1)
     texts, found = ("x'' = a + b v", "x'' = a"), []
     for n_jobs in (1, 3):
         laws = {text: cl.fit(text, trials, n_jobs=n_jobs) for text in texts}

@@ -260,7 +260,9 @@ def test_without_a_solver_the_law_is_chosen_and_the_candidates_are_shown(drops, 
     assert cl.Law.load(tmp_path / "law.json").provenance.alternatives == law.provenance.alternatives
 
 
-@pytest.mark.parametrize("rule", ["held-out", "aic", "aicc", "bic", "ebic"])
+@pytest.mark.parametrize(
+    "rule", ["held-out", "bic", *(pytest.param(rule, marks=pytest.mark.slow) for rule in ("aic", "aicc", "ebic"))]
+)
 def test_a_solver_without_its_setting_offers_its_path_to_any_rule(rule):
     pairs = cl.datasets.lotka_volterra()
     law = cl.discover(

@@ -238,6 +238,7 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     )
 
 
+@pytest.mark.slow
 def test_noise_in_proportion_is_found_where_few_samples_of_a_fast_decay_hide_it():
     times, random, states = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 2.0, 3.0, 4.0]), np.random.default_rng(1), []
     for _ in range(6):

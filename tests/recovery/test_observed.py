@@ -77,6 +77,7 @@ def test_squares_with_all_terms_are_those_of_noise_for_any_parameters(lakes):
     assert squares[0] / rows == pytest.approx(1, abs=4 * np.sqrt(2 / rows))
 
 
+@pytest.mark.slow
 def test_fixed_coefficients_stay_and_the_others_are_estimated():
     trials, truth = measured(eaten=0.75)
     known, library = {("z", "x*z"): 0.75}, "terms:x,z,x*z"

@@ -95,6 +95,7 @@ def test_terms_with_constants_inside_are_sought_again_where_noise_is_in_proporti
     assert np.sum((found - states) ** 2) < 0.05 * np.sum((states - states.mean(axis=0)) ** 2)
 
 
+@pytest.mark.slow
 def test_central_forces_come_before_polynomials_of_higher_degree():
     def rates(_, z):
         return [z[2], z[3], *(-z[:2] / np.hypot(*z[:2]) ** 3)]

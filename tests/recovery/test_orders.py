@@ -101,7 +101,10 @@ def test_a_law_of_second_order_whose_coefficients_are_within_their_errors_gives_
     assert discover(enzymes).structure == ("x' = a x/(K + x)",)
 
 
-@pytest.mark.parametrize(("settings", "order"), [({"library": "terms:1,v"}, 2), ({"log_states": ["x"]}, 1)])
+@pytest.mark.parametrize(
+    ("settings", "order"),
+    [({"library": "terms:1,v"}, 2), pytest.param({"log_states": ["x"]}, 1, marks=pytest.mark.slow)],
+)
 def test_an_order_of_which_no_law_can_be_found_is_left_out(settings, order):
     method = cl.TrajectoryLikelihood(log_states=settings.pop("log_states", ()))
     times = np.linspace(0, 4, 60)

@@ -37,7 +37,9 @@ def law():
     return recovered("enzymes")[0]
 
 
-@pytest.mark.parametrize("library", ["poly:1 + saturating", "poly:1 + ratio(poly:1, poly:1)"])
+@pytest.mark.parametrize(
+    "library", ["poly:1 + saturating", pytest.param("poly:1 + ratio(poly:1, poly:1)", marks=pytest.mark.slow)]
+)
 def test_coefficients_that_are_known_stay_in_laws_with_constants_inside(library):
     def rates(t, s, rate, half):
         return saturation(t, s, rate, half) + 0.3
@@ -196,11 +198,12 @@ def test_a_drive_of_unknown_phase_has_one_frequency_as_accurate_as_by_its_soluti
 @pytest.mark.parametrize(
     ("rates", "starts", "family", "expected"),
     [
-        (
+        pytest.param(
             lambda x, v: -1.7 * x - 0.15 * v / (0.1 + abs(v)),
             ((2.0, 0.0), (-1.0, 1.0)),
             "friction:v",
             "x'' = a x + b v/(e + abs(v))",
+            marks=pytest.mark.slow,
         ),
         (
             lambda x, _: -1.6 * (np.exp(-0.9 * x) - np.exp(-1.8 * x)),

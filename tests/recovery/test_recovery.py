@@ -23,15 +23,20 @@ _SHARED = {
 _SLOW = (
     "decay, without a latent state",
     "driven, unmeasured",
+    "fit, free start",
     "gompertz, auto",
     "linear terms of a Duffing oscillator",
+    "lorenz",
     "lorenz, screened terms",
+    "measured drops, linear drag",
     "power, auto",
     "predators, many terms",
     "refine",
     "relaxation, correlated",
     "spring, gp-forcing",
+    "spring, proportional",
     "spring, random-walk",
+    "spring, white",
     "van der Pol, many samples",
 )
 

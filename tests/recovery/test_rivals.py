@@ -48,7 +48,8 @@ def test_what_ranks_ahead_of_a_law_is_fitted_and_taken(beginning):
     assert best.score < fit.score
 
 
-@pytest.mark.parametrize("seed", [20, pytest.param(25, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [20, 25])
 def test_a_law_is_reached_from_those_that_noisy_data_suggest(seed):
     """From ``a x`` two terms away, with the seed 20, and from one that needs odd starts where trials start alike."""
     first = first_trials("heights of balls", seed)

@@ -34,7 +34,7 @@ def test_as_many_terms_as_samples_can_tell_apart_are_said_to_be_so():
     assert "few samples" not in {diagnostic.kind for diagnostic in more.diagnostics}
 
 
-@pytest.mark.parametrize("samples", [2, 3, 4, 5, 7])
+@pytest.mark.parametrize("samples", [2, *(pytest.param(count, marks=pytest.mark.slow) for count in (3, 4)), 5, 7])
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_single_short_trial_gives_a_law_and_says_what_noise_was_assumed(samples, order):
     times = np.linspace(0, 2, samples)

@@ -33,7 +33,7 @@ def switches():
 
 
 def test_an_object_that_does_not_tell_a_constant_leaves_others_as_they_are_and_takes_it_from_them(switches):
-    law, alone = (cl.fit(SWITCH, switches, partial_pooling=pooling) for pooling in (True, False))
+    law, alone = (cl.fit(SWITCH, switches, partial_pooling=pooling, errors="white") for pooling in (True, False))
     parameters = named_parameters(law)
     values = parameters.values[:, [parameters.names.index(name) for name in PARAMETERS]]
     truth = np.array(list(OWN.values()))
@@ -42,7 +42,7 @@ def test_an_object_that_does_not_tell_a_constant_leaves_others_as_they_are_and_t
     values[:, 3] = np.abs(values[:, 3])
     assert (np.abs(values - truth)[:4] < 4 * errors[:4]).all()
     assert values[4, 3] == pytest.approx(0.6, abs=0.2)
-    again = cl.refine(law, switches, partial_pooling=True)
+    again = cl.refine(law, switches, partial_pooling=True, errors="white")
     np.testing.assert_allclose(again.coefficients, law.coefficients, rtol=0.1)
     (outcome,) = (diagnostic for diagnostic in alone.diagnostics if diagnostic.kind == "not identifiable")
     assert outcome.where == "E"

@@ -100,9 +100,10 @@ LAWS: dict[str, tuple[Any, ...]] = {
         ("S", "I"),
     ),
 }
+SLOW = ("a driver of unknown frequency", "Hill")
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in LAWS])
 def test_constants_are_found_from_nothing_but_the_text(law):
     text, function, objects, starts, times, states = LAWS[law]
     found = cl.fit(text, simulated(function, objects, starts, times, 0.01, states))
@@ -324,6 +325,7 @@ def test_constants_have_the_units_that_make_sums_and_functions_possible(text, un
         assert unit is None or parse_unit(found[name] or "dimensionless") == parse_unit(unit or "dimensionless")
 
 
+@pytest.mark.slow
 def test_an_unknown_frequency_and_an_unknown_period_are_found():
     times = np.linspace(0, 40, 80)
     motion = 3 + np.cos(0.3 * times) + 0.5 * np.sin(1.1 * times)
@@ -372,7 +374,7 @@ def test_combinations_of_many_parameters_are_drawn():
     assert grid_product([np.array([1.0, 2.0]), np.array([3.0, 4.0])]).tolist() == [[1, 3], [1, 4], [2, 3], [2, 4]]
 
 
-@pytest.mark.parametrize("text", ["x' = tan(0.5/w)", "x' = exp(w x)"])
+@pytest.mark.parametrize("text", [pytest.param("x' = tan(0.5/w)", marks=pytest.mark.slow), "x' = exp(w x)"])
 def test_parameters_at_the_end_of_numbers_are_refused_without_a_warning(text):
     """The angle is constant; the variance overflows."""
     times = np.linspace(0, 2, 12)

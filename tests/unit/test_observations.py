@@ -89,8 +89,10 @@ REFINED = {
     ),
 }
 
+SLOW = [text for text in REFINED if "step" in text or "b > 0.2" in text]
 
-@pytest.mark.parametrize("text", REFINED)
+
+@pytest.mark.parametrize("text", [pytest.param(text, marks=[pytest.mark.slow] * (text in SLOW)) for text in REFINED])
 def test_a_law_is_refined_as_it_was_fitted(text, tmp_path):
     settings, curve = REFINED[text]
     source, inputs = np.random.default_rng(31), ("u",) * ("u(t" in text)

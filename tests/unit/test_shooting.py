@@ -124,6 +124,7 @@ def test_a_solution_that_runs_away_is_not_a_number_after_it():
     assert np.isnan(found.derivatives[2]).all()
 
 
+@pytest.mark.parametrize("engine", ["compiled", pytest.param("numpy", marks=pytest.mark.slow)], indirect=True)
 @pytest.mark.usefixtures("engine")
 def test_a_solution_that_slides_along_a_switch_ends_there():
     code = program("1 - 2*v3", "v0 - v2", variables=4)
