@@ -1,21 +1,28 @@
 """Collocation and shooting state the same of one law, however it is spelled.
 
 Equations alone are fitted by collocation; with a start, ``x(0) = h``, or if it is asked for, by shooting. Where the
-models are the same, so are the laws, but for what `DIFFERENCES` and `REFUSED` list.
+models are the same, so are the laws, but for what `REFUSED` lists.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from random import Random
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from scipy import optimize
+from scipy import integrate, optimize
 
 import commonlaw as cl
+from commonlaw.estimation.fitting import refit
 from commonlaw.estimation.profile import likelihood_profile
+from commonlaw.inference.fit.convergence import converged
+from commonlaw.inference.score.score import Score
+from commonlaw.inference.score.trajectories import TrajectoryScore
+from commonlaw.inference.search.error_models import with_error_models
+from commonlaw.inference.search.law_search import fit_terms
+from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.verbs.comparison import score_of_fit, written_alike
 from commonlaw.law.parameters import named_parameters
 from commonlaw.likelihood import ERRORS
 from tests.simulations import simulated
@@ -325,41 +332,11 @@ def test_both_schemes_weigh_outliers_alike(options):
         assert np.all(np.abs(named_parameters(shot).values[:, 0] - true) < 3 * named_parameters(shot).errors[:, 0])
 
 
-class Difference(NamedTuple):
-    """Why the two ways to one law differ, and by how much today, in the units of `LIMITS` or twice the log-evidence."""
-
-    reason: str
-    size: Callable[[], float]
-    today: float
-
-
-def _of_evidence(less: str, more: str) -> float:
-    trials = falling.trials()
-    plain = [falling.fit(trials, equations) for equations in (less, more)]
-    shot = [falling.shoot(trials, law.provenance.equations[0]) for law in plain]
-    gains = [_above(laws, trials) @ (1, -1) for laws in (plain, shot)]
-    return float(abs(gains[1] - gains[0]))
-
-
-def _of_order() -> float:
-    trials = relaxation.trials()
-    return float(
-        np.ptp(_above([relaxation.fit(trials, text) for text in ("x' = k a - k x", "x' = -k x + k a")], trials))
-    )
-
-
 def _above(laws: Sequence[cl.Law], trials: cl.Trials) -> np.ndarray:
     """Return twice the log-evidence of the best law over that of each."""
     frame = cl.compare({str(i): law for i, law in enumerate(laws)}, trials, errors="white", n_jobs=1)
     return frame.set_index("law")["2 log B"].loc[[str(i) for i in range(len(laws))]].to_numpy()
 
-
-SCORES = "evidence is that of random effects by collocation, and the Bayesian information criterion by shooting"
-DIFFERENCES = {
-    "evidence of drag": Difference(SCORES, partial(_of_evidence, "x'' = -g", "x'' = -g - c v"), 9.0),
-    "order of terms": Difference("the scatter of a term over objects is chosen given those before it", _of_order, 1.4),
-}
-"""Known differences: this table and the next become empty as both schemes get one likelihood and one score."""
 
 COLLOCATION, SHOOTING = Problem.fit, Problem.shoot
 REFUSED = {
@@ -369,12 +346,6 @@ REFUSED = {
     "bootstrap": (decay, SHOOTING, {"covariance": "bootstrap"}, "not-with-observation"),
 }  # fmt: skip
 """What one of the schemes, or both, refuses: collocation has coefficients, and shooting white noise alone."""
-
-
-@pytest.mark.parametrize("name", DIFFERENCES)
-def test_known_differences_are_as_large_as_listed(name):
-    difference = DIFFERENCES[name]
-    assert difference.size() == pytest.approx(difference.today, rel=0.1)
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -410,24 +381,86 @@ def spelled(tree: Any, random: Random) -> str:
 
 
 SPELLINGS = [
-    (relaxation._replace(numbers={"a": (1.1, 2.0)}), "x' = ", ("*", "k", ("-", "a", "x"))),
-    (growth._replace(numbers={"a": (0.8, 50.0)}), "x' = ", ("*", "r", "x", ("-", "1", ("/", "x", "K")))),
+    (relaxation, "x' = ", ("*", "k", ("-", "a", "x"))),
+    (growth, "x' = ", ("*", "r", "x", ("-", "1", ("/", "x", "K")))),
     pytest.param(
         enzyme._replace(numbers={"a": (1.0, 2.0)}), "S' = -", ("*", "Vm", ("/", "S", ("+", "Km", "S"))),
         marks=pytest.mark.slow,
     ),
 ]  # fmt: skip
-"""Laws of one object, of which the order of terms has no effect on the score."""
+"""Laws with trees of which spellings are drawn."""
 
 
 @pytest.mark.parametrize(("problem", "left", "tree"), SPELLINGS)
 def test_spellings_of_one_law_are_one_law(problem, left, tree):
     trials, random = problem.trials(), Random(3)
-    texts = [problem.equations, *(left + spelled(tree, random) for _ in range(4))]
+    texts = [problem.equations, *(left + spelled(tree, random) for _ in range(3))]
     laws = [problem.fit(trials, text) for text in texts]
     for law in laws[1:]:
         assert max(differences_of_parameters(laws[0], law).values()) < 1e-4, law.structure
-    assert np.ptp(_above(laws, trials)) < 0.01
+    scores = [score(law, trials).total for law in (*laws, problem.shoot(trials, texts[-1]))]
+    assert np.ptp(scores) < 0.01
+
+
+def score(law: cl.Law, trials: cl.Trials, noise: Mapping[str, float] | None = None) -> Score:
+    """Return the score of a law, as `compare` takes it, by the scheme that fitted it."""
+    errors = law.uncertainty.error_model.kind
+    if law.observation is not None:
+        fitted = refit(law, trials, inputs="any", noise=noise, errors=errors, progress=lambda _: None)
+        return TrajectoryScore(fitted).score
+    setup = FitSetup.of(written_alike(law, trials.schema), trials, noise)
+    pool = with_error_models(fit_terms(setup), None, (errors,), lambda _: None)
+    return score_of_fit(converged(pool.best, errors == "white")[0])
+
+
+@pytest.mark.parametrize("name", ["decay", "fall", "decay, logarithms", "decay, a volume", "predation", *UNDER_ERRORS])
+def test_both_schemes_have_one_score(name):
+    problem = (FAST | SLOW | UNDER_ERRORS)[name]
+    trials = problem.trials()
+    plain, shot = (score(fit(problem, trials), trials) for fit in (COLLOCATION, SHOOTING))
+    assert plain - shot == pytest.approx(0.0, abs=0.01)
+
+
+def test_bayes_factors_do_not_depend_on_the_scheme():
+    trials = falling.trials()
+    plain = [falling.fit(trials, text) for text in ("x'' = -g", "x'' = -g - c v")]
+    shot = [falling.shoot(trials, law.provenance.equations[0]) for law in plain]
+    one, other = _above(plain, trials), _above(shot, trials)
+    assert one[1] == other[1] == 0.0
+    assert one[0] == pytest.approx(other[0], abs=0.01)
+
+
+def test_a_misfit_of_no_size_leaves_the_score():
+    times = np.linspace(0, 4, 40)
+    errors = 0.01 * (1 + times) * np.random.default_rng(2).standard_normal(40)  # Largest where x is small
+    trials = cl.Trials.from_arrays([times], [4 * np.exp(-0.7 * times) + errors], names=["x"])
+    for fit in (decay.fit, decay.shoot):
+        white, proportional = (score(fit(trials, errors=kind), trials) for kind in ("white", "proportional"))
+        assert proportional - white == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_score_is_the_logarithm_of_an_integral():
+    """Of the likelihood over a vague prior of the start, and one with the information of a measurement, by SciPy."""
+    problem = decay._replace(numbers={"a": (0.5,)})
+    trials, sigma = problem.trials(), 0.1
+    law = problem.fit(trials, noise={"x": sigma})
+    times, x = trials[0].times, trials[0].states[:, 0]
+    (k, h), covariance = optimize.curve_fit(lambda t, k, h: h * np.exp(-k * t), times, x, (0.5, 4.0))
+    slopes = -h * times * np.exp(-k * times) / sigma
+    starts = np.exp(-k * times) / sigma
+    rest = slopes - starts * (starts @ slopes) / (starts @ starts)
+    unit, vague = np.sqrt(len(x) / (rest @ rest)), np.std(x)
+
+    def density(of_k: float, of_h: float) -> float:
+        deviance = np.sum(((x - of_h * np.exp(-of_k * times)) / sigma) ** 2) + len(x) * np.log(sigma**2)
+        prior = np.exp(-(((of_k - k) / unit) ** 2) / 2) / unit / vague / (2 * np.pi)
+        return float(np.exp(-deviance / 2) * prior)
+
+    errors = 8 * np.sqrt(np.diagonal(covariance) * sigma**2 / np.var(x - h * np.exp(-k * times)))
+    integral = integrate.dblquad(density, h - errors[1], h + errors[1], k - errors[0], k + errors[0])[0]
+    # Laplace's method takes log n for log(n + 1)
+    expected = -2 * np.log(integral) - np.log(1 + 1 / len(x))
+    assert score(law, trials, {"x": sigma}).total == pytest.approx(expected, abs=0.02)
 
 
 Covariance = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]

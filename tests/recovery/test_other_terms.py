@@ -33,7 +33,8 @@ def test_laws_with_other_terms_are_plausible_by_their_evidence(law, trials):
     second = law.uncertainty.other_laws[0]
     assert second.law.structure == ("s' = a + b/(K2 + s)",)
     behind = cl.compare([law, cl.fit("s' = a + b/(K2 + s)", trials)], trials)["2 log B"].max()
-    assert np.log(law.models[0].probability / second.probability) == pytest.approx(behind / 2, abs=0.3)
+    # But for the prior of terms, which a comparison of laws leaves out
+    assert np.log(law.models[0].probability / second.probability) == pytest.approx(behind / 2, abs=0.5)
 
 
 def test_a_law_in_other_words_is_not_counted_twice(law):

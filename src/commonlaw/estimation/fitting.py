@@ -317,32 +317,6 @@ class Fitted:
         rows = zip(trials, self.begun.unknowns.parameters, strict=True)
         return len({k for trial, indices in rows for k in indices if k >= 0 and trial.object == trials.objects[0]})
 
-    def minus_twice_log_evidence(self) -> float:
-        """Return minus twice the log-evidence: ``-2 log L + sum_j log n_j + sum_k log n_k + (priors)``.
-
-        An unknown j costs the logarithm of the number n_j of measurements in the trials that it is of, and an unknown
-        noise that of the measurements of its quantity (BIC; Schwarz 1978, Ann. Statist. 6, 461, with the n of Pauler
-        1998, Biometrika 85, 13, for what differs between groups); other levels of errors that of all measurements.
-        Unknowns with normal priors are integrated out (Laplace's method):
-        ``sum ((p - m)/s)^2 + log s^2 - log det V``, with their covariance V.
-        """
-        problem, unknowns, optimum = self.begun.problem, self.begun.unknowns, self.optimum
-        counts = np.zeros(len(unknowns.names))
-        for data, parameter, initial in zip(problem.trials, unknowns.parameters, unknowns.initial, strict=True):
-            used = np.unique([k for k in (*parameter, *initial) if k >= 0]).astype(int)
-            counts[used] += data.trial.counts.sum() + np.isfinite(data.trial.below).sum()
-        inner = [k for prior in problem.priors for k in prior.indices if not optimum.at_bound[k]]
-        costs = np.log(np.maximum(np.delete(counts, inner), 1.0)).sum()
-        levels = problem.counts + sum(np.isfinite(trial.trial.below).sum(axis=0) for trial in problem.trials)
-        costs += np.log(levels[~problem.known_noise & (levels > 0)]).sum()
-        costs += problem.errors.hyperparameters * np.log(max(levels.sum(), 1.0))
-        for prior in problem.priors:
-            kept = ~optimum.at_bound[prior.indices]
-            costs += np.sum(prior.residuals(optimum.unknowns) ** 2)
-            costs -= float(np.linalg.slogdet((prior.root.T @ prior.root)[np.ix_(kept, kept)])[1])
-        costs -= float(np.linalg.slogdet(optimum.covariance[np.ix_(inner, inner)])[1])
-        return float(costs) - 2 * optimum.log_likelihood
-
     def law(self, calls: tuple[str, ...]) -> Law:
         """Return the law, which records the calls."""
         begun, optimum = self.begun, self.optimum
@@ -359,7 +333,7 @@ class Fitted:
         known = np.nan_to_num(np.pad(given.known, ((0, 0), (0, len(extra)))))
         coefficients = np.tile(known, (len(trials.objects), 1, 1))
         for owner, whole in zip(trials.objects, coefficients, strict=True):
-            values = self._values(owner)
+            values = self.values(owner)
             for product in products:
                 whole[product.equation, product.term] = float(product.value(values))
         support = np.any(coefficients != 0, axis=0)
@@ -513,7 +487,7 @@ class Fitted:
             if parts and (memory := autocorrelation(np.concatenate(squares), np.concatenate(products))):
                 yield f"{name}: {memory:.2f} from one sample to the next"
 
-    def _values(self, owner: str) -> dict[str, Floats]:
+    def values(self, owner: str) -> dict[str, Floats]:
         """Return the value of each parameter of an object, the mean over its trials."""
         shares, known = self.begun.unknowns.means(self.begun.trials, owner)
         values = shares @ self.optimum.unknowns + known
@@ -538,14 +512,11 @@ class Fitted:
         correlations = covariance[np.ix_(shared, shared)] / std / std[:, np.newaxis] + 1e-13 * np.eye(len(shared))
         root = std[:, np.newaxis] * np.linalg.cholesky(correlations)
         for i, owner in enumerate(trials.objects):
-            values = self._values(owner)
+            values = self.values(owner)
             slopes = np.zeros((size, len(model.parameters)))
             for product in products:
-                for name, power in product.coefficients:
-                    if (product.equation, product.term) in place:
-                        others = product._replace(coefficients=tuple(c for c in product.coefficients if c[0] != name))
-                        outer = float(others.value(values))
-                        slope = outer * power * float(values[name]) ** (power - 1)
+                if (product.equation, product.term) in place:
+                    for name, slope in product.slopes(values).items():
                         slopes[place[product.equation, product.term], model.parameters.index(name)] += slope
             slopes = slopes @ means[owner]
             result[i] = slopes @ covariance @ slopes.T

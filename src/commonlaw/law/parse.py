@@ -90,6 +90,14 @@ class Product(NamedTuple):
                 result = result * np.asarray(values[name], dtype=np.float64) ** power
         return np.asarray(result)
 
+    def slopes(self, values: Mapping[str, Floats]) -> dict[str, float]:
+        """Return its derivatives by coefficients, by name."""
+        result = dict.fromkeys((name for name, _ in self.coefficients), 0.0)
+        for i, (name, power) in enumerate(self.coefficients):
+            others = self._replace(coefficients=self.coefficients[:i] + self.coefficients[i + 1 :])
+            result[name] += float(others.value(values)) * power * float(values[name]) ** (power - 1)
+        return result
+
 
 class Names(TypedDict, total=False):
     """What a `Schema` holds besides states, as far as laws know it."""

@@ -32,7 +32,7 @@ from commonlaw.likelihood.linearization import (
     Linearization as Linearization,
     Regression as Regression,
     deviations as deviations,
-    variance_of_rates as variance_of_rates,
+    prior_variances as prior_variances,
     whitened_with_initial_states as whitened_with_initial_states,
 )
 from commonlaw.likelihood.mesh import (

@@ -292,7 +292,7 @@ def _measured(
     ends = np.append(False, mesh.contiguous)
     unmeasured = float(np.sum(np.log(variances[ends]), where=unknown[ends]))
     if not from_starts:
-        ratios = variances[:, : model.width] / _prior_variances(model, mesh)
+        ratios = variances[:, : model.width] / prior_variances(model, mesh)
         unmeasured += float(np.sum(np.log(ratios[~ends]), where=unknown[~ends, : model.width]))
     with np.errstate(divide="ignore"):
         variances[:, :equations] = np.where(seen, 1 / weights, variances[:, :equations])
@@ -314,7 +314,7 @@ def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Flo
 
     Those of states are in units of all errors, plus those of autocorrelated ones, which are latent processes.
     """
-    variances = _prior_variances(model, mesh)
+    variances = prior_variances(model, mesh)
     if model.latent.correlated is not None:
         errors = (HIDDEN * model.latent.correlated) ** 2
         of_rates = errors[with_rates(model.order, model.equations)] / mesh.typical_step**2
@@ -322,15 +322,11 @@ def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Flo
     return variances if latent is None else np.concatenate([variances, (HIDDEN * latent.std) ** 2])
 
 
-def _prior_variances(model: TrajectoryModel, mesh: Mesh) -> Floats:
+def prior_variances(model: TrajectoryModel, mesh: Mesh) -> Floats:
     """Return the prior variances of unmeasured initial states and rates, in units of all errors, shape (D,)."""
-    return np.append((MISSING * _typical_noise(model, mesh)) ** 2, variance_of_rates(model, mesh))
-
-
-def variance_of_rates(model: TrajectoryModel, mesh: Mesh) -> Floats:
-    """Return the prior variances of initial rates, in units of all errors, shape (D - d,)."""
-    noise = _typical_noise(model, mesh)[with_rates(model.order, model.equations)]
-    return np.asarray((RATE * noise / mesh.typical_step) ** 2)
+    noise = _typical_noise(model, mesh)
+    rates = RATE * noise[with_rates(model.order, model.equations)] / mesh.typical_step
+    return np.append(MISSING * noise, rates) ** 2
 
 
 def _typical_noise(model: TrajectoryModel, mesh: Mesh) -> Floats:

@@ -3,12 +3,13 @@
 Two-stage estimates of this kind (Varah 1982, SIAM J. Sci. Stat. Comput. 3) are the initial guesses of all fits.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation import RobustSpline
+from commonlaw.differentiation.noise import within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference.data.noise import parabola
@@ -100,3 +101,16 @@ def gradient_matching(terms: Terms, curves: Sequence[tuple[Trial, Curve]], known
         residuals = targets[:, equation] - library @ theta[equation]
         theta[equation, free] = np.linalg.lstsq(columns / norms, residuals, rcond=MIN_SINGULAR_VALUE)[0] / norms
     return theta
+
+
+def start_variances(trials: Iterable[Trial], smoothed: Sequence[Floats]) -> Floats:
+    """Return the prior variances of initial states and rates, shape (D,), by the measurements.
+
+    Those of states are their within-trial variances. Those of rates are the mean squares of smoothed rates of all
+    trials, shape (n, D) each with the states, or at their starts if that is larger, as of decays.
+    """
+    variances = within_trial_std(trials) ** 2
+    rates = [curve[:, len(variances) :] for curve in smoothed]
+    at_starts = np.array([of_trial[0] for of_trial in rates])
+    of_rates = np.fmax(np.nanmean(np.concatenate(rates) ** 2, axis=0), np.nanmean(at_starts**2, axis=0))
+    return np.concatenate([variances, of_rates])

@@ -154,12 +154,7 @@ def likeliest_errors(fit: Fit, kind: ErrorKind) -> tuple[Floats, ErrorModel]:
     """Return the noise of each state, shape (d,), and errors of measurements of largest restricted likelihood."""
     problem, states, free = fit.problem, len(fit.problem.noise), free_coefficients(fit)
     trials, latent, errors = problem.trials, problem.trials.schema.is_latent, problem.errors
-    lengths = [len(mesh) for model in problem.models for mesh in model.meshes]
-    far = iter(np.split(outliers(fit), np.cumsum(lengths)[:-1]))
-    objects = [
-        deviations(model, estimate, inside, trials.of_object(name), [next(far) for _ in model.meshes])
-        for name, model, estimate, inside in zip(trials.objects, problem.models, fit.estimates, free, strict=True)
-    ]
+    objects = deviations_of(fit)
     if fit.shared is not None:
         objects = [[part for parts in _side_by_side(objects, free, fit.shared) for part in parts]]
     floor = noise_floor(trials)
@@ -173,6 +168,17 @@ def likeliest_errors(fit: Fit, kind: ErrorKind) -> tuple[Floats, ErrorModel]:
         np.concatenate([problem.noise, errors.levels]) if errors else None,
     )
     return levels[:states], ERRORS[kind].model(levels[states:])
+
+
+def deviations_of(fit: Fit) -> list[list[Deviations]]:
+    """Return the trials of each object about a fit without errors of the law, without outliers."""
+    problem, trials = fit.problem, fit.problem.trials
+    lengths = [len(mesh) for model in problem.models for mesh in model.meshes]
+    far, free = iter(np.split(outliers(fit), np.cumsum(lengths)[:-1])), free_coefficients(fit)
+    return [
+        deviations(model, estimate, inside, trials.of_object(name), [next(far) for _ in model.meshes])
+        for name, model, estimate, inside in zip(trials.objects, problem.models, fit.estimates, free, strict=True)
+    ]
 
 
 def _side_by_side(

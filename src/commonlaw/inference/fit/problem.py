@@ -245,9 +245,9 @@ class SearchProblem:
         if self.noise_is_fixed:
             return NoiseScale(count)
         inflation = self._inflation(noise, errors, std)
-        prior, least = self._prior_observations * float(np.sum(1 / inflation)), self._noise_floors[1] / noise
+        prior, least = self.prior_observations * float(np.sum(1 / inflation)), self._noise_floors[1] / noise
         squares, repeated = self.pure_error
-        freedom = self._freedom + float(repeated.sum()) + self._prior_observations * len(inflation)
+        freedom = self._freedom + float(repeated.sum()) + self.prior_observations * len(inflation)
         prior += float(np.sum(squares / noise**2))
         return NoiseScale(count, freedom, prior, least=float(np.max(least) ** 2))
 
@@ -269,7 +269,7 @@ class SearchProblem:
         freedom = self.pure_error[1]
         penalty += 2 * float(np.sum(freedom * np.log(np.where(freedom > 0, noise, 1.0))))
         if not self.noise_is_fixed:
-            penalty += self._prior_observations * float(np.sum(np.log(self._inflation(noise, errors, std))))
+            penalty += self.prior_observations * float(np.sum(np.log(self._inflation(noise, errors, std))))
         return penalty
 
     def _inflation(self, noise: Floats, errors: ErrorModel, std: Floats) -> Floats:
@@ -286,7 +286,8 @@ class SearchProblem:
         return np.asarray(variance / self.noise_estimate**2)[~self.trials.schema.is_latent]
 
     @property
-    def _prior_observations(self) -> float:
+    def prior_observations(self) -> float:
+        """The observations as which the first estimate of the noise counts."""
         return settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0
 
     @property

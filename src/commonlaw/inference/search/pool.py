@@ -8,12 +8,13 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
+from commonlaw.inference.data.smoothing import start_variances
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import with_rates
-from commonlaw.likelihood import variance_of_rates
+from commonlaw.likelihood import prior_variances
 from commonlaw.runtime.forking import cached_property
 
 
@@ -110,27 +111,36 @@ class Pool:
 
 
 def score_of_order(fit: Fit) -> Score:
-    """Return the score of a law in a form that is comparable between orders.
+    """Return the score of a law in a form that is comparable between orders, and with a law of other starts.
 
-    Initial values of states have a flat prior. A law of second order has initial rates v0 in addition, whose prior
-    within one order is vague and depends on the mesh. Here it is the normal distribution N(0, s^2) with s the
-    root mean square of smoothed rates of all trials, or at their starts if that is larger, as of decays. This adds
+    Initial values of measured states have a flat prior, and those of others, and of rates v0, one that is vague and
+    depends on the mesh. Here they are normal, of variances s^2 that are the same for all laws, see `start_variances`:
+    vague for measured states, and N(0, s^2) for rates. This adds
 
-        sum over trials and states of v0^2/s^2 + log(s^2/s_mesh^2).
+        sum over trials and states of log(s^2) + v0^2/s^2 - log(s_mesh^2).
 
     The predicted decrease of the deviance is added, too: a fit of an unsuitable order may end in a stiff law far from
     the optimum of its linearization.
     """
-    problem, states = fit.problem, len(fit.problem.noise)
     score = fit.score if "Laplace correction" in fit.score.parts else fit.score_at_estimates
-    if not len(with_rates(problem.order, states)):
-        return score
-    rates = [smoothed[:, states:] for of_object in problem.smoothed for smoothed in of_object]
-    at_starts = np.array([of_trial[0] for of_trial in rates])
-    variances = np.fmax(np.nanmean(np.concatenate(rates) ** 2, axis=0), np.nanmean(at_starts**2, axis=0))
-    penalty = 0.0
+    return score.plus("initial conditions", initial_conditions(fit, integrated=True))
+
+
+def initial_conditions(fit: Fit, integrated: bool) -> float:
+    """Return minus twice the log prior of initial states and rates, with variances s^2.
+
+    If they are `integrated` under the priors of the mesh, it is relative to these.
+    """
+    problem, states, penalty = fit.problem, len(fit.problem.noise), 0.0
+    variances = start_variances(problem.trials, [curve for of_object in problem.smoothed for curve in of_object])
+    latent = problem.trials.schema.is_latent
+    is_free = ~np.append(latent, latent[with_rates(problem.order, states)])
     for model, estimate in zip(problem.models, fit.estimates, strict=True):
         for mesh, states_of_mesh, _ in model.parts(estimate):
-            starts = states_of_mesh[mesh.first, states : model.width]
-            penalty += float(np.sum(starts**2 / variances + np.log(variances / variance_of_rates(model, mesh))))
-    return score.plus("initial conditions", penalty)
+            starts = states_of_mesh[mesh.first, : model.width]
+            vague = np.append(~mesh.observed[mesh.first], np.ones_like(starts[:, states:], dtype=bool), axis=1)
+            of_mesh = np.where(vague & integrated, np.log(prior_variances(model, mesh)), 0.0)
+            logs = np.log(variances) - of_mesh
+            logs[:, states:] += starts[:, states:] ** 2 / variances[states:]
+            penalty += float(np.sum(logs[:, is_free]))
+    return penalty

@@ -1,6 +1,6 @@
 """Laws compared: the evidence for each of them, from the same measurements and with the same noise."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
@@ -11,24 +11,33 @@ from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import Fitted, checked_errors, refit
 from commonlaw.inference.fit.annealing import fit_supports
+from commonlaw.inference.fit.convergence import converged, deviations_of
+from commonlaw.inference.fit.covariance import free_coefficients, outliers
 from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, Fit
-from commonlaw.inference.score.score import Score
+from commonlaw.inference.score.score import Part, Score
+from commonlaw.inference.score.trajectories import (
+    Rows,
+    TrajectoryScore,
+    canonical_order,
+    noise_posterior,
+    score_of_rows,
+)
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
-from commonlaw.inference.search.pool import Pool, score_of_order
+from commonlaw.inference.search.pool import Pool, initial_conditions, score_of_order
 from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.law import Law, Provenance, average_law
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import restrictions_of, shared_parameters
-from commonlaw.library import parse_terms
+from commonlaw.library import order_of_each, parse_terms
 from commonlaw.likelihood import ERRORS
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, changed_settings, check_settings
 from commonlaw.runtime.parallel import in_parallel, threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, unannounced
-from commonlaw.trials import Schema, Trials, TrialStream
+from commonlaw.trials import Schema, Trial, Trials, TrialStream
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,8 +63,9 @@ def compare(
     If one of the laws has observation equations, known initial values or shared parameters, all are fitted as by
     `cl.fit` with these, each with its own observation equations, shared parameters, priors, bounds and, by default,
     kind of measurement errors; laws without observation equations are laws of the measured states. Their evidence is
-    the Bayesian information criterion: ``-2 log L`` plus ``log n`` for each unknown, where n is the number of
-    measurements that depend on it, with priors integrated out.
+    the same number, whichever way a law is fitted and written: with the likelihood linearized about the converged fit,
+    initial values, the noise and scattering coefficients are integrated out. Other unknowns, as of an observation
+    equation, cost ``log n``, where n is the number of measurements that depend on one, or have their priors.
 
     Parameters
     ----------
@@ -124,9 +134,6 @@ def compare(
         with on_cluster(client):
             return compare_by_parts(laws, trials.parts or (trials,), settings, on_terminal())
     refuse_client(client)
-    # Such that laws of these orders compare
-    several = len({law.order for law in laws.values()}) > 1
-    score: Callable[[Fit], Score] = score_of_order if several else lambda fit: fit.score
     same = [written_alike(law, trials.schema) for law in laws.values()]
     converted = matched(same[0], trials)
     if any(matched(law, converted) is not converted for law in same[1:]):
@@ -143,19 +150,67 @@ def compare(
             lambda fit: fit_supports(fit.problem.with_points(finest), fit.supports, ALL_MODEL_ERRORS), fits
         )
         pools = [Pool((fit,)) for fit in fits]
-        best = min((pool.best for pool in pools), key=score)
+        best = min((pool.best for pool in pools), key=score_of_order)
         if errors != "auto" or best.departures or best.lack_of_fit:
             kinds = error_kinds(errors, trials.schema)
             pools = in_parallel(lambda pool: with_error_models(pool, None, kinds, lambda _: None), pools)
-    fits = [pool.best for pool in pools]
-    scores = [score(fit) for fit in fits]
+        fits = in_parallel(lambda pool: converged(pool.best, errors == "white")[0], pools)
+        scores = in_parallel(score_of_fit, fits)
     return _frame(
         laws,
         [fit.size for fit in fits],
         [ERRORS[fit.errors].label for fit in fits],
         [fit.has_process_noise for fit in fits],
-        np.array([value - min(scores) for value in scores]),
+        np.array([score - min(scores) for score in scores]),
     )
+
+
+def score_of_fit(fit: Fit) -> Score:
+    """Return the score of a converged fit without a prior of its terms.
+
+    Of solutions of the law it is exact in their slopes, as that of fits by shooting; with errors of the law it is that
+    of the linearization.
+    """
+    problem, free = fit.problem, free_coefficients(fit)
+    if fit.has_process_noise or any(not np.array_equal(inside, free[0]) for inside in free):
+        score = score_of_order(replace(fit, score=fit.evidence.score(fit.supports)))
+        return score.plus("structure", -score.parts["structure"])
+    rows, white, segments = list[Rows](), list[Floats](), list[Trial]()
+    for deviations, estimate in zip(deviations_of(fit), fit.estimates, strict=True):
+        whitened = [deviation.whitened(problem.noise, problem.errors) for deviation in deviations]
+        pairs = [(deviation.seen, of_trial) for deviation, of_trial in zip(deviations, whitened, strict=True)]
+        slopes = np.concatenate([of_trial.slopes[seen] for seen, of_trial in pairs if of_trial.slopes is not None])
+        residuals = np.concatenate([of_trial.z[seen] for seen, of_trial in pairs])
+        varying = [
+            np.isfinite(deviation.trial.states) & (np.ptp(deviation.trial.states, axis=0) != 0)
+            for deviation in deviations
+        ]
+        logs = sum(np.log(of_trial.std[of]).sum() for of_trial, of in zip(whitened, varying, strict=True))
+        coefficients = estimate.coefficients[free[0]]
+        starts, columns = np.split(slopes, [slopes.shape[1] - len(coefficients)], axis=1)
+        rows.append(Rows(starts, np.empty((len(slopes), 0)), columns, residuals, coefficients, 2 * float(logs)))
+        white += [of_trial.white for of_trial in whitened]
+        segments += [deviation.trial for deviation in deviations]
+    latent, outlying = problem.trials.schema.is_latent, int(outliers(fit).sum())
+    starts_of_trial = int(np.array(order_of_each(problem.order, len(latent)))[~latent].sum())
+    noise_scale, levels = noise_posterior(
+        segments,
+        latent,
+        problem.noise,
+        problem.errors,
+        white,
+        len(segments) * starts_of_trial,
+        None if problem.noise_is_fixed else problem.noise_estimate,
+        problem.prior_observations,
+    )
+    noise_scale = replace(noise_scale, freedom=noise_scale.freedom - outlying)
+    more: dict[Part, float] = {
+        "error levels": levels,
+        "outliers": problem.models[0].observation.huber_threshold ** 2 * outlying if outlying else 0.0,
+        "initial conditions": initial_conditions(fit, integrated=False),
+    }
+    logarithmic = np.broadcast_to(np.array(problem.terms.have_parameters, dtype=bool), free[0].shape)[free[0]]
+    return score_of_rows(rows, logarithmic, noise_scale, more)
 
 
 def _frame(
@@ -207,9 +262,9 @@ def _fitted_jointly(
             fits.append(refit(law, trials, inputs="any", noise=noise, errors=errors, progress=own_progress))
         except CommonlawError as error:
             raise error.at(name) from error
-    scores = np.array([fit.minus_twice_log_evidence() for fit in fits])
+    scores = [TrajectoryScore(fit).score for fit in fits]
     counts, kinds = [fit.parameters for fit in fits], [ERRORS[fit.begun.errors].label for fit in fits]
-    return _frame(laws, counts, kinds, [False] * len(fits), scores - scores.min())
+    return _frame(laws, counts, kinds, [False] * len(fits), np.array([score - min(scores) for score in scores]))
 
 
 def compare_by_parts(
@@ -241,12 +296,13 @@ def written_alike(law: Law, schema: Schema) -> Law:
     wider = {*law.schema.inputs} <= {*schema.inputs}
     after = replace(before, inputs=schema.inputs) if wider else before
     used_terms = law.terms.take(np.flatnonzero(used).tolist()).terms
-    terms = parse_terms([term.expression(before.names) for term in used_terms], after)
+    order = canonical_order(law.terms.take(np.flatnonzero(used).tolist()))
+    terms = parse_terms([used_terms[i].expression(before.names) for i in order], after)
     return replace(
         law,
         terms=terms,
         schema=replace(law.schema, inputs=after.inputs),
-        coefficients=law.coefficients[:, :, used],
+        coefficients=law.coefficients[:, :, used][:, :, order],
         uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=()),
         provenance=Provenance(),
     )

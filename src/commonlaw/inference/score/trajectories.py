@@ -1,0 +1,320 @@
+"""The score of a law that was fitted by shooting: that of collocation, from the rows of its fit.
+
+With standardized residuals r and their slopes by the unknowns, minus twice the log-evidence is, by Laplace's method,
+
+    sum log sigma^2 + log det S + (starts) + D(R) + k (log n + log m) + C + ...
+
+with the information S on initial values of what was measured, see `start_variances`. D, k (log n + log m) and C
+are those of `evidence`, for the coefficients of m objects, or for parameters where coefficients do not determine these.
+Other unknowns have unit information: log n_j with the number n_j of measurements that depend on one (Pauler 1998,
+Biometrika 85, 13). Unknowns with normal priors are integrated out: ``sum ((p - m)/s)^2 + log s^2 - log det V``.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation.noise import rounding_noise, within_trial_std
+from commonlaw.estimation.fitting import Fitted
+from commonlaw.estimation.problem import TrialData
+from commonlaw.inference import settings
+from commonlaw.inference.data.noise import estimated_noise, has_replicates, noise_floor
+from commonlaw.inference.data.smoothing import smooth_curves, start_variances
+from commonlaw.inference.score.evidence import (
+    NoiseScale,
+    coefficient_penalty,
+    minus_twice_log_evidence,
+    residual_squares,
+)
+from commonlaw.inference.score.score import Part, Score
+from commonlaw.inference.score.supports import random_effect_factors
+from commonlaw.law.parse import read_equations
+from commonlaw.library import Terms, with_rates
+from commonlaw.likelihood import ERRORS, ErrorModel
+from commonlaw.likelihood.levels import Deviations, Whitened, scales_of
+from commonlaw.runtime.forking import cached_property
+from commonlaw.trials import Trial, Trials
+from commonlaw.trials.trial import property_names, pure_error, with_typical
+
+
+class Rows(NamedTuple):
+    """The likelihood of an object's trials, linearized about a fit, by standardized residuals.
+
+    Columns are slopes by initial values with a vague prior, by other unknowns, and by coefficients, which have the
+    values `coefficients`, shape (k,). `logs` is the sum of the logarithms of the variances of the residuals.
+    """
+
+    starts: Floats
+    others: Floats
+    columns: Floats
+    residuals: Floats
+    coefficients: Floats
+    logs: float
+
+
+def score_of_rows(
+    rows: Sequence[Rows], logarithmic: Bools, noise_scale: NoiseScale, parts: Mapping[Part, float]
+) -> Score:
+    """Return the score of a fit of all objects, with parts that rows do not show.
+
+    Coefficients that are `logarithmic`, shape (k,), scatter by their logarithms, unless signs differ between objects.
+    """
+    factors, log_determinant = list[Floats](), 0.0
+    for part in rows:
+        target = part.columns @ part.coefficients - part.residuals
+        first = np.column_stack([part.starts[:, part.starts.any(axis=0)], part.others])
+        stacked = np.column_stack([first, part.columns, target])
+        triangle = np.asarray(np.linalg.qr(np.vstack([stacked, np.zeros((stacked.shape[1],) * 2)]), mode="r"))
+        diagonal = np.abs(np.diagonal(triangle))[: int(part.starts.any(axis=0).sum())]
+        log_determinant += part.logs + 2 * float(np.log(diagonal).sum())
+        factors.append(triangle[first.shape[1] :, first.shape[1] :])
+    values = np.array([part.coefficients for part in rows])
+    same = logarithmic & (np.abs(np.sign(values).sum(axis=0)) == len(values))
+    effects = random_effect_factors(np.array(factors), np.where(same, values, 0.0))
+    indices, objects = np.arange(values.shape[1]), len(rows)
+    evidence = minus_twice_log_evidence(effects, indices, noise_scale)
+    likelihood = float(noise_scale.deviance(residual_squares(effects, indices), len(indices) * objects))
+    coefficients = coefficient_penalty(len(indices), objects, noise_scale)
+    listed: dict[Part, float] = {
+        "likelihood": likelihood,
+        "latent states": log_determinant,
+        "coefficients": coefficients,
+        "scatter": evidence - likelihood - coefficients,
+    }
+    return Score({part: listed.get(part, 0.0) + parts.get(part, 0.0) for part in {**listed, **parts}})
+
+
+def canonical_order(terms: Terms) -> list[int]:
+    """Return the order of terms, by index, in which coefficients scatter, whichever way equations are written."""
+    return sorted(range(len(terms)), key=lambda k: (not terms.is_factor[k], terms.names[k]))
+
+
+def noise_posterior(
+    trials: Sequence[Trial],
+    latent: Bools,
+    noise: Floats,
+    errors: ErrorModel,
+    white: Sequence[Floats],
+    starts: int,
+    estimate: Floats | None,
+    observations: float,
+) -> tuple[NoiseScale, float]:
+    """Return the posterior of the noise scale after a fit, and minus twice the log prior of levels of errors.
+
+    White noise of trials has shape (n, m) each, and `starts` initial values were fitted. The estimate before any law,
+    shape (m,), counts as so many observations of each quantity; None for known noise. Variances are those of
+    neighbouring differences, see `SearchProblem`.
+    """
+    counts = sum(trial.counts.sum(axis=0) + np.isfinite(trial.below).sum(axis=0) for trial in trials)
+    count = int(counts[~latent].sum())
+    squares, repeated = pure_error([trial.repeats for trial in trials], len(noise))
+    penalty = _free_levels(errors, trials) * float(np.log(max(count, 1))) + 2 * float(repeated @ np.log(noise))
+    if estimate is None:
+        return NoiseScale(count), penalty
+    single = [
+        np.where(np.isfinite(trial.states), std / (with_typical(trial.noise, noise) * trial.averaging), np.nan)
+        for trial, std in zip(trials, white, strict=True)
+    ]
+    variances = noise**2 * np.nanmean(np.concatenate(single) ** 2, axis=0)
+    if errors.correlated is not None:
+        step = float(np.median(np.concatenate([np.diff(trial.times) for trial in trials])))
+        variances = variances + errors.correlated**2 * np.tanh(step / (2 * errors.memory))
+    inflation = (variances / estimate**2)[~latent]
+    freedom = count - starts + len(inflation) * observations
+    prior = observations * float(np.sum(1 / inflation)) + float(np.sum(squares / noise**2))
+    floor = np.maximum(settings.MIN_NOISE * within_trial_std(trials), rounding := rounding_noise(trials))
+    least = float(np.max((np.maximum(settings.RESOLVED_NOISE * floor, rounding) / noise)[~latent])) ** 2
+    return NoiseScale(count, freedom, prior, least=least), penalty + observations * float(np.log(inflation).sum())
+
+
+def _free_levels(errors: ErrorModel, trials: Sequence[Trial]) -> int:
+    """Return the number of levels of errors above their lower bounds, which stand for no such errors, and of times."""
+    std, m = within_trial_std(trials), trials[0].states.shape[1]
+    least = ERRORS[errors.kind].bounds(scales_of(std, trials))[0] if errors else np.empty(0)
+    free = errors.levels[:m] > 1.001 * least[:m]
+    return int(free.sum()) + int(free.any()) * len(least[m:])
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryScore:
+    """What the score of a fit by shooting is made of."""
+
+    fitted: Fitted
+
+    @property
+    def trials(self) -> list[Trial]:
+        """The trials with logarithms of what is measured by these."""
+        return [data.trial for data in self.fitted.begun.problem.trials]
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        return self.fitted.begun.trials.objects
+
+    @cached_property
+    def owners(self) -> list[set[str]]:
+        """The objects whose trials depend on each unknown."""
+        unknowns = self.fitted.begun.unknowns
+        rows = list(zip(self.trials, unknowns.parameters, unknowns.initial, strict=True))
+        return [
+            {trial.object for trial, *indices in rows if any(k in listed for listed in indices)}
+            for k in range(len(unknowns.names))
+        ]
+
+    @cached_property
+    def held(self) -> list[int]:
+        """Unknowns at bounds, with priors, or of several objects: coefficients scatter given these."""
+        problem = self.fitted.begun.problem
+        priors = {k for prior in problem.priors for k in prior.indices.tolist()}
+        return [
+            k
+            for k, objects in enumerate(self.owners)
+            if self.fitted.optimum.at_bound[k] or k in priors or len(objects) > 1
+        ]
+
+    @cached_property
+    def starts(self) -> dict[int, list[tuple[int, int]]]:
+        """Unknown initial values of measured states, and their rates: the trial and the state, by index, of each."""
+        model, unknowns = self.fitted.begun.model, self.fitted.begun.unknowns
+        states, result = len(model.schema.states), dict[int, list[tuple[int, int]]]()
+        rates = dict(enumerate(with_rates(model.order, states).tolist(), start=states))
+        for i, (data, parameters) in enumerate(zip(self.fitted.begun.problem.trials, unknowns.parameters, strict=True)):
+            written = {f"+v{model.first_parameter + p}": k for p, k in enumerate(parameters) if k >= 0}
+            for j, text in enumerate(model.initial):
+                k = int(data.initial[j])
+                if k < 0 and np.isnan(data.fixed[j]) and text is not None:
+                    k = written.get(text, -1)
+                name = model.schema.states[rates.get(j, j)]
+                if k >= 0 and k not in self.held and name in self.fitted.begun.trials.schema.states:
+                    result.setdefault(k, []).append((i, j))
+        return {k: places for k, places in result.items() if len(self.owners[k]) == 1}
+
+    def of_object(self, owner: str) -> tuple[list[int], list[int]]:
+        """Return the unknown initial values of an object, and its other unknowns."""
+        free = [k for k, objects in enumerate(self.owners) if objects == {owner} and k not in self.held]
+        return [k for k in free if k in self.starts], [k for k in free if k not in self.starts]
+
+    @cached_property
+    def score(self) -> Score:
+        """Minus twice the logarithm of the evidence, in its parts."""
+        rows, others = list[Rows](), list[int]()
+        for owner in self.objects:
+            starts, free = self.of_object(owner)
+            mixture, coefficients, logarithmic = self._coordinates(owner, free)
+            rest = [k for k, row in zip(free, mixture, strict=True) if not row.any()]
+            slopes, residuals, logs = self._rows(owner)
+            of_starts, columns = slopes[:, starts] * self._units(starts), slopes[:, free] @ mixture
+            rows.append(Rows(of_starts, slopes[:, rest], columns, residuals, coefficients, logs))
+            others += rest
+        noise_scale, levels = self._noise()
+        priors = {k for prior in self.fitted.begun.problem.priors for k in prior.indices.tolist()}
+        others += [k for k in self.held if k not in priors]
+        parts: dict[Part, float] = {
+            "coefficients": self._unit_information(others) + self._of_priors(),
+            "initial conditions": self._initial_conditions(),
+            "error levels": levels,
+        }
+        return score_of_rows(rows, logarithmic, noise_scale, parts)
+
+    def _coordinates(self, owner: str, free: Sequence[int]) -> tuple[Floats, Floats, Bools]:
+        """Return derivatives of unknowns by coefficients, shape (unknowns, k), these, and which scatter by logarithms.
+
+        Coefficients are in the order of their terms, whichever way these are written.
+        """
+        begun, unknowns = self.fitted.begun, self.fitted.optimum.unknowns
+        model, names = begun.model, [begun.unknowns.names[k] for k in free]
+        given = read_equations(
+            model.text.equations,
+            model.schema,
+            properties=property_names(begun.trials.properties),
+            determined=model.parameters,
+        )
+        inside = [name in {coefficient.name for coefficient in given.coefficients} for name in names]
+        values = self.fitted.values(owner)
+        place = np.argsort(canonical_order(given.terms))
+        products = sorted(given.products, key=lambda product: (product.equation, place[product.term]))
+        slopes = np.array([[product.slopes(values).get(name, 0.0) for name in names] for product in products])
+        used = np.flatnonzero(slopes.any(axis=1)) if len(slopes) else np.empty(0, dtype=np.int64)
+        places, count = [(products[i].equation, products[i].term) for i in used], sum(inside)
+        mixture = np.zeros((len(free), count))
+        square = slopes[np.ix_(used, np.flatnonzero(inside))] if count else np.zeros((0, 0))
+        if len(used) == count == len({*places}) and (not count or np.linalg.cond(square) < 1e12):
+            mixture[inside] = np.linalg.inv(square)
+            coefficients = np.array([float(products[i].value(values)) for i in used])
+            return mixture, coefficients, np.array([given.terms.have_parameters[products[i].term] for i in used], bool)
+        order = [k for k in np.argsort(names).tolist() if inside[k]]
+        mixture[order, range(count)] = 1.0
+        return mixture, unknowns[np.array(free, dtype=np.int64)[order]], np.zeros(count, dtype=np.bool_)
+
+    def _rows(self, owner: str) -> tuple[Floats, Floats, float]:
+        """Return the slopes of the residuals of an object by all unknowns, these, and logarithms of their variances."""
+        problem, optimum, logs = self.fitted.begun.problem, self.fitted.optimum, 0.0
+        datasets = tuple(data for data in problem.trials if data.trial.object == owner)
+        residuals, rows = replace(problem, trials=datasets, priors=()).residuals(optimum.unknowns, optimum.noise)
+        for data in datasets:
+            logs += 2 * float(np.log(self._whitened(data).std[np.isfinite(data.trial.states)]).sum())
+        assert rows is not None
+        return np.nan_to_num(rows), residuals, logs
+
+    def _units(self, starts: Sequence[int]) -> Floats:
+        """Return the derivatives of initial values by those on their scale, as of logarithms."""
+        schema, logarithmic = self.fitted.begun.model.schema, self.fitted.begun.logarithmic
+        states = [self.starts[k][0][1] for k in starts]
+        is_log = [j < len(schema.states) and schema.states[j] in logarithmic for j in states]
+        return np.where(is_log, self.fitted.optimum.unknowns[np.array(starts, dtype=np.int64)], 1.0)
+
+    def _initial_conditions(self) -> float:
+        model, unknowns = self.fitted.begun.model, self.fitted.optimum.unknowns
+        states, total = len(model.schema.states), 0.0
+        if not self.starts:
+            return total
+        variances = start_variances(self.trials, [smooth_curves(trial, model.order)[0] for trial in self.trials])
+        for k, places in self.starts.items():
+            j = places[0][1]
+            name = model.schema.states[j] if j < states else ""
+            total += float(np.log(variances[j]) + (0.0 if name else unknowns[k] ** 2 / variances[j]))
+        return total
+
+    def _noise(self) -> tuple[NoiseScale, float]:
+        problem, trials, optimum = self.fitted.begun.problem, self.trials, self.fitted.optimum
+        white = [self._whitened(data).white for data in problem.trials]
+        estimate, observations = None, 0.0
+        varying = np.any([np.ptp(np.nan_to_num(trial.states), axis=0) > 0 for trial in trials], axis=0)
+        if not problem.known_noise.any() and varying.all():
+            schema = replace(self.fitted.begun.trials.schema, states=problem.model.observables)
+            measured = Trials(tuple(trials), schema)
+            estimate = np.maximum(estimated_noise(measured)[0], noise_floor(measured))
+            is_long = any(np.isfinite(trial.states).sum(axis=0).max() >= settings.MIN_SAMPLES for trial in trials)
+            observations = settings.PRIOR_OBSERVATIONS if is_long or has_replicates(measured).any() else 0.0
+        elif not problem.known_noise.any():
+            estimate = optimum.noise
+        latent = np.zeros(len(optimum.noise), dtype=np.bool_)
+        return noise_posterior(
+            trials, latent, optimum.noise, problem.errors, white, len(self.starts), estimate, observations
+        )
+
+    def _whitened(self, data: TrialData) -> Whitened:
+        problem, optimum = self.fitted.begun.problem, self.fitted.optimum
+        values = problem.predicted(data, optimum.unknowns, False).values
+        reference = values if data.fitted is None else data.fitted
+        deviations = Deviations(data.trial, values, None, reference, np.zeros(values.shape, dtype=np.bool_))
+        return deviations.whitened(optimum.noise, problem.errors)
+
+    def _unit_information(self, unknowns: Sequence[int]) -> float:
+        counts = np.zeros(len(self.owners))
+        begun = self.fitted.begun
+        for data, *indices in zip(begun.problem.trials, begun.unknowns.parameters, begun.unknowns.initial, strict=True):
+            used = np.unique([k for listed in indices for k in listed if k >= 0]).astype(np.int64)
+            counts[used] += data.trial.counts.sum() + np.isfinite(data.trial.below).sum()
+        return float(np.log(np.maximum(counts[np.array(unknowns, dtype=np.int64)], 1.0)).sum())
+
+    def _of_priors(self) -> float:
+        optimum, total, inner = self.fitted.optimum, 0.0, list[int]()
+        for prior in self.fitted.begun.problem.priors:
+            kept = ~optimum.at_bound[prior.indices]
+            inner += prior.indices[kept].tolist()
+            total += float(np.sum(prior.residuals(optimum.unknowns) ** 2))
+            total -= float(np.linalg.slogdet((prior.root.T @ prior.root)[np.ix_(kept, kept)])[1])
+        return total - float(np.linalg.slogdet(optimum.covariance[np.ix_(inner, inner)])[1])
