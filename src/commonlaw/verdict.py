@@ -171,8 +171,11 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
     spread = _spread(once, len(law.observation.measured.states))
     errors = pd.concat(frames) if frames else pd.DataFrame(columns=_COLUMNS, dtype=np.float64)
     errors = errors[np.isfinite(spread[errors["state"].astype(int)])]
-    scales = spread[errors["state"].astype(int)]
-    errors = errors.assign(scaled=errors["error"] / scales)
+    errors = errors.assign(scaled=errors["error"] / spread[errors["state"].astype(int)])
+    by_state = ((j, errors[errors["state"] == j]) for j in range(len(spread)))
+    reach = {j: _horizon(*part[["lead", "scaled"]].to_numpy().T) for j, part in by_state if len(part)}
+    unpredicted = [j for j, horizon in reach.items() if not horizon and any(reach.values())]
+    predicted = errors[~errors["state"].isin(unpredicted)]
     kinds = [segment.kind for segment in judged]
     known = {diagnostic.kind for diagnostic in law.diagnostics}
     is_inexact = not known.isdisjoint({OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION})
@@ -184,13 +187,13 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
         segments=len(judged),
         diverged=diverged,
         measurements=int(measurements),
-        horizon=_horizon(errors["lead"].to_numpy(), errors["scaled"].to_numpy()),
+        horizon=_horizon(predicted["lead"].to_numpy(), predicted["scaled"].to_numpy()),
         longest=float(np.max(errors["lead"].to_numpy(), initial=0.0)),
         time_unit=trials.schema.units.get(trials.schema.time, f"units of {trials.schema.time}"),
-        error=_rms(errors["scaled"]),
-        persistence=_rms(errors["persistence"] / scales),
-        r_squared=_r_squared(errors),
-        r_squared_error=_r_squared_error(errors, len(numbers)),
+        error=_rms(predicted["scaled"]),
+        persistence=_rms(predicted["persistence"] / spread[predicted["state"].astype(int)]),
+        r_squared=_r_squared(predicted),
+        r_squared_error=_r_squared_error(predicted, len(numbers)),
         state_errors=_by_state(trials, once, errors, spread, OutcomeKind.APPROXIMATION in known),
         coverage=float(errors["inside"].mean()) if errors["inside"].notna().any() else None,
         poorly_known=_poorly_known(law),
@@ -202,6 +205,7 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
         without_terms=tuple(
             diagnostic.where for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.EMPTY_SUPPORT
         ),
+        unpredicted=tuple(trials.schema.states[j] for j in unpredicted),
         unknowns=_unknowns(law, trials) if in_sample else 0,
         training_measurements=sum(int(np.isfinite(trial.states).sum()) for trial in trials) if in_sample else 0,
     )

@@ -55,6 +55,18 @@ def test_a_law_that_was_given_and_is_wrong_is_said_to_be_inexact_too(drops):
     assert verdict.sentences[1] == "Lack of fit: this law does not fit the data within the noise."
 
 
+def test_a_state_of_noise_leaves_the_horizon_of_the_others():
+    times, random = np.linspace(0, 4, 21), np.random.default_rng(0)
+    decays = [start * np.exp(-0.5 * times) + 0.01 * random.standard_normal(21) for start in (1, 2, 3)]
+    states = [np.column_stack([decay, random.standard_normal(21)]) for decay in decays]
+    trials = cl.Trials.from_arrays([times] * 3, states, object="o", trial=["p", "q", "r"], names=["x", "y"])
+    law = cl.fit("x' = -k x; y' = -c y", trials)
+    verdict = law.assess(trials)
+    assert (verdict.usable, verdict.horizon, verdict.unpredicted) == (True, 4.0, ("y",))
+    forecast = law.predict(trials, from_time=times[1]).to_frame()
+    assert verdict.r_squared > 0.99 > 0.5 > 1 - np.mean(forecast["y error"] ** 2) / np.var(forecast["y"])
+
+
 def test_of_several_states_those_that_are_forecast_no_better_are_named():
     times = np.arange(40.0)
     trials = cl.Trials.from_arrays(times, np.column_stack([times, 2 * times]), names=["x", "y"])

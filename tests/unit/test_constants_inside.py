@@ -216,10 +216,11 @@ def test_a_constant_that_fits_best_outside_of_its_bound_is_at_the_bound(enzymes)
     assert "K is at its bound, 0.1" in named[0].text
 
 
-def test_what_a_term_does_not_show_of_its_constants_is_said():
+@pytest.mark.parametrize("settings", [{}, {"shared": "V"}])
+def test_what_a_term_does_not_show_of_its_constants_is_said(settings):
     times = np.linspace(0, 3, 40)
     decay = simulated(lambda _, s, rate: -rate * s, {"a": (1.0,), "b": (0.7,)}, [[3.0], [1.0]], times, 0.01)
-    outcomes = cl.fit(SATURATING, decay, errors="white").diagnostics
+    outcomes = cl.fit(SATURATING, decay, errors="white", **settings).diagnostics
     (outcome,) = (each for each in outcomes if each.kind == "not identifiable")
     assert outcome.where == "a, b"
     assert outcome.code == "parameters-not-separable"

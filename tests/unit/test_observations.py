@@ -306,6 +306,7 @@ def test_what_laws_with_observations_cannot_do_is_refused(law):
         "discrete-not-refined": lambda: cl.compare([stated, law], TRIALS),
         "profile-without-equations": lambda: likelihood_profile(stated, TRIALS, "r"),
         "limits-unsupported": lambda: bounds(stated, TRIALS),
+        "limits-without-terms": lambda: bounds(law, TRIALS),
     }.items():
         with refused(code):
             call()

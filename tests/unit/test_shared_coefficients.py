@@ -250,6 +250,10 @@ def test_shared_coefficients_are_those_of_least_squares_of_all_objects(scheme):
     reach = t_distribution.ppf(0.975, values.size - 4) * covariance[0, 0] ** 0.5
     assert row["high"] - row["low"] == pytest.approx(2 * reach, rel=1e-3)
     assert ("scheme", scheme) in {(step.stage, step.choice) for step in law.history}
+    assert "errors" not in {step.stage for step in law.history}
+    if scheme == "shooting":
+        chosen = cl.fit("x' = -k x", trials, shared="k", scheme=scheme)
+        assert ("errors", "white noise") in {(step.stage, step.choice) for step in chosen.history}
 
 
 def test_refined_laws_keep_what_their_objects_share():

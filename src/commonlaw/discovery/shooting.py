@@ -16,7 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import begin, with_values_of
 from commonlaw.estimation.fitting import checked_errors, fit_model, known_log_likelihood, threshold_of
 from commonlaw.estimation.model import ModelText
-from commonlaw.inference.propose.nonlinear_parameters import with_initial_parameters
+from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
 from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.refinement import collocated
 from commonlaw.integration import BETWEEN
@@ -51,6 +51,9 @@ def by_shooting(request: FitRequest, reason: str, resting: tuple[str, ...] = ())
     outcomes = (*law.diagnostics, *outcome_of_undosed(request.undosed), *outcome_of_rest(resting))
     domain, history = replace(law.provenance.domain, at_rest=resting), list(law.history)
     history.insert(1, Step("scheme", "shooting", reason))
+    if checked_errors(request.changed) is None:
+        why = "by default; others are compared by collocation alone, and taken where `errors` has their name"
+        history.insert(2, Step("errors", "white noise", why))
     provenance = replace(law.provenance, outcomes=outcomes, domain=domain, history=tuple(history))
     return replace(law, provenance=provenance)
 
@@ -86,7 +89,8 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
             begun = with_values_of(near, begun)
         fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
         law = fitted.law(request.calls)
-        noted = replace(law.provenance, outcomes=(*law.provenance.outcomes, *outcomes_of_units(law)))
+        outcomes_of_law = (*law.provenance.outcomes, *outcomes_of_parameters(law), *outcomes_of_units(law))
+        noted = replace(law.provenance, outcomes=outcomes_of_law)
         laws.append(replace(law, provenance=noted))
     likelihoods = np.array([known_log_likelihood(law) for law in laws])
     gains = 2 * (likelihoods - likelihoods[0])

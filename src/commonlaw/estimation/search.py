@@ -148,7 +148,7 @@ def minimum(
     if not free.any():
         return start, float(values @ values)
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # Squares of large steps
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # Squares of large and tiny steps
             optimum = least_squares(
                 residuals,
                 first,

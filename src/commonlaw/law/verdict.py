@@ -58,7 +58,8 @@ class LawVerdict(ShownInNotebooks):
     """The forecast assessment of a law; it prints as sentences.
 
     Errors are root mean squares relative to the states' standard deviations within trials (spread). Persistence
-    forecasts the last measured values.
+    forecasts the last measured values. Where some states are predicted and others are not, horizon, error, persistence
+    and R^2 are those of the former.
 
     Parameters
     ----------
@@ -90,6 +91,8 @@ class LawVerdict(ShownInNotebooks):
         Whether an equation has as many terms as its samples can identify.
     without_terms
         Left-hand sides of equations without a term.
+    unpredicted
+        States whose forecasts have errors above half of the spread at the shortest horizon already, other than all.
     unknowns, training_measurements
         Of an assessment on the training data: how many parameters and initial values were estimated, and from how many
         measurements; zero of one on other data.
@@ -116,6 +119,7 @@ class LawVerdict(ShownInNotebooks):
     none_exact: bool = False
     few_samples: bool = False
     without_terms: tuple[str, ...] = ()
+    unpredicted: tuple[str, ...] = ()
     unknowns: int = 0
     training_measurements: int = 0
 
@@ -178,11 +182,21 @@ class LawVerdict(ShownInNotebooks):
             beyond = f"; beyond, the error exceeds half of the states' standard deviation{self._spreads}"
             end = " (longest horizon tested)" if self.horizon == self.longest else beyond
             can = "Forecasts its training data well" if self.in_sample else "This law can be used for forecasts"
+            if self.unpredicted:
+                states = " and ".join(state_error.state for state_error in self._predicted)
+                can = f"Forecasts {states} of its training data well" if self.in_sample else f"{can} of {states}"
             only = "" if self.exact else "; it is an approximation"
             new = " Not tested on new data." if self.in_sample else ""
             yield f"{can} up to {_number(self.horizon, self.time_unit)} ahead{end}{only}.{new}"
         else:
             yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
+        for state_error in self.state_errors:
+            if state_error.state in self.unpredicted:
+                deviation = _number(state_error.spread, state_error.unit)
+                yield (
+                    f"{state_error.state} is not predicted: even at the shortest horizon the error exceeds half of its "
+                    f"standard deviation, {deviation}."
+                )
         if self.without_terms:
             names = " and ".join(self.without_terms)
             steady = (
@@ -244,8 +258,12 @@ class LawVerdict(ShownInNotebooks):
             yield f"{inside}."
 
     @property
+    def _predicted(self) -> list[StateError]:
+        return [state_error for state_error in self.state_errors if state_error.state not in self.unpredicted]
+
+    @property
     def _spreads(self) -> str:
-        known = [state_error for state_error in self.state_errors if state_error.spread > 0]
+        known = [state_error for state_error in self._predicted if state_error.spread > 0]
         spreads = [f"{_number(state_error.spread, state_error.unit)} in {state_error.state}" for state_error in known]
         return f" ({' and '.join(spreads)})" if spreads else ""
 

@@ -140,7 +140,7 @@ def bounds(
 ) -> Bounds:
     """Return upper limits of the coefficients of absent terms, by default all terms of the library, see `Bounds`.
 
-    Raises `CommonlawError` if there are more than 30 terms, or one is already in the law or cannot be parsed.
+    Raises `CommonlawError` if there are no terms or more than 30, or one is already in the law or cannot be parsed.
 
     See Also
     --------
@@ -161,6 +161,8 @@ def bounds(
     if law.order == 0 or not shares_terms(law) or delayed:
         raise CommonlawError("limits-unsupported")
     pairs = _absent(law, terms)
+    if not pairs:
+        raise CommonlawError("limits-without-terms")
     if terms is None and len(pairs) > settings.MAX_SCREENED_TERMS:
         raise CommonlawError("limits-of-many-terms", count=len(pairs))
     forecast = law.predict(trials, start="all", averaged=False)
