@@ -569,3 +569,14 @@ def test_a_written_start_leaves_the_score():
     trials = decay.trials()
     plain = decay.fit(trials)
     assert np.ptp(_above([plain, decay.shoot(trials)], trials)) < 0.01
+
+
+def test_new_objects_have_the_mean_coefficients_in_both_schemes():
+    trials = decay.trials()
+    unseen = cl.Trials(tuple(replace(trial, object="new") for trial in trials[:1]), trials.schema)
+    laws = [cl.fit("x' = -k x", trials, scheme=scheme) for scheme in ("collocation", "shooting")]
+    for law in laws:
+        assert "new is not in the law" in law.predict(unseen, start="all", return_std=True).trials.notes[0]
+    updated = [named_parameters(law.update(unseen)) for law in laws]
+    assert updated[1].values == pytest.approx(updated[0].values, rel=1e-4)
+    assert updated[1].errors == pytest.approx(updated[0].errors, rel=1e-3)

@@ -29,6 +29,7 @@ from commonlaw.estimation.search import (
     under_huber_loss,
     with_step_limit,
 )
+from commonlaw.forecast.population import with_objects_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import object_index
@@ -120,6 +121,7 @@ def updated(law: Law, trials: Trials) -> Law:
     has the priors of the law's fit.
     """
     trials, parts = matched(law, trials, observed=True), list[Law]()
+    law = with_objects_of(law, trials)[0]
     named, known_noise = named_parameters(law), law.uncertainty.noise
     law.uncertainty.known_covariance()
     assert known_noise is not None

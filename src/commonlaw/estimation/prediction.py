@@ -15,7 +15,7 @@ from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialD
 from commonlaw.estimation.search import LACK_OF_FIT, Bounds, Optimum, is_solved, maximize, rough_noise, under_errors
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.forecast.initial_state import MIN_SAMPLES, notes_of_few, notes_of_lost
-from commonlaw.forecast.prediction import initial_value_problems, wanted_times, with_discrepancy
+from commonlaw.forecast.prediction import initial_value_problems, wanted_times, with_discrepancy, with_object
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.integration.problem import diverged
 from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, shoot
@@ -201,7 +201,7 @@ def predict_observed(
     Raises
     ------
     CommonlawError
-        If something else was measured than for the law, an object is not one of the law, a trial has no sample that
+        If something else was measured than for the law, a trial has no sample that
         initial values could be estimated from, samples are chosen for these where the law gives all, or it has no
         discrepancy that is asked for.
     """
@@ -209,13 +209,12 @@ def predict_observed(
     trials = matched(law, trials, observed=True)
     if discrepancy:
         law, trials = with_discrepancy(law, trials)
+    law, trials = with_object(law, trials)
     observation = law.observation
     if return_std:
         law.uncertainty.known_covariance()
         if law.uncertainty.noise is None:
             raise CommonlawError("noise-unknown-at-start")
-    for name in trials.objects:
-        object_index(law, name)
     observed = ObservedLaw.of(law, property_names(trials.properties), input_interpolation)
     if (start not in (None, "all") or from_time is not None) and not observed.has_free_starts(trials):
         option = f"start={start}" if from_time is None else f"from_time={from_time:g}"

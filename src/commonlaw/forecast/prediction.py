@@ -156,7 +156,7 @@ def predict(
     trials = matched(law, trials)
     if discrepancy:
         law, trials = with_discrepancy(law, trials)
-    law, trials = _with_object(law, trials)
+    law, trials = with_object(law, trials)
     if return_std:
         law.uncertainty.known_covariance()
         if law.uncertainty.noise is None:
@@ -373,7 +373,7 @@ def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) 
         return np.sqrt(np.maximum(variances, 0))
 
 
-def _with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
+def with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
     """Return the law of these trials' objects; where their only one was not named, it is the only one of the law."""
     name, others = trials.objects[0], ", ".join(law.objects)
     if not trials.nameless or name in law.objects:
