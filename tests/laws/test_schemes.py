@@ -25,6 +25,7 @@ from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.comparison import score_of_fit, written_alike
 from commonlaw.law.parameters import named_parameters
 from commonlaw.likelihood import ERRORS
+from tests.refusals import refused
 from tests.simulations import simulated
 
 pytestmark = pytest.mark.usefixtures("few_starts")
@@ -580,3 +581,18 @@ def test_new_objects_have_the_mean_coefficients_in_both_schemes():
     updated = [named_parameters(law.update(unseen)) for law in laws]
     assert updated[1].values == pytest.approx(updated[0].values, rel=1e-4)
     assert updated[1].errors == pytest.approx(updated[0].errors, rel=1e-3)
+
+
+@pytest.mark.parametrize("problem", [decay, falling], ids=["decay", "falling"])
+def test_forecasts_begin_by_as_many_samples_in_both_schemes(problem):
+    trials = problem.trials()
+    laws = [cl.fit(problem.equations, trials, scheme=scheme) for scheme in ("collocation", "shooting")]
+    for law in (laws[1], cl.refine(laws[1], trials)):
+        forecasts = [each.predict(trials) for each in (laws[0], law)]
+        states = [np.concatenate([curve.states[:, :1] for curve in forecast.trajectories]) for forecast in forecasts]
+        np.testing.assert_allclose(states[1], states[0], atol=1e-3 * np.ptp(states[0]))
+        ahead = [np.concatenate(forecast.horizons) for forecast in forecasts]
+        np.testing.assert_array_equal(ahead[1] > 0, ahead[0] > 0)
+    if problem is falling:
+        with refused("start-undetermined", unknown=2, measurements=1):
+            laws[1].predict(trials, start=1)

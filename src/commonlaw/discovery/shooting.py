@@ -54,7 +54,10 @@ def by_shooting(request: FitRequest, reason: str, resting: tuple[str, ...] = ())
     if checked_errors(request.changed) is None:
         why = "by default; others are compared by collocation alone, and taken where `errors` has their name"
         history.insert(2, Step("errors", "white noise", why))
-    provenance = replace(law.provenance, outcomes=outcomes, domain=domain, history=tuple(history))
+    rates = suitable_differentiation(moving, law.order)
+    provenance = replace(
+        law.provenance, differentiation=rates, outcomes=outcomes, domain=domain, history=tuple(history)
+    )
     return replace(law, provenance=provenance)
 
 

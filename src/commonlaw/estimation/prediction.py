@@ -14,7 +14,7 @@ from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialData
 from commonlaw.estimation.search import LACK_OF_FIT, Bounds, Optimum, is_solved, maximize, rough_noise, under_errors
 from commonlaw.forecast.forecast import Forecast
-from commonlaw.forecast.initial_state import MIN_SAMPLES, notes_of_few, notes_of_lost
+from commonlaw.forecast.initial_state import MIN_SAMPLES, notes_of_few, notes_of_lost, samples_of_rates
 from commonlaw.forecast.prediction import initial_value_problems, wanted_times, with_discrepancy, with_object
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.integration.problem import diverged
@@ -331,11 +331,14 @@ class _Curve:
             used = np.isin(np.arange(len(trial)), numbers[-start:] if from_time is not None else numbers[:start])
         if free and not used.any():
             raise CommonlawError("trial-without-samples", trial=trial.label)
+        measurements = int((np.isfinite(trial.states) | np.isfinite(trial.below))[used].sum())
         seen = whole.seen(used) if used.any() else whole
         given = observed.restrictions.priors
         known = {i: given[name] for i, name in enumerate(model.parameters) if name in given}
         known |= {count + j: prior for j, prior in model.expected.items()}
         known = {index: prior for index, prior in known.items() if index in place}
+        if measurements < (unknown := len(free) - len(known)):
+            raise CommonlawError("start-undetermined", trial=trial.label, unknown=unknown, measurements=measurements)
         priors = tuple(NormalPrior.of(place[index], *prior) for index, prior in known.items())
         problem = observed.problem((seen,), len(free), priors)
         rough = rough_noise(problem)
@@ -433,7 +436,8 @@ def _default_start(observed: ObservedLaw, trial: Trial, used: Bools) -> int | Li
     """Return how many of the used samples determine the initial values of a trial by default.
 
     The first one, if it has every state with an unknown initial value; else as many as have `MIN_SAMPLES` of each
-    measured quantity, and at least one for each unknown. All if later rows are forecast, or the trial has parameters.
+    measured quantity, and at least one for each unknown, or as rates of measured states would be estimated from. All if
+    later rows are forecast, or the trial has parameters.
     """
     model, free = observed.model, observed.model.free_in(trial)
     rows = np.flatnonzero(used)
@@ -444,6 +448,9 @@ def _default_start(observed: ObservedLaw, trial: Trial, used: Bools) -> int | Li
     measured = [name in names and name not in observed.observation.equations for name in states]
     if all(measured) and seen[0, [names.index(name) for name in states]].all():
         return 1
+    rates = dict(state_rates(observed.law))
+    if {*states} <= {*names, *(rates[name] for name in names if name in rates)} - {*observed.observation.equations}:
+        return samples_of_rates(observed.law, trial)
     counts = seen[:, seen.any(axis=0)].cumsum(axis=0).min(axis=1, initial=len(rows))
     return int(np.searchsorted(counts, max(MIN_SAMPLES, len(free)))) + 1
 

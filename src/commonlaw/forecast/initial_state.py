@@ -478,6 +478,12 @@ def _count(law: Law, trial: Trial, ahead: bool) -> int:
     return 1 if ready else int(np.searchsorted(known, MIN_SAMPLES)) + 1
 
 
+def samples_of_rates(law: Law, trial: Trial) -> int:
+    """Return how many of the first samples of a trial the rates at its start would be estimated from."""
+    method = _differentiation(law, trial)
+    return MIN_SAMPLES if method is None else max(MIN_SAMPLES, _samples(method, len(trial)))
+
+
 def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
     """Return a trial with samples at more times after its first, with linearly interpolated standard deviations."""
     index = np.interp(wanted, trial.times, np.arange(len(trial)))

@@ -211,8 +211,8 @@ def _of_observation(
         raise CommonlawError("not-with-observation", settings=["input_interpolation='auto'"])
     fitted = refit(law, trials, **taken, errors=errors, huber_threshold=threshold, progress=progress)
     refined = fitted.law(calls)
-    history = (*law.history, refined.provenance.history[-1])
-    return replace(refined, provenance=replace(refined.provenance, history=history))
+    history, rates = (*law.history, refined.provenance.history[-1]), law.provenance.differentiation
+    return replace(refined, provenance=replace(refined.provenance, differentiation=rates, history=history))
 
 
 @dataclass(frozen=True)
