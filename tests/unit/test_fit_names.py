@@ -8,7 +8,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import from_json, to_frame, to_json, to_latex
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import named_parameters, reach_of_equations
 from commonlaw.law.parse import read_equations
 from commonlaw.law.tables import coefficient_rows
 from commonlaw.law.text import with_error
@@ -146,7 +146,7 @@ def test_parameters_of_equations_are_in_every_form_of_the_law(law):
         assert table["parameter"].tolist() == ["k", "a"] * 2
         values, errors = named_parameters(each).values, named_parameters(each).errors
         np.testing.assert_array_equal(table["estimate"], values.ravel())
-        (reach,) = each.uncertainty.reach(1)  # Of Student's t distribution
+        (reach,) = reach_of_equations(each)  # Of Student's t distribution
         ends = table[["low", "high"]].to_numpy().reshape(2, 2, 2)
         np.testing.assert_allclose(ends[:, 0], values[:, :1] + errors[:, :1] * [-reach, reach])
         for o, covariance in enumerate(each.uncertainty.covariance):

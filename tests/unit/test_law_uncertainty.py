@@ -210,7 +210,7 @@ def test_selected_objects_keep_their_covariance_for_the_terms_that_are_left(drag
         ("covariance", np.full((2, 2, 2), np.nan), Diagnostic("law-array-not-finite", {"array": "covariance"})),
         ("covariance", [[[1, 0.5], [0.4, 1]]] * 2, Diagnostic("law-covariance-asymmetric", {"name": "heavy"})),
         ("covariance", np.array([np.eye(2), -np.eye(2)]), Diagnostic("law-variance-negative", {"name": "light"})),
-        ("noise", [0.1, 0.2], Diagnostic("law-array-shape", {"array": "noise", "axes": "states"})),
+        ("noise", [0.1, 0.2], Diagnostic("law-array-shape", {"array": "noise", "axes": "measured quantities"})),
         ("noise", [-0.1], Diagnostic("law-array-range", {"array": "noise", "value": -0.1, "low": 0})),
         ("inclusion_probabilities", [[0, 0, 2, 0, 0, 0]], Diagnostic("law-array-range", {"value": 2.0, "high": 1})),
     ],

@@ -43,7 +43,7 @@ def law():
         lambda law, trials: law.residuals(trials),
         lambda law, trials: law.discrepancy(trials),
         lambda law, trials: law.update(trials),
-        lambda law, trials: bounds(law, trials),
+        lambda law, trials: bounds(law, trials, ["v^2"]),
         lambda law, trials: law.predict(trials).score(),
         lambda _, trials: cl.plots.plot_trials(trials),
         lambda _, trials: trials.check(),

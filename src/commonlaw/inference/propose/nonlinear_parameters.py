@@ -218,7 +218,8 @@ def with_initial_parameters(
             targets = [target for _, target in matched]
             integral.append(_Profile(model.terms, known, values, targets, [integrals.of for integrals, _ in matched]))
         starts = grid.starts(integral, deviances)
-        _check_identifiable(setup.law, rates, [coefficients[rates[0].inside] for coefficients in starts[-1]])
+        apart = starts[0 if len(rates) == 1 else -1]
+        _check_identifiable(setup.law, rates, [coefficients[rates[0].inside] for coefficients in apart])
         fits: list[list[Estimate]] = [[] for _ in problem.models]
         for initial in starts:
             for o, estimate in enumerate(multistart(problem, [initial], full_schedule)):
@@ -337,7 +338,7 @@ class _Grid:
             swept_alone = in_parallel(lambda profile: [self._swept([profile], start) for start in swept[:1]], profiles)
         together = self._best(profiles, deviances.sum(axis=0), swept)[: settings.MAX_KEPT]
         if len(profiles) == 1 and not swept and together:  # The first is the best of the only object too
-            return [np.array([profiles[0].fitted(parameters)[0]]) for parameters in reversed(together)]
+            return [np.array([profiles[0].fitted(parameters)[0]]) for parameters in together]
         alone = in_parallel(
             lambda profile, deviance, more: self._best([profile], deviance, [*swept, *more])[:1],
             profiles,
