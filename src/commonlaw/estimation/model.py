@@ -184,6 +184,14 @@ class Model:
         return [i for i in range(len(self.column)) if self.width + i in columns]
 
     @cached_property
+    def measured_states(self) -> list[int] | None:
+        """The states and rates, by index, that are measured themselves; None if something else is."""
+        columns = {f"v{j}": j for j in range(self.width)}
+        shown = [columns.get(output.removeprefix("+")) for output in self.expressions[self.width :]]
+        known = [j for j in shown if j is not None]
+        return known if len(known) == len(shown) else None
+
+    @cached_property
     def starts(self) -> Program:
         """Initial values over the variables; zero where they are free."""
         return _program([start or "0.0" for start in self.initial], len(self.variables.names))

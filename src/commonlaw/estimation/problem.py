@@ -185,7 +185,9 @@ class Problem:
         width, count = model.width, len(parameters)
         initial = np.where(data.initial < 0, data.fixed, np.append(unknowns, np.nan)[data.initial])
         follows, start_by = (data.initial < 0) & np.isnan(data.fixed), None
-        if slopes or follows.any():
+        if slopes and all(start is None for start in model.initial):
+            start_by = np.eye(width, count + width, count)
+        elif slopes or follows.any():
             inputs = np.zeros((1, len(model.column)))
             if model.starting_inputs:
                 inputs = data.inputs.at(data.times[:1], parameters)
@@ -213,9 +215,10 @@ class Problem:
             wide = np.full((*shape, count + width), np.nan) if slopes else None
             solution = Solution(np.full(shape, np.nan), wide)
         states = solution.states[data.rows]
-        times = data.times[data.rows]
-        point = model.point(states, data.inputs.at(times, parameters), times, parameters)
-        values = model.outputs.evaluate(point)
+        times, measured = data.times[data.rows], model.measured_states
+        if measured is None:
+            point = model.point(states, data.inputs.at(times, parameters), times, parameters)
+        values = model.outputs.evaluate(point) if measured is None else states[:, measured]
         shown = values
         if self.logarithmic.any():
             with np.errstate(all="ignore"):
@@ -223,11 +226,15 @@ class Problem:
         if solution.derivatives is None:
             return Predicted(shown, None, states, solution.is_endless)
         by = solution.derivatives[data.rows]
-        outer = model.outputs.jacobian(point)
         assert start_by is not None
-        by_parameters = outer[:, :, :width] @ by[:, :, :count] + outer[:, :, first : first + count]
-        by_start = outer[:, :, :width] @ by[:, :, count:] @ start_by
-        by_start[:, :, :count] += by_parameters
+        if measured is None:
+            outer = model.outputs.jacobian(point)
+            by = outer[:, :, :width] @ by
+            by[:, :, :count] += outer[:, :, first : first + count]
+        else:
+            by = by[:, measured]
+        by_start = by[:, :, count:] @ start_by
+        by_start[:, :, :count] += by[:, :, :count]
         by_unknowns, indices = np.zeros((*values.shape, self.unknowns)), np.append(data.parameter, data.initial)
         by_unknowns[:, :, indices[indices >= 0]] = by_start[:, :, indices >= 0]
         with np.errstate(all="ignore"):
