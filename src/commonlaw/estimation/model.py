@@ -186,10 +186,8 @@ class Model:
     @cached_property
     def measured_states(self) -> list[int] | None:
         """The states and rates, by index, that are measured themselves; None if something else is."""
-        columns = {f"v{j}": j for j in range(self.width)}
-        shown = [columns.get(output.removeprefix("+")) for output in self.expressions[self.width :]]
-        known = [j for j in shown if j is not None]
-        return known if len(known) == len(shown) else None
+        registers: list[int] = self.outputs.outputs.tolist()  # The first ones are variables, of which states are first
+        return registers if all(register < self.width for register in registers) else None
 
     @cached_property
     def starts(self) -> Program:

@@ -185,9 +185,9 @@ class Problem:
         width, count = model.width, len(parameters)
         initial = np.where(data.initial < 0, data.fixed, np.append(unknowns, np.nan)[data.initial])
         follows, start_by = (data.initial < 0) & np.isnan(data.fixed), None
-        if slopes and all(start is None for start in model.initial):
+        if slopes and not follows.any():
             start_by = np.eye(width, count + width, count)
-        elif slopes or follows.any():
+        elif follows.any():
             inputs = np.zeros((1, len(model.column)))
             if model.starting_inputs:
                 inputs = data.inputs.at(data.times[:1], parameters)
