@@ -162,6 +162,11 @@ def test_laws_are_compared_through_their_observation_equations():
         cl.compare(laws, trials, errors="random-walk")
 
 
+def test_laws_without_noise_are_not_updated(law):
+    with refused("weights-unknown"):
+        replace(law, uncertainty=replace(law.uncertainty, noise=None)).update(TRIALS)
+
+
 def test_new_trials_update_the_parameters_of_an_object():
     source, made = np.random.default_rng(41), []
     for owner, k in {"A": 0.5, "B": 0.9}.items():
@@ -216,6 +221,7 @@ def law():
     "change",
     [
         {"uncertainty": {"noise": [-1.0]}},
+        {"uncertainty": {"noise": [0.0]}},
         {"uncertainty": {"noise_of": {"other": {"A": 1.0}}}},
         {"uncertainty": {"noise_of": {"signal": {"A": 0.0}}}},
         {"provenance": {"domain": {"sizes": {"x": 0.0}}}},

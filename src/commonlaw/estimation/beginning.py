@@ -487,7 +487,7 @@ def beginning_of(
     if not shares_terms(law):
         raise CommonlawError("refine-own-terms")
     observation = law.observation
-    between = input_interpolation or law.observation.measured.input_interpolation
+    between = input_interpolation or observation.measured.input_interpolation
     trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
     written = equations or law.provenance.equations or law.structure
     text, free = ModelText.of(written), list[str]()
@@ -516,7 +516,7 @@ def beginning_of(
         observation.initial_time,
         restrictions.shared,
         priors=restrictions.priors,
-        log_states=law.observation.measured.logarithmic if log_states is None else log_states,
+        log_states=observation.measured.logarithmic if log_states is None else log_states,
         noise=noise,
         errors=errors,
     )

@@ -124,7 +124,8 @@ def updated(law: Law, trials: Trials) -> Law:
     law = with_objects_of(law, trials)[0]
     named, known_noise = named_parameters(law), law.uncertainty.noise
     law.uncertainty.known_covariance()
-    assert known_noise is not None
+    if known_noise is None:
+        raise CommonlawError("weights-unknown", lacking="has no noise estimate")
     noise: dict[str, NoiseGiven] = dict(zip(trials.schema.states, known_noise.tolist(), strict=True))
     noise |= law.uncertainty.noise_of
     known = np.any([trial.known_noise for trial in trials], axis=0)

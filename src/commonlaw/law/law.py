@@ -21,7 +21,7 @@ from commonlaw.law.parse import GivenEquations, Names, read_equations, stated_la
 from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.restrictions import Restrictions
 from commonlaw.law.simplification import Simplification
-from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, checked
+from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, check_positive, checked
 from commonlaw.library import Order, Terms, highest_order, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.runtime.arguments import check_types, check_whole_number, checks_types, numbers_of
@@ -117,6 +117,9 @@ class Law(ShownInNotebooks):
         object.__setattr__(self, "coefficients", values)
         uncertainty = self.uncertainty.checked(self.objects, self.support, self.observation.measured.states)
         object.__setattr__(self, "uncertainty", uncertainty)
+        if self.scheme == "shooting" and uncertainty.noise is not None:
+            for name, level in zip(self.observation.measured.states, uncertainty.noise.tolist(), strict=True):
+                check_positive(name, level)
         object.__setattr__(self, "properties", normalized(self.properties))
         strangers = [name for name in self.properties if name not in self._indices]
         if strangers:
