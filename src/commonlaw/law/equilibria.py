@@ -38,21 +38,33 @@ class Equilibrium(NamedTuple):
     kind: str
 
 
-def _at_rest(law: Law, coefficients: Floats, states: Floats, inputs: Mapping[str, float] = {}) -> LinearizedField:
-    """Return the vector field at states at rest, shape (n, states), and constant inputs, with its derivatives.
+def _fields(law: Law) -> Callable[[Floats], VectorField]:
+    """Return the function that gives the vector field over states, not their logarithms, by coefficients.
 
-    Coefficients have the shape (equations, terms), or that of the parameters in the support.
+    These have the shape (equations, terms), or that of the parameters in the support.
     """
-    if coefficients.ndim == 1:
-        given, coefficients = coefficients, np.zeros(law.support.shape)
-        coefficients[law.support] = given
-    natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
-    values = np.zeros((len(states), len(natural.variables.measured)))
+    support, used = law.support, np.flatnonzero(law.support.any(axis=0) | ~law.terms.is_factor)
+    terms = law.terms.take(used.tolist())
+    terms = Terms(replace(terms.variables, logarithmic=()), terms.terms)
+
+    def field(coefficients: Floats) -> VectorField:
+        if coefficients.ndim == 1:
+            given, coefficients = coefficients, np.zeros(support.shape)
+            coefficients[support] = given
+        return VectorField(terms, coefficients[:, used], law.order, free=support[:, used])
+
+    return field
+
+
+def _at_rest(field: VectorField, states: Floats, inputs: Mapping[str, float] = {}) -> LinearizedField:
+    """Return a vector field at states at rest, shape (n, states), and constant inputs, with its derivatives."""
+    variables = field.terms.variables
+    values = np.zeros((len(states), len(variables.measured)))
     values[:, : states.shape[1]] = states
     for name, value in inputs.items():
-        values[:, natural.variables.index(name)] = value
+        values[:, variables.index(name)] = value
     with np.errstate(all="ignore"):
-        return VectorField(natural, coefficients, law.order, free=law.support).linearize(values)
+        return field.linearize(values)
 
 
 @np.errstate(all="ignore")
@@ -113,13 +125,14 @@ def equilibria(law: Law, parameters: Floats, covariance: Floats | None, reach: f
 
     def leading(at: Floats, state: Floats) -> float:
         """Return the largest real part of the eigenvalues."""
-        return float(_eigenvalues(law, at, state).real.max())
+        return float(_eigenvalues(fields(at), state).real.max())
 
+    fields = _fields(law)
     rows, states = highest_columns(law.order, len(low)), slice(0, len(low))
     for point, eigenvalues in fixed_points(law, parameters, low, high, {}):
         errors, is_sure = np.full(len(point), np.nan), True
         if covariance is not None:
-            _, by_states, by_parameters = _at_rest(law, parameters, point[np.newaxis])
+            _, by_states, by_parameters = _at_rest(fields(parameters), point[np.newaxis])
             slopes = -np.linalg.solve(by_states[0, rows, states], by_parameters[0, rows])
             errors = np.sqrt(np.maximum(np.einsum("jp,pq,jq->j", slopes, covariance, slopes), 0.0))
             errors[errors <= 1e-9 * width] = 0.0  # Of equilibria at the same place for all coefficients
@@ -143,9 +156,10 @@ def fixed_points(
     Coefficients have the shape (equations, terms), or that of the parameters in the support, and the box (states,).
     """
     random, span, rows = np.random.default_rng(0), high - low, highest_columns(law.order, len(low))
+    field = _fields(law)(coefficients)
 
     def highest(states: Floats) -> tuple[Floats, Floats]:
-        derivatives, by_states, _ = _at_rest(law, coefficients, states, inputs)
+        derivatives, by_states, _ = _at_rest(field, states, inputs)
         return derivatives[:, rows], by_states[:, rows, : len(low)]
 
     # Starts besides zero
@@ -157,28 +171,28 @@ def fixed_points(
     reached = _newton(highest, starts, span)
     reached = np.where(np.abs(reached) <= 1e-12 * span, 0.0, reached)  # Zero but for rounding
     reached = reached[np.isfinite(reached).all(axis=1) & np.all((reached >= low) & (reached <= high), axis=1)]
+    # Up to this singular value, relative to the size nearby, equilibria are not isolated
+    with np.errstate(all="ignore"):
+        relative = highest(reached)[1] * span / usual[:, np.newaxis]
+    usable = np.isfinite(relative).all(axis=(1, 2))
+    reached = reached[usable][np.linalg.norm(relative[usable], -2, axis=(1, 2)) > 1e-10]
     isolated = list[Floats]()
-    for state in reached:
-        slopes = highest(state[np.newaxis])[1][0]
-        known = any(np.allclose(state, point, rtol=1e-6, atol=1e-9 * np.max(span)) for point in isolated)
-        # Up to this singular value, relative to the size nearby, equilibria are not isolated
-        with np.errstate(all="ignore"):
-            relative = slopes * span / usual[:, np.newaxis]
-        if not known and np.isfinite(relative).all() and np.linalg.norm(relative, -2) > 1e-10:
-            isolated.append(state)
+    while len(reached):
+        isolated.append(reached[0])
+        reached = reached[~np.isclose(reached, reached[0], rtol=1e-6, atol=1e-9 * np.max(span)).all(axis=1)]
     points = np.array(isolated).reshape(-1, len(low))
     for point in points[np.lexsort(points.T[::-1])]:
-        eigenvalues = _eigenvalues(law, coefficients, point, inputs)
+        eigenvalues = _eigenvalues(field, point, inputs)
         if np.isfinite(eigenvalues).all():
             yield point, eigenvalues
 
 
-def _eigenvalues(law: Law, coefficients: Floats, state: Floats, inputs: Mapping[str, float] = {}) -> Complexes:
+def _eigenvalues(field: VectorField, state: Floats, inputs: Mapping[str, float] = {}) -> Complexes:
     """Return the eigenvalues of the Jacobian of the system of first order, shape (states + rates,), at rest.
 
     NaN where the Jacobian is not finite.
     """
-    jacobian = _at_rest(law, coefficients, state[np.newaxis], inputs).by_states[0]
+    jacobian = _at_rest(field, state[np.newaxis], inputs).by_states[0]
     if not np.isfinite(jacobian).all():
         return np.full(len(jacobian), np.nan, dtype=np.complex128)
     return np.asarray(np.linalg.eigvals(jacobian), dtype=np.complex128)
@@ -219,9 +233,10 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
     if any(len(powers) > 1 or powers[0][0].column is None or powers[0][1] != 1 for powers in of_states):
         return
     origin, unit = np.zeros(len(law.schema.states)), law.schema.units.get(law.schema.time, "")
+    fields = _fields(law)
 
     def eigenvalues(row: Floats) -> Complexes:
-        values = _eigenvalues(law, row, origin)
+        values = _eigenvalues(fields(row), origin)
         return values[np.lexsort((values.imag, np.abs(values.real)))]
 
     here = eigenvalues(parameters)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.equilibria import Quantity, equilibria, modes
 from commonlaw.law.law import Law
@@ -185,28 +185,29 @@ class _Match:
                 chosen.append(i)
         return chosen, np.linalg.pinv(powers[chosen]), powers
 
-    def values(self, coefficients: Floats) -> tuple[dict[str, Floats], Bools]:
-        """Return the parameters of the form from coefficients of the law, shape (n, equations, terms).
-
-        The other value is which of them agree with all entries, shape (n,): some parameters stand in several.
-        """
+    def values(self, coefficients: Floats) -> dict[str, Floats]:
+        """Return the parameters of the form from coefficients of the law, shape (n, equations, terms)."""
         whole = coefficients.sum(axis=1)  # A parameter inside terms has one coefficient, in whatever equation
         result = {name: whole[:, term] for name, term in self.inner.items()}
-        sizes = np.zeros((len(self.pattern.entries), len(coefficients)))
-        chosen, inverse, powers = self.solution
+        chosen, inverse, _ = self.solution
+        sizes = self._sizes(coefficients, chosen)
         with np.errstate(all="ignore"):
-            for row, entry, places in zip(sizes, self.pattern.entries, self.places, strict=True):
-                row += sum(_value(coefficients, whole, place) for place in places) / entry.number
-                for name, power in entry.powers.items():
-                    row /= result[name] ** power if name in self.inner else 1.0
             for name, row in zip(self.unknown, inverse, strict=True):
-                result[name] = np.prod(sizes[chosen] ** np.rint(row)[:, np.newaxis], axis=0)
-            columns = np.array([result[name] for name in self.unknown]).reshape(len(self.unknown), -1)
-            expected = np.prod(columns ** powers[:, :, np.newaxis], axis=1)
-            agree = np.all(np.isclose(expected, sizes, rtol=1e-9, atol=0.0), axis=0)
+                result[name] = np.prod(sizes ** np.rint(row)[:, np.newaxis], axis=0)
         if self.volume is not None:
             result[self.pattern.form.bolus] = whole[:, self.volume[0]]
-        return result, agree
+        return result
+
+    def _sizes(self, coefficients: Floats, entries: Sequence[int]) -> Floats:
+        """Return the products of unknown parameters before some entries, shape (entries, n)."""
+        whole, sizes = coefficients.sum(axis=1), np.zeros((len(entries), len(coefficients)))
+        with np.errstate(all="ignore"):
+            for row, i in zip(sizes, entries, strict=True):
+                entry = self.pattern.entries[i]
+                row += sum(_value(coefficients, whole, place) for place in self.places[i]) / entry.number
+                for name, power in entry.powers.items():
+                    row /= whole[:, self.inner[name]] ** power if name in self.inner else 1.0
+        return sizes
 
     @property
     def part(self) -> str:
@@ -216,7 +217,13 @@ class _Match:
 
     def holds(self, coefficients: Floats) -> bool:
         """Return whether the coefficients of one object, shape (1, equations, terms), have the form."""
-        values, agree = self.values(coefficients)
+        values, (_, _, powers) = self.values(coefficients), self.solution
+        columns = np.array([values[name] for name in self.unknown]).reshape(len(self.unknown), -1)
+        with np.errstate(all="ignore"):
+            expected = np.prod(columns ** powers[:, :, np.newaxis], axis=1)
+            # Some parameters stand in several entries
+            sizes = self._sizes(coefficients, range(len(self.pattern.entries)))
+            agree = np.isclose(expected, sizes, rtol=1e-9, atol=0.0)
         inside = (
             np.all((values[name] > bound.low) & (values[name] < bound.high))
             for name, bound in self.pattern.bounds.items()
@@ -343,7 +350,7 @@ def _quantities_of(match: _Match, initial: Mapping[str, float]) -> Iterator[Quan
         def values(rows: Floats) -> dict[str, Floats]:
             coefficients = np.zeros((len(rows), *support.shape))
             coefficients[:, support] = rows
-            by_name = match.values(coefficients)[0] | {name: np.full(len(rows), start) for name, start in given.items()}
+            by_name = match.values(coefficients) | {name: np.full(len(rows), start) for name, start in given.items()}
             return by_name | ({"input": _value(coefficients, coefficients.sum(axis=1), gain)} if gain else {})
 
         names = tuple(values(np.ones((1, support.sum()))))

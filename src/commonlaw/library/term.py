@@ -420,7 +420,9 @@ class Terms:
         return folded.index(_folded(name))
 
     def take(self, indices: Sequence[int]) -> "Terms":
-        """Return the terms at these indices."""
+        """Return the terms at these indices; all of them, in order, share their program."""
+        if tuple(indices) == tuple(range(len(self))):
+            return self
         return Terms(self.variables, tuple(self.terms[i] for i in indices))
 
     def evaluate(self, values: Floats, out: Floats | None = None) -> Floats:
