@@ -295,6 +295,12 @@ def test_a_time_constant_of_a_fast_decay_has_an_upper_limit(equation):
     assert f"tau < {limit.value:.3g} (95 %)" in str(law)
 
 
+@pytest.mark.parametrize("size", [1e-300, 1e292])
+def test_numbers_whose_multiples_overflow_have_no_limit(size):
+    problem = Mock(max_steps=1)
+    assert one_sided(problem, np.array([size]), np.ones(1), Mock(), 0, np.inf, 5.0) is None
+
+
 def test_small_coefficients_of_either_sign_have_both_limits():
     law = cl.fit("T' = -k (T - 20)", _trials(_cooling(1e-5)), noise={"T": NOISE})
     assert law.uncertainty.limits == ()

@@ -66,8 +66,8 @@ def one_sided(
     side of zero. A deviance that is above it at four standard errors on both sides, or next to zero, as that of most
     unknowns, is not followed further.
     """
-    size = abs(float(unknowns[index]))
-    if not 0 < size < np.inf:
+    size, widest = abs(float(unknowns[index])), _FAR * 10.0 ** _DECADES[-1]
+    if not widest * np.finfo(float).tiny < size < np.finfo(float).max / widest:  # Values of the profile would overflow
         return None
     quantile = float(two_sided(0.90, degrees_of_freedom)) ** 2
     objective = Objective(replace(problem, max_steps=min(problem.max_steps, _MAX_STEPS)), noise)
@@ -102,7 +102,7 @@ def one_sided(
         if np.isnan(outside) or inside == start != size:  # There is no limit, or one on the other side, too
             return None
         while max(inside / outside, outside / inside) > 1 + _PRECISION:
-            middle = float(np.sqrt(inside * outside))
+            middle = float(np.sqrt(inside) * np.sqrt(outside))
             if is_likely(side * middle, flat):
                 inside, flat = middle, at(middle)
             else:
