@@ -282,11 +282,39 @@ def test_suggestions_refit_rivals_to_few_measurements(monkeypatch):
     assert 0 < sum(refits) < 1000
 
 
-@pytest.mark.parametrize("enough", [1, 2, 63, 80, 100, 101])
-def test_repeats_are_as_few_as_settle_the_law(enough):
-    search = Mock(chance=lambda made, _: float(made[0] >= enough))
-    once = Mock(repeated=lambda times: times)
-    assert Search.repeats(search, [once]) == (enough if enough <= MAX_REPEATS else None)
+@pytest.mark.parametrize("enough", [1, 2, 3, 63, 80, 99, 100, 101])
+@pytest.mark.parametrize("off", [-2, 0, 1, 40])
+def test_repeats_are_as_few_as_settle_the_law(enough, off):
+    """Chances by linearization are those of more or fewer repeats."""
+    simulated = []
+
+    def chance(made, _):
+        simulated.extend(times for candidate in made if (times := candidate.simulated_times))
+        return float(made[0].times >= enough)
+
+    def repeated(times):
+        return Mock(times=times, simulated_times=times, linearized=Mock(times=times + off, simulated_times=None))
+
+    search = Mock(chance=chance)
+    assert Search.repeats(search, [Mock(repeated=repeated)]) == (enough if enough <= MAX_REPEATS else None)
+    assert len(simulated) <= 4 or off or enough == 100
+
+
+def test_a_fit_ends_whose_steps_lead_nowhere():
+    """A law that diverges but near its start, and measurements far from what it can be."""
+    tried = []
+
+    def linearise(_, points):
+        tried.extend(points)
+        return [
+            Gaussian(point[:1], np.eye(1), np.zeros((1, 0)), np.array([1e-6])) if abs(point[0]) < 1e-9 else None
+            for point in points
+        ]
+
+    begin = np.zeros(1)
+    (found,) = refitted(linearise(0, [begin]), [begin], [np.array([1e9])], linearise)
+    assert found.mean == [0.0]
+    assert len(tried) < 6
 
 
 NOTHING = np.zeros((1, 0))

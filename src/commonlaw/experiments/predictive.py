@@ -30,6 +30,12 @@ A point has the p unknowns of the law, and what is added to the f free initial v
 """
 
 
+_MAX_STEPS = 15
+"""Steps of a fit, with those that lead to nothing better."""
+_MIN_SHORTENING, _MIN_SHARE = 0.1, 0.01
+"""By how much a step is shortened at once, and the share of a step at which a fit ends: the law is far from linear."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """A law in a trial, fitted to its measurements, shape (n,), as far as it has come: to a point, shape (p + f,)."""
@@ -61,6 +67,15 @@ class _Fit:
         step = np.linalg.lstsq(columns, wanted, rcond=None)[0]
         return np.asarray(step), float(np.sum((wanted - columns @ step) ** 2))
 
+    def shortening(self, share: float, deviance: float) -> float:
+        """Return by what to multiply a share s of the step that leads to a deviance D(s) that is not less.
+
+        The minimum of the parabola with the slope ``D'(0) = -2 d``, d being the predicted decrease, and the value D(s)
+        is at ``d s^2/(D(s) - D(0) + 2 d s)`` (Dennis and Schnabel 1983, algorithm A6.3.1).
+        """
+        decrease = share * (self.deviance - self.gauss_newton[1])
+        return max(_MIN_SHORTENING, decrease / (deviance - self.deviance + 2 * decrease))
+
     @property
     def converged(self) -> bool:
         """Whether the predicted decrease is at most one: laws are distinguished by several times that."""
@@ -76,16 +91,15 @@ def refitted(
     """
     fits = [_Fit(*triple) for triple in zip(measured, points, predicted, strict=True)]
     shares = {i: 1.0 for i, fit in enumerate(fits) if not fit.converged}
-    # Steps that lead to nothing better and are halved among them
-    for _ in range(15):
+    for _ in range(_MAX_STEPS):
         moved = [fits[i].point + share * fits[i].gauss_newton[0] for i, share in shares.items()]
         for i, point, prediction in zip([*shares], moved, linearise([*shares], moved), strict=True):
             fit = None if prediction is None else _Fit(measured[i], point, prediction)
             if fit is None or not fit.deviance < fits[i].deviance:
-                shares[i] /= 2
-                continue
-            fits[i], shares[i] = fit, min(1.0, 2 * shares[i])
-            if fit.converged:
+                shares[i] *= _MIN_SHORTENING if fit is None else fits[i].shortening(shares[i], fit.deviance)
+            else:
+                fits[i], shares[i] = fit, min(1.0, 2 * shares[i])
+            if fits[i].converged or shares[i] < _MIN_SHARE:
                 del shares[i]
     # Linear about the best fit
     return [replace(fit.predicted, mean=fit.predicted.mean - fit.predicted.by_unknowns @ fit.unknowns) for fit in fits]

@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import cache, lru_cache, reduce
 from itertools import chain
 from typing import NamedTuple
 
@@ -62,15 +62,23 @@ class Candidate:
     predicted: tuple[tuple[Gaussian, ...], ...]
     simulated: int = 0
 
-    def repeated(self, times: int) -> "Candidate":
-        """Return the same experiment made so many times."""
-        if times == 1:
-            return self
-        predicted = tuple(
-            tuple(replace(gaussian, repeats=times * gaussian.repeats) for gaussian in by_object)
-            for by_object in self.predicted
-        )
-        return replace(self, experiment=self.experiment.repeated(times), predicted=predicted)
+    @property
+    def linearized(self) -> "Candidate":
+        """The same experiment, whose information follows by linearization."""
+        return replace(self, simulated=0)
+
+    @cached_property
+    def repeated(self) -> "Callable[[int], Candidate]":
+        """The same experiment made so many times, by this number."""
+
+        def repeated(times: int) -> Candidate:
+            predicted = tuple(
+                tuple(replace(gaussian, repeats=times * gaussian.repeats) for gaussian in by_object)
+                for by_object in self.predicted
+            )
+            return replace(self, experiment=self.experiment.repeated(times), predicted=predicted)
+
+        return cache(lambda times: self if times == 1 else repeated(times))
 
 
 Chosen = Sequence[Candidate | None]
@@ -262,11 +270,23 @@ class Search:
             draws = self.effort.choose if times > 1 else self.effort.report
             return self.chance([candidate.repeated(times) for candidate in chosen], draws) >= SETTLED
 
+        def settled_if_linear(times: int) -> bool:
+            return self.chance([candidate.repeated(times).linearized for candidate in chosen], _DRAWS) >= SETTLED
+
         if settled(1):
             return 1
         if not settled(MAX_REPEATS):
             return None
-        return bisect_left(range(MAX_REPEATS), True, lo=2, key=settled)
+        # Exponential search from the number by linearization: few numbers are simulated
+        low, high, step = 1, MAX_REPEATS, 1
+        times = bisect_left(range(high), True, lo=2, key=settled_if_linear)
+        while low < times < high:
+            if settled(times):
+                high, times = times, times - step
+            else:
+                low, times = times, times + step
+            step *= 2
+        return bisect_left(range(high), True, lo=low + 1, key=settled)
 
     def limit(self, chosen: Chosen) -> float:
         """Return the largest chance that is seen if experiments are made `MAX_REPEATS` times: these, or another."""
