@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, Indices
 from commonlaw.integration import VectorField
 from commonlaw.integration.vector_field import LinearizedField
 from commonlaw.law.law import Law
 from commonlaw.law.quantiles import Function
-from commonlaw.library import Terms, highest_columns
+from commonlaw.library import Terms, highest_columns, with_rates
 from commonlaw.library.grammar import columns_in
 
 Complexes = NDArray[np.complex128]
@@ -38,14 +38,23 @@ class Equilibrium(NamedTuple):
     kind: str
 
 
+def _used(law: Law) -> Indices:
+    """Return the terms in the support, and those of parameters."""
+    return np.flatnonzero(law.support.any(axis=0) | ~law.terms.is_factor)
+
+
+def _natural(law: Law) -> Terms:
+    """Return these terms over states, not their logarithms."""
+    terms = law.terms.take(_used(law).tolist())
+    return Terms(replace(terms.variables, logarithmic=()), terms.terms)
+
+
 def _fields(law: Law) -> Callable[[Floats], VectorField]:
     """Return the function that gives the vector field over states, not their logarithms, by coefficients.
 
     These have the shape (equations, terms), or that of the parameters in the support.
     """
-    support, used = law.support, np.flatnonzero(law.support.any(axis=0) | ~law.terms.is_factor)
-    terms = law.terms.take(used.tolist())
-    terms = Terms(replace(terms.variables, logarithmic=()), terms.terms)
+    support, used, terms = law.support, _used(law), _natural(law)
 
     def field(coefficients: Floats) -> VectorField:
         if coefficients.ndim == 1:
@@ -187,6 +196,34 @@ def fixed_points(
             yield point, eigenvalues
 
 
+def _eigenvalues_at_origin(law: Law) -> Callable[[Floats], Complexes]:
+    """Return the function from parameters in the support, shape (n, p), to eigenvalues of the Jacobian at the origin.
+
+    They have the shape (n, states + rates), the slowest first, and are NaN where the Jacobian is not finite.
+    """
+    terms, second = _natural(law), with_rates(law.order, len(law.support))
+    used, highest = _used(law), highest_columns(law.order, len(law.support))
+    width, places = len(law.support) + len(second), list(terms.parameters)
+
+    def eigenvalues(parameters: Floats) -> Complexes:
+        count = len(parameters)
+        coefficients = np.zeros((count, *law.support.shape))
+        coefficients[:, law.support] = parameters
+        coefficients = coefficients[:, :, used]
+        values = np.zeros((count, len(terms.variables.names)))
+        values[:, len(terms.variables.measured) :] = coefficients[:, :, places].sum(axis=1)
+        jacobians = np.zeros((count, width, width))
+        jacobians[:, second, range(len(law.support), width)] = 1.0
+        with np.errstate(all="ignore"):
+            jacobians[:, highest] = coefficients @ terms.jacobian(values)[:, :, :width]
+        finite = np.isfinite(jacobians).all(axis=(1, 2))
+        result = np.full((count, width), np.nan, dtype=np.complex128)
+        result[finite] = np.linalg.eigvals(jacobians[finite])
+        return np.take_along_axis(result, np.lexsort((result.imag, np.abs(result.real))), axis=1)
+
+    return eigenvalues
+
+
 def _eigenvalues(field: VectorField, state: Floats, inputs: Mapping[str, float] = {}) -> Complexes:
     """Return the eigenvalues of the Jacobian of the system of first order, shape (states + rates,), at rest.
 
@@ -232,19 +269,13 @@ def modes(law: Law, parameters: Floats) -> Iterator[Quantity]:
         return
     if any(len(powers) > 1 or powers[0][0].column is None or powers[0][1] != 1 for powers in of_states):
         return
-    origin, unit = np.zeros(len(law.schema.states)), law.schema.units.get(law.schema.time, "")
-    fields = _fields(law)
-
-    def eigenvalues(row: Floats) -> Complexes:
-        values = _eigenvalues(fields(row), origin)
-        return values[np.lexsort((values.imag, np.abs(values.real)))]
-
-    here = eigenvalues(parameters)
+    eigenvalues, unit = _eigenvalues_at_origin(law), law.schema.units.get(law.schema.time, "")
+    here = eigenvalues(parameters[np.newaxis])[0]
     for i, eigenvalue in enumerate(here.tolist()):
 
         def of(change: Callable[[Complexes], Floats], i: int = i, oscillates: bool = eigenvalue.imag != 0) -> Function:
             def value(rows: Floats) -> Floats:
-                values = np.array([eigenvalues(row)[i] for row in rows])
+                values = eigenvalues(rows)[:, i]
                 return np.where((values.imag != 0) == oscillates, change(values), np.nan)
 
             return value
