@@ -1,7 +1,7 @@
 """Streams of trials that exceed memory: forecasts and residuals, part by part, by workers or here."""
 
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from io import BytesIO
@@ -22,12 +22,12 @@ from commonlaw.discrepancy.residual_tests import (
     patterns_of,
     size_over_noise,
 )
-from commonlaw.discrepancy.residuals import noise_of, noise_squares, refuse_discrete_time, untested
+from commonlaw.discrepancy.residuals import fitted_parameters, noise_of, noise_squares, refuse_discrete_time, untested
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast.forecast import Forecast, variation
-from commonlaw.forecast.population import is_typical
 from commonlaw.forecast.prediction import predict
 from commonlaw.law import Law, select_objects
+from commonlaw.law.population import is_typical
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import done_in_parts, on_cluster
 from commonlaw.runtime.files import make_folder, write_whole
@@ -327,8 +327,9 @@ def check_stream(
     name = law.schema.object
     rows = pd.concat([frame for frame, _ in results], ignore_index=True)
     summed = rows.groupby([name, "state"], sort=False)
-    rows = summed[[*_SUMS, "starts"]].sum().join(summed["coefficients"].first()).reset_index()
-    rows["spent"] = rows["starts"] + rows["coefficients"]
+    rows = summed[[*_SUMS, "starts"]].sum().reset_index()
+    fitted, totals = rows["starts"] + rows[name].map(fitted_parameters(law)).fillna(0.0), rows.groupby(name)["samples"]
+    rows["spent"] = fitted * rows["samples"] / totals.transform("sum").clip(lower=1)
     spent = rows.groupby("state", sort=False)["spent"].sum()
     by_state = zip(*(part_sums for _, part_sums in results), strict=True)
     sums = [reduce(lambda total, more: total + more if total and more else total or more, sums) for sums in by_state]
@@ -358,27 +359,23 @@ def _of_part(noise: Floats, piece: tuple[Law, TrialStream]) -> tuple[pd.DataFram
     """Return sums of each object's residuals, and over all those of each state."""
     law, trials = piece[0], piece[1].read()
     with unannounced():
-        residuals, spent = untested(law, trials, noise)
+        residuals, starts = untested(law, trials, noise)
     sums = [
         StateSums.of(j, residuals.standardized, residuals.columns, name) for j, name in enumerate(law.schema.states)
     ]
-    return _rows(law, residuals, spent), sums
+    return _rows(law, residuals, starts), sums
 
 
-def _rows(law: Law, found: Residuals, spent: Floats) -> pd.DataFrame:
+def _rows(law: Law, found: Residuals, starts: Mapping[str, int]) -> pd.DataFrame:
     """Return a row for each object and state."""
     rows, series = list[dict[str, object]](), dict[str, list[Floats]]()
     for trial, residuals in zip(found.trials, found.standardized, strict=True):
         series.setdefault(trial.object, []).append(residuals)
-    orders = np.broadcast_to(np.array(law.order), len(law.schema.states)).tolist()
-    for (name, trials), taken in zip(series.items(), spent.tolist(), strict=True):
+    for name, trials in series.items():
         for j, state in enumerate(law.schema.states):
             values = np.concatenate([trial[:, j] for trial in trials])
             seen = values[np.isfinite(values)]
             pairs = sum((neighbours(trial[:, j]) for trial in trials), np.zeros(4))
-            starts = orders[j] * len(trials)
             row = dict(zip(_SUMS, [len(seen), seen.sum(), seen @ seen, *pairs[:3]], strict=True))
-            rows.append(
-                {law.schema.object: name, "state": state, **row, "starts": starts, "coefficients": taken[j] - starts}
-            )
+            rows.append({law.schema.object: name, "state": state, **row, "starts": starts[name]})
     return pd.DataFrame(rows)

@@ -17,16 +17,17 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.forecast.forecast import variation
 from commonlaw.forecast.initial_state import can_fit_initial_state
-from commonlaw.forecast.population import is_typical, with_objects_of
+from commonlaw.forecast.schemes import scheme_of
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
-from commonlaw.law.law import has_free_starts
 from commonlaw.law.parameters import left_hand_sides, named_parameters
+from commonlaw.law.population import is_typical, with_objects_of
 from commonlaw.law.verdict import SMALL_ERROR, LawVerdict, StateError, listed
-from commonlaw.library import Order, highest_order, order_of_each
+from commonlaw.library import Order, highest_order
 from commonlaw.runtime.progress import announced
 from commonlaw.text import counted
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.trial import property_names
 
 
 class Kind(StrEnum):
@@ -112,7 +113,7 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> tuple[pd.Data
     # More samples before a forecast take long and tell little more of where it starts
     how: dict[str, Any] = {"start": 200 if fits and origin > 200 else None}
     how |= {"from_time": float(trial.times[origin])}
-    if not has_free_starts(law, trials):
+    if not any(map(scheme_of(law, property_names(trials.properties)).free_starts, trials)):
         how = {}
     elif fits and segment.kind is Kind.SEEN and origin == 1:
         how = {"start": max(2, samples_before(len(trial), law.order))}
@@ -142,8 +143,8 @@ _COLUMNS = ("state", "lead", "error", "persistence", "inside", "noise", "trial",
 
 def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
     """Return what a law is good for, see `Law.assess`."""
-    trials = matched(law, trials, observed=True)
-    learned = None if learned is None else matched(law, learned, observed=True)
+    trials = matched(law, trials)
+    learned = None if learned is None else matched(law, learned)
     judged, frames, diverged, not_assessable = list[Segment](), list[pd.DataFrame](), 0, list[str]()
     numbers = dict[tuple[str, str], int]()
     whole = {(trial.object, trial.name): trial for trial in trials}
@@ -217,12 +218,7 @@ def _unknowns(law: Law, trials: Trials) -> int:
     is_free = (parameters.errors > 0) | parameters.limited
     listed = zip(parameters.values.T, is_free.T, strict=True)
     count = sum(len(np.unique(values[free])) for values, free in listed)
-    if law.scheme == "shooting":
-        return count + len({(row.object, row.trial, row.name) for row in law.trial_estimates})
-    orders = np.array(order_of_each(law.order, len(law.schema.states)))
-    is_started = np.array([law.schema.initial_values.get(name) is None for name in law.schema.states])
-    measured = [np.isfinite(trial.states).any(axis=0) for trial in trials]
-    return count + sum(int((orders * is_started)[seen].sum()) for seen in measured)
+    return count + sum(map(scheme_of(law, property_names(trials.properties)).free_starts, trials))
 
 
 def _by_state(
@@ -393,8 +389,8 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     The law was fitted to `learned`, by default all trials; `bands` says whether forecasts have bands. Raises
     `CommonlawError` if the trials do not have the variables of the law.
     """
-    whole = matched(law, trials, observed=True)
-    training = whole if learned is None or learned is trials else matched(law, learned, observed=True)
+    whole = matched(law, trials)
+    training = whole if learned is None or learned is trials else matched(law, learned)
     failures = list[str]()
     bands = bands and law.uncertainty.has_std
     fitting = partial(fitted, law, training, bands)
@@ -406,8 +402,8 @@ def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = 
     held_out = [trial for trial in others if trial.object in law.objects]
     checked = whole.with_trials(held_out or [trial for trial in whole if (trial.object, trial.name) in learned_from])
     fewest = min(len(trial.measured()) for trial in checked)
-    fits = can_fit_initial_state(law) or law.scheme == "shooting"
-    start = samples_before(fewest, law.order) if fits and has_free_starts(law, checked) else None
+    has_starts = any(map(scheme_of(law, property_names(checked.properties)).free_starts, checked))
+    start = samples_before(fewest, law.order) if can_fit_initial_state(law) and has_starts else None
     checking = partial(law.predict, checked, return_std=bands, start=start)
     forecast = _tried("the law was not checked by forecasts", checking, failures)
     if verdict is not None and verdict.usable is not None:

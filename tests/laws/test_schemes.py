@@ -14,8 +14,10 @@ import pytest
 from scipy import integrate, optimize
 
 import commonlaw as cl
+from commonlaw.discrepancy.residuals import fitted_parameters
 from commonlaw.estimation.fitting import refit
 from commonlaw.estimation.profile import likelihood_profile
+from commonlaw.forecast import fitted
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.score.trajectories import TrajectoryScore
@@ -23,6 +25,7 @@ from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.comparison import score_of_fit, written_alike
+from commonlaw.law.observation import STATES
 from commonlaw.law.parameters import named_parameters
 from commonlaw.likelihood import ERRORS
 from tests.refusals import refused
@@ -596,3 +599,85 @@ def test_forecasts_begin_by_as_many_samples_in_both_schemes(problem):
     if problem is falling:
         with refused("start-undetermined", unknown=2, measurements=1):
             laws[1].predict(trials, start=1)
+
+
+def in_both_schemes(law: cl.Law) -> tuple[cl.Law, cl.Law]:
+    """Return a law that was fitted by collocation, and the same law as one by shooting."""
+    domain = law.provenance.domain
+    sizes = {name: max(map(abs, domain.visited[name])) for name in law.terms.variables.states}
+    provenance = replace(law.provenance, domain=replace(domain, sizes=sizes))
+    return law, replace(law, scheme="shooting", observation=STATES, provenance=provenance)
+
+
+VERBS = {
+    "decay, proportional": UNDER_ERRORS["decay, proportional"],
+    "decay, autocorrelated": UNDER_ERRORS["decay, autocorrelated"],
+    "fall, known gravity": SLOW["fall, known gravity"],
+    "decay, shared k": FAST["decay, shared k"],
+}
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_verbs_state_the_same_of_one_law_in_both_schemes(name):
+    trials = VERBS[name].trials()
+    laws = in_both_schemes(VERBS[name].fit(trials))
+    curves = [fitted(law, trials) for law in laws]
+    for one, other in zip(*(forecast.solutions for forecast in curves), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-4 * np.ptp(one))
+    one, other = (law.residuals(trials) for law in laws)
+    np.testing.assert_allclose(np.concatenate(one.standardized), np.concatenate(other.standardized), atol=1e-3)
+    np.testing.assert_allclose(one.tests()["p-value"], other.tests()["p-value"], rtol=0.02)
+    verdicts = [law.assess(trials) for law in laws]
+    assert verdicts[0].unknowns == verdicts[1].unknowns
+    assert verdicts[0].coverage == pytest.approx(verdicts[1].coverage, abs=0.05)
+
+
+def test_forecasts_beyond_the_training_data_are_noted_in_both_schemes():
+    trials = falling._replace(numbers={"a": (0.2,)}).trials()
+    laws = in_both_schemes(falling.fit(trials))
+    notes = [law.predict(trials, start=8, times=[3.0]).trials.notes for law in laws]
+    assert notes[0] == notes[1]
+    assert "extrapolate" in notes[0][-1]
+
+
+def test_parameters_that_objects_share_are_fitted_once():
+    trials = decay.trials()
+    counts = [fitted_parameters(decay.fit(trials, shared=shared)) for shared in ((), "k")]
+    assert counts[0] == pytest.approx({"a": 1.0, "b": 1.0, "c": 1.0})
+    assert sum(counts[1].values()) == pytest.approx(1.0, abs=0.01)
+    apart = in_both_schemes(decay.fit(trials, shared="k"))[1]
+    none = replace(apart, uncertainty=replace(apart.uncertainty, unpooled=None))
+    assert fitted_parameters(none) == pytest.approx(dict.fromkeys("abc", 1 / 3))
+
+
+def test_contributions_of_absent_terms_are_those_of_states_and_not_of_their_logarithms():
+    problem = FAST["decay, logarithms"]._replace(numbers={"a": (0.5,)})
+    trials = problem.trials()
+    (bound,) = cl.bounds(problem.fit(trials), trials, ["x^2"]).bounds
+    assert bound.effect == pytest.approx(bound.at_most * np.max(trials[0].states[:, 0]) ** 2, rel=0.2)
+
+
+def test_times_before_all_trials_are_refused_in_both_schemes():
+    trials = decay.trials()
+    for law in in_both_schemes(decay.fit(trials)):
+        with refused("forecast-before-start", time=-1.0, begins=0.0):
+            law.predict(trials, times=[-1.0, 5.0])
+
+
+@pytest.mark.parametrize("names", ["gc", "cg"])
+def test_discrepancies_are_included_in_forecasts_whatever_the_order_of_terms(names):
+    terms = {"g": "g", "c": "c v"}
+    trials = falling._replace(numbers={"a": (0.2,)}).trials()
+    law = falling.fit(trials, f"x'' = -{terms[names[0]]} - {terms[names[1]]}")
+    changed = law.discrepancy(trials, of="v").law
+    plain, refitted = (dict(zip(of.names, of.values[0], strict=True)) for of in map(named_parameters, (law, changed)))
+    assert refitted["g"] == pytest.approx(plain["g"], rel=0.1)
+    assert changed.predict(trials, discrepancy=True).metric() > 0.99
+    with refused("discrepancy-outdated"):
+        replace(changed, coefficients=1.01 * changed.coefficients).predict(trials, discrepancy=True)
+
+
+def test_known_coefficients_stay_known_in_comparisons_whatever_the_order_of_terms():
+    trials = falling._replace(numbers={"a": (0.2,)}).trials()
+    laws = [falling.fit(trials, f"x'' = {right}") for right in ("-9.0 - c v", "-c v - 9.0")]
+    assert np.ptp(_above(laws, trials)) < 0.01

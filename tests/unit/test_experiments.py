@@ -15,8 +15,8 @@ from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
 from commonlaw.experiments.predictive import Hypothesis, refitted
 from commonlaw.experiments.search import MAX_REPEATS, Search
 from commonlaw.forecast.initial_state import model_error_std
-from commonlaw.forecast.population import with_objects_of
 from commonlaw.integration import Inputs
+from commonlaw.law.population import with_objects_of
 from commonlaw.law.uncertainty import PlausibleLaw
 from commonlaw.library import Terms, Variables
 from commonlaw.likelihood import ErrorModel

@@ -13,13 +13,13 @@ from scipy.stats import multivariate_normal
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
-from commonlaw.forecast.population import with_objects_of, with_pooled_forecasts
 from commonlaw.hierarchy import PropertyTable, RelationKind, explain, informative, shrink
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
 from commonlaw.hierarchy.relation import dimensions_of, exponent_sets
 from commonlaw.law import average_law, from_json, pool_objects, relations_frame, select_objects, to_json, to_latex
 from commonlaw.law.parameters import coefficient_units, standard_errors
 from commonlaw.law.pooling import by_properties
+from commonlaw.law.population import with_objects_of, with_pooled_forecasts
 from commonlaw.library import PolynomialLibrary, Variables
 from tests.refusals import refused
 from tests.unit.estimates import measured

@@ -10,9 +10,9 @@ from scipy.stats import norm
 from commonlaw import datasets
 from commonlaw.differentiation import MedianFilter, SmoothedDifference, WienerFilter, parse_differentiation
 from commonlaw.forecast import Forecast
-from commonlaw.forecast.initial_state import begin
-from commonlaw.forecast.prediction import trajectory_std
-from commonlaw.integration import InitialValueProblem, Trajectory, simulate
+from commonlaw.forecast.collocation import Collocation, trajectory_std
+from commonlaw.forecast.scheme import Extended, ForecastOptions
+from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
 from commonlaw.law import Law, Provenance, Uncertainty, select_objects
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import vector_field
@@ -45,7 +45,8 @@ def law_of(texts, order, coefficients, variances, noise, method=None):
 def with_rates(law, trials):
     """Return the standard deviations of states and rates of each trial, from its first sample."""
     deviations = []
-    for started in begin(law, trials, np.zeros(0), 1, None, None, 0)[1]:
+    extended = [Extended(trial, trial, Inputs.of(trial.times, trial.inputs)) for trial in trials]
+    for started in Collocation(law).begin(trials, extended, ForecastOptions(start=1)).started:
         field = replace(vector_field(law, started.trial.object), free=law.support)
         (path,) = simulate([InitialValueProblem(field, started.start.initial, started.ahead.times)], sensitivities=True)
         carried, initial = started.start.propagated(path)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.forecast.population import is_typical, with_objects_of
 from commonlaw.law.parameters import standard_errors
+from commonlaw.law.population import is_typical, with_objects_of
 from tests.refusals import refused
 
 DRAGS = [0.1, 0.2, 0.3, 0.5, 0.7, 0.4]

@@ -12,8 +12,8 @@ from commonlaw.app.result import Found, numbers
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.experiments import suggestions
 from commonlaw.forecast import forecast_from
-from commonlaw.forecast.population import with_objects_of
 from commonlaw.law.law import object_index
+from commonlaw.law.population import with_objects_of
 from commonlaw.law.restrictions import ALL, TRIAL
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.check import Finding, Report

@@ -57,6 +57,7 @@ from commonlaw.trials.transformations import (
     outcome_of_rest,
     refuse_amounts,
     states_at_rest,
+    with_zeros_before_doses,
     without_objects,
     without_states,
 )
@@ -274,7 +275,7 @@ class LawDiscovery:
             if isinstance(trials, TrialStream):
                 raise CommonlawError("known-of-stream")
             if isinstance(known, Law) and known.schema.states == trials.schema.states:
-                trials = matched(replace(known, scheme="collocation", observation=STATES), trials, inputs="any")
+                trials = with_zeros_before_doses(matched(replace(known, observation=STATES), trials, inputs="any"))
             if self.order == "auto" and by_state is None:
                 orders = order_of_each(order_of_base(known, trials), len(trials.schema.states))
                 possible = tuple((order,) for order in orders)

@@ -9,11 +9,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.discovery.method import Known
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.population import with_objects_of
 from commonlaw.formulation import law_variables
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.law import object_index
 from commonlaw.law.parse import GivenEquations, read_equations
+from commonlaw.law.population import with_objects_of
 from commonlaw.law.restrictions import Restrictions
 from commonlaw.law.text import left_hand_sides, order_in_words
 from commonlaw.library import AbstractLibrary, ExpressionLibrary, Order
@@ -75,7 +75,7 @@ def _of_law(law: Law, order: Order, trials: Trials) -> Numbers:
         raise CommonlawError(
             "known-physics-order", order=known_order, known_states=law.schema.states, sought=sought, states=states
         )
-    rates = [k for k, term in enumerate(law.terms.terms) if law.scheme == "collocation" or term.parameter is None]
+    rates = [k for k, term in enumerate(law.terms.terms) if term.parameter is None]
     if any(column >= len(law.terms.variables.measured) for k in rates for column in law.terms.terms[k].columns()):
         raise CommonlawError("known-physics-parameters")
     law, names = with_objects_of(law, trials)[0], law.terms.variables.names

@@ -34,7 +34,6 @@ from commonlaw.discovery.orders import (
     with_order_step,
 )
 from commonlaw.errors import CommonlawError
-from commonlaw.forecast.population import with_pooled_forecasts
 from commonlaw.inference import refine, settings
 from commonlaw.inference.result.approximation import (
     choose_deterministic,
@@ -48,6 +47,7 @@ from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
 from commonlaw.inference.verbs.comparison import compare_by_parts, written_alike
 from commonlaw.law import Law, Step, pool_objects
+from commonlaw.law.population import with_pooled_forecasts
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, order_of_each
 from commonlaw.runtime.arguments import check_type

@@ -19,7 +19,7 @@ from commonlaw.inference.fit.fit import NO_MODEL_ERROR
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.settings import FINAL_MODEL_ERRORS, MAX_MESH_POINTS, MODEL_ERRORS
-from commonlaw.inference.verbs.comparison import written_alike
+from commonlaw.inference.verbs.comparison import with_inputs_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty, select_objects
 from commonlaw.law.alignment import TRIALS
 from commonlaw.law.parameters import left_hand_sides
@@ -57,7 +57,7 @@ class Setting(AbstractSetting):
         used = {names[i] for text in texts for i in columns_in(write(read(text, names)))}
         taken = [name for name in names[len(known) :] if name in used]
         trials = with_property_inputs(trials, taken)
-        law = written_alike(law, replace(law.schema, inputs=(*law.schema.inputs, *taken)))
+        law = with_inputs_of(law, replace(law.schema, inputs=(*law.schema.inputs, *taken)))
         problem, variables = replace(setup, law=law, trials=trials).problem(), law.terms.variables
         smoothed = [
             [

@@ -9,21 +9,27 @@ from commonlaw.array_types import Floats
 from commonlaw.differentiation import noise_level
 from commonlaw.discrepancy.residual_tests import Residuals, patterns
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast import fitted
+from commonlaw.forecast.schemes import scheme_of
 from commonlaw.law import Law
 from commonlaw.law.alignment import TRIALS, matched
-from commonlaw.law.law import object_index
-from commonlaw.law.parameters import rate_names, units_with_rates
-from commonlaw.likelihood import WHITE_NOISE
+from commonlaw.law.objects import with_estimates
+from commonlaw.law.parameters import named_parameters, restrictions_of, units_with_rates
 from commonlaw.runtime.arguments import check_type
 from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials.trial import property_names
 
 
 def residuals(law: Law, trials: Trials) -> Residuals:
     """Return what measurements are off the trajectories of a law, see `Law.residuals`."""
     refuse_discrete_time(law)
-    result, spent = untested(law, trials, law.uncertainty.noise)
-    names, totals = law.observation.measured.states, spent.sum(axis=0).tolist()
-    tested = patterns(names, result.standardized, result.columns, law.schema.time, totals)
+    result, starts = untested(law, trials, law.uncertainty.noise)
+    names, parameters, spent = law.observation.measured.states, fitted_parameters(law), 0.0
+    for name, count in starts.items():
+        pairs = zip(result.trials, result.standardized, strict=True)
+        counts = np.sum([np.isfinite(z).sum(axis=0) for trial, z in pairs if trial.object == name], axis=0)
+        spent = spent + (count + parameters.get(name, 0.0)) * counts / max(counts.sum(), 1)
+    tested = patterns(names, result.standardized, result.columns, law.schema.time, np.asarray(spent).tolist())
     return replace(result, patterns=tested)
 
 
@@ -33,75 +39,53 @@ def refuse_discrete_time(law: Law) -> None:
         raise CommonlawError("discrete-without-trajectories")
 
 
-def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals, Floats]:
-    """Return residuals without patterns, and the numbers that were fitted, (objects, states)."""
+def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals, dict[str, int]]:
+    """Return residuals without patterns, and how many initial values were fitted to the trials of each object."""
     check_type("trials", trials, (Trials, TrialStream), TRIALS)
     if not law.schema.doses:  # Which may be given where nothing was measured
         trials = trials.with_trials([trial.measured() for trial in trials])
-    trials = matched(law, trials, observed=True)
+    trials = matched(law, trials)
     noise = noise_of([noise_squares(trials)]) if noise is None else noise
-    if law.scheme == "shooting":
-        return _of_observation(law, trials, noise)
-    known = replace(law.uncertainty, noise=noise, error_model=WHITE_NOISE)
-    forecast = replace(law, uncertainty=known).predict(trials, start="all", averaged=False)
-    forecast = forecast.followed or forecast
-    fitted = tuple(trajectory.states for trajectory in forecast.trajectories)
-    states, errors = len(law.schema.states), law.uncertainty.error_model
-    standardized = []
-    for trial, curve in zip(forecast.trials, fitted, strict=True):
-        std = errors.measurement_std(curve[:, :states], trial.std(noise))
-        standardized.append((trial.states - curve[:, :states]) / std)
-    units = units_with_rates(law)
-    rates = {name: units.get(name, "") for name in rate_names(law)}
-    result = Residuals(forecast.trials, fitted, tuple(standardized), rates, ())
-    counts = np.array([[len(trials.of_object(name))] for name in trials.objects])
-    return result, counts * np.array(law.order) + _spent(law, trials)
-
-
-def _of_observation(law: Law, trials: Trials, noise: Floats) -> tuple[Residuals, Floats]:
-    """Return the same for a law with observation equations, whose other states stand behind the measured quantities.
-
-    Initial values and parameters count alike for all.
-    """
-    forecast, measured = law.predict(trials, start="all"), law.observation.measured
-    forecast = forecast.followed or forecast
-    shown, curves = forecast.trials, [trajectory.states for trajectory in forecast.trajectories]
+    law = replace(law, uncertainty=replace(law.uncertainty, noise=noise))
+    forecast, states = fitted(law, trials), law.observation.measured.states
+    followed = forecast.followed or forecast
+    curves = [trajectory.states[:, : len(states)] for trajectory in followed.trajectories]
     errors = law.uncertainty.error_model
     standardized = tuple(
         (trial.states - curve) / errors.measurement_std(curve, trial.std(noise))
-        for trial, curve in zip(shown, curves, strict=True)
+        for trial, curve in zip(followed.trials, curves, strict=True)
     )
     names, units = law.terms.variables.states, units_with_rates(law)
-    latent = [j for j, name in enumerate(names) if name not in measured.states]
-    fitted = tuple(np.column_stack([a, b[:, latent]]) for a, b in zip(curves, forecast.latent, strict=True))
-    counts = np.array(
-        [np.sum([trial.counts.sum(axis=0) for trial in trials.of_object(name)], axis=0) for name in trials.objects]
-    )
-    starts = [sum(estimate.object == name for estimate in law.trial_estimates) for name in trials.objects]
-    parameters = int(law.support.sum()) + np.array(starts)
-    spent = parameters[:, np.newaxis] * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    return Residuals(shown, fitted, standardized, {names[j]: units.get(names[j], "") for j in latent}, ()), spent
+    latent = [j for j, name in enumerate(names) if name not in states]
+    solved = tuple(np.column_stack([curve, x[:, latent]]) for curve, x in zip(curves, forecast.solutions, strict=True))
+    others = {names[j]: units.get(names[j], "") for j in latent}
+    starts = dict.fromkeys(trials.objects, 0)
+    scheme = scheme_of(law, property_names(trials.properties))
+    for trial in trials:
+        starts[trial.object] += scheme.free_starts(trial)
+    return Residuals(followed.trials, solved, standardized, others, ()), starts
 
 
-def _spent(law: Law, trials: Trials) -> Floats:
-    """Return how many coefficients of each equation were fitted to each object's trials, shape (objects, states).
+def fitted_parameters(law: Law) -> dict[str, float]:
+    """Return how many parameters were fitted to each object's trials.
 
-    Pooled coefficients count by the trace of their covariance times the information of the object's own trials.
+    Those that several objects share count for each by their part, and partially pooled ones by the trace of their
+    covariance times the information of the object's own trials.
     """
-    known, unpooled = law.uncertainty.covariance, law.uncertainty.unpooled
-    shares = np.ones((len(law.objects), int(law.support.sum())))
-    if known is not None:
-        covariance = known if unpooled is None else unpooled.covariance
-        scales = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, :, np.newaxis]
+    named, unpooled = named_parameters(law), law.uncertainty.unpooled
+    shares = np.ones(named.values.shape)
+    if law.uncertainty.covariance is not None and unpooled is not None:
+        apart = named_parameters(with_estimates(law, unpooled)).covariance
+        scales = np.sqrt(np.diagonal(apart, axis1=1, axis2=2))[:, :, np.newaxis]
         scales = np.where(scales > 0, scales, np.inf)
         alike = scales * scales.transpose(0, 2, 1)
-        information = np.linalg.pinv(covariance / alike, hermitian=True)
-        shares = np.clip(np.einsum("nij,nji->ni", known / alike, information), 0.0, 1.0)
-    spent = np.zeros((len(trials.objects), *law.support.shape))
-    for whole, name in zip(spent, trials.objects, strict=True):
-        if name in law.objects:
-            whole[law.support] = shares[object_index(law, name)]
-    return np.asarray(spent.sum(axis=2))
+        information = np.linalg.pinv(apart / alike, hermitian=True)
+        shares = np.clip(np.einsum("nij,nji->ni", named.covariance / alike, information), 0.0, 1.0)
+    is_shared = np.isin(named.names, [*restrictions_of(law).shared])
+    sharing = np.array([np.sum(named.values == values, axis=0) for values in named.values])
+    is_free = ~(named.errors == 0) | named.limited
+    counts = np.where(is_free, np.where(is_shared, 1 / sharing, shares), 0.0).sum(axis=1)
+    return dict(zip(law.objects, counts.tolist(), strict=True))
 
 
 def noise_squares(trials: Trials) -> tuple[int, Floats]:

@@ -5,14 +5,10 @@ nonlinear least squares from several first values.
 """
 
 from commonlaw.estimation.beginning import beyond_collocation
-from commonlaw.estimation.prediction import has_free_starts, predict_observed, simulate_observed
 from commonlaw.estimation.profile import Profile, likelihood_profile
 
 __all__ = [
     "Profile",
     "beyond_collocation",
-    "has_free_starts",
     "likelihood_profile",
-    "predict_observed",
-    "simulate_observed",
 ]

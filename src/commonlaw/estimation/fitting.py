@@ -29,7 +29,6 @@ from commonlaw.estimation.search import (
     under_huber_loss,
     with_step_limit,
 )
-from commonlaw.forecast.population import with_objects_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import object_index
@@ -37,6 +36,7 @@ from commonlaw.law.objects import of_all_objects
 from commonlaw.law.observation import Observation, TrialEstimate, TrialEstimates
 from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.law.parse import Product, read_equations
+from commonlaw.law.population import with_objects_of
 from commonlaw.law.provenance import Domain, error_steps
 from commonlaw.law.restrictions import OBJECT, by_trial
 from commonlaw.law.text import with_error
@@ -104,7 +104,7 @@ def refit(
         not recorded, or the equations cannot be fitted to the trials.
     """
     levels = matched_noise(law, trials, noise)
-    trials = matched(law, trials, inputs=inputs, observed=True)
+    trials = matched(law, trials, inputs=inputs)
     groups = {name: by for name, by in restrictions_of(law).noise.items() if isinstance(by, str)}
     given_noise: dict[str, NoiseGiven] = {**groups, **(levels or {})}
     if errors is None:
@@ -120,7 +120,7 @@ def updated(law: Law, trials: Trials) -> Law:
     under the noise of the law; those that had only a limit have none. What differs between trials, and initial values,
     has the priors of the law's fit.
     """
-    trials, parts = matched(law, trials, observed=True), list[Law]()
+    trials, parts = matched(law, trials), list[Law]()
     law = with_objects_of(law, trials)[0]
     named, known_noise = named_parameters(law), law.uncertainty.noise
     law.uncertainty.known_covariance()

@@ -107,7 +107,7 @@ def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginn
     alone = all(by in (OBJECT, TRIAL) for by in shared.values())
     related = trials.select(object=owner) if alone else trials
     groups = law.uncertainty.noise_of
-    begun = beginning_of(law, matched(law, related, observed=True), groups)
+    begun = beginning_of(law, matched(law, related), groups)
     rows = zip(begun.trials, begun.unknowns.parameters, strict=True)
     unknown_indices = next(indices for trial, indices in rows if trial.object == owner)
     index = unknown_indices[begun.model.parameters.index(parameter)]

@@ -197,8 +197,8 @@ def _designed(
 def usual(law: Law, trials: Trials) -> dict[str, Options]:
     """Return how experiments were made: where trials start, how long they take, how many samples they have."""
     followed = law.predict(trials, start="all", averaged=False)
-    trials, schema, given = matched(law, trials, observed=True), law.observation.measured, given_starts(law)
-    courses = followed.latent or [trajectory.states for trajectory in followed.trajectories]
+    trials, schema, given = matched(law, trials), law.observation.measured, given_starts(law)
+    courses = followed.solutions
     starts = np.array([states[0] for states in courses])
     result: dict[str, Options] = {}
     rates = [rate for _, rate in state_rates(law)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.errors import CommonlawError, check_choice, unknown
-from commonlaw.forecast.prediction import inputs_of_doses
+from commonlaw.forecast.simulation import inputs_of_doses
 from commonlaw.integration import Inputs
 from commonlaw.law import Law
 from commonlaw.law.parameters import state_rates, units_with_rates

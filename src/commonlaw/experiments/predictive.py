@@ -9,14 +9,14 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.prediction import ObservedLaw
 from commonlaw.experiments.experiment import Experiment, Range
 from commonlaw.experiments.gaussian import Gaussian
-from commonlaw.forecast.population import with_objects_of
+from commonlaw.forecast.shooting import Shooting
 from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import vector_field
+from commonlaw.law.population import with_objects_of
 from commonlaw.library import highest_columns
 from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.forking import cached_property
@@ -159,12 +159,10 @@ class Hypothesis:
         return int(self.roots.shape[2])
 
     @cached_property
-    def observed(self) -> Callable[[frozenset[str]], ObservedLaw | None]:
+    def observed(self) -> Callable[[frozenset[str]], Shooting | None]:
         """The law with its observation equations, if it has some, by the states (and rates) whose start is set."""
         law, properties = self.law, property_names(self.law.properties)
-        return cache(
-            lambda chosen: None if law.scheme == "collocation" else ObservedLaw.of(law, properties, None, chosen)
-        )
+        return cache(lambda chosen: None if law.scheme == "collocation" else Shooting.of(law, properties, None, chosen))
 
     def within(self, experiments: Sequence[Experiment], limits: Mapping[str, Range]) -> list[Experiment]:
         """Return experiments that end where its forecasts leave the limits of states (and rates)."""
@@ -278,7 +276,7 @@ class _Planned:
     experiment: Experiment
     law: Law
     times: Floats
-    observed: ObservedLaw | None
+    observed: Shooting | None
     start: Floats
     start_std: Floats
 

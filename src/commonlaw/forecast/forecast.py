@@ -113,6 +113,11 @@ class Forecast(ShownInNotebooks):
         return tuple(trajectory.outcome for trajectory in self.trajectories if trajectory.outcome is not None)
 
     @property
+    def solutions(self) -> tuple[Floats, ...]:
+        """States and rates of each trial, as they are and not by their logarithms, shape (n, D)."""
+        return self.latent or tuple(trajectory.states for trajectory in self.trajectories)
+
+    @property
     def is_fit(self) -> bool:
         """Whether the initial conditions are estimated from all samples: these are fitted curves, and no forecasts."""
         pairs = zip(self.trials, self.horizons, strict=True)

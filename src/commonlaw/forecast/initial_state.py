@@ -1,13 +1,10 @@
 """Where the forecast of a trial starts, by its samples and the law, and how far the law's own error carries it."""
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Floats, Indices
-from commonlaw.diagnostics import Diagnostic, marked
 from commonlaw.differentiation import AbstractDifferentiator, ForwardDifference, RobustSpline, noise_level
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Inputs, Trajectory
@@ -17,6 +14,7 @@ from commonlaw.law.parameters import rate_names, vector_field
 from commonlaw.library import order_of_each, with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
+    ErrorModel,
     Estimate,
     LatentProcesses,
     NotPositiveError,
@@ -28,7 +26,7 @@ from commonlaw.likelihood import (
     jacobians,
     meshes,
 )
-from commonlaw.text import counted, shown
+from commonlaw.likelihood.levels import Deviations
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
@@ -223,7 +221,8 @@ class FittedInitialState(_AtFirstSample):
 
     initial: Floats
     trial: Trial
-    observation_model: ObservationModel
+    noise: Floats
+    errors: ErrorModel
 
     @property
     def begins(self) -> float:
@@ -244,10 +243,12 @@ class FittedInitialState(_AtFirstSample):
         assert trajectory.sensitivities is not None
         width, states = len(self.initial), self.trial.states.shape[1]
         samples = np.searchsorted(trajectory.times, self.trial.times)
-        noise = self.observation_model.noise
-        scale = self.trial.std(noise) / noise
-        weights = self.observation_model.weights(self.trial.states - trajectory.states[samples, :states], scale)
-        rows = np.sqrt(weights)[:, :, np.newaxis] * trajectory.sensitivities[samples, :states]
+        values, slopes = trajectory.states[samples, :states], trajectory.sensitivities[samples, :states]
+        deviations = Deviations(self.trial, values, slopes, values, np.zeros(values.shape, dtype=np.bool_))
+        z, whitened, *_ = deviations.whitened(self.noise, self.errors)
+        assert whitened is not None
+        weights = ObservationModel(np.ones(states), HUBER_THRESHOLD).weights(z, 1.0)
+        rows = np.sqrt(weights)[:, :, np.newaxis] * whitened
         rows = rows[np.isfinite(rows).all(axis=2)]
         # With Q R = rows of the start, the information is R' R
         basis, factor = np.linalg.qr(rows[:, -width:])
@@ -310,11 +311,11 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         estimate = fit(model, begun, np.zeros(coefficients.shape, dtype=np.bool_), model_errors)
     if not np.isfinite(estimate.objective):
         raise CommonlawError("initial-value-not-fitted", trial.label, samples=len(trial))
-    if not errors:
-        start = estimate.states[0][0]
+    if not errors.of_law:
+        start = estimate.states[0][0, : model.width]
         # At rest, with no scale of its own
-        start = np.where(np.abs(start) < np.finfo(float).eps * model.unit, 0.0, start)
-        return FittedInitialState(start, trial, model.observation)
+        start = np.where(np.abs(start) < np.finfo(float).eps * unit, 0.0, start)
+        return FittedInitialState(start, trial, noise, errors)
     try:
         (reduced,) = eliminate_states_of_meshes(model, estimate, law.support, model_errors[-1])
         variances, last = reduced.state_covariances()
@@ -375,92 +376,7 @@ class StartedTrial:
         return self.trial.rows(slice(first, None)) if first else self.trial
 
 
-def begin(
-    law: Law,
-    trials: Trials,
-    times: Floats,
-    start: int | Literal["all"] | None,
-    from_time: float | None,
-    input_interpolation: str | None,
-    seed: int,
-) -> tuple[Trials, list[StartedTrial]]:
-    """Return the trials that can be forecast, with samples at all times that are wanted, and where each starts."""
-    times, is_all = np.unique(times), start == "all"
-    if start == "all":
-        law, start = with_weights(law, trials), max(map(len, trials))
-    result, lost = [], []
-    for trial in trials:
-        inputs = Inputs.of(trial.times, trial.inputs, input_interpolation or law.schema.input_interpolation)
-        extended = with_times(trial, inputs, times) if len(times) else trial
-        if from_time is None:
-            measured = trial if law.schema.doses else trial.measured()
-            count = _count(law, measured, len(measured) < len(trial)) if start is None else start
-            if min(count, len(measured)) > 1:
-                if trial.times[0] < measured.times[0]:  # The solution begins with the first row, measured or not
-                    is_kept = np.isfinite(trial.states).any(axis=1) | (np.arange(len(trial)) == 0)
-                    measured, count = trial.rows(np.asarray(is_kept)), count + 1
-                begins: Start = fit_initial_state(law, measured, inputs, count)
-            else:
-                begins = MeasuredStart(law, trial.measured(), seed)
-                if earlier := int(np.searchsorted(extended.times, begins.begins)):  # Below a limit
-                    extended = extended.rows(slice(earlier, None))
-            result.append(StartedTrial(extended, inputs, begins))
-        elif trial.times[0] < from_time <= extended.times[-1]:
-            result.append(_begin_later(law, trial, extended, inputs, start, from_time, seed))
-        else:
-            lost.append(f"{trial.label}, t = {trial.times[0]:g} to {extended.times[-1]:g}")
-    notes = notes_of_lost(lost, from_time, len(result))
-    if not is_all:
-        notes += notes_of_few([started.trial for started in result], start, from_time)
-    starts = [started.start for started in result if rate_names(law)]
-    measured_starts = [start for start in starts if isinstance(start, MeasuredStart)]
-    unknown = [start.samples.label for start in measured_starts if len(start.samples) == 1]
-    if unknown:
-        notes.append(f"rates not identifiable from one sample were set to zero, without a band: {'; '.join(unknown)}")
-    # Trials that are forecast as they are stay the same
-    kept = [started.trial for started in result]
-    trials = trials if kept == list(trials) else trials.with_trials(kept)
-    return (replace(trials, notes=(*trials.notes, *notes)) if notes else trials), result
-
-
-def notes_of_lost(lost: Sequence[str], from_time: float | None, kept: int) -> list[str]:
-    """Return a note on trials without samples on both sides of a time; refused if none is kept."""
-    why = Diagnostic("no-samples-around", {"from_time": from_time, "trials": shown(lost)})
-    if not kept:
-        raise CommonlawError("forecast-no-trial", reason=why)
-    return [f"trials not forecast {why.sentence(marked)}"] if lost else []
-
-
-def notes_of_few(trials: Iterable[Trial], start: int | Literal["all"] | None, from_time: float | None) -> list[str]:
-    """Return a note on trials with fewer samples to start from than were asked for."""
-    if start is None or start == "all":
-        return []
-    end = np.inf if from_time is None else from_time
-    counts = [(trial.label, int(np.sum(trial.measured().times < end))) for trial in trials]
-    few = [f"{label}: {counted(count, 'sample')}" for label, count in counts if count < start]
-    return [f"initial states of {shown(few, 'trial')} have fewer than `start={start}`: all are taken"] if few else []
-
-
-def _begin_later(
-    law: Law, trial: Trial, extended: Trial, inputs: Inputs, start: int | None, from_time: float, seed: int
-) -> StartedTrial:
-    """Return a trial started by the last samples before a time: so many as are asked for, else as can be fitted."""
-    measured = trial.measured()
-    stop = int(np.searchsorted(measured.times, from_time))
-    fits = can_fit_initial_state(law)
-    # More samples add little, and take long
-    count = start or (min(stop, 500) if fits else MIN_SAMPLES if rate_names(law) else 1)
-    samples = measured.rows(slice(max(0, stop - count), stop))
-    rows = extended.rows(slice(int(np.searchsorted(extended.times, samples.times[0])), None))
-    if len(samples) == 1 or not (start or fits):
-        return StartedTrial(rows, inputs, MeasuredStart(law, samples, seed))
-    if law.schema.doses:  # Which are given where nothing was measured
-        begins, ends = np.searchsorted(trial.times, samples.times[[0, -1]])
-        samples = trial.rows(slice(begins, ends + 1))
-    return StartedTrial(rows, inputs, fit_initial_state(law, samples, inputs, len(samples)))
-
-
-def _count(law: Law, trial: Trial, ahead: bool) -> int:
+def default_start(law: Law, trial: Trial, ahead: bool) -> int:
     """Return how many samples determine where a forecast starts, by default.
 
     All if other trials are to be forecast; else the first, or, if the law has noise, those that its rate, or what it
@@ -482,26 +398,6 @@ def samples_of_rates(law: Law, trial: Trial) -> int:
     """Return how many of the first samples of a trial the rates at its start would be estimated from."""
     method = _differentiation(law, trial)
     return MIN_SAMPLES if method is None else max(MIN_SAMPLES, _samples(method, len(trial)))
-
-
-def with_times(trial: Trial, inputs: Inputs, wanted: Floats) -> Trial:
-    """Return a trial with samples at more times after its first, with linearly interpolated standard deviations."""
-    index = np.interp(wanted, trial.times, np.arange(len(trial)))
-    between = (wanted > trial.times[-1]) | (abs(index - np.round(index)) > 1e-9)
-    grid = np.concatenate([trial.times, wanted[between]])
-    order = np.argsort(grid)
-    more = (0, between.sum()), (0, 0)
-    states, below = (np.pad(values, more, constant_values=np.nan)[order] for values in (trial.states, trial.below))
-    noise = [np.interp(grid[order], trial.times, column, right=np.nan) for column in trial.noise.T]
-    return replace(
-        trial,
-        times=grid[order],
-        states=states,
-        below=below,
-        inputs=inputs.at(grid[order]),
-        noise=np.stack(noise, axis=1),
-        repeats=trial.repeats and trial.repeats.placed(np.flatnonzero(order < len(trial)), len(grid)),
-    )
 
 
 def _differentiation(law: Law, trial: Trial) -> AbstractDifferentiator | None:

@@ -1,139 +1,32 @@
 """Forecasts of trials by a law, from given or estimated initial conditions, and how far they may be off."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from numbers import Real
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
-from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.diagnostics import Diagnostic, marked
+from commonlaw.errors import CommonlawError
+from commonlaw.forecast.collocation import FromStarts
 from commonlaw.forecast.forecast import Forecast, Part
-from commonlaw.forecast.initial_state import FilteredStart, StartedTrial, begin, model_error_std, with_times
-from commonlaw.forecast.population import with_objects_of
-from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
-from commonlaw.integration.vector_field import InputFunction
+from commonlaw.forecast.initial_state import FilteredStart, StartedTrial
+from commonlaw.forecast.scheme import AbstractScheme, AbstractStarted, Extended, ForecastOptions, with_times
+from commonlaw.forecast.schemes import scheme_of
+from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import matched, matched_times
-from commonlaw.law.law import object_index
-from commonlaw.law.parameters import Parameters, named_parameters, rate_names, vector_field
-from commonlaw.law.quantiles import two_sided
-from commonlaw.library import Terms
-from commonlaw.likelihood import WHITE_NOISE
+from commonlaw.law.population import with_objects_of
 from commonlaw.runtime.arguments import check_type, numbers_of
+from commonlaw.text import counted, shown
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.transformations import MOMENT, with_logarithms, with_property_inputs
-
-
-def simulate_law(
-    law: Law,
-    times: ArrayLike,
-    initial: "ArrayLike | Mapping[str, ArrayLike]",
-    *,
-    tolerance: float,
-    doses: Mapping[str, Mapping[float, float]] | None,
-    inputs: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction] | None",
-    **options: Any,
-) -> dict[str, Trajectory]:
-    """Integrate a law for every object, see `Law.simulate`."""
-    problems = initial_value_problems(law, times, initial, doses, inputs, tolerance)
-    return dict(zip(problems, simulate(problems.values(), tolerance=tolerance, **options), strict=True))
-
-
-def initial_value_problems(
-    law: Law,
-    times: ArrayLike,
-    initial: "ArrayLike | Mapping[str, ArrayLike]",
-    doses: Mapping[str, Mapping[float, float]] | None,
-    inputs: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction] | None",
-    tolerance: float,
-) -> dict[str, InitialValueProblem]:
-    """Return the initial value problem of every object, see `Law.simulate`."""
-    for name in doses or {}:
-        check_choice("dose", name, law.schema.doses)
-    natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
-    starts = initial if isinstance(initial, Mapping) else dict.fromkeys(law.objects, initial)
-    width, grid = len(law.terms.variables.states), numbers_of("times", times)
-    pulses = inputs_of_doses(grid, [(doses or {}).get(name, {}) for name in law.schema.doses])
-    if inputs is None and law.schema.inputs != law.schema.doses:
-        raise CommonlawError("simulate-with-inputs", names=law.schema.inputs)
-    if inputs is not None and law.schema.inputs == law.schema.doses and not isinstance(inputs, Mapping):
-        raise CommonlawError("option-without-effect", option="inputs=...", kind="a law without inputs")
-    driven = pulses if inputs is None else _given_inputs(law, grid, inputs, pulses, tolerance)
-    problems = {}
-    for name, start in starts.items():
-        state = np.atleast_1d(numbers_of("initial", start))
-        if state.shape != (width,):
-            wanted = ", ".join(law.terms.variables.states)
-            raise CommonlawError("initial-state-size", where=name, given=state.size, expected=width, names=wanted)
-        field = replace(vector_field(law, name), terms=natural, inputs=driven)
-        problems[name] = InitialValueProblem(field, state, grid, name)
-    return problems
-
-
-def _given_inputs(
-    law: Law,
-    grid: Floats,
-    given: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction]",
-    pulses: Inputs | None,
-    tolerance: float,
-) -> Inputs:
-    """Return inputs that are given as numbers, arrays at the times of a grid, or functions, with those of doses."""
-    schema = law.schema
-    names = [name for name in schema.inputs if name not in schema.doses]
-    if isinstance(given, Mapping):
-        for name in given:
-            check_choice("input", name, names)
-        if missing := [name for name in names if name not in given]:
-            raise CommonlawError("simulate-with-inputs", names=missing)
-        blocks = [(slice(i, i + 1), given[name]) for i, name in enumerate(names)]
-    else:
-        blocks = [(slice(0, len(names)), given)]
-    functions, arrays = list[tuple[slice, InputFunction]](), np.zeros((len(grid), len(names)))
-    for columns, signal in blocks:
-        if callable(signal):
-            functions.append((columns, signal))
-            continue
-        values, shape = np.asarray(signal, dtype=np.float64), arrays[:, columns].shape
-        if values.ndim and values.shape not in (shape, shape[:1] if shape[1] == 1 else ()):
-            raise CommonlawError("input-shape", names=names[columns], shape=values.shape, samples=len(grid))
-        arrays[:, columns] = values.reshape(shape) if values.ndim else values
-    between = Inputs.of(grid, arrays, schema.input_interpolation)
-    if not functions and pulses is None:
-        return between
-
-    def along(times: Floats) -> Floats:
-        rows = between.at(times)
-        for columns, function in functions:
-            values = [np.atleast_1d(np.asarray(function(time), dtype=np.float64)) for time in times.tolist()]
-            rows[:, columns] = np.array(values)
-        by_name = {name: rows[:, [i]] for i, name in enumerate(names)}
-        if pulses is not None:
-            by_name |= {name: pulses.at(times)[:, [i]] for i, name in enumerate(schema.doses)}
-        return np.hstack([by_name[name] for name in schema.inputs])
-
-    mesh = (
-        grid if pulses is None else np.union1d(grid, pulses.knots[(pulses.knots > grid[0]) & (pulses.knots < grid[-1])])
-    )
-    return Inputs.of_function(along, mesh, tolerance)
-
-
-def inputs_of_doses(grid: Floats, doses: Sequence[Mapping[float, float]]) -> Inputs | None:
-    """Return inputs that add amounts in the moment after their times, none without any; see `with_doses`."""
-    if not doses:
-        return None
-    moment = MOMENT * float(np.diff(grid).min(initial=np.inf))
-    given = np.array(sorted({time for dose in doses for time in dose}), dtype=np.float64)
-    values = np.array([[dose.get(float(time), 0.0) for dose in doses] for time in given]).reshape(-1, len(doses))
-    times = np.column_stack([given, given + moment, given + 2 * moment]).ravel()
-    pulses = np.stack([np.zeros_like(values), values / moment, np.zeros_like(values)], axis=1)
-    pulses = pulses.reshape(-1, len(doses))
-    first = np.array([min([grid[0], *given]) - 1.0])
-    return Inputs.of(np.append(first, times), np.vstack([np.zeros((1, len(doses))), pulses]))
+from commonlaw.trials.transformations import with_logarithms, with_noise, with_property_inputs
+from commonlaw.trials.trial import property_names
 
 
 def predict(
@@ -146,7 +39,7 @@ def predict(
     return_std: bool = False,
     method: str = "auto",
     tolerance: float = 1e-8,
-    seed: int = 0,
+    seed: int | None = None,
     input_interpolation: str | None = None,
     discrepancy: bool = False,
     averaged: bool = True,
@@ -154,6 +47,9 @@ def predict(
     """Forecast each trial from its own initial state, see `Law.predict`."""
     wanted, from_time = wanted_times(law, trials, times, from_time)
     trials = matched(law, trials)
+    if (early := wanted[wanted < min(trial.times[0] for trial in trials)]).size:
+        trial = min(trials, key=lambda trial: float(trial.times[0]))
+        raise CommonlawError("forecast-before-start", trial=trial.label, time=early[0], begins=trial.times[0])
     if discrepancy:
         law, trials = with_discrepancy(law, trials)
     law, trials = with_object(law, trials)
@@ -161,11 +57,11 @@ def predict(
         law.uncertainty.known_covariance()
         if law.uncertainty.noise is None:
             raise CommonlawError("noise-unknown-at-start")
-    followed = with_logarithms(trials, law.schema.logarithmic)
+    options = ForecastOptions(start, from_time, return_std, method, tolerance, seed, input_interpolation)
 
     def forecast(law: Law) -> Forecast:
-        begun, started = begin(law, followed, wanted, start, from_time, input_interpolation, seed)
-        return _Forecaster(law, begun, tuple(started), from_time, return_std, method, tolerance).forecast()
+        scheme = scheme_of(law, property_names(trials.properties), input_interpolation)
+        return _of_started(_begun(scheme, trials, wanted, options), options)
 
     first, *others = law.models if averaged else law.models[:1]
     parts = [Part(first.probability, forecast(law))]
@@ -175,22 +71,89 @@ def predict(
             parts.append(Part(model.probability, forecast(plausible), equations="; ".join(plausible.structure)))
     result = average(parts)
     notes = remarks_on(result)
-    result = result if trials.schema.logarithmic == law.schema.logarithmic else result.as_measured(trials)
+    result = result.as_measured(trials) if result.trials.schema.logarithmic != trials.schema.logarithmic else result
     # Where it leaves what the law was learned from
     visited, ahead = list[tuple[str, dict[str, Floats]]](), 0.0
-    for trial, trajectory in zip(result.trials, result.trajectories, strict=True):
-        columns = dict(zip((*law.schema.states, *rate_names(law)), trajectory.states.T, strict=True))
-        columns |= dict(zip(result.trials.schema.inputs, trial.inputs.T, strict=True))
+    schema = result.trials.schema
+    for trial, trajectory, solution in zip(result.trials, result.trajectories, result.solutions, strict=True):
+        columns = dict(zip(law.terms.variables.states, solution.T, strict=True))
+        columns |= dict(zip(schema.states, trajectory.states.T, strict=False))
+        columns |= dict(zip(schema.inputs, trial.inputs.T, strict=True))
         properties = result.trials.properties.get(trial.object, {})
         columns |= {name: np.array([value]) for name, value in properties.items() if isinstance(value, float)}
         visited.append((trial.label, columns))
         known = trial.times[np.isfinite(trial.states).any(axis=1)][-1]
         since = known if result.from_time is None else min(known, result.from_time)
         ahead = max(ahead, float(trial.times[-1] - since))
-    unit = result.trials.schema.units.get(result.trials.schema.time, "")
+    unit = schema.units.get(schema.time, "")
     notes += tuple(law.provenance.domain.remarks(visited, unit, ahead))
     noted = replace(result.trials, notes=(*result.trials.notes, *notes)) if notes else result.trials
     return replace(result, trials=noted, wanted=wanted)
+
+
+def _begun(scheme: AbstractScheme, trials: Trials, wanted: Floats, options: ForecastOptions) -> AbstractStarted:
+    """Return the trials that can be forecast, with samples at all times that are wanted, and where each starts."""
+    scheme.check(options)
+    start, from_time, extended, lost = options.start, options.from_time, list[Extended](), list[str]()
+    if (start not in (None, "all") or from_time is not None) and not any(map(scheme.free_starts, trials)):
+        option = f"start={start}" if from_time is None else f"from_time={from_time:g}"
+        raise CommonlawError("option-without-effect", option=option, kind="a law that gives all initial values")
+    trials, times = scheme.taken(trials), np.unique(wanted)
+    between = options.input_interpolation or scheme.law.observation.measured.input_interpolation
+    for trial in trials:
+        inputs = Inputs.of(trial.times, trial.inputs, between)
+        whole = with_times(trial, inputs, times)
+        if from_time is None or trial.times[0] < from_time <= whole.times[-1]:
+            extended.append(Extended(trial, whole, inputs))
+        else:
+            lost.append(f"{trial.label}, t = {trial.times[0]:g} to {whole.times[-1]:g}")
+    notes = notes_of_lost(lost, from_time, len(extended))
+    notes += notes_of_few([whole for _, whole, _ in extended], start, from_time)
+    return scheme.begin(trials.with_trials([whole for _, whole, _ in extended], *notes), extended, options)
+
+
+def _of_started(started: AbstractStarted, options: ForecastOptions, times: Sequence[Floats] = ()) -> Forecast:
+    """Return the forecasts of trials from where they start, at more times of each trial."""
+    known, trials = started.law.uncertainty, started.trials
+    if times:
+        triples = zip(trials, started.inputs, times, strict=True)
+        trials = trials.with_trials([with_times(*triple) for triple in triples])
+    trials = with_noise(trials, known.noise_of)
+    solved = started.solved(list(trials))
+    latent = tuple(states for *_, states in solved if states is not None)
+    return Forecast(
+        trials,
+        tuple(trajectory for trajectory, *_ in solved),
+        tuple(std for _, std, _ in solved if std is not None) if options.return_std else None,
+        known.noise if options.return_std else None,
+        options.from_time,
+        known.error_model,
+        None if started.law.order == 0 else partial(_of_started, started, options),
+        degrees_of_freedom=known.degrees_of_freedom,
+        horizons=tuple(
+            np.maximum(0.0, trial.times - until) for trial, until in zip(trials, started.known_until, strict=True)
+        ),
+        interval_inflation=known.interval_inflation,
+        latent=latent,
+    )
+
+
+def notes_of_lost(lost: Sequence[str], from_time: float | None, kept: int) -> list[str]:
+    """Return a note on trials without samples on both sides of a time; refused if none is kept."""
+    why = Diagnostic("no-samples-around", {"from_time": from_time, "trials": shown(lost)})
+    if not kept:
+        raise CommonlawError("forecast-no-trial", reason=why)
+    return [f"trials not forecast {why.sentence(marked)}"] if lost else []
+
+
+def notes_of_few(trials: Iterable[Trial], start: int | Literal["all"] | None, from_time: float | None) -> list[str]:
+    """Return a note on trials with fewer samples to start from than were asked for."""
+    if start is None or start == "all":
+        return []
+    end = np.inf if from_time is None else from_time
+    counts = [(trial.label, int(np.sum(trial.measured().times < end))) for trial in trials]
+    few = [f"{label}: {counted(count, 'sample')}" for label, count in counts if count < start]
+    return [f"initial states of {shown(few, 'trial')} have fewer than `start={start}`: all are taken"] if few else []
 
 
 def wanted_times(
@@ -234,103 +197,17 @@ def forecast_from(law: Law, name: str, times: Floats, start: Floats, limit: floa
     followed = with_logarithms(measured, law.schema.logarithmic)
     initial = np.append(followed.trials[0].states[0], start[states:])
     width, certain = len(variables), np.zeros((1, len(variables)))
-    begun = followed.trials[0]
-    inputs = Inputs.of(begun.times, begun.inputs, law.schema.input_interpolation)
+    inputs = Inputs.of(times, followed.trials[0].inputs, law.schema.input_interpolation)
 
     def forecast(plausible: Law) -> Forecast:
         sensitivity = np.zeros((width, int(plausible.support.sum())))
         given = FilteredStart(times[:1], initial[None], certain, np.zeros((width, width)), sensitivity[None])
-        started, has_std = (StartedTrial(begun, inputs, given),), law.uncertainty.has_std
-        return _Forecaster(plausible, followed, started, None, has_std, "auto", 1e-8, limit).forecast()
+        options = ForecastOptions(return_std=law.uncertainty.has_std, limit=limit)
+        started = (StartedTrial(followed.trials[0], inputs, given),)
+        return _of_started(FromStarts(plausible, followed, started, options), options)
 
     averaged = average([Part(model.probability, forecast(model.law)) for model in law.models])
     return averaged.as_measured(measured) if law.schema.logarithmic else averaged
-
-
-@dataclass(frozen=True, eq=False)
-class _Forecaster:
-    """All that forecasts are made from; see `Law.predict`."""
-
-    law: Law
-    trials: Trials
-    started: tuple[StartedTrial, ...]
-    from_time: float | None
-    return_std: bool
-    method: str
-    tolerance: float
-    limit: float | None = None
-
-    def forecast(self) -> Forecast:
-        trajectories = simulate(
-            [self._problem(trial) for trial in self.started],
-            method=self.method,
-            tolerance=self.tolerance,
-            sensitivities=self.return_std,
-            limit=self.limit,
-        )
-        known = self.law.uncertainty
-        # The derivatives have done their work, and are many times larger than the states
-        lighter = [replace(trajectory, sensitivities=None) for trajectory in trajectories]
-        pairs = zip(self.started, lighter, strict=True)
-        return Forecast(
-            self.trials,
-            tuple(begun.start.followed_by(path, begun.trial.times) for begun, path in pairs),
-            self._std(trajectories) if self.return_std else None,
-            known.noise if self.return_std else None,
-            self.from_time,
-            known.error_model,
-            None if self.law.order == 0 else self.at_more_times,
-            degrees_of_freedom=known.degrees_of_freedom,
-            horizons=tuple(np.maximum(0.0, begun.trial.times - begun.start.known_until) for begun in self.started),
-            interval_inflation=known.interval_inflation,
-        )
-
-    def at_more_times(self, times: Sequence[Floats]) -> Forecast:
-        """Return the forecasts from the same beginnings at more times of each trial."""
-        finer = [
-            replace(started, trial=with_times(started.trial, started.inputs, more))
-            for started, more in zip(self.started, times, strict=True)
-        ]
-        trials = self.trials.with_trials([started.trial for started in finer])
-        return replace(self, trials=trials, started=tuple(finer)).forecast()
-
-    def _std(self, trajectories: Sequence[Trajectory]) -> tuple[Floats, ...]:
-        """Return the standard deviations of the states of each trajectory, with those before its start."""
-        law, deviations = self.law, []
-        parameters, errors = named_parameters(law), law.uncertainty.error_model
-        covariance = parameters.covariance_given_limits
-        assert covariance is not None
-        for started, trajectory in zip(self.started, trajectories, strict=True):
-            carried, initial = started.start.propagated(trajectory)
-            of_object = covariance[object_index(law, started.trial.object)]
-            std = trajectory_std(carried, of_object, initial)
-            if parameters.limits:
-                std = np.hypot(std, self._to_limits(started, trajectory, parameters))
-            if errors.of_law:
-                std = np.hypot(std, model_error_std(law, started.ahead, started.inputs, trajectory.states))
-            whole = started.start.std_followed_by(std, started.trial.times, of_object)
-            deviations.append(whole[:, : len(law.schema.states)])
-        return tuple(deviations)
-
-    def _to_limits(self, started: StartedTrial, trajectory: Trajectory, parameters: Parameters) -> Floats:
-        """Return by how much parameters that have only a limit move a trajectory, as standard deviations, (n, D).
-
-        Their 95 % band reaches the forecasts with such a parameter at its limit, and far beyond it.
-        """
-        problem = self._problem(started)
-        ends = [end for pair in parameters.beyond_limits(started.trial.object) for end in pair]
-        fields = [replace(problem.field, coefficients=coefficients, free=None) for coefficients in ends]
-        problems = [replace(problem, field=field) for field in fields]
-        paths = simulate(problems, method=self.method, tolerance=self.tolerance, limit=self.limit)
-        distances = [np.abs(path.states - trajectory.states) for path in paths]
-        return np.asarray(np.fmax.reduce([np.zeros_like(trajectory.states), *distances]) / two_sided(0.95))
-
-    def _problem(self, started: StartedTrial) -> InitialValueProblem:
-        field = replace(vector_field(self.law, started.trial.object), inputs=started.inputs)
-        if self.return_std:
-            # By the coefficients of all objects, so that an object without one of the terms fits the covariance too
-            field = replace(field, free=self.law.support)
-        return InitialValueProblem(field, started.start.initial, started.ahead.times, started.trial.label)
 
 
 def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
@@ -338,39 +215,21 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
 
     Raises `CommonlawError` if it has none, or the law was changed since.
     """
-    wider, used = law.provenance.with_discrepancy, law.support.any(axis=0)
+    wider = law.provenance.with_discrepancy
     if wider is None:
         raise CommonlawError("discrepancy-missing")
     if {*law.objects} <= {*wider.objects}:
         wider = select_objects(wider, law.objects)
-    if law.scheme == "collocation":
-        same = np.array_equal(wider.coefficients[:, :, : used.sum()], law.coefficients[:, :, used])
-    else:
-        narrow, whole = named_parameters(law), named_parameters(wider)
-        both = [whole.names.index(name) for name in narrow.names if name in whole.names]
-        same = narrow.values.shape == whole.values[:, both].shape and np.allclose(narrow.values, whole.values[:, both])
+    used, names = np.flatnonzero(law.support.any(axis=0)).tolist(), wider.terms.names
+    same = wider.objects == law.objects and {law.terms.names[k] for k in used} <= {*names}
+    if same:
+        places = [names.index(law.terms.names[k]) for k in used]
+        same = np.allclose(wider.coefficients[:, :, places], law.coefficients[:, :, used])
     if not same or (wider.schema.states, wider.order) != (law.schema.states, law.order):
         raise CommonlawError("discrepancy-outdated")
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
     taken = wider.schema.inputs[len(law.schema.inputs) :]
     return wider, with_property_inputs(replace(trials, properties=known), taken)
-
-
-def trajectory_std(trajectory: Trajectory, parameters: Floats, initial: Floats) -> Floats:
-    """Return the standard deviation of every state of a trajectory, to first order, shape (n, states).
-
-    From the independent covariances of parameters and initial states; NaN where the trajectory has diverged.
-    """
-    if trajectory.sensitivities is None:
-        raise CommonlawError("sensitivities-missing")
-    width, variances = len(initial), np.zeros(trajectory.states.shape)
-    with np.errstate(all="ignore"):  # Chaos makes derivatives as large as one likes
-        for derivatives, covariance in (
-            (trajectory.sensitivities[:, :, :-width], parameters),
-            (trajectory.sensitivities[:, :, -width:], initial),
-        ):
-            variances += np.sum((derivatives @ covariance) * derivatives, axis=2)
-        return np.sqrt(np.maximum(variances, 0))
 
 
 def with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
@@ -392,28 +251,14 @@ def with_object(law: Law, trials: Trials) -> tuple[Law, Trials]:
 def fitted(law: Law, trials: Trials, return_std: bool = False) -> Forecast:
     """Return the solutions of a law whose initial conditions are estimated from all samples of each trial.
 
-    ``x0 = argmin sum_i ((y_i - x(t_i; x0)) / sigma_i)^2`` at fixed coefficients, with the Huber loss; sigma, the
-    standard deviation of a measurement, is heteroscedastic where errors grow with the states. Process noise is left
-    out, so that residuals are all that the equations leave; such fits have no bands.
+    The coefficients are fixed. Process noise is left out, so that residuals are all that the equations leave; such fits
+    have no bands.
 
     Raises `CommonlawError` if the law is in discrete time, or not finite near the samples of a trial.
     """
-    errors, trials = law.uncertainty.error_model, matched(law, trials, observed=True)
-    solution = replace(law, uncertainty=replace(law.uncertainty, error_model=WHITE_NOISE))
-    return_std = return_std and not errors.of_law
-    fit = solution.predict(trials, start="all", return_std=return_std, averaged=False)
-    noise, is_plain = law.uncertainty.noise, not errors.heteroscedastic and errors.correlated is None
-    if noise is None or law.schema.logarithmic or is_plain:
-        return fit
-    # Errors that grow with the states are known once these are
-    curves = [np.nan_to_num(trajectory.states[:, : len(law.schema.states)]) for trajectory in fit.trajectories]
-    weighted = tuple(
-        replace(trial, noise=errors.measurement_std(curve, trial.std(noise)))
-        for trial, curve in zip(fit.trials, curves, strict=True)
-    )
-    names = {name: f"standard deviation of {name}" for name in law.schema.states} | dict(trials.schema.noise_columns)
-    trials = replace(trials, trials=weighted, schema=replace(trials.schema, noise_columns=names))
-    return solution.predict(trials, start="all", return_std=return_std, averaged=False)
+    errors = law.uncertainty.error_model
+    solution = replace(law, uncertainty=replace(law.uncertainty, error_model=errors.of_measurements))
+    return solution.predict(trials, start="all", return_std=return_std and not errors.of_law, averaged=False)
 
 
 def average(parts: Sequence[Part]) -> Forecast:

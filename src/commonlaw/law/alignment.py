@@ -23,7 +23,6 @@ from commonlaw.trials.transformations import (
     with_property_inputs,
     with_recorded_doses,
     with_starts,
-    with_zeros_before_doses,
     without_objects,
     without_rates,
     without_states,
@@ -40,20 +39,16 @@ def matched(
     trials: Trials,
     *,
     inputs: Literal["same", "any"] = "same",
-    observed: bool = False,
 ) -> Trials:
     """Return trials of the variables of a law in its units; everything that takes a law and trials begins with this.
 
     What has no unit there or in the law is taken as it is. Left out are rates of the law's states and objects at rest
     that the law left out. Latent states come with their initial values, and doses as they are added. Properties may be
-    inputs of the law; only with `inputs` "any" may the trials have other inputs. Columns are states, unless what
-    `observed` them is known; as states they are zero before a first dose.
+    inputs of the law; only with `inputs` "any" may the trials have other inputs.
 
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
     check_type("trials", trials, (Trials, TrialStream), TRIALS)
-    if law.scheme == "shooting" and not observed:
-        raise CommonlawError("law-with-observation")
     schema = law.observation.measured
     trials = as_named(_with_recorded_doses(trials, schema), schema.measured)
     trials = without_states(without_rates(trials, schema.rates), law.provenance.domain.constant)
@@ -76,8 +71,6 @@ def matched(
     units = {name: unit for name, unit in schema.units.items() if name in used}
     units |= {trials.schema.time: schema.units[schema.time]} if schema.time in schema.units else {}
     converted = with_doses(in_units(trials, units), schema.doses)
-    if not observed:
-        converted = with_zeros_before_doses(converted)
     return with_starts(converted, starts, schema.initial_time)
 
 

@@ -22,7 +22,7 @@ from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.restrictions import Restrictions
 from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, check_positive, checked
-from commonlaw.library import Order, Terms, highest_order, with_rates
+from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.runtime.arguments import check_types, check_whole_number, checks_types, numbers_of
 from commonlaw.runtime.files import read_file, write_whole
@@ -457,11 +457,9 @@ class Law(ShownInNotebooks):
         arguments = locals()
         how = {"tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
         how |= {"inputs": inputs, "sensitivities": sensitivities}
-        has_events = bool(self.observation.events)
-        self._check_integration(method, tolerance, by_shooting=has_events)
+        OutputOptions(tolerance)
+        check_choice("method of integration", method, METHODS)
         check_types(Law.simulate, arguments)
-        if has_events:
-            return cast(dict[str, Trajectory], _call("estimation:simulate_observed", self, times, initial, **how))
         return cast(dict[str, Trajectory], _call("forecast:simulate_law", self, times, initial, method=method, **how))
 
     def predict(
@@ -528,10 +526,9 @@ class Law(ShownInNotebooks):
         is_all = isinstance(start, str) and start == "all"
         if not (start is None or is_all) and (not isinstance(start, Integral) or start < 1):
             raise CommonlawError("forecast-start", start=start)
-        self._check_integration(method, tolerance, by_shooting=self.scheme == "shooting")
+        OutputOptions(tolerance)
+        check_choice("method of integration", method, METHODS)
         check_whole_number("seed", seed, 0, optional=True)
-        if seed is not None and (self.scheme == "shooting" or highest_order(self.order) != 2):
-            raise CommonlawError("option-without-effect", option=f"seed={seed}", kind="this law, which draws no noise")
         if input_interpolation is not None:
             check_choice("interpolation of inputs between samples", input_interpolation, BETWEEN)
             if self.order == 0 or not self.schema.inputs:
@@ -544,20 +541,10 @@ class Law(ShownInNotebooks):
             raise CommonlawError("forecast-times")
         if further.size and self.order == 0:
             raise CommonlawError("forecast-times-discrete")
-        options = {"times": times, "start": start, "from_time": from_time, "return_std": return_std}
-        options |= {"input_interpolation": input_interpolation, "tolerance": tolerance, "discrepancy": discrepancy}
-        if self.scheme == "shooting":  # Without plausible other laws, so that an average is the law itself
-            return cast("Forecast", _call("estimation:predict_observed", self, trials, **options))
-        options |= {"method": method, "seed": seed or 0, "averaged": averaged}
+        options = {"times": times, "start": start, "from_time": from_time, "return_std": return_std, "seed": seed}
+        options |= {"method": method, "tolerance": tolerance, "input_interpolation": input_interpolation}
+        options |= {"discrepancy": discrepancy, "averaged": averaged}
         return cast("Forecast", _call("forecast:predict", self, trials, **options))
-
-    def _check_integration(self, method: str, tolerance: float, by_shooting: bool) -> None:
-        """Refuse a tolerance out of range, and a method that does not integrate this law."""
-        OutputOptions(tolerance)
-        check_choice("method of integration", method, METHODS)
-        if method != "auto" and (by_shooting or self.order == 0):
-            kind = "a law in discrete time" if self.order == 0 else "a law with observation equations"
-            raise CommonlawError("option-without-effect", option=f"method={method!r}", kind=kind)
 
     # Comparison with measurements
 
@@ -883,11 +870,6 @@ def only_object(law: Law, name: str | None) -> str:
     if name is None and len(law.objects) > 1:
         raise CommonlawError("several-objects", objects=law.objects, first=law.objects[0])
     return law.objects[0] if name is None else name
-
-
-def has_free_starts(law: Law, trials: Trials) -> bool:
-    """Return whether samples determine where forecasts of trials begin: not if the law gives all initial values."""
-    return law.scheme == "collocation" or bool(_call("estimation:has_free_starts", law, trials))
 
 
 def given_equations(law: Law) -> GivenEquations | None:

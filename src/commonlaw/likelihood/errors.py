@@ -64,6 +64,11 @@ class ErrorModel:
         """Rounds of alternating estimation: heteroscedastic noise depends on fitted states."""
         return 2 if self.heteroscedastic else 1
 
+    @property
+    def of_measurements(self) -> "ErrorModel":
+        """The errors of measurements among these."""
+        return ErrorModel(self.heteroscedastic, self.correlated, self.memory)
+
     def white_std(self, states: Floats, noise: Floats) -> Floats:
         """Return the standard deviation of white noise at states, shape (n, d), given that at zero, (n, d) or (d,)."""
         relative = np.ones_like(noise)

@@ -72,12 +72,11 @@ def plot_phase_plane(
     smooth, objects = forecast.smooth(), forecast.trials.objects
     coefficients = [followed_coefficients(law, owner) for owner in objects]
     shared = len(objects) > 1 and np.allclose(coefficients, coefficients[:1], rtol=1e-9, atol=0.0)
-    solved = smooth.latent or [trajectory.states for trajectory in smooth.trajectories]
     observed = law.observation.equations
     columns = [j for j, state in enumerate(forecast.trials.schema.states) if state not in observed]
     curves = [
         (trial.object, path[:, :2], trial.states[:, columns] if len(columns) == 2 else np.empty((0, 2)))
-        for trial, path in zip(forecast.trials, solved, strict=True)
+        for trial, path in zip(forecast.trials, smooth.solutions, strict=True)
     ]
     drawn = np.concatenate([points for _, *both in curves for points in both])
     drawn = drawn[np.isfinite(drawn).all(axis=1)]

@@ -24,7 +24,7 @@ from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, WHITE_NOISE, Heterosce
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
-from commonlaw.trials.transformations import with_logarithms
+from commonlaw.trials.transformations import with_logarithms, with_zeros_before_doses
 from commonlaw.trials.trial import check_gaps
 
 
@@ -94,11 +94,13 @@ class FitSetup:
         Raises `CommonlawError` if the law is of discrete time, its objects do not share their terms, or law, trials and
         noise do not match.
         """
+        if law.scheme == "shooting":
+            raise CommonlawError("law-with-observation")
         law = law if log_states is None else on_log_scale(law, log_states)
         levels = matched_noise(law, trials, noise)
         if not law.schema.doses:
             trials = trials.with_trials([trial.measured() for trial in trials])
-        trials = matched(law, trials)
+        trials = with_zeros_before_doses(matched(law, trials))
         check_gaps(tuple(trials), trials.schema)
         between = law.schema.input_interpolation if input_interpolation is None else input_interpolation
         trials = transform_trials(trials, law.schema.logarithmic, between)

@@ -166,10 +166,9 @@ def bounds(
     if terms is None and len(pairs) > settings.MAX_SCREENED_TERMS:
         raise CommonlawError("limits-of-many-terms", count=len(pairs))
     forecast = law.predict(trials, start="all", averaged=False)
-    states = forecast.latent or [trajectory.states for trajectory in forecast.trajectories]
-    pairs_of_trials = zip(forecast.trials, states, strict=True)
-    along = [np.column_stack([state, trial.inputs, trial.times]) for trial, state in pairs_of_trials]
-    values = law.terms.variables.natural(np.concatenate(along))
+    pairs_of_trials = zip(forecast.trials, forecast.solutions, strict=True)
+    along = [np.column_stack([states, trial.inputs, trial.times]) for trial, states in pairs_of_trials]
+    values = np.concatenate(along)
     values = values[np.isfinite(values).all(axis=1)]
     limits: list[Bound] = []
     for i, (equation, name) in enumerate(pairs):
@@ -209,7 +208,7 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
     else:  # Noise that was given stays, too
         given = restrictions_of(law).noise
         levels = {key: level for key, level in given.items() if not isinstance(level, str)}
-        names, matching = law.terms.variables.names, matched(law, trials, observed=True)
+        names, matching = law.terms.variables.names, matched(law, trials)
         taken = (*names, *law.observation.measured.states, *property_names(matching.properties))
         (parameter,) = free_parameter_names(1, taken)
         addend = f" + {parameter} {term.text([quoted(variable) for variable in names])}"

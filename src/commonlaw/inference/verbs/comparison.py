@@ -290,19 +290,34 @@ def _of_part(laws: Mapping[str, Law], settings: Mapping[str, Any], part: TrialSt
 
 
 def written_alike(law: Law, schema: Schema) -> Law:
+    """Return a law with its terms in an order of their own, over all inputs of a schema if its own are some of them."""
+    wider = with_inputs_of(law, schema)
+    order, known = canonical_order(wider.terms), wider.uncertainty
+    places = np.cumsum(wider.support).reshape(wider.support.shape) - 1
+    moved = places[:, order][wider.support[:, order]]
+    covariance = None if known.covariance is None else known.covariance[:, moved][:, :, moved]
+    return replace(
+        wider,
+        terms=wider.terms.take(order),
+        coefficients=wider.coefficients[:, :, order],
+        uncertainty=replace(
+            known, covariance=covariance, shared_factor=None, unpooled=None, pooled=None, explanation=None
+        ),
+    )
+
+
+def with_inputs_of(law: Law, schema: Schema) -> Law:
     """Return a law with no other terms than its own, over all inputs of a schema if its own are some of them."""
     before, used = law.terms.variables, np.any(law.support, axis=0)
     used |= (np.arange(used.size) == 0) & ~used.any()  # A law has a term, if only with a coefficient of zero
     wider = {*law.schema.inputs} <= {*schema.inputs}
     after = replace(before, inputs=schema.inputs) if wider else before
-    used_terms = law.terms.take(np.flatnonzero(used).tolist()).terms
-    order = canonical_order(law.terms.take(np.flatnonzero(used).tolist()))
-    terms = parse_terms([used_terms[i].expression(before.names) for i in order], after)
+    terms = law.terms.take(np.flatnonzero(used).tolist()).terms
     return replace(
         law,
-        terms=terms,
+        terms=parse_terms([term.expression(before.names) for term in terms], after),
         schema=replace(law.schema, inputs=after.inputs),
-        coefficients=law.coefficients[:, :, used][:, :, order],
+        coefficients=law.coefficients[:, :, used],
         uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=()),
         provenance=Provenance(),
     )

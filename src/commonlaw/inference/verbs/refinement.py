@@ -10,7 +10,6 @@ import numpy as np
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import checked_errors, refit, threshold_of, updated
 from commonlaw.estimation.profile import with_one_sided_limits
-from commonlaw.forecast.population import with_objects_of
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.fit.convergence import converged
@@ -46,6 +45,7 @@ from commonlaw.law.parameters import (
     shared_parameters,
     state_rates,
 )
+from commonlaw.law.population import with_objects_of
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.law.uncertainty import ObjectEstimates

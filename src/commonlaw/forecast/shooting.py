@@ -2,43 +2,45 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
 from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialData
 from commonlaw.estimation.search import LACK_OF_FIT, Bounds, Optimum, is_solved, maximize, rough_noise, under_errors
-from commonlaw.forecast.forecast import Forecast
-from commonlaw.forecast.initial_state import MIN_SAMPLES, notes_of_few, notes_of_lost, samples_of_rates
-from commonlaw.forecast.prediction import initial_value_problems, wanted_times, with_discrepancy, with_object
+from commonlaw.forecast.initial_state import MIN_SAMPLES, samples_of_rates
+from commonlaw.forecast.scheme import (
+    WITHOUT_DRAWS,
+    AbstractScheme,
+    AbstractStarted,
+    Extended,
+    ForecastOptions,
+    Solved,
+    refuse_method,
+)
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.integration.problem import diverged
-from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs, shoot
+from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs
 from commonlaw.law import Law
-from commonlaw.law.alignment import matched
 from commonlaw.law.law import object_index
 from commonlaw.law.observation import Observation
 from commonlaw.law.parameters import Parameters, named_parameters, restrictions_of, state_rates
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.restrictions import OBJECT, Restrictions, by_trial
-from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, starts_by, with_logarithms, with_noise
-from commonlaw.trials.trial import property_names
 
 _FIRST = 8
 """Measurements of a state from whose curve its initial rate is guessed."""
 
 
 @dataclass(frozen=True, eq=False)
-class ObservedLaw:
+class Shooting(AbstractScheme):
     """A law with observation equations, and its model in trials that set the initial values of some states.
 
     Unknowns of `predicted` are the P parameters of the model and then the D initial values.
@@ -55,7 +57,7 @@ class ObservedLaw:
         properties: Sequence[str],
         input_interpolation: str | None = None,
         chosen: Collection[str] = (),
-    ) -> "ObservedLaw":
+    ) -> "Shooting":
         """Return the law for objects with these properties, where initial values of chosen states (rates) are set."""
         observation, rates = law.observation, {f"{state}'": rate for state, rate in state_rates(law)}
         measured = observation.measured
@@ -86,9 +88,24 @@ class ObservedLaw:
         shared = [self.restrictions.shared.get(name, OBJECT) for name in self.model.parameters]
         return [i for i, by in enumerate(shared) if by_trial(by, self.observation.measured)]
 
-    def has_free_starts(self, trials: Trials) -> bool:
-        """Return whether a trial determines an initial value or a parameter, which the law does not give."""
-        return bool(self.of_trial) or any(self.model.free_in(trial) for trial in trials)
+    def free_starts(self, trial: Trial) -> int:
+        return len(self.of_trial) + len(self.model.free_in(trial))
+
+    def check(self, options: ForecastOptions) -> None:
+        refuse_method(options.method, "a law with observation equations")
+        if options.seed is not None:
+            raise CommonlawError("option-without-effect", option=f"seed={options.seed}", kind=WITHOUT_DRAWS)
+
+    def taken(self, trials: Trials) -> Trials:
+        return with_noise(with_logarithms(trials, self.observation.measured.logarithmic), self.law.uncertainty.noise_of)
+
+    def begin(self, trials: Trials, extended: Sequence[Extended], options: ForecastOptions) -> AbstractStarted:
+        """Return trials whose initial values have the largest likelihood at the parameters of the law."""
+        curves = [
+            _Curve.of(self, trials, trial, options.start, options.from_time, options.tolerance)
+            for trial, *_ in extended
+        ]
+        return _Started(self.law, trials, extended, curves, options.return_std)
 
     @cached_property
     def sizes(self) -> Floats:
@@ -176,88 +193,27 @@ class ObservedLaw:
         )
 
 
-def has_free_starts(law: Law, trials: Trials) -> bool:
-    """Return whether a trial determines where its forecast by a law with observation equations begins."""
-    return ObservedLaw.of(law, property_names(trials.properties)).has_free_starts(trials)
+@dataclass(frozen=True, eq=False)
+class _Started(AbstractStarted):
+    """Trials with their curves."""
 
+    law: Law
+    trials: Trials
+    extended: Sequence[Extended]
+    curves: Sequence["_Curve"]
+    return_std: bool
 
-def predict_observed(
-    law: Law,
-    trials: Trials,
-    *,
-    times: ArrayLike | None = None,
-    start: int | Literal["all"] | None = None,
-    from_time: float | None = None,
-    return_std: bool = False,
-    tolerance: float = 1e-8,
-    input_interpolation: str | None = None,
-    discrepancy: bool = False,
-) -> Forecast:
-    """Return what should have been measured in trials, see `Law.predict`.
+    @property
+    def inputs(self) -> list[Inputs]:
+        return [inputs for *_, inputs in self.extended]
 
-    Initial values that the law does not give are estimated from the first `start` samples, or those before `from_time`,
-    by maximum likelihood at the parameters of the law.
+    @property
+    def known_until(self) -> list[float]:
+        return [curve.known_until for curve in self.curves]
 
-    Raises
-    ------
-    CommonlawError
-        If something else was measured than for the law, a trial has no sample that
-        initial values could be estimated from, samples are chosen for these where the law gives all, or it has no
-        discrepancy that is asked for.
-    """
-    more, from_time = wanted_times(law, trials, times, from_time)
-    trials = matched(law, trials, observed=True)
-    if discrepancy:
-        law, trials = with_discrepancy(law, trials)
-    law, trials = with_object(law, trials)
-    observation = law.observation
-    if return_std:
-        law.uncertainty.known_covariance()
-        if law.uncertainty.noise is None:
-            raise CommonlawError("noise-unknown-at-start")
-    observed = ObservedLaw.of(law, property_names(trials.properties), input_interpolation)
-    if (start not in (None, "all") or from_time is not None) and not observed.has_free_starts(trials):
-        option = f"start={start}" if from_time is None else f"from_time={from_time:g}"
-        raise CommonlawError("option-without-effect", option=option, kind="a law that gives all initial values")
-    if from_time is not None:
-        spans = [(trial, max([trial.times[-1], *more])) for trial in trials]
-        kept = [trial for trial, last in spans if trial.times[0] < from_time <= last]
-        lost = [
-            f"{trial.label}, t = {trial.times[0]:g} to {last:g}"
-            for trial, last in spans
-            if not trial.times[0] < from_time <= last
-        ]
-        notes = notes_of_lost(lost, from_time, len(kept))
-        trials = trials.with_trials(kept, *notes) if lost else trials
-    notes = notes_of_few(trials, start, from_time)
-    trials = trials.with_trials(trials.trials, *notes) if notes else trials
-    shown = with_noise(with_logarithms(trials, observation.measured.logarithmic), law.uncertainty.noise_of)
-    curves = [_Curve.of(observed, trials, trial, start, from_time, tolerance) for trial in shown]
-    points = shown.with_trials([_with_times(trial, more) for trial in shown])
-    forecast = replace(_forecast(law.uncertainty, points, curves, from_time, return_std), wanted=more)
-    return forecast.as_measured(trials) if observation.measured.logarithmic else forecast
-
-
-def _with_times(trial: Trial, more: Floats) -> Trial:
-    """Return a trial with further samples, at which nothing was measured."""
-    new = np.setdiff1d(more, trial.times)
-    if not len(new):
-        return trial
-    if new[0] < trial.times[0]:
-        raise CommonlawError("forecast-before-start", trial=trial.label, time=new[0], begins=trial.times[0])
-    times = np.concatenate([trial.times, new])
-    order = np.argsort(times, kind="stable")
-    unknown = np.full((len(new), trial.states.shape[1]), np.nan)
-    inputs = np.repeat(trial.inputs[-1:], len(new), axis=0)
-    return replace(
-        trial,
-        times=times[order],
-        states=np.concatenate([trial.states, unknown])[order],
-        noise=np.concatenate([trial.noise, unknown])[order],
-        below=np.concatenate([trial.below, unknown])[order],
-        inputs=np.concatenate([trial.inputs, inputs])[order],
-        repeats=trial.repeats and trial.repeats.placed(np.argsort(order)[: len(trial)], len(times)),
-    )
+    def solved(self, trials: Sequence[Trial]) -> list[Solved]:
+        pairs = zip(trials, self.curves, strict=True)
+        return [curve.solved(trial, self.return_std) for trial, curve in pairs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,7 +252,7 @@ class _Curve:
     @classmethod
     def of(
         cls,
-        observed: ObservedLaw,
+        scheme: Shooting,
         trials: Trials,
         trial: Trial,
         start: int | Literal["all"] | None,
@@ -308,11 +264,11 @@ class _Curve:
         Parameters that differ between trials of an object are estimated with the initial values. Of the information H
         of other parameters p and these, x: Cov(x | p) = inv(H_xx), dx/dp = -inv(H_xx) H_xp.
         """
-        model, observation, named, of_trial = observed.model, observed.observation, observed.named, observed.of_trial
-        index = object_index(observed.law, trial.object)
+        model, observation, named, of_trial = scheme.model, scheme.observation, scheme.named, scheme.of_trial
+        index = object_index(scheme.law, trial.object)
         others = [name for name in model.parameters if name not in named.names]
         properties = {name: number_of(name, trial.object, trials) for name in others}
-        values, count = observed.parameters(named.values[index], properties), len(model.parameters)
+        values, count = scheme.parameters(named.values[index], properties), len(model.parameters)
         inner = [i for i, name in enumerate(model.parameters) if name in named.names]
         chosen = [named.names.index(model.parameters[i]) for i in inner]
         covariance = np.zeros((count, count))
@@ -325,7 +281,7 @@ class _Curve:
         if from_time is not None:
             used = used & (trial.times < from_time)
         if start is None and from_time is None:
-            start = _default_start(observed, trial, used)
+            start = _default_start(scheme, trial, used)
         if start is not None and start != "all":
             numbers = np.flatnonzero(used)
             used = np.isin(np.arange(len(trial)), numbers[-start:] if from_time is not None else numbers[:start])
@@ -333,23 +289,23 @@ class _Curve:
             raise CommonlawError("trial-without-samples", trial=trial.label)
         measurements = int((np.isfinite(trial.states) | np.isfinite(trial.below))[used].sum())
         seen = whole.seen(used) if used.any() else whole
-        given = observed.restrictions.priors
+        given = scheme.restrictions.priors
         known = {i: given[name] for i, name in enumerate(model.parameters) if name in given}
         known |= {count + j: prior for j, prior in model.expected.items()}
         known = {index: prior for index, prior in known.items() if index in place}
         if measurements < (unknown := len(free) - len(known)):
             raise CommonlawError("start-undetermined", trial=trial.label, unknown=unknown, measurements=measurements)
         priors = tuple(NormalPrior.of(place[index], *prior) for index, prior in known.items())
-        problem = observed.problem((seen,), len(free), priors)
+        problem = scheme.problem((seen,), len(free), priors)
         rough = rough_noise(problem)
-        noise = np.array([observed.levels.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
+        noise = np.array([scheme.levels.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
         unknowns = np.concatenate([values, np.zeros(model.width)])
         if free:
-            first = np.concatenate([values, observed.sizes])[free]
+            first = np.concatenate([values, scheme.sizes])[free]
             names = (*model.parameters, *(f"{name}(0)" for name in model.variables.states))
-            limits = np.array([limits_of(names[index], bounds_in(observed.restrictions.bounds)) for index in free])
-            bounds, errors = Bounds(*limits.T), observed.law.uncertainty.error_model
-            likely = _likely_starts(observed, trial, used)
+            limits = np.array([limits_of(names[index], bounds_in(scheme.restrictions.bounds)) for index in free])
+            bounds, errors = Bounds(*limits.T), scheme.law.uncertainty.error_model
+            likely = _likely_starts(scheme, trial, used)
             near = np.array([likely.get(names[index], np.nan) for index in free])
             optimum = _near_optimum(problem, near, bounds, noise)
             if optimum is None:
@@ -362,14 +318,14 @@ class _Curve:
         shifted = tuple(NormalPrior.of(index, *prior) for index, prior in known.items())
         initial = np.where(seen.initial < 0, -1, np.arange(model.width) + count)
         both = replace(seen, parameter=np.arange(count), initial=initial)
-        problem = replace(observed.problem((both,), len(unknowns), shifted), tolerance=tolerance)
-        rows = problem.about(unknowns, observed.law.uncertainty.error_model).information(unknowns, noise)
+        problem = replace(scheme.problem((both,), len(unknowns), shifted), tolerance=tolerance)
+        rows = problem.about(unknowns, scheme.law.uncertainty.error_model).information(unknowns, noise)
         inverse = np.asarray(np.linalg.pinv(rows[:, free].T @ rows[:, free]), dtype=np.float64)
         sensitivity = -inverse @ rows[:, free].T @ rows[:, fixed]
         until = float(trial.times[used][-1]) if used.any() else float(whole.times[0])
         covariance = covariance[np.ix_(fixed, fixed)]
         ends = list[Floats]()
-        for limit in observed.law.uncertainty.limits:
+        for limit in scheme.law.uncertainty.limits:
             if limit.object == trial.object and limit.parameter in model.parameters:
                 for value in (limit.value, limit.beyond):
                     end = unknowns.copy()
@@ -377,16 +333,16 @@ class _Curve:
                     ends.append(end)
         return cls(both, problem, unknowns, fixed, free, covariance, inverse, sensitivity, until, tuple(ends))
 
-    def at(self, times: Floats, return_std: bool) -> tuple[Floats, Floats, Floats, bool]:
-        """Return observables, their standard deviations, shape (n, m) each, states, shape (n, D), and if it is endless.
-
-        Observables that are log-scaled are given by their logarithms.
-        """
-        grid = np.union1d(self.data.times[:1], times)
-        data = replace(self.data, times=grid, rows=np.searchsorted(grid, times))
+    def solved(self, trial: Trial, return_std: bool) -> Solved:
+        """Return the solution at the samples of a trial."""
+        grid = np.union1d(self.data.times[:1], trial.times)
+        data = replace(self.data, times=grid, rows=np.searchsorted(grid, trial.times))
         predicted = self.problem.predicted(data, self.unknowns, return_std)
+        trajectory = trajectory_of(trial.times, predicted.values, predicted.is_endless, trial.label)
+        if not return_std:
+            return Solved(trajectory, None, predicted.states)
         if predicted.slopes is None:
-            return predicted.values, np.zeros(predicted.values.shape), predicted.states, predicted.is_endless
+            return Solved(trajectory, np.zeros(predicted.values.shape), predicted.states)
         by_initial = predicted.slopes[:, :, self.free]
         by_parameters = predicted.slopes[:, :, self.known] + by_initial @ self.sensitivity
         with np.errstate(all="ignore"):
@@ -394,28 +350,28 @@ class _Curve:
             variance += np.einsum("nmp,pq,nmq->nm", by_initial, self.covariance, by_initial)
             moved = [np.abs(self.problem.predicted(data, end, False).values - predicted.values) for end in self.ends]
             variance += (np.fmax.reduce([np.zeros_like(variance), *moved]) / two_sided(0.95)) ** 2
-            return predicted.values, np.sqrt(np.maximum(variance, 0.0)), predicted.states, predicted.is_endless
+        return Solved(trajectory, np.sqrt(np.maximum(variance, 0.0)), predicted.states)
 
 
-def _likely_starts(observed: ObservedLaw, trial: Trial, used: Bools) -> dict[str, float]:
+def _likely_starts(scheme: Shooting, trial: Trial, used: Bools) -> dict[str, float]:
     """Return likely initial values and parameters of a trial, by name, as far as there are some.
 
     They are those of the fit of the law, if the trial is one of its trials; else the first measurements of states, of
     those that are used, and the slopes there.
     """
-    model, names = observed.model, observed.observation.measured.states
-    result, rates = dict[str, float](), dict(state_rates(observed.law))
-    for name in (name for name in names if name not in observed.observation.equations and name in model.schema.states):
+    model, names = scheme.model, scheme.observation.measured.states
+    result, rates = dict[str, float](), dict(state_rates(scheme.law))
+    for name in (name for name in names if name not in scheme.observation.equations and name in model.schema.states):
         column = trial.states[:, names.index(name)]
         rows = np.flatnonzero(used & np.isfinite(column))[:_FIRST]
         if len(rows):
-            values = np.exp(column[rows]) if name in observed.observation.measured.logarithmic else column[rows]
+            values = np.exp(column[rows]) if name in scheme.observation.measured.logarithmic else column[rows]
             result[f"{name}(0)"] = float(values[0])
             if name in rates and len(rows) > 1:
                 times = trial.times[rows] - trial.times[rows[0]]
                 result[f"{rates[name]}(0)"] = float(np.polyfit(times, values, min(2, len(rows) - 1))[-2])
     of_trial = (trial.object, trial.name)
-    fitted = observed.law.trial_estimates
+    fitted = scheme.law.trial_estimates
     return result | {
         estimate.name: estimate.value for estimate in fitted if (estimate.object, estimate.trial) == of_trial
     }
@@ -432,96 +388,33 @@ def _near_optimum(problem: Problem, near: Floats, bounds: Bounds, noise: Floats)
     return optimum if len(squares) and np.mean(squares) < LACK_OF_FIT**2 else None
 
 
-def _default_start(observed: ObservedLaw, trial: Trial, used: Bools) -> int | Literal["all"]:
+def _default_start(scheme: Shooting, trial: Trial, used: Bools) -> int | Literal["all"]:
     """Return how many of the used samples determine the initial values of a trial by default.
 
     The first one, if it has every state with an unknown initial value; else as many as have `MIN_SAMPLES` of each
     measured quantity, and at least one for each unknown, or as rates of measured states would be estimated from. All if
     later rows are forecast, or the trial has parameters.
     """
-    model, free = observed.model, observed.model.free_in(trial)
+    model, free = scheme.model, scheme.model.free_in(trial)
     rows = np.flatnonzero(used)
-    if observed.of_trial or not len(rows) or rows[-1] < len(trial) - 1:
+    if scheme.of_trial or not len(rows) or rows[-1] < len(trial) - 1:
         return "all"
-    seen, names = np.isfinite(trial.states[rows]), observed.observation.measured.states
+    seen, names = np.isfinite(trial.states[rows]), scheme.observation.measured.states
     states = [model.variables.states[j] for j in free]
-    measured = [name in names and name not in observed.observation.equations for name in states]
+    measured = [name in names and name not in scheme.observation.equations for name in states]
     if all(measured) and seen[0, [names.index(name) for name in states]].all():
         return 1
-    rates = dict(state_rates(observed.law))
-    if {*states} <= {*names, *(rates[name] for name in names if name in rates)} - {*observed.observation.equations}:
-        return samples_of_rates(observed.law, trial)
+    rates = dict(state_rates(scheme.law))
+    if {*states} <= {*names, *(rates[name] for name in names if name in rates)} - {*scheme.observation.equations}:
+        return samples_of_rates(scheme.law, trial)
     counts = seen[:, seen.any(axis=0)].cumsum(axis=0).min(axis=1, initial=len(rows))
     return int(np.searchsorted(counts, max(MIN_SAMPLES, len(free)))) + 1
 
 
-def simulate_observed(
-    law: Law,
-    times: ArrayLike,
-    initial: ArrayLike | Mapping[str, ArrayLike],
-    *,
-    tolerance: float,
-    doses: Mapping[str, Mapping[float, float]] | None,
-    inputs: Any,
-    **settings: Any,
-) -> dict[str, Trajectory]:
-    """Integrate a law with the events of its observation for every object, see `Law.simulate`."""
-    trajectories = dict[str, Trajectory]()
-    if refused := [name for name, value in settings.items() if value]:
-        raise CommonlawError("simulate-with-events", settings=refused)
-    observed = ObservedLaw.of(law, ())
-    for name, problem in initial_value_problems(law, times, initial, doses, inputs, tolerance).items():
-        driven, count = problem.field.inputs, len(law.schema.inputs)
-        delayed = NO_INPUTS if driven is None else DelayedInputs(driven, tuple(range(count)), (-1,) * count)
-        states, _, is_endless = shoot(
-            observed.model.switched,
-            observed.parameters(observed.named.values[object_index(law, name)], law.properties.get(name, {})),
-            problem.initial,
-            problem.times,
-            observed.sizes,
-            delayed,
-            derivatives=False,
-            tolerance=tolerance,
-        )
-        trajectories[name] = _trajectory(problem.times, states, is_endless, name)
-    return trajectories
-
-
-def _trajectory(times: Floats, values: Floats, is_endless: bool, where: str) -> Trajectory:
+def trajectory_of(times: Floats, values: Floats, is_endless: bool, where: str) -> Trajectory:
     """Return a trajectory that ends where its values are not finite."""
     finite = np.isfinite(values).all(axis=1)
     ended = None if finite.all() else float(times[int(np.argmin(finite))])
     reason = "events repeat infinitely often" if is_endless else "a state is not finite"
     outcome = None if ended is None else diverged(ended, reason, where, "ends" if is_endless else "ran away")
     return Trajectory(times, values, outcome, ended, method="shooting")
-
-
-def _forecast(
-    known: Uncertainty,
-    trials: Trials,
-    curves: Sequence[_Curve],
-    from_time: float | None,
-    return_std: bool,
-    times: Sequence[Floats] = (),
-) -> Forecast:
-    """Return curves at the times of trials, and more of each trial, of log-scaled quantities by their logarithms."""
-    if times:
-        trials = trials.with_trials([_with_times(trial, time) for trial, time in zip(trials, times, strict=True)])
-    predictions = [curve.at(trial.times, return_std) for trial, curve in zip(trials, curves, strict=True)]
-    return Forecast(
-        with_noise(trials, known.noise_of),
-        tuple(
-            _trajectory(trial.times, values, is_endless, trial.label)
-            for trial, (values, *_, is_endless) in zip(trials, predictions, strict=True)
-        ),
-        tuple(std for _, std, *_ in predictions) if return_std else None,
-        known.noise if return_std else None,
-        from_time,
-        known.error_model,
-        degrees_of_freedom=known.degrees_of_freedom,
-        at_more_times=partial(_forecast, known, trials, curves, from_time, return_std),
-        horizons=tuple(
-            np.maximum(0.0, trial.times - curve.known_until) for trial, curve in zip(trials, curves, strict=True)
-        ),
-        latent=tuple(states for *_, states, _ in predictions),
-    )

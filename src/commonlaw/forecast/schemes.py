@@ -1,0 +1,15 @@
+"""The scheme of a law: the only place that asks for it."""
+
+from collections.abc import Sequence
+
+from commonlaw.forecast.collocation import Collocation
+from commonlaw.forecast.scheme import AbstractScheme
+from commonlaw.forecast.shooting import Shooting
+from commonlaw.law import Law
+
+
+def scheme_of(law: Law, properties: Sequence[str], input_interpolation: str | None = None) -> AbstractScheme:
+    """Return the scheme of a law for objects with these properties."""
+    if law.scheme == "collocation":
+        return Collocation(law)
+    return Shooting.of(law, properties, input_interpolation)
