@@ -42,3 +42,12 @@ def same_content(one: Any, other: Any, without: Sequence[str] = ()) -> bool:
         compared = [field.name for field in fields(one) if field.compare and field.name not in without]
         return all(same_content(getattr(one, name), getattr(other, name), without) for name in compared)
     return bool(one == other)
+
+
+def thinned(count: int, most: int = 1500) -> slice:
+    """Return which of so many points stay, evenly spaced and at most so many.
+
+    >>> list(range(10))[thinned(10, 4)]
+    [0, 3, 6, 9]
+    """
+    return slice(None, None, -(-count // most) or 1)

@@ -12,7 +12,7 @@ from commonlaw.law.parameters import named_parameters
 from commonlaw.law.script import Source, to_script
 from commonlaw.law.tables import quantile_frame, spread_tables
 from commonlaw.report.document import Picture, Table
-from commonlaw.report.law_report import all_objects
+from commonlaw.report.sections import all_objects
 from commonlaw.stream import find_by_stream
 from commonlaw.summary import Summary
 from commonlaw.verdict import find
@@ -150,7 +150,7 @@ def test_what_a_page_has_no_use_for_is_refused(law, drops, stream):
 
 
 def test_the_page_tells_of_all_objects(law, found, monkeypatch):
-    monkeypatch.setattr(import_module("commonlaw.report.law_report"), "MANY", 20)
+    monkeypatch.setattr(import_module("commonlaw.report.sections"), "MANY", 20)
     first, *blocks = all_objects(Summary(found.few, found))
     assert "Forecasts of 60 trials of 30 objects" in first.text
     tables = {block.name: block.frame for block in blocks if isinstance(block, Table)}

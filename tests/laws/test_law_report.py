@@ -12,8 +12,8 @@ from commonlaw.law import Provenance, to_latex
 from commonlaw.law.parameters import named_parameters
 from commonlaw.report import law_report, to_page
 from commonlaw.report.document import Fold, Gallery, Picture, Table
-from commonlaw.report.law_report import coefficients, forecasts, residuals
 from commonlaw.report.markup import formula, law_latex
+from commonlaw.report.sections import coefficients, forecasts, residuals
 from commonlaw.summary import Summary
 from commonlaw.verdict import find
 

@@ -7,7 +7,7 @@ import commonlaw as cl
 from commonlaw.plots.forecast import ForecastPanels
 from commonlaw.report import law_report, to_page
 from commonlaw.report.document import Table, Text
-from commonlaw.report.law_report import coefficients
+from commonlaw.report.sections import coefficients
 from commonlaw.summary import Summary
 from commonlaw.verdict import find
 

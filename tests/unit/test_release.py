@@ -17,7 +17,7 @@ import yaml
 
 import commonlaw
 import commonlaw as cl
-from commonlaw.app import serve
+from commonlaw.app.server import serve
 from commonlaw.law import to_sympy
 from commonlaw.library import Variables, parse_term
 from commonlaw.report import to_page

@@ -7,15 +7,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
 import pandas as pd
 
-from commonlaw import plots
 from commonlaw.app.question import MAX_DRAWN_TRIALS, message, text_in_page
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, thinned
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast import Forecast
 from commonlaw.forecast.forecast import squared_errors
@@ -30,13 +29,15 @@ from commonlaw.law.script import Source, given_initial_time, to_script
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import quantities_by_object, readable, with_interval, with_unit
 from commonlaw.library import order_of_each
-from commonlaw.plots.style import thinned
 from commonlaw.report.markup import equation_parts, formula
 from commonlaw.runtime.progress import Stage
 from commonlaw.summary import Summary, parameters_caption, shown_equations, simpler_forms
 from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.verdict import Findings, find
+
+if TYPE_CHECKING:
+    from commonlaw.plots import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,10 +320,13 @@ one_draws = Lock()
 
 
 class _FigureKind(NamedTuple):
-    """A kind of picture: title, what draws it of an object and a parameter, that as Python, and when it is there."""
+    """A kind of picture: title, what draws it of an object and a parameter, that as Python, and when it is there.
+
+    What draws it takes the room of plots, which is imported for the first picture.
+    """
 
     title: str
-    draw: Callable[[Found, str, str], plots.Figure]
+    draw: Callable[[Any, Found, str, str], "Figure"]
     written: str
     is_there: Callable[[Law, Findings], bool] = lambda *_: True
     of_object: bool = False
@@ -332,42 +336,42 @@ class _FigureKind(NamedTuple):
 _FIGURES = {
     "law": _FigureKind(
         "Law with fit and coefficients",
-        lambda found, *_: plots.plot_law(found.law, curves(found, found.findings.shown)),
+        lambda plots, found, *_: plots.plot_law(found.law, curves(found, found.findings.shown)),
         "plot_law(law, trials)",
     ),
     "fit": _FigureKind(
         "Fitted curves and residuals",
-        lambda found, *_: plots.plot_forecast(curves(found, found.findings.fit)),
+        lambda plots, found, *_: plots.plot_forecast(curves(found, found.findings.fit)),
         "plot_forecast(law.predict(trials, start='all', return_std={bands}))",
     ),
     "forecast": _FigureKind(
         "Forecasts with bands",
-        lambda found, *_: plots.plot_forecast(curves(found, found.findings.forecast)),
+        lambda plots, found, *_: plots.plot_forecast(curves(found, found.findings.forecast)),
         "plot_forecast(law.predict({measured}, start={start}, return_std={bands}))",
         lambda _, findings: findings.forecast is not None,
     ),
     "residuals": _FigureKind(
         "Residuals: patterns, autocorrelation, quantiles",
-        lambda found, *_: plots.plot_residuals(found.law.residuals(found.findings.training)),
+        lambda plots, found, *_: plots.plot_residuals(found.law.residuals(found.findings.training)),
         "plot_residuals(law.residuals(trials))",
         lambda law, _: law.order != 0,
     ),
     "coefficients": _FigureKind(
         "Coefficients by object",
-        lambda found, *_: plots.plot_coefficients(found.law, "support"),
+        lambda plots, found, *_: plots.plot_coefficients(found.law, "support"),
         "plot_coefficients(law, 'support')",
         lambda law, _: shares_terms(law),
     ),
     "phase-plane": _FigureKind(
         "Phase plane with nullclines and fixed points",
-        lambda found, owner, _: plots.plot_phase_plane(found.law, found.findings.training, owner),
+        lambda plots, found, owner, _: plots.plot_phase_plane(found.law, found.findings.training, owner),
         "plot_phase_plane(law, trials, {object!r})",
         lambda law, _: has_phase_plane(law),
         of_object=True,
     ),
     "profile": _FigureKind(
         "Profile likelihood of a parameter",
-        lambda found, owner, name: plots.plot_profile(found.law, found.findings.training, name, owner),
+        lambda plots, found, owner, name: plots.plot_profile(found.law, found.findings.training, name, owner),
         "plot_profile(law, trials, {parameter!r}, {object!r})",
         lambda law, _: shares_terms(law) and law.order != 0 and bool(named_parameters(law).names),
         of_object=True,
@@ -401,8 +405,10 @@ def figure_file(
         lines += [f"figure = cl.plots.{call}", f"cl.plots.save_figure(figure, '{kind}.svg')", ""]
         return "\n".join(lines).encode()
     with one_draws:
+        from commonlaw import plots
+
         try:
-            return plots.render(_FIGURES[kind].draw(found, owner, parameter), f".{ending}")
+            return plots.render(_FIGURES[kind].draw(plots, found, owner, parameter), f".{ending}")
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             raise CommonlawError("figure-failed", figure=kind, reason=error) from None
 

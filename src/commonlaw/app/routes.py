@@ -33,7 +33,6 @@ from commonlaw.law import Law, to_json, to_latex, to_script
 from commonlaw.law.law import shares_terms
 from commonlaw.law.script import Source
 from commonlaw.law.tables import coefficient_rows, to_frame
-from commonlaw.report import law_report, to_page
 from commonlaw.runtime.files import read_json
 from commonlaw.runtime.packages import optional_import
 
@@ -172,6 +171,8 @@ def _file(call: _Call) -> Response:
         about = ", ".join(filter(None, (table.name, datetime.now().astimezone().strftime("%Y-%m-%d"), checksum)))
         fitted = [candidate.candidate for candidate in result.candidates] if len(result.candidates) > 1 else []
         rivals = sorted(fitted, key=lambda candidate: candidate.size)
+        from commonlaw.report import law_report, to_page
+
         with one_draws:
             made = law_report(
                 result.findings, table=source or "", words=text_in_page, rivals=rivals, title=title, about=about

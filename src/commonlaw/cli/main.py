@@ -300,7 +300,7 @@ def app(path: str | None, port: int, open_browser: bool) -> None:
     Example:
       commonlaw app drops.csv
     """
-    from commonlaw.app import serve
+    from commonlaw.app.server import serve
 
     opens = "The app opens" if open_browser else "Open the app"
     serve(path, port, lambda to: say(f"{opens} in your browser; Ctrl-C ends it. For you alone: {to}"), open_browser)

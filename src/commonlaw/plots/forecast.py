@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from commonlaw.array_types import Floats, evenly_spaced
+from commonlaw.array_types import Floats, evenly_spaced, thinned
 from commonlaw.errors import unknown
 from commonlaw.experiments.plan import Design, Forecasts
 from commonlaw.forecast import Forecast
@@ -36,7 +36,6 @@ from commonlaw.plots.style import (
     plain,
     show_lowest_ticks,
     styled,
-    thinned,
 )
 from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.forking import cached_property

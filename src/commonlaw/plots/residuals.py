@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, thinned
 from commonlaw.discrepancy.function import Discrepancy
 from commonlaw.discrepancy.residual_tests import Residuals
 from commonlaw.forecast import Forecast
@@ -27,7 +27,6 @@ from commonlaw.plots.style import (
     key,
     plain,
     styled,
-    thinned,
 )
 from commonlaw.runtime.arguments import checks_types
 

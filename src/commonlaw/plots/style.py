@@ -161,15 +161,6 @@ def fitting(width: float, height: float) -> tuple[float, float]:
     return min(width, 9.0), height
 
 
-def thinned(count: int, most: int = 1500) -> slice:
-    """Return which of so many points are drawn, evenly spaced and at most so many.
-
-    >>> list(range(10))[thinned(10, 4)]
-    [0, 3, 6, 9]
-    """
-    return slice(None, None, -(-count // most) or 1)
-
-
 def columns_for(panels: int, most: int = 4) -> int:
     """Return how many columns a grid of panels has: as few as need no more lines than `most` columns do.
 
