@@ -205,6 +205,9 @@ import sys
 from commonlaw import datasets, differentiation, library, trials
 
 assert {heavy}.isdisjoint(sys.modules), {heavy}.intersection(sys.modules)
+from commonlaw.app import result
+
+assert "matplotlib" not in sys.modules
 sys.modules.update(dict.fromkeys([*{optional}, "heyoka"]))
 import numpy as np, pandas as pd, polars as pl
 import commonlaw as cl
