@@ -24,6 +24,7 @@ from commonlaw.solvers import (
     constrained_least_squares,
     parse_solver,
 )
+from commonlaw.solvers.subset_selection import _Search
 from tests.refusals import message, refused
 
 MAGNITUDES = np.array([[3.0, 0.0], [4.0, 0.2], [0.0, 0.1], [1.0, 0.3]])
@@ -325,6 +326,23 @@ def test_a_search_that_runs_out_of_nodes_says_so():
     assert not fit.converged
     path = BestSubset(largest=3).path(problems, 0, allowed[0])
     assert [candidate.proven for candidate in path] == [True] + [False] * 10 + [True] * 4
+
+
+def test_numbers_of_terms_whose_search_would_not_end_take_no_longer_than_two(monkeypatch):
+    branched = []
+    branch = _Search._branch
+
+    def counted(search, node):
+        branched.append(search.size)
+        return branch(search, node)
+
+    monkeypatch.setattr(_Search, "_branch", counted)
+    generator = np.random.default_rng(0)
+    (problem,) = compressed([(generator.standard_normal((12, 24)), generator.standard_normal(12))])
+    path = BestSubset(nodes=200).path([problem], 0, np.ones(24, dtype=bool))
+    least = min(int(candidate.hyperparameter) for candidate in path if not candidate.proven)
+    assert 1 < least < 6
+    assert sum(size >= least for size in branched) < 2 * 200 + 12
 
 
 def test_objects_count_by_their_noise_and_not_by_their_size():

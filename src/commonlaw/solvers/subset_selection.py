@@ -106,8 +106,8 @@ class BestSubset(AbstractSolver):
         The path is searched up to this number of terms; above it is backward elimination, see `StepwiseSelection`.
     nodes
         At most so many nodes of the search tree for each number of terms (2000 take about a second for 56 terms and 10
-        objects), fewer beyond 60 terms; then the best terms so far are returned, of greedy selection and exchanges at
-        least.
+        objects), fewer beyond 60 terms, and half as many after a number that used up its nodes; then the best terms so
+        far are returned, of greedy selection and exchanges at least.
     """
 
     terms: int | None = None
@@ -132,8 +132,11 @@ class BestSubset(AbstractSolver):
             enters = forward_order(problem, max(searched))
             # The work of a node grows with the third power of the terms
             nodes = int(np.ceil(self.nodes * min(1.0, (60 / max(problem.size, 1)) ** 3)))
-            searches = {size: _Search(problem, size, [stays[:size], enters[:size]]) for size in searched}
-            return subsets | {size: search.run(nodes) for size, search in searches.items()}
+            for size in sorted(searched):
+                subsets[size] = _Search(problem, size, [stays[:size], enters[:size]]).run(nodes)
+                # The tree grows with the size: where one used up its nodes, the next would need more
+                nodes = nodes if subsets[size].proven else -(-nodes // 2)
+            return subsets
 
         return fixed_cardinality(choose, self.shared, problems, target, allowed, values)
 
