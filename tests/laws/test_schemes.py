@@ -17,6 +17,9 @@ import commonlaw as cl
 from commonlaw.discrepancy.residuals import fitted_parameters
 from commonlaw.estimation.fitting import refit
 from commonlaw.estimation.profile import likelihood_profile
+from commonlaw.experiments.aims import quantity
+from commonlaw.experiments.experiment import Experiment
+from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.forecast import fitted
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.score.score import Score
@@ -681,3 +684,20 @@ def test_known_coefficients_stay_known_in_comparisons_whatever_the_order_of_term
     trials = falling._replace(numbers={"a": (0.2,)}).trials()
     laws = [falling.fit(trials, f"x'' = {right}") for right in ("-9.0 - c v", "-c v - 9.0")]
     assert np.ptp(_above(laws, trials)) < 0.01
+
+
+@pytest.mark.parametrize("name", ["decay, logarithms", "decay, autocorrelated", "fall"])
+def test_experiments_are_predicted_the_same_in_both_schemes(name):
+    problem = (FAST | UNDER_ERRORS)[name]
+    laws = in_both_schemes(problem.fit(problem.trials()))
+    settings = {"x": 3.0, "v": 1.0, "object": "b", "duration": 1.0, "samples": 6.0}
+    settings = {key: value for key, value in settings.items() if key != "v" or name == "fall"}
+    both = [Hypothesis.of(law, ["a", "b"]) for law in laws]
+    made = [Experiment.of(law, ("a", "b"), settings, {}, {"x": 0.1}) for law in laws]
+    ((one,),), ((other,),) = (known.predictions([experiment]) for known, experiment in zip(both, made, strict=True))
+    for part in ("mean", "by_unknowns", "noise", "coloured"):
+        expected = getattr(one, part)
+        np.testing.assert_allclose(getattr(other, part), expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
+    aims = [quantity("x at 1.0 from 3.0 of b", [known]) for known in both]
+    assert aims[1].values == pytest.approx(aims[0].values, rel=1e-3)
+    assert aims[1].slopes[0] == pytest.approx(aims[0].slopes[0], rel=1e-2, abs=1e-6)

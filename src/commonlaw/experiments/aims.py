@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from commonlaw.errors import CommonlawError, check_choice, unknown
 from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.gaussian import Evidence
 from commonlaw.experiments.predictive import Hypothesis
-from commonlaw.integration import InitialValueProblem, simulate
+from commonlaw.forecast.scheme import PlannedTrial
 from commonlaw.law.law import object_index
-from commonlaw.law.parameters import named_parameters, vector_field
+from commonlaw.law.parameters import followed_coefficients, named_parameters
 
 _FORECAST = re.compile(
     r"(?P<state>\S+) at (?:\S+ *= *)?(?P<time>\S+) from (?P<start>.+?)(?: of (?P<object>.+))?", re.DOTALL
@@ -107,9 +107,8 @@ def _coefficient(name: str, first: Hypothesis, each: Hypothesis, names: Sequence
 
 def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> tuple[float, Floats]:
     law, states = each.law, each.law.terms.variables.states
-    observed = each.observed(frozenset(states))
-    shown = states if observed is None else law.observation.measured.states
-    check_choice("state" if observed is None else "measured quantity", parts["state"], shown)
+    scheme = each.scheme(frozenset(states))
+    check_choice("state" if scheme.shown == states else "measured quantity", parts["state"], scheme.shown)
     if law.observation.measured.inputs:
         raise CommonlawError("design-forecast-with-inputs")
     try:
@@ -126,32 +125,22 @@ def _forecast(parts: re.Match[str], each: Hypothesis, names: Sequence[str]) -> t
             states=states,
         )
     initial = np.pad(np.array(start), (0, len(states) - len(start)))
-    column, times, count = shown.index(parts["state"]), np.array([0.0, time]), int(law.support.sum())
-    if observed is not None:
-        logs = [i for i, name in enumerate(shown) if name in law.observation.measured.logarithmic]
-        settings = {**dict(zip(states, initial.tolist(), strict=True)), "times": (0.0, time)}
-        made = Experiment.of(law, tuple(names), settings, {})
-        beginning, _ = observed.beginning(made.start, made.start_std)
-        given = [(law.coefficients[object_index(law, name)], law.properties.get(name, {})) for name in names]
-        predicted = [
-            observed.predicted(name, times, coefficients, beginning, properties, made.inputs)
-            for name, (coefficients, properties) in zip(names, given, strict=True)
-        ]
-        pairs = [(curve.values, curve.slopes) for curve in predicted]
-    else:
-        logs = [*law.terms.variables.logarithmic_columns]
-        initial[logs] = np.log(initial[logs])
-        fields = [replace(vector_field(law, name), free=law.support) for name in names]
-        trajectories = simulate(
-            [InitialValueProblem(field, initial, times, name) for field, name in zip(fields, names, strict=True)],
-            sensitivities=True,
+    column, times, count = scheme.shown.index(parts["state"]), np.array([0.0, time]), int(law.support.sum())
+    settings = {**dict(zip(states, initial.tolist(), strict=True)), "times": (0.0, time)}
+    made = Experiment.of(law, tuple(names), settings, {})
+    beginning, _ = scheme.beginning(made.start, made.start_std)
+    planned = [
+        PlannedTrial(
+            name, times, followed_coefficients(law, name), beginning, law.properties.get(name, {}), made.inputs
         )
-        pairs = [(trajectory.states, trajectory.sensitivities) for trajectory in trajectories]
-    values = np.array([curve[-1, column] for curve, _ in pairs])
-    slopes = np.array([slope[-1, column, :count] for _, slope in pairs if slope is not None])
-    if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
+        for name in names
+    ]
+    followed = scheme.followed(planned, slopes=True)
+    values = np.array([curve.values[-1, column] for curve in followed if curve.values is not None])
+    slopes = np.array([curve.slopes[-1, column, :count] for curve in followed if curve.slopes is not None])
+    if not (len(values) == len(names) and np.isfinite(values).all()):
         raise CommonlawError("design-forecast-diverges", structure=law.structure, time_name=law.schema.time, time=time)
-    if column in logs:
+    if parts["state"] in law.observation.measured.logarithmic:
         values = np.exp(values)
         slopes = slopes * values[:, np.newaxis]
     return float(values.mean()), _by_unknowns(slopes, each, names)

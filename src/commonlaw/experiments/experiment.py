@@ -397,9 +397,7 @@ def given_starts(law: Law) -> frozenset[str]:
 def _start(law: Law, settings: Mapping[str, Value], name: str) -> float:
     if name in settings:
         return _number(settings, name)
-    if law.scheme == "shooting":
-        return np.nan
-    value = law.schema.initial_values[name]
+    value = law.schema.initial_values.get(name, np.nan)  # NaN where it follows from the law
     if not isinstance(value, Real):
         raise CommonlawError("experiment-start", name=name)
     return float(value)

@@ -3,22 +3,19 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats, evenly_spaced
+from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.errors import CommonlawError
 from commonlaw.experiments.experiment import Experiment, Range
 from commonlaw.experiments.gaussian import Gaussian
-from commonlaw.forecast.shooting import Shooting
-from commonlaw.integration import InitialValueProblem, Trajectory, VectorField, simulate
+from commonlaw.forecast.scheme import AbstractScheme, Followed, PlannedTrial
+from commonlaw.forecast.schemes import scheme_of
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
-from commonlaw.law.parameters import vector_field
+from commonlaw.law.parameters import followed_coefficients
 from commonlaw.law.population import with_objects_of
-from commonlaw.library import highest_columns
-from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import property_names
@@ -159,10 +156,10 @@ class Hypothesis:
         return int(self.roots.shape[2])
 
     @cached_property
-    def observed(self) -> Callable[[frozenset[str]], Shooting | None]:
-        """The law with its observation equations, if it has some, by the states (and rates) whose start is set."""
+    def scheme(self) -> Callable[[frozenset[str]], AbstractScheme]:
+        """The scheme of the law, by the states (and rates) whose start is set."""
         law, properties = self.law, property_names(self.law.properties)
-        return cache(lambda chosen: None if law.scheme == "collocation" else Shooting.of(law, properties, None, chosen))
+        return cache(lambda chosen: scheme_of(law, properties, chosen=chosen))
 
     def within(self, experiments: Sequence[Experiment], limits: Mapping[str, Range]) -> list[Experiment]:
         """Return experiments that end where its forecasts leave the limits of states (and rates)."""
@@ -239,44 +236,26 @@ class Hypothesis:
 
     def _followed(
         self, trials: "Sequence[tuple[_Planned, str, Floats | None]]", slopes: bool = False, limit: float | None = None
-    ) -> "list[_Followed]":
-        if self.law.scheme == "shooting":
-            return [plan.observed_at(name, point, slopes, limit) for plan, name, point in trials]
-        problems = [plan.problem(name, point) for plan, name, point in trials]
-        # Noise and errors of coefficients exceed it
-        trajectories = simulate(problems, tolerance=1e-5, sensitivities=slopes, limit=limit)
-        return [plan.measured(trajectory) for (plan, *_), trajectory in zip(trials, trajectories, strict=True)]
-
-
-class _Followed(NamedTuple):
-    """Predicted measurements at n times, shape (n, m), None where the law diverges, and the states, shape (n, D).
-
-    Derivatives of measurements are by the coefficients in the support of the law, and by what is `_Planned.start`.
-    Errors are variances of white noise, shape (n m,), and the covariance of others.
-    """
-
-    times: Floats
-    states: Floats
-    values: Floats | None = None
-    by_coefficients: Floats | None = None
-    by_start: Floats | None = None
-    white: Floats | None = None
-    coloured: Floats | None = None
+    ) -> "list[Followed]":
+        if not trials:
+            return []
+        planned = [plan.trial(name, point) for plan, name, point in trials]
+        return trials[0][0].scheme.followed(planned, slopes, limit)  # The same states are set in all
 
 
 @dataclass(frozen=True, eq=False)
 class _Planned:
     """An experiment, at the times that are looked at, and the law of its objects.
 
-    `start` is what a trial has of its own on the scale of the states that are followed, initial states and rates (and
-    the parameters by trial of an observed law), shape (q,), with how far it may be off, infinite where it is estimated.
+    `start` is what a trial has of its own, see `AbstractScheme.beginning`, shape (q,), with how far it may be off,
+    infinite where it is estimated.
     """
 
     known: Hypothesis
     experiment: Experiment
     law: Law
     times: Floats
-    observed: Shooting | None
+    scheme: AbstractScheme
     start: Floats
     start_std: Floats
 
@@ -293,16 +272,12 @@ class _Planned:
             result[self.free] += point[self.known.unknowns :]
         return result
 
-    def problem(self, name: str, point: Floats | None) -> InitialValueProblem:
-        rates = self._own(name)
-        rates = replace(rates, coefficients=self._coefficients(name, rates.coefficients, point))
-        return InitialValueProblem(rates, self._shifted(point), self.times, name)
-
-    @cached_property
-    def _own(self) -> Callable[[str], VectorField]:
-        return cache(
-            lambda name: replace(vector_field(self.law, name), free=self.law.support, inputs=self.experiment.inputs)
-        )
+    def trial(self, name: str, point: Floats | None) -> PlannedTrial:
+        """Return the trial of an object at a point."""
+        coefficients = self._coefficients(name, followed_coefficients(self.law, name), point)
+        properties = self.experiment.properties or self.law.properties.get(name, {})
+        inputs = self.experiment.inputs
+        return PlannedTrial(name, self.times, coefficients, self._shifted(point), properties, inputs)
 
     def point(self, unknowns: Floats) -> Floats:
         """Return unknowns with the start that is set."""
@@ -310,13 +285,10 @@ class _Planned:
 
     @cached_property
     def free(self) -> list[int]:
-        """What of the start the measurements alone tell."""
-        estimated = ~np.isfinite(self.start_std)
-        if self.observed is None:
-            estimated[: len(self.law.schema.states)] &= ~self.law.schema.is_latent
-        return np.flatnonzero(estimated).tolist()
+        """What of the start the measurements alone determine."""
+        return np.flatnonzero(~np.isfinite(self.start_std)).tolist()
 
-    def leaves(self, found: _Followed, limits: Mapping[str, Range]) -> float:
+    def leaves(self, found: Followed, limits: Mapping[str, Range]) -> float:
         """Return the last time before a trajectory leaves limits."""
         variables = self.law.terms.variables
         states = variables.natural(found.states)
@@ -327,59 +299,26 @@ class _Planned:
         outside = np.flatnonzero(~inside)
         return float(found.times[max(outside[0] - 1, 0) if len(outside) else -1])
 
-    def measured(self, found: Trajectory) -> _Followed:
-        """Return the trajectory of a law whose states are measured themselves."""
-        slopes, width, law = found.sensitivities, found.states.shape[1], self.law
-        if found.outcome is not None or slopes is None or not np.isfinite(slopes).all():
-            return _Followed(found.times, found.states)
-        seen, by_start = np.flatnonzero(~law.schema.is_latent), slopes[:, :, -width:]
-        errors = _noise(law, self.times, found.states, by_start)
-        values = found.states[:, seen]
-        return _Followed(found.times, found.states, values, slopes[:, seen, :-width], by_start[:, seen], *errors)
-
-    def observed_at(self, name: str, point: Floats | None, slopes: bool, limit: float | None) -> _Followed:
-        """Return the trajectory of an object of a law with observation equations at a point."""
-        law, observed = self.law, self.observed
-        assert observed is not None
-        coefficients = self._coefficients(name, law.coefficients[object_index(law, name)], point)
-        properties = self.experiment.properties or law.properties.get(name, {})
-        beginning, inputs = self._shifted(point), self.experiment.inputs
-        predicted = observed.predicted(name, self.times, coefficients, beginning, properties, inputs, slopes)
-        followed = _Followed(self.times, predicted.states)
-        too_far = limit is not None and bool(np.abs(predicted.states).max() > limit)
-        if predicted.slopes is None or too_far or not np.isfinite(predicted.slopes).all():
-            return followed
-        count, noise, measured = int(law.support.sum()), observed.noise(name), np.ones(predicted.values.shape[1], bool)
-        white, coloured = _measurement_errors(
-            law.uncertainty.error_model, noise, self.times, predicted.values, measured
-        )
-        return followed._replace(
-            values=predicted.values,
-            by_coefficients=predicted.slopes[:, :, :count],
-            by_start=predicted.slopes[:, :, count:],
-            white=white,
-            coloured=coloured,
-        )
-
-    def gaussian(self, name: str, found: _Followed) -> Gaussian | None:
+    def gaussian(self, name: str, found: Followed) -> Gaussian | None:
         """Return the prediction of the trial of one object; None if its forecast diverges, or its errors do."""
-        law, experiment, known, coloured, common = self.law, self.experiment, self.known, found.coloured, None
-        if found.values is None or found.by_coefficients is None or found.by_start is None or found.white is None:
+        law, experiment, known, common = self.law, self.experiment, self.known, None
+        measured = self.scheme.measured(name, found)
+        if measured is None:
             return None
-        measured, by_set = (slopes.reshape(found.values.size, -1) for slopes in (found.by_coefficients, found.by_start))
+        values, coloured = measured.values.ravel(), measured.coloured
+        by_coefficients, by_set = (by.reshape(len(values), -1) for by in (measured.by_coefficients, measured.by_start))
         if experiment.properties:
-            common = measured @ law.uncertainty.known_covariance()[object_index(law, name)] @ measured.T
-            by_unknowns = np.zeros((len(measured), known.unknowns))
+            covariance = law.uncertainty.known_covariance()[object_index(law, name)]
+            common = by_coefficients @ covariance @ by_coefficients.T
+            by_unknowns = np.zeros((len(values), known.unknowns))
         else:
-            by_unknowns = measured @ known.roots[known.objects.index(name)]
+            by_unknowns = by_coefficients @ known.roots[known.objects.index(name)]
         is_known = np.isfinite(self.start_std)
         off = by_set[:, is_known] * self.start_std[is_known]
         if off.any():
             coloured = off @ off.T + (0.0 if coloured is None else coloured)
-        white = len(self.times) / len(experiment.times) * found.white  # Each sample stands for the mean of several
-        predicted = Gaussian(
-            found.values.ravel(), by_unknowns, by_set[:, self.free], white, coloured, common, experiment.repeats
-        )
+        white = len(self.times) / len(experiment.times) * measured.white  # Each sample stands for the mean of several
+        predicted = Gaussian(values, by_unknowns, by_set[:, self.free], white, coloured, common, experiment.repeats)
         return predicted if predicted.is_finite else None
 
 
@@ -393,57 +332,5 @@ def _planned(known: Hypothesis, experiment: Experiment) -> _Planned:
         trial = Trial(name, "1", experiment.times[:1], states, np.zeros((1, len(law.schema.inputs))))
         trials = Trials((trial,), replace(law.schema, noise_columns={}), {name: experiment.properties})
         law, _ = with_objects_of(law, trials)
-    observed = known.observed(frozenset(experiment.settings) & frozenset(law.terms.variables.states))
-    start, std, logs = experiment.start.copy(), experiment.start_std.copy(), [*law.terms.variables.logarithmic_columns]
-    if observed is not None:
-        start, std = observed.beginning(start, std)
-    else:
-        std[logs] /= start[logs]
-        start[logs] = np.log(start[logs])
-    return _Planned(known, experiment, law, times, observed, start, std)
-
-
-def _noise(law: Law, times: Floats, states: Floats, by_start: Floats) -> tuple[Floats, Floats | None]:
-    """Return the variances of white noise of d measured states, shape (n d,), and the covariance of all other errors.
-
-    The trajectory has times, states and derivatives by the start of shapes (n,), (n, D), (n, D, D).
-    """
-    assert law.uncertainty.noise is not None
-    measured, values = ~law.schema.is_latent, states[:, : len(law.schema.states)]
-    white, coloured = _measurement_errors(law.uncertainty.error_model, law.uncertainty.noise, times, values, measured)
-    if law.uncertainty.error_model.of_law:
-        pushed = _pushes(law, times, by_start)[:, np.flatnonzero(measured)].reshape(white.size, -1)
-        coloured = pushed @ pushed.T + (0.0 if coloured is None else coloured)
-    return white, coloured
-
-
-def _measurement_errors(
-    errors: ErrorModel, noise: Floats, times: Floats, values: Floats, measured: Bools
-) -> tuple[Floats, Floats | None]:
-    """Return the variances of white noise about values, shape (n, m), and the covariance of autocorrelated errors."""
-    white = np.broadcast_to(errors.white_std(values, noise), values.shape)[:, measured]
-    if errors.correlated is None:
-        return white.ravel() ** 2, None
-    kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
-    return white.ravel() ** 2, np.kron(kernel, np.diag(np.square(errors.correlated[measured])))
-
-
-def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
-    """Return what standard normal numbers, which drive the errors of a law, add to its states, shape (n, D, k)."""
-    errors, steps = law.uncertainty.error_model, np.diff(times)
-    count, width = by_start.shape[:2]
-    with np.errstate(all="ignore"):
-        carried = np.einsum("nab,mbc->namc", by_start, np.linalg.pinv(by_start))  # From the time m to the time n
-    carried = (carried[:, :, :-1] + carried[:, :, 1:]) / 2  # From within the step m
-    carried *= (np.arange(count)[:, np.newaxis] > np.arange(count - 1))[:, np.newaxis, :, np.newaxis]
-    parts = []
-    if errors.walk is not None:
-        parts.append(carried * errors.walk * np.sqrt(steps)[:, np.newaxis])
-    if errors.force is not None:
-        middles = times[1:] - steps / 2
-        apart = np.sqrt(3) * np.abs(middles[:, np.newaxis] - middles) / errors.force_time
-        kernel = (1 + apart) * np.exp(-apart) + 1e-10 * np.eye(len(steps))
-        pushed = highest_columns(law.order, len(law.schema.states))
-        forced = carried[..., pushed] * errors.force * steps[:, np.newaxis]
-        parts.append(np.einsum("namc,mk->nakc", forced, np.linalg.cholesky(kernel)))
-    return np.concatenate([part.reshape(count, width, -1) for part in parts], axis=2)
+    scheme = known.scheme(frozenset(experiment.settings) & frozenset(law.terms.variables.states))
+    return _Planned(known, experiment, law, times, scheme, *scheme.beginning(experiment.start, experiment.start_std))

@@ -19,20 +19,25 @@ from commonlaw.forecast.initial_state import (
     with_weights,
 )
 from commonlaw.forecast.scheme import (
+    PLANNED_TOLERANCE,
     WITHOUT_DRAWS,
     AbstractScheme,
     AbstractStarted,
     Extended,
+    Followed,
     ForecastOptions,
+    Measured,
+    PlannedTrial,
     Solved,
+    measurement_errors,
     refuse_method,
 )
-from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, simulate
+from commonlaw.integration import InitialValueProblem, Inputs, Trajectory, VectorField, simulate
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import Parameters, named_parameters, rate_names, vector_field
 from commonlaw.law.quantiles import two_sided
-from commonlaw.library import highest_order, order_of_each
+from commonlaw.library import highest_columns, highest_order, order_of_each
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import with_logarithms, with_zeros_before_doses
 
@@ -91,6 +96,73 @@ class Collocation(AbstractScheme):
             notes = (f"rates not identifiable from one sample were set to zero, without a band: {labels}",)
         trials = trials.with_trials([started.trial for started in result], *notes)
         return FromStarts(self.law, trials, tuple(result), options)
+
+    def beginning(self, start: Floats, std: Floats) -> tuple[Floats, Floats]:
+        start, std, logs = start.copy(), std.copy(), [*self.law.terms.variables.logarithmic_columns]
+        latent = np.flatnonzero(self.law.schema.is_latent)
+        std[logs] /= start[logs]
+        start[logs] = np.log(start[logs])
+        std[latent] = np.where(np.isfinite(std[latent]), std[latent], 0.0)
+        return start, std
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        return self.law.terms.variables.states
+
+    def followed(self, trials: Sequence[PlannedTrial], slopes: bool, limit: float | None = None) -> list[Followed]:
+        law = self.law
+        problems = [
+            InitialValueProblem(
+                VectorField(law.terms, trial.coefficients, law.order, trial.inputs, law.support),
+                trial.beginning,
+                trial.times,
+                trial.object,
+            )
+            for trial in trials
+        ]
+        trajectories = simulate(problems, tolerance=PLANNED_TOLERANCE, sensitivities=slopes, limit=limit)
+        result = list[Followed]()
+        for path in trajectories:
+            by = path.sensitivities
+            is_whole = path.outcome is None and by is not None and bool(np.isfinite(by).all())
+            shown = (path.states, by) if is_whole else (None, None)
+            result.append(Followed(path.times, path.states, *shown))
+        return result
+
+    def measured(self, name: str, followed: Followed) -> Measured | None:
+        law, (times, states, values, slopes) = self.law, followed
+        if values is None or slopes is None:
+            return None
+        errors, seen = law.uncertainty.error_model, np.flatnonzero(~law.schema.is_latent)
+        assert law.uncertainty.noise is not None
+        by_coefficients, by_start = np.split(slopes, [-states.shape[1]], axis=2)
+        of_states = values[:, : len(law.schema.states)]
+        white, coloured = measurement_errors(errors, law.uncertainty.noise, times, of_states, ~law.schema.is_latent)
+        if errors.of_law:
+            pushed = _pushes(law, times, by_start)[:, seen].reshape(white.size, -1)
+            coloured = pushed @ pushed.T + (0.0 if coloured is None else coloured)
+        return Measured(values[:, seen], by_coefficients[:, seen], by_start[:, seen], white, coloured)
+
+
+def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
+    """Return what standard normal numbers, which drive the errors of a law, add to its states, shape (n, D, k)."""
+    errors, steps = law.uncertainty.error_model, np.diff(times)
+    count, width = by_start.shape[:2]
+    with np.errstate(all="ignore"):
+        carried = np.einsum("nab,mbc->namc", by_start, np.linalg.pinv(by_start))  # From the time m to the time n
+    carried = (carried[:, :, :-1] + carried[:, :, 1:]) / 2  # From within the step m
+    carried *= (np.arange(count)[:, np.newaxis] > np.arange(count - 1))[:, np.newaxis, :, np.newaxis]
+    parts = []
+    if errors.walk is not None:
+        parts.append(carried * errors.walk * np.sqrt(steps)[:, np.newaxis])
+    if errors.force is not None:
+        middles = times[1:] - steps / 2
+        apart = np.sqrt(3) * np.abs(middles[:, np.newaxis] - middles) / errors.force_time
+        kernel = (1 + apart) * np.exp(-apart) + 1e-10 * np.eye(len(steps))
+        pushed = highest_columns(law.order, len(law.schema.states))
+        forced = carried[..., pushed] * errors.force * steps[:, np.newaxis]
+        parts.append(np.einsum("namc,mk->nakc", forced, np.linalg.cholesky(kernel)))
+    return np.concatenate([part.reshape(count, width, -1) for part in parts], axis=2)
 
 
 def _begin_later(

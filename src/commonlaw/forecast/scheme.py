@@ -1,17 +1,19 @@
 """What forecasts ask of a scheme: where trials start by their samples, and the solutions of a law from there."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.law import Law
+from commonlaw.likelihood import ErrorModel
 from commonlaw.trials import Trial, Trials
+from commonlaw.trials.trial import Property
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,46 @@ class Solved(NamedTuple):
     trajectory: Trajectory
     std: Floats | None
     latent: Floats | None
+
+
+class PlannedTrial(NamedTuple):
+    """A trial of an object that was not made: times, shape (n,), coefficients, shape (equations, terms), and inputs.
+
+    What it has of its own is its `beginning`, see `AbstractScheme.beginning`.
+    """
+
+    object: str
+    times: Floats
+    coefficients: Floats
+    beginning: Floats
+    properties: Mapping[str, Property]
+    inputs: Inputs | None
+
+
+class Followed(NamedTuple):
+    """The solution in a planned trial at n times: states and rates, shape (n, D), and what is `AbstractScheme.shown`.
+
+    The latter, shape (n, m), and its derivatives by the coefficients in the support of the law, and then by the
+    beginning of the trial, shape (n, m, p + q), are None without slopes and where the law diverges.
+    """
+
+    times: Floats
+    states: Floats
+    values: Floats | None = None
+    slopes: Floats | None = None
+
+
+class Measured(NamedTuple):
+    """What is measured of a solution at n times, shape (n, m), with derivatives by coefficients and by the beginning.
+
+    Errors are variances of white noise, shape (n m,), and the covariance of others.
+    """
+
+    values: Floats
+    by_coefficients: Floats
+    by_start: Floats
+    white: Floats
+    coloured: Floats | None
 
 
 class AbstractStarted(ABC):
@@ -92,8 +134,47 @@ class AbstractScheme(ABC):
         Raises `CommonlawError` if the samples of a trial do not determine that.
         """
 
+    @abstractmethod
+    def beginning(self, start: Floats, std: Floats) -> tuple[Floats, Floats]:
+        """Return what a trial has of its own, with standard deviations, infinite where it is estimated, shape (q,).
+
+        They are initial states and rates on the scale on which these are followed, shape (D,), of which NaN follow from
+        the law; and what is added to the parameters that differ between trials.
+        """
+
+    @property
+    @abstractmethod
+    def shown(self) -> tuple[str, ...]:
+        """The names of what solutions show."""
+
+    @abstractmethod
+    def followed(self, trials: Sequence[PlannedTrial], slopes: bool, limit: float | None = None) -> list[Followed]:
+        """Return the solutions in planned trials; a state larger than the limit is a divergence."""
+
+    @abstractmethod
+    def measured(self, name: str, followed: Followed) -> Measured | None:
+        """Return what is measured of a solution of an object; None where the law diverges."""
+
 
 WITHOUT_DRAWS = "this law, which draws no noise"
+
+
+PLANNED_TOLERANCE = 1e-5
+"""Relative error of a step of solutions in planned trials, where noise and errors of coefficients exceed it."""
+
+
+def measurement_errors(
+    errors: ErrorModel, noise: Floats, times: Floats, values: Floats, measured: Bools | slice = slice(None)
+) -> tuple[Floats, Floats | None]:
+    """Return the variances of white noise about values, shape (n, d), and the covariance of autocorrelated errors.
+
+    They are those of the m measured columns, shape (n m,) and (n m, n m).
+    """
+    white = np.broadcast_to(errors.white_std(values, noise), values.shape)[:, measured]
+    if errors.correlated is None:
+        return white.ravel() ** 2, None
+    kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
+    return white.ravel() ** 2, np.kron(kernel, np.diag(np.square(errors.correlated[measured])))
 
 
 def refuse_method(method: str, kind: str) -> None:

@@ -9,16 +9,21 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.model import Model, ModelText, read_model
-from commonlaw.estimation.problem import NormalPrior, Predicted, Problem, TrialData
+from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
 from commonlaw.estimation.search import LACK_OF_FIT, Bounds, Optimum, is_solved, maximize, rough_noise, under_errors
 from commonlaw.forecast.initial_state import MIN_SAMPLES, samples_of_rates
 from commonlaw.forecast.scheme import (
+    PLANNED_TOLERANCE,
     WITHOUT_DRAWS,
     AbstractScheme,
     AbstractStarted,
     Extended,
+    Followed,
     ForecastOptions,
+    Measured,
+    PlannedTrial,
     Solved,
+    measurement_errors,
     refuse_method,
 )
 from commonlaw.integration import Inputs, Trajectory
@@ -41,10 +46,7 @@ _FIRST = 8
 
 @dataclass(frozen=True, eq=False)
 class Shooting(AbstractScheme):
-    """A law with observation equations, and its model in trials that set the initial values of some states.
-
-    Unknowns of `predicted` are the P parameters of the model and then the D initial values.
-    """
+    """A law with observation equations, and its model in trials that set the initial values of some states."""
 
     law: Law
     model: Model
@@ -124,37 +126,29 @@ class Shooting(AbstractScheme):
         return np.array([known[name] for name in self.model.parameters], dtype=np.float64)
 
     def beginning(self, start: Floats, std: Floats) -> tuple[Floats, Floats]:
-        """Return initial values, and zeros for the parameters of a trial, with standard deviations, shape (D + q,).
-
-        Initial values that are NaN follow from the parameters of the law, with a deviation of zero.
-        """
         start, std, priors = start.copy(), std.copy(), self.restrictions.priors
         for j in np.flatnonzero(np.isnan(start)).tolist():
             start[j], std[j] = self.model.expected.get(j, (np.nan, 0.0))
         shift_std = [priors.get(self.model.parameters[i], (0.0, np.inf))[1] for i in self.of_trial]
         return np.append(start, np.zeros(len(shift_std))), np.append(std, shift_std)
 
-    def predicted(
-        self,
-        name: str,
-        times: Floats,
-        coefficients: Floats,
-        beginning: Floats,
-        properties: Mapping[str, Any],
-        inputs: Inputs | None,
-        slopes: bool = True,
-    ) -> Predicted:
-        """Return a trial of an object at times, with slopes by coefficients in the support, then by its `beginning`.
+    @property
+    def shown(self) -> tuple[str, ...]:
+        return self.model.observables
 
-        Coefficients have the shape (equations, terms). With the parameters p(c), ``dy/dc = dy/dp dp/dc``.
-        """
+    def followed(self, trials: Sequence[PlannedTrial], slopes: bool, limit: float | None = None) -> list[Followed]:
+        return [self._followed(trial, slopes, limit) for trial in trials]
+
+    def _followed(self, planned: PlannedTrial, slopes: bool, limit: float | None) -> Followed:
+        """Return the solution in a trial; with the parameters p(c), ``dy/dc = dy/dp dp/dc``."""
         model, names, count = self.model, self.named.names, len(self.model.parameters)
-        values = self.parameters(self.named.of(coefficients), properties)
+        times, beginning, coefficients = planned.times, planned.beginning, planned.coefficients
+        values = self.parameters(self.named.of(coefficients), planned.properties)
         for shift, i in zip(beginning[model.width :], self.of_trial, strict=True):
             values[i] = self.restrictions.priors.get(model.parameters[i], (values[i], 0.0))[0] + shift
         at = self.observation.initial_time
         trial = Trial(
-            name, "planned", times, np.zeros((len(times), len(model.observables)))
+            planned.object, "planned", times, np.zeros((len(times), len(model.observables)))
         )  # Not one that was measured
         free = np.isin(np.arange(model.width), model.free_of(trial))
         grid = times if at is None or starts_by(trial, at) else np.append(at, times)
@@ -162,22 +156,33 @@ class Shooting(AbstractScheme):
             trial,
             grid,
             np.searchsorted(grid, times),
-            DelayedInputs(inputs, model.column, model.delay) if inputs else NO_INPUTS,
+            DelayedInputs(planned.inputs, model.column, model.delay) if planned.inputs else NO_INPUTS,
             np.arange(count),
             values,
             np.where(free, count + np.arange(model.width), -1),
             model.initial_of(trial),
         )
         unknowns = np.append(values, beginning[: model.width])
-        prediction = self.problem((), len(unknowns)).predicted(data, unknowns, slopes)
-        if prediction.slopes is None:
-            return prediction
+        problem = replace(self.problem((), len(unknowns)), tolerance=PLANNED_TOLERANCE)
+        predicted = problem.predicted(data, unknowns, slopes)
+        followed, by_unknowns = Followed(times, predicted.states), predicted.slopes
+        too_far = limit is not None and bool(np.abs(predicted.states).max() > limit)
+        if by_unknowns is None or too_far or not np.isfinite(by_unknowns).all():
+            return followed
         inner = [i for i, parameter in enumerate(model.parameters) if parameter in names and i not in self.of_trial]
         by_coefficients = np.nan_to_num(self.named.slopes(coefficients[np.newaxis])[0])
         by_coefficients = by_coefficients[[names.index(model.parameters[i]) for i in inner]]
-        rows = prediction.slopes[:, :, inner] @ by_coefficients
-        parts = [rows, prediction.slopes[:, :, count:], prediction.slopes[:, :, self.of_trial]]
-        return prediction._replace(slopes=np.concatenate(parts, axis=2))
+        rows = by_unknowns[:, :, inner] @ by_coefficients
+        parts = [rows, by_unknowns[:, :, count:], by_unknowns[:, :, self.of_trial]]
+        return followed._replace(values=predicted.values, slopes=np.concatenate(parts, axis=2))
+
+    def measured(self, name: str, followed: Followed) -> Measured | None:
+        times, _, values, slopes = followed
+        if values is None or slopes is None:
+            return None
+        by_coefficients, by_start = np.split(slopes, [int(self.law.support.sum())], axis=2)
+        errors = measurement_errors(self.law.uncertainty.error_model, self.noise(name), times, values)
+        return Measured(values, by_coefficients, by_start, *errors)
 
     @cached_property
     def levels(self) -> dict[str, float]:
