@@ -99,7 +99,7 @@ def test_the_origin_of_the_states_changes_the_law_by_its_shift_only(name):
     assert supports(law_of(name, shift=shift)) == SYSTEMS[name].shifted
 
 
-@pytest.mark.parametrize(("name", "scale"), [("drops", 1e-9), ("oscillator", 1e6)])
+@pytest.mark.parametrize(("name", "scale"), [("drops", 1e-9), pytest.param("oscillator", 1e6, marks=pytest.mark.slow)])
 def test_the_origin_of_time_changes_nothing_and_the_unit_of_the_states_coefficients_by_its_powers_only(name, scale):
     law, late, other = law_of(name), law_of(name, start=1.7e9), law_of(name, scale=scale)
     assert supports(law) == tuple(set(equation) for equation in SYSTEMS[name].equations)

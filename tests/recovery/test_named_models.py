@@ -80,7 +80,12 @@ def simulated(model, initial, parameters, end, count=40):
     return cl.Trials.from_arrays(times, noisy, inputs=held, names=names, properties={"object": {"dose": 8.0}})
 
 
-@pytest.mark.parametrize("name", SIMULATED)
+_LONG = ("brusselator", "driven-oscillator", "first-order-lag-with-dead-time", "rosenzweig-macarthur", "seir")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in _LONG else name for name in SIMULATED]
+)
 def test_a_model_is_fitted_by_its_name(name):
     initial, parameters, end = SIMULATED[name]
     trials = simulated(cl.named_models[name], initial, parameters, end)

@@ -21,9 +21,11 @@ _SHARED = {
 """Problems whose laws other tests look at, which one worker finds for all."""
 
 _SLOW = (
+    "cooperative, ratios",
     "decay, without a latent state",
     "driven, unmeasured",
     "fit, free start",
+    "fit, proportional",
     "gompertz, auto",
     "linear terms of a Duffing oscillator",
     "lorenz",
@@ -33,10 +35,12 @@ _SLOW = (
     "predators, many terms",
     "refine",
     "relaxation, correlated",
+    "spring, autocorrelated",
     "spring, gp-forcing",
     "spring, proportional",
     "spring, random-walk",
     "spring, white",
+    "van der Pol",
     "van der Pol, many samples",
 )
 
