@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
+from commonlaw.estimation.beginning import begin
+from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.problem import Problem
+from commonlaw.estimation.search import UNSEEN, expected_unseen, rough_noise
 
 TIMES = np.linspace(0, 4, 40)
 
@@ -48,3 +51,32 @@ def test_known_noise_is_compared_with_the_residuals(noise):
     assert "residuals-exceed-noise" not in {note.code for note in fitted.diagnostics}
     wrong = cl.fit("x' = -k", trials, scheme="shooting", noise={"x": noise})
     assert "residuals-exceed-noise" in {note.code for note in wrong.diagnostics}
+
+
+def test_trials_without_unknowns_in_common_are_searched_apart():
+    trials = cl.datasets.linear_drag(noise=0.05)
+    text = ModelText.of("x'' = -g - c v")
+    for shared, count in (({}, len(trials.objects)), ({"g": "all"}, 1)):
+        begun = begin(text, trials, {}, shared=shared, priors={"c": (0.2, 0.1)})
+        problem, noise = begun.problem, rough_noise(begun.problem)
+        parts = problem.apart()
+        assert len(parts) == count
+        assert sorted(np.concatenate([indices for indices, _ in parts])) == [*range(problem.unknowns)]
+        squares = [np.sum(part.residuals(begun.first[indices], noise)[0] ** 2) for indices, part in parts]
+        assert sum(squares) == pytest.approx(np.sum(problem.residuals(begun.first, noise)[0] ** 2))
+
+
+def test_as_many_starts_are_improved_as_maxima_may_be_missed():
+    assert expected_unseen([2.0]) == 1
+    assert expected_unseen([2.0] * 4) > UNSEEN >= expected_unseen([2.0] * 5)
+    assert expected_unseen([2.0, 2.0, 2.0, 3.0, 2.0, 2.0]) > UNSEEN
+
+
+def test_an_oscillation_of_each_object_has_its_own_frequency():
+    times = np.linspace(0, 12, 60)
+    rates = np.array([0.8, 3.0, 1.7, 4.4])
+    x = np.cos(rates[:, np.newaxis] * times) + 0.02 * np.random.default_rng(0).standard_normal((4, 60))
+    names = ["A", "B", "C", "D"]
+    trials = cl.Trials.from_arrays([times] * 4, list(x), names=["x"], object=names)
+    law = cl.fit("x'' = -k x", trials, scheme="shooting")
+    assert law.params["estimate"].to_numpy() == pytest.approx(rates**2, rel=0.01)

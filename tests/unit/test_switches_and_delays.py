@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
@@ -36,6 +37,9 @@ def test_a_dead_time_of_an_input_is_estimated(between):
     for name, truth in {"g": 0.62, "s": 80.0, "d": 18.0}.items():
         value, error = known[name]
         assert abs(value - truth) < 4 * error < 0.05 * truth
+    # Simulations delay what is given of the input
+    solutions = law.simulate(times, trials[0].states[0], inputs={"u": u})
+    assert_allclose(solutions["A"].states, law.predict(trials, start=1).trajectories[0].states, rtol=1e-6)
     notes = [diagnostic.code for diagnostic in cl.fit("x' = (g u(t - d) - x)/s", trials).diagnostics]
     assert notes == ["delay-by-interpolation"]
 
@@ -90,3 +94,15 @@ def test_the_interpolation_of_inputs_is_the_one_that_fits():
     law = cl.fit("x' = (g u - x)/s", heated(0.01, 15), priors={"g": (0.6, 0.3)})
     assert law.observation.measured.input_interpolation == "held"
     assert next(each for each in law.history if each.stage == "inputs").choice == "held"
+
+
+def test_a_dead_time_that_is_zero_at_its_bound_is_updated():
+    times = np.linspace(0, 10, 40)
+    rate = lambda t, x: -0.5 * x + np.sin(t)  # noqa: E731
+    x = solve_ivp(rate, (0, 10), [1.0], "LSODA", times, rtol=1e-9, atol=1e-9).y[0]
+    trial = cl.Trial("A", "1", times, x + 0.01 * np.random.default_rng(0).standard_normal(40), np.sin(times))
+    trials = cl.Trials((trial,), cl.Schema(("x",), ("u",)))
+    law = cl.fit("x' = -k x + b u(t - d)", trials, input_interpolation="cubic", priors={"d": (-0.1, 0.01)})
+    assert estimates(law)["d"][0] == 0
+    value, error = estimates(law.update(trials))["k"]
+    assert abs(value - 0.5) < 4 * error < 0.1

@@ -134,7 +134,9 @@ def updated(law: Law, trials: Trials) -> Law:
         errors, o = law.uncertainty.error_model, object_index(law, owner)
         begun = beginning_of(law, trials.select(object=owner), levels, errors=errors.kind)
         names, problem = begun.unknowns.names, replace(begun.problem, errors=errors)
-        free = {limit.parameter for limit in law.uncertainty.limits if limit.object == owner}
+        # At a bound of zero there is no error, either
+        free = {name for name, error in zip(named.names, named.errors[o], strict=True) if not np.isfinite(error)}
+        free |= {limit.parameter for limit in law.uncertainty.limits if limit.object == owner}
         by = {name: begun.restrictions.shared.get(name, OBJECT) for name in named.names}
         indices = [
             i

@@ -179,6 +179,41 @@ class Problem:
     errors: ErrorModel = WHITE_NOISE
     huber_threshold: float = np.inf
 
+    def apart(self) -> list[tuple[Indices, "Problem"]]:
+        """Return the problems of trials that have no unknowns in common, each with the indices of its unknowns."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        blocks = [
+            *(np.append(data.parameter, data.initial) for data in self.trials),
+            *(prior.indices for prior in self.priors),
+        ]
+        rows = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
+        columns = np.concatenate(blocks)
+        joined, total = columns >= 0, len(blocks) + self.unknowns
+        pairs = rows[joined], columns[joined] + len(blocks)
+        labels = connected_components(coo_array((np.ones(joined.sum()), pairs), (total, total)), directed=False)[1]
+        groups = [np.flatnonzero(labels[len(blocks) :] == label) for label in np.unique(labels[len(blocks) :])]
+        if len(groups) < 2:
+            return [(np.arange(self.unknowns), self)]
+        parts = list[tuple[Indices, Problem]]()
+        for group in groups:
+            index = np.full(self.unknowns + 1, -1)  # The last one is that of what is known
+            index[group] = np.arange(len(group))
+            label, ends = labels[len(blocks) + group[0]], labels[: len(blocks)]
+            trials = tuple(
+                replace(data, parameter=index[data.parameter], initial=index[data.initial])
+                for data, end in zip(self.trials, ends[: len(self.trials)], strict=True)
+                if end == label
+            )
+            priors = tuple(
+                replace(prior, indices=index[prior.indices])
+                for prior, end in zip(self.priors, ends[len(self.trials) :], strict=True)
+                if end == label
+            )
+            parts.append((group, replace(self, trials=trials, unknowns=len(group), priors=priors)))
+        return parts
+
     def predicted(self, data: TrialData, unknowns: Floats, slopes: bool = True) -> Predicted:
         """Return what a trial should be."""
         model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter

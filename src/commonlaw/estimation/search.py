@@ -25,7 +25,12 @@ DRAWS = 128
 TRIED = 16
 """Of these for each sample of the longest trial, as events between the same samples are alike."""
 IMPROVED, FINISHED = 12, 4
-"""Of these, how many are improved roughly (half as many with events, which take longer), and then to the end."""
+"""Of these, at most how many are improved roughly (half as many with events, which take longer), and how many then to
+the end."""
+UNSEEN = 0.1
+"""Expected share of first values that lead to maxima not seen so far, at which no more are improved."""
+ALIKE = 1e-3
+"""Of sums of squares, between which they are of one maximum."""
 GROWING_SHARES = (0.2, 0.5, 1.0)
 EVENT_SHARES = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
 """Of the duration of trials, see `maximize`; the latter for models with events, the first of which may be early."""
@@ -268,7 +273,8 @@ def maximize(
 ) -> Optimum:
     """Return where the likelihood is largest, from the given first values and as many more as make up the draws.
 
-    Starts are improved on first parts of the trials, of these shares of their duration, one after the other. Over many
+    Trials that have no unknowns in common have starts of their own, of which the best are combined. Starts are improved
+    on first parts of the trials, of these shares of their duration, one after the other. Over many
     cycles the likelihood of an oscillation has as many local maxima; over the first one it has few.
 
     Times and thresholds of events are even over what trials cover in half of the starts, of which the first are
@@ -296,42 +302,21 @@ def maximize(
     if problem.model.steady:
         names = [problem.model.variables.states[j] for j in problem.model.steady]
         unsolved = CommonlawError("no-steady-state", states=names, draws=len(starts))
-    progress(f"computing the likelihood of {counted(len(starts), 'first value')}")
-    coarse = _rough(problem)
-    parts = _growing(coarse, shares)
-    costs = np.array([_cost(parts[0], start, noise) for start in starts])
-    if not np.isfinite(costs).any():
-        raise unsolved
-    improved = IMPROVED // 2 if problem.events_move else IMPROVED
-    ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: improved if problem.unknowns else 1]
-    rough, random = list[tuple[float, Floats]](), np.random.default_rng(seed)
-    for i in ranked:
-        progress(f"improving parameters, start {len(rough) + 1} of {len(ranked)}")
-        if not np.isfinite(costs[i]):
-            continue
-        point = starts[i]
-        if draws == 1:
-            rough.append((costs[i], point))
-            continue
-        for part in parts:
-            if not problem.events_move:
-                cost, point = _roughly(part, point, noise, bounds, sizes)
-                continue
-            cost, point = _roughly(part, _scanned(part, point, noise, bounds, sizes), noise, bounds, sizes)
-            near = _resampled(part, point, noise, bounds, random)
-            cost, point = min((cost, point), _roughly(part, near, noise, bounds, sizes), key=lambda scored: scored[0])
-        rough.append((cost, point))
-    with_even = starts[1 : DRAWS // 4 : 2] if spread else ()
-    for i, start in enumerate(with_even):
-        progress(f"improving values of events, start {i + 1} of {len(with_even)}")
-        rough.append(_roughly(coarse, start, noise, bounds, sizes))
-    rough = sorted((attempt for attempt in rough if np.isfinite(attempt[0])), key=lambda attempt: attempt[0])
-    if not rough:
-        raise unsolved
+    random, attempts = np.random.default_rng(seed), list[list[tuple[float, Floats]]]()
+    parts = problem.apart() if draws > 1 else [(np.arange(problem.unknowns), problem)]
+    for indices, part in parts:
+        within = Bounds(bounds.low[indices], bounds.high[indices])
+        rough = _improved(part, starts[:, indices], sizes[indices], within, noise, shares, random, progress)
+        if not rough:
+            raise unsolved
+        attempts.append(rough)
+    best = np.zeros((min(FINISHED, max(map(len, attempts))), problem.unknowns))
+    for (indices, _), rough in zip(parts, attempts, strict=True):
+        best[:, indices] = [rough[min(rank, len(rough) - 1)][1] for rank in range(len(best))]
     progress("fitting parameters")
-    score, unknowns, ends = np.inf, rough[0][1], list[float]()
+    score, unknowns, ends = np.inf, best[0], list[float]()
     first = noise
-    for _, start in rough[:FINISHED]:
+    for start in best:
         end, values, levels = _finished(problem, start, first, bounds, given, score + 1.0)
         ends.append(end)
         if end < score or not np.isfinite(score):
@@ -348,6 +333,59 @@ def maximize(
         unknowns = _under_restricted_noise(problem, unknowns, noise, bounds)
         noise = _not_zero(problem.noise_levels(unknowns, noise), problem)
     return _summary(problem, unknowns, noise, bounds, given, alike)
+
+
+def _improved(
+    problem: Problem,
+    starts: Floats,
+    sizes: Floats,
+    bounds: Bounds,
+    noise: Floats,
+    shares: Sequence[float],
+    random: np.random.Generator,
+    progress: Callable[[str], None],
+) -> list[tuple[float, Floats]]:
+    """Return the best of some first values, roughly improved, by their sums of squares; see `maximize`."""
+    progress(f"computing the likelihood of {counted(len(starts), 'first value')}")
+    coarse = _rough(problem)
+    parts = _growing(coarse, shares)
+    costs = np.array([_cost(parts[0], start, noise) for start in starts])
+    improved = IMPROVED // 2 if problem.events_move else IMPROVED
+    ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: improved if problem.unknowns else 1]
+    rough = list[tuple[float, Floats]]()
+    for i in ranked:
+        if not problem.events_move and expected_unseen([cost for cost, _ in rough]) <= UNSEEN:
+            break
+        progress(f"improving parameters, start {len(rough) + 1} of {len(ranked)}")
+        if not np.isfinite(costs[i]):
+            continue
+        point = starts[i]
+        if len(starts) == 1:
+            return [(costs[i], point)]
+        for part in parts:
+            if not problem.events_move:
+                cost, point = _roughly(part, point, noise, bounds, sizes)
+                continue
+            cost, point = _roughly(part, _scanned(part, point, noise, bounds, sizes), noise, bounds, sizes)
+            near = _resampled(part, point, noise, bounds, random)
+            cost, point = min((cost, point), _roughly(part, near, noise, bounds, sizes), key=lambda scored: scored[0])
+        rough.append((cost, point))
+    with_even = starts[1 : DRAWS // 4 : 2] if problem.event_ranges and np.isfinite(costs).any() else ()
+    for i, start in enumerate(with_even):
+        progress(f"improving values of events, start {i + 1} of {len(with_even)}")
+        rough.append(_roughly(coarse, start, noise, bounds, sizes))
+    return sorted((attempt for attempt in rough if np.isfinite(attempt[0])), key=lambda attempt: attempt[0])
+
+
+def expected_unseen(costs: Sequence[float]) -> float:
+    """Return the expected share of first values that lead to maxima not seen so far, from sums of squares of some.
+
+    Of n first values that led to w maxima it is ``w (w + 1)/(n (n - 1))`` (Boender and Rinnooy Kan 1987, Math. Program.
+    37, 59).
+    """
+    ends, n = np.sort(costs), len(costs)
+    maxima = 1 + int(np.sum(np.diff(ends) > ALIKE * ends[1:]))
+    return maxima * (maxima + 1) / (n * (n - 1)) if n > 1 else 1.0
 
 
 def _growing(problem: Problem, shares: Sequence[float]) -> list[Problem]:

@@ -19,6 +19,7 @@ from commonlaw.law.law import object_index
 from commonlaw.law.parameters import vector_field
 from commonlaw.library import Terms
 from commonlaw.runtime.arguments import numbers_of
+from commonlaw.trials import Schema
 from commonlaw.trials.transformations import MOMENT
 
 
@@ -34,27 +35,28 @@ def simulate_law(
     **options: Any,
 ) -> dict[str, Trajectory]:
     """Integrate a law for every object, see `Law.simulate`."""
-    if law.observation.events:
-        refuse_method(method, "a law with observation equations")
+    by_shooting = bool(law.observation.events) or law.schema.inputs != law.observation.measured.inputs
+    if by_shooting:
+        refuse_method(method, "a law with events or delayed inputs")
         if refused := [name for name, value in options.items() if value]:
             raise CommonlawError("simulate-with-events", settings=refused)
     if law.order == 0:
         refuse_method(method, "a law in discrete time")
     problems = _problems(law, times, initial, doses, inputs, tolerance)
-    if law.observation.events:
-        return _with_events(law, problems, tolerance)
+    if by_shooting:
+        return _by_shooting(law, problems, tolerance)
     trajectories = simulate(problems.values(), method=method, tolerance=tolerance, **options)
     return dict(zip(problems, trajectories, strict=True))
 
 
-def _with_events(law: Law, problems: Mapping[str, InitialValueProblem], tolerance: float) -> dict[str, Trajectory]:
-    """Return the trajectories of a law that changes its states at events."""
+def _by_shooting(law: Law, problems: Mapping[str, InitialValueProblem], tolerance: float) -> dict[str, Trajectory]:
+    """Return the trajectories of a law that changes its states at events, or has delayed inputs."""
     shooting, result = Shooting.of(law, ()), dict[str, Trajectory]()
     for name, problem in problems.items():
-        driven, count = problem.field.inputs, len(law.schema.inputs)
-        delayed = NO_INPUTS if driven is None else DelayedInputs(driven, tuple(range(count)), (-1,) * count)
+        driven, model = problem.field.inputs, shooting.model
+        delayed = NO_INPUTS if driven is None else DelayedInputs(driven, model.column, model.delay)
         states, _, is_endless = shoot(
-            shooting.model.switched,
+            model.switched,
             shooting.parameters(shooting.named.values[object_index(law, name)], law.properties.get(name, {})),
             problem.initial,
             problem.times,
@@ -76,17 +78,18 @@ def _problems(
     tolerance: float,
 ) -> dict[str, InitialValueProblem]:
     """Return the initial value problem of every object, see `Law.simulate`."""
+    schema = law.observation.measured
     for name in doses or {}:
-        check_choice("dose", name, law.schema.doses)
+        check_choice("dose", name, schema.doses)
     natural = Terms(replace(law.terms.variables, logarithmic=()), law.terms.terms)
     starts = initial if isinstance(initial, Mapping) else dict.fromkeys(law.objects, initial)
     width, grid = len(law.terms.variables.states), numbers_of("times", times)
-    pulses = inputs_of_doses(grid, [(doses or {}).get(name, {}) for name in law.schema.doses])
-    if inputs is None and law.schema.inputs != law.schema.doses:
-        raise CommonlawError("simulate-with-inputs", names=law.schema.inputs)
-    if inputs is not None and law.schema.inputs == law.schema.doses and not isinstance(inputs, Mapping):
+    pulses = inputs_of_doses(grid, [(doses or {}).get(name, {}) for name in schema.doses])
+    if inputs is None and schema.inputs != schema.doses:
+        raise CommonlawError("simulate-with-inputs", names=schema.inputs)
+    if inputs is not None and schema.inputs == schema.doses and not isinstance(inputs, Mapping):
         raise CommonlawError("option-without-effect", option="inputs=...", kind="a law without inputs")
-    driven = pulses if inputs is None else _given_inputs(law, grid, inputs, pulses, tolerance)
+    driven = pulses if inputs is None else _given_inputs(schema, grid, inputs, pulses, tolerance)
     problems = {}
     for name, start in starts.items():
         state = np.atleast_1d(numbers_of("initial", start))
@@ -99,14 +102,13 @@ def _problems(
 
 
 def _given_inputs(
-    law: Law,
+    schema: Schema,
     grid: Floats,
     given: "ArrayLike | InputFunction | Mapping[str, ArrayLike | InputFunction]",
     pulses: Inputs | None,
     tolerance: float,
 ) -> Inputs:
     """Return inputs that are given as numbers, arrays at the times of a grid, or functions, with those of doses."""
-    schema = law.schema
     names = [name for name in schema.inputs if name not in schema.doses]
     if isinstance(given, Mapping):
         for name in given:

@@ -432,7 +432,7 @@ class Law(ShownInNotebooks):
         """Integrate the law of every object from given initial states.
 
         A trajectory that diverges has an outcome and NaN from there on. A law that was fitted with events changes its
-        states there; it takes no other events, no dense output and no sensitivities.
+        states there. One with events or delayed inputs takes no other events, no dense output and no sensitivities.
 
         Raises `CommonlawError` if an input is missing, an object is not in the law, or an initial state has another
         number of states.

@@ -135,11 +135,12 @@ def initial_conditions(fit: Fit, integrated: bool) -> float:
     variances = start_variances(problem.trials, [curve for of_object in problem.smoothed for curve in of_object])
     latent = problem.trials.schema.is_latent
     is_free = ~np.append(latent, latent[with_rates(problem.order, states)])
+    variances = np.where(is_free, variances, 1.0)
     for model, estimate in zip(problem.models, fit.estimates, strict=True):
         for mesh, states_of_mesh, _ in model.parts(estimate):
             starts = states_of_mesh[mesh.first, : model.width]
             vague = np.append(~mesh.observed[mesh.first], np.ones_like(starts[:, states:], dtype=bool), axis=1)
-            of_mesh = np.where(vague & integrated, np.log(prior_variances(model, mesh)), 0.0)
+            of_mesh = np.log(np.where(vague & integrated, prior_variances(model, mesh), 1.0))
             logs = np.log(variances) - of_mesh
             logs[:, states:] += starts[:, states:] ** 2 / variances[states:]
             penalty += float(np.sum(logs[:, is_free]))
