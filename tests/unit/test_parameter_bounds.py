@@ -45,6 +45,19 @@ def test_a_parameter_keeps_to_narrow_bounds(ends):
         assert with_error(found.x[0], error) in notes[0]
 
 
+@pytest.mark.parametrize("start", ["", "; x(0) = a"])
+def test_a_law_at_its_bound_is_refined_to_data_within_and_beyond_it(start):
+    noise = 0.02 * np.random.default_rng(1).standard_normal(len(T))
+    fast, slow = (trials_of({"A": (T, np.exp(-rate * T) + noise)}, ["x"]) for rate in (1.0, 0.3))
+    law = cl.fit(f"x' = -k x; 0 < k < 0.5{start}", fast, errors="white")
+    for trials, held in ((slow, False), (fast, True)):
+        refined = cl.refine(law, trials, errors="white")
+        value, error = estimates(refined)["k"]
+        assert value == (0.5 if held else pytest.approx(0.3, abs=3 * error))
+        assert (error == 0) is held
+        assert [note.code for note in refined.diagnostics].count("estimate-at-bound") == held
+
+
 class Linear:
     """Residuals ``matrix @ unknowns - target`` in place of those of a model."""
 

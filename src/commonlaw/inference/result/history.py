@@ -174,7 +174,7 @@ def p_value_of_trials(fit: Fit, name: str) -> float:
 
 def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes of a law without those that a fit to other measurements decides anew."""
-    kinds = {*LACKS_OF_FIT, OutcomeKind.NOT_CONVERGED, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
+    kinds = {*LACKS_OF_FIT, OutcomeKind.BOUND, OutcomeKind.NOT_CONVERGED, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
     return tuple(outcome for outcome in outcomes if outcome.kind not in kinds)
 
 

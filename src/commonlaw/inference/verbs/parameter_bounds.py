@@ -42,6 +42,19 @@ def within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
     return law
 
 
+def released(law: Law, bounds: Sequence[Bound]) -> Law:
+    """Return a law whose bounded parameters are all to be estimated, also those that were held at a bound."""
+    if law.uncertainty.covariance is None:
+        return law
+    is_bounded, names = np.zeros_like(law.support), {bound.name for bound in bounds}
+    for definition in named_parameters(law).definitions:
+        for part in definition.parts if definition.name in names else ():
+            is_bounded[part.equation, part.term] = True
+    held = is_bounded[law.support] & (standard_errors(law)[:, law.support] == 0)
+    covariance = law.uncertainty.covariance + held[:, :, np.newaxis] * np.eye(held.shape[1])
+    return replace(law, uncertainty=replace(law.uncertainty, covariance=covariance))
+
+
 def at_bounds(begun: Law, trials: Trials, bounds: Sequence[Bound], fit: Callable[[Law, Trials], Law]) -> Law:
     """Return the fit of a law to each object, with coefficients that are outside of their bounds at these.
 

@@ -35,7 +35,7 @@ from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import choose_interpolation, fit_terms
 from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
-from commonlaw.inference.verbs.parameter_bounds import at_bounds, outside, within_bounds
+from commonlaw.inference.verbs.parameter_bounds import at_bounds, outside, released, within_bounds
 from commonlaw.law import Law, Step, pool_objects, select_objects
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import (
@@ -153,7 +153,9 @@ def refine(
         provenance = replace(law.provenance, outcomes=(), history=result.provenance.history, calls=calls, domain=domain)
         return pool_objects(replace(result, provenance=provenance), None, partial_pooling)
     refuse_client(client)
-    bounds, result = bounds_in(restrictions_of(law).bounds), refined(law, trials, **settings)
+    bounds = bounds_in(restrictions_of(law).bounds)
+    law = released(law, bounds)
+    result = refined(law, trials, **settings)
     if any(outside(result, bounds)):
         apart = at_bounds(law, trials, bounds, partial(refined, **settings | {"partial_pooling": False}))
         result = within_bounds(pool_objects(apart, shared_coefficients(law), partial_pooling), bounds)
