@@ -641,6 +641,9 @@ def test_forecasts_beyond_the_training_data_are_noted_in_both_schemes():
     notes = [law.predict(trials, start=8, times=[3.0]).trials.notes for law in laws]
     assert notes[0] == notes[1]
     assert "extrapolate" in notes[0][-1]
+    shot = falling.shoot(trials)
+    assert shot.provenance.domain.visited == pytest.approx(laws[0].provenance.domain.visited)
+    assert shot.predict(trials, start=8, times=[3.0]).trials.notes[-1].count("(training range") == 2
 
 
 def test_parameters_that_objects_share_are_fitted_once():

@@ -41,7 +41,7 @@ from commonlaw.law.provenance import Domain, error_steps
 from commonlaw.law.restrictions import OBJECT, by_trial
 from commonlaw.law.text import with_error
 from commonlaw.law.uncertainty import OneSidedLimit
-from commonlaw.library import Term, Terms
+from commonlaw.library import Term, Terms, with_rates
 from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.levels import autocorrelation
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
@@ -394,12 +394,15 @@ class Fitted:
                 + (f"; {optimum.starts_alike} of the best starts end there" if optimum.starts_alike else ""),
             ),
         )
+        states, second = model.schema.states, with_rates(model.order, len(model.schema.states)).tolist()
+        rates = zip((states[j] for j in second), model.variables.states[len(states) :], strict=True)
+        measured = [pair for pair in rates if pair[0] in {*trials.schema.states} - {*model.text.observed}]
         provenance = Provenance(
             outcomes=tuple(self._outcomes()),
             history=steps,
             equations=given.texts,
             calls=calls,
-            domain=replace(Domain.of(trials, ()), sizes=sizes),
+            domain=replace(Domain.of(trials, measured), sizes=sizes),
             log_likelihood=optimum.log_likelihood,
         )
         properties = {owner: values for owner, values in trials.properties.items() if owner in trials.objects}
