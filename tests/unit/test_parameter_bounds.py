@@ -137,3 +137,9 @@ def test_evidence_with_priors_is_the_integral_of_the_likelihood():
     expected = 2 * (log_evidence(priors[0]) - log_evidence(priors[1]))
     frame = cl.compare({"one": laws[0], "two": laws[1]}, trials, noise={"y": 0.03}).set_index("law")
     assert frame["2 log B"]["two"] - frame["2 log B"]["one"] == pytest.approx(expected, abs=0.01)
+
+
+def test_equations_without_parameters_are_fitted_to_several_trials():
+    times = np.linspace(0, 2, 6)
+    trials = cl.Trials.from_arrays([times, times], [np.exp(times), np.exp(times) + 0.01], names=["x"])
+    assert not estimates(cl.fit("x' = x", trials, initial_values={"x": 1.0}))

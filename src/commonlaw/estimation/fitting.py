@@ -538,7 +538,7 @@ def _differing_trials(fitted: Fitted, rounding: float = 1e-9) -> list[str]:
     """Return the objects whose parameters differ between trials, but for initial values and what may differ."""
     begun, optimum, p_values = fitted.begun, fitted.optimum, dict[str, float]()
     shared, names = begun.restrictions.shared, begun.unknowns.names
-    may = np.array([by_trial(shared.get(name, OBJECT), begun.trials.schema) for name in names])
+    may = np.array([by_trial(shared.get(name, OBJECT), begun.trials.schema) for name in names], dtype=np.bool_)
     for owner in begun.trials.objects:
         datasets = [data for data in begun.problem.trials if data.trial.object == owner]
         factors, measurements = list[Floats](), 0
