@@ -172,3 +172,11 @@ def test_curves_that_are_far_from_any_law_leave_much_without_a_warning():
     one = SimpleNamespace(model=model, group=[trial(np.arange(3.0), np.ones((3, 1)))], started=np.array([False]))
     far = [(np.full((3, 1), 1e200), np.ones((3, 1)))]
     assert _Object._along(one, far, np.array([[1.0]]))[0] == np.inf
+
+
+def test_models_without_unknowns_are_tested_for_outliers():
+    times = np.linspace(0, 1, 20)
+    x = np.exp(times) + 0.01 * np.random.default_rng(0).standard_normal((2, 20))
+    trials = cl.Trials.from_arrays([times, times], list(x), names=["x"])
+    law = cl.fit("x' = min(x, 20)", trials, initial_values={"x": 1.0}, huber_threshold=2.0)
+    assert law.uncertainty.noise == pytest.approx([0.01], rel=0.3)
