@@ -1,5 +1,7 @@
 """Trials of few samples: what may be asked of them, and what is assumed of their noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
@@ -7,6 +9,14 @@ from scipy.optimize import curve_fit
 import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.inference.data.noise import estimated_noise
+from commonlaw.inference.fit.annealing import rescale_noise, search
+from commonlaw.inference.fit.lack_of_fit import with_proportional_noise
+from commonlaw.inference.fit.problem import prepare
+from commonlaw.inference.propose.few_measurements import under_proportional_noise, with_ranked_supports
+from commonlaw.inference.search.law_search import PATH
+from commonlaw.inference.search.pool import Pool
+from commonlaw.library import PolynomialLibrary, Variables
+from commonlaw.runtime.progress import silent
 
 TIMES = np.linspace(0, 4, 5)
 
@@ -63,3 +73,55 @@ def test_a_law_of_short_trials_has_the_noise_of_the_residuals_of_all_objects():
     assert law.uncertainty.noise == pytest.approx(
         [np.sqrt(left / (48 - 16))], rel=0.1
     )  # Pooled rates have more freedom
+
+
+PREDATION = (("prey", "prey predator"), ("predator", "prey predator"))
+YEARLY = {
+    0.04: (
+        "32.45 39.15 13.32 3.297 2.283 3.046 5.233 12.17 26.07 50.13 17.07 3.802 2.309",
+        "4.866 17.58 39.35 27.46 14.59 8.348 4.727 3.543 4.764 14.95 38.96 29.0 16.48",
+    ),
+    0.1: (
+        "30.1 49.53 14.71 3.202 2.256 2.911 6.017 12.22 29.03 36.07 19.56 3.819 2.494 "
+        "2.833 4.941 11.44 26.2 42.51 21.32 4.822",
+        "4.565 15.57 41.56 25.14 11.91 7.386 4.542 3.117 3.817 14.69 43.34 28.53 14.93 "
+        "9.095 5.461 3.503 4.34 12.9 37.5 28.97",
+    ),
+}
+"""Counts of prey and predators, simulated with relative noise."""
+
+
+def predation(noise):
+    """Return the search problem of the counts with this noise."""
+    counts = np.array([[float(count) for count in column.split()] for column in YEARLY[noise]]).T
+    trials = cl.Trials.from_arrays([np.arange(len(counts))], [counts], names=("prey", "predator"))
+    terms = PolynomialLibrary(3).bind(Variables(trials.schema.states))
+    problem = prepare(trials, terms, np.full((1, 2, len(terms)), np.nan))
+    return replace(problem, solver=PATH)
+
+
+def structure(pool):
+    names = pool.best.problem.terms.names
+    return tuple(tuple(names[k] for k in np.flatnonzero(support)) for support in pool.best.supports)
+
+
+def test_integrals_propose_the_support_that_the_search_from_all_terms_misses_in_few_samples():
+    fits = search(with_proportional_noise(predation(0.04)), silent)
+    pool = Pool((rescale_noise(fits[0]),), fits)
+    ranked = with_ranked_supports(pool, silent)
+    assert structure(ranked) == PREDATION
+    assert structure(pool) != PREDATION
+    assert pool.best.score - ranked.best.score > 10
+    assert pool.best.lack_of_fit
+    assert not ranked.best.lack_of_fit
+
+
+def test_noise_that_grows_is_no_lack_of_fit_where_differences_of_few_samples_do_not_show_it():
+    fits = search(predation(0.1), silent)
+    pool = Pool((rescale_noise(fits[0]),), fits)
+    assert pool.best.lack_of_fit
+    grown = under_proportional_noise(pool, ("white", "proportional"))
+    assert structure(grown) == PREDATION
+    assert grown.best.errors == "proportional"
+    assert not grown.best.lack_of_fit
+    assert under_proportional_noise(pool, ("white",)) is pool

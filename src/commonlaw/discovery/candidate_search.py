@@ -14,6 +14,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.propose.few_measurements import under_proportional_noise, with_ranked_supports
 from commonlaw.inference.propose.latent_states import drives, with_forcing_step, with_latent_state
 from commonlaw.inference.propose.parametric import (
     is_truncated_series,
@@ -38,7 +39,7 @@ from commonlaw.library import Offer, Order, ParametricTerm, SelectedLibrary, Ter
 from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.progress import ProgressCallback, announce, check_memory, part
-from commonlaw.solvers import parse_solver
+from commonlaw.solvers import BestSubset, parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import with_logarithms
@@ -67,6 +68,11 @@ class Screened:
             return self.whole
         names = tuple(self.terms.names[i] for i in np.flatnonzero(self.kept))
         return replace(self.whole, library=SelectedLibrary(self.whole.library, names))
+
+    @cached_property
+    def offers(self) -> tuple[Offer, ...]:
+        """What the library offers besides plain terms."""
+        return tuple(self.whole.library.offers(self.terms.variables))
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -207,11 +213,13 @@ class CandidateSearch:
         The offer must have fewer terms than a later one. Central forces of vectors are an example:
         they come before terms of higher degree in all variables, and before other orders.
         """
+        if candidate.has_richer or not may_be_simpler(candidate.pool.best, 1):
+            return candidate
         offers = self._offers(candidate.screened)[1]
         first = next((i for i, offer in enumerate(offers) if offer.count), len(offers))
         most = max((offer.count for offer in offers[first + 1 :]), default=0)
         is_smaller = most > 0 and offers[first].count < most
-        if candidate.has_richer or not is_smaller or not may_be_simpler(candidate.pool.best, 1):
+        if not is_smaller:
             return candidate
         more = self._candidate(candidate.screened, candidate.transformed, candidate.pool, richer=True, most=first + 1)
         return replace(more, has_richer=True) if more.is_simple else candidate
@@ -300,7 +308,8 @@ class CandidateSearch:
     def _among(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> Pool:
         options, terms = self.options, structure.terms(trials.schema)
         _check_effort(trials, len(terms), options.max_samples)
-        return search_supports(
+        kinds = error_kinds(options.errors, trials.schema)
+        pool = search_supports(
             trials,
             terms,
             structure.known_coefficients(trials.schema, trials.objects),
@@ -308,10 +317,11 @@ class CandidateSearch:
             differentiation=suitable_differentiation(trials, structure.order),
             noise=known_noise(options.noise, trials),
             huber_threshold=options.huber_threshold,
-            kinds=error_kinds(options.errors, trials.schema),
+            kinds=kinds,
             most_samples=options.max_samples,
             progress=progress,
         )
+        return under_proportional_noise(with_ranked_supports(pool, progress), kinds)
 
     def _with_latent_state(self, screened: Screened, pool: Pool, trials: Trials) -> Pool:
         """Return the pool with laws with a latent state, if one is requested or the law may lack one."""
@@ -328,14 +338,17 @@ class CandidateSearch:
         variables = screened.terms.variables
         forced = self.options.latent_states and highest_order(screened.whole.order) == 2
         driven = drives(variables) if forced else ()
-        first, *richer = screened.whole.library.offers(variables)
+        first, *richer = screened.offers
         return driven, [replace(first, terms=(*first.terms, *driven)), *richer]
 
     def _by_derivatives(self, screened: Screened, fit: Fit) -> Bools | None:
         """Return the support selected by regression on derivatives among the same terms; None if it fails."""
         try:
             structure = screened.among(fit).structure
-            return DerivativeRegression().find(self.trials.without_noise(), structure, self.progress).support
+            most = fit.problem.most_terms  # Larger supports are not chosen, and take a long proof where samples are few
+            solver = BestSubset(largest=most) if most < BestSubset.largest else None
+            method = DerivativeRegression(solver=solver, n_resamples=0)
+            return method.find(self.trials.without_noise(), structure, self.progress).support
         except CommonlawError:
             return None
 
