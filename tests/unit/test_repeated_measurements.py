@@ -6,6 +6,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import commonlaw as cl
+from commonlaw.diagnostics import Diagnostic
 from commonlaw.law.parameters import standard_errors
 from commonlaw.trials import Trial
 from commonlaw.trials.transformations import with_logarithms, with_starts
@@ -119,3 +120,10 @@ def test_rows_of_one_time_that_stand_apart_are_repeated_measurements_if_that_is_
     with refused("name-trials-by"):
         read(levels)
     np.testing.assert_allclose(read(again, restarts="sort")[0].states[:, 0], frame.a + 0.05)
+
+
+def test_a_time_that_stands_still_is_refused_by_its_column():
+    trials = cl.Trials.from_frame({"clock": [3.0] * 6, "x": [1.0, 1.1, 1.3, 1.2, 1.05, 1.6]}, time="clock")
+    for learn in (cl.discover, lambda table: cl.fit("x' = -k x", table)):
+        with refused(Diagnostic("time-stands-still", {"column": "clock", "time": 3.0})):
+            learn(trials)

@@ -56,6 +56,7 @@ from commonlaw.trials.transformations import (
     outcome_of_constants,
     outcome_of_rest,
     refuse_amounts,
+    refuse_standing_time,
     states_at_rest,
     with_zeros_before_doses,
     without_objects,
@@ -133,6 +134,7 @@ class LawDiscovery:
         if isinstance(trials, Trials):
             refuse_client(self.client)
             check_gaps(tuple(trials), trials.schema)
+            refuse_standing_time(trials)
             refuse_amounts(trials)
         asked = vars(self)
         if isinstance(self.known, Mapping):  # Its coefficients are checked with their terms

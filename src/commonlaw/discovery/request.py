@@ -17,7 +17,7 @@ from commonlaw.library.functions import Function
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.trials import Trials
 from commonlaw.trials.equation_columns import as_named
-from commonlaw.trials.transformations import amounts_at_samples, with_doses
+from commonlaw.trials.transformations import amounts_at_samples, refuse_standing_time, with_doses
 from commonlaw.trials.trial import property_names
 
 
@@ -82,6 +82,7 @@ class FitRequest:
         """Return the request of arguments; refuse columns and starts that contradict the equations."""
         doses = (doses,) if isinstance(doses, str) else tuple(doses)
         shared = (shared,) if isinstance(shared, str) else shared
+        refuse_standing_time(trials)
         owners = trials.objects
         equations, trials = with_doses_in_equations(equations, trials, doses)
         doses = () if trials.schema.doses else doses  # The table records them

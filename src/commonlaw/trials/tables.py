@@ -366,7 +366,7 @@ def repeats_in_words(trials: Sequence[Trial]) -> list[str]:
         return []
     repeated = [trial.counts[trial.counts > 1] for trial in averaged]
     rows, times = int(sum(map(np.sum, repeated))), sum(map(len, repeated))
-    where = f"at {times} times in {counted(len(averaged), 'trial')}"
+    where = f"at {counted(times, 'time')} in {counted(len(averaged), 'trial')}"
     return [f"{rows} measurements {where} are averaged, weighted by their number"]
 
 

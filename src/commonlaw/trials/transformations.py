@@ -434,6 +434,13 @@ def acts_later(trial: Trial) -> bool:
     )
 
 
+def refuse_standing_time(trials: Trials) -> None:
+    """Refuse repeated measurements that all have the same time."""
+    times = {float(time) for trial in trials for time in trial.times}
+    if len(times) == 1 and any(trial.repeats is not None for trial in trials):
+        raise CommonlawError("time-stands-still", time=times.pop(), column=trials.schema.time)
+
+
 def refuse_amounts(trials: Trials) -> None:
     """Refuse inputs that are called amounts and hold single ones after first samples, where no input is on lines.
 
