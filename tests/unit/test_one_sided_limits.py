@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 import commonlaw as cl
 from commonlaw.app.result import _editable, _table
 from commonlaw.estimation.one_sided import one_sided
+from commonlaw.estimation.search import Bounds
 from commonlaw.experiments.design import suggestions
 from commonlaw.law import average_law, from_json, select_objects, to_json, to_latex
 from commonlaw.law.pooling import by_properties, contrasts
@@ -298,7 +299,9 @@ def test_a_time_constant_of_a_fast_decay_has_an_upper_limit(equation):
 @pytest.mark.parametrize("size", [1e-300, 1e292])
 def test_numbers_whose_multiples_overflow_have_no_limit(size):
     problem = Mock(max_steps=1)
-    assert one_sided(problem, np.array([size]), np.ones(1), Mock(), 0, np.inf, 5.0) is None
+    problem.apart.return_value = [(np.arange(1), problem)]
+    everywhere = Bounds(np.array([-np.inf]), np.array([np.inf]))
+    assert one_sided(problem, np.array([size]), np.ones(1), everywhere, 0, np.inf, 5.0) is None
 
 
 def test_small_coefficients_of_either_sign_have_both_limits():

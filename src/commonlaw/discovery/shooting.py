@@ -14,7 +14,7 @@ from commonlaw.discovery.regression import suitable_differentiation
 from commonlaw.discovery.request import FitRequest
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import begin, with_values_of
-from commonlaw.estimation.fitting import checked_errors, fit_model, known_log_likelihood, threshold_of
+from commonlaw.estimation.fitting import Fitted, checked_errors, limited, maximized, threshold_of
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
 from commonlaw.inference.settings import STRONG
@@ -71,7 +71,7 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
     else:
         tried = ["linear", *(interpolation for interpolation in BETWEEN if interpolation != "linear")]
     noise, log_states = settings.get("noise"), settings.get("log_states") or ()
-    laws = list[Law]()
+    fits = list[Fitted]()
     for interpolation in tried:
         interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
         begun = begin(
@@ -87,28 +87,30 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
             errors=errors,
         )
         begun = replace(begun, huber_threshold=threshold_of(settings))
-        near = laws[0] if laws else None if request.guesses else _by_collocation(request.text, interpolated, settings)
-        if near is not None:
-            begun = with_values_of(near, begun)
-        fitted = fit_model(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
-        law = fitted.law(request.calls)
-        outcomes_of_law = (*law.provenance.outcomes, *outcomes_of_parameters(law), *outcomes_of_units(law))
-        noted = replace(law.provenance, outcomes=outcomes_of_law)
-        laws.append(replace(law, provenance=noted))
-    likelihoods = np.array([known_log_likelihood(law) for law in laws])
+        if fits:
+            near = fits[0].optimum.unknowns
+            begun = replace(begun, first=np.where(near != 0, near, begun.first), is_fitted=True)
+        elif not request.guesses and (law := _by_collocation(request.text, interpolated, settings)):
+            begun = with_values_of(law, begun)
+        fitted = maximized(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
+        # Refused before others are tried
+        fits.append(fitted if fits else limited(fitted))
+    likelihoods = np.array([fitted.optimum.log_likelihood for fitted in fits])
     gains = 2 * (likelihoods - likelihoods[0])
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
+    law = (limited(fits[best]) if best else fits[best]).law(request.calls)
+    outcomes = [*law.provenance.outcomes, *outcomes_of_parameters(law), *outcomes_of_units(law)]
     if len(tried) == 1:
-        return laws[best]
-    law, plausible = laws[best], np.flatnonzero(gains > gains[best] - STRONG).tolist()
+        return replace(law, provenance=replace(law.provenance, outcomes=tuple(outcomes)))
+    plausible = np.flatnonzero(gains > gains[best] - STRONG).tolist()
     why = f"between samples; twice the log-likelihood ratio to straight lines is {gains[best]:.3g}"
     history = (*law.history, Step("inputs", tried[best], why))
     # Dead times that depend on how inputs go between samples, where measurements do not decide it
-    named, outcomes = named_parameters(law), [*law.provenance.outcomes]
+    named = named_parameters(law)
     for name in dict.fromkeys(name for signal in law.schema.inputs for name in re.findall(r"\(t - (\w+)\)$", signal)):
         at = named.names.index(name)
         value, error = named.values[0, at], named.errors[0, at]
-        delays = {tried[i]: named_parameters(laws[i]).values[0, at] for i in plausible if i != best}
+        delays = {tried[i]: float(fits[i].values(law.objects[0])[name]) for i in plausible if i != best}
         if apart := [
             f"{delay:.4g} ({interpolation})"
             for interpolation, delay in delays.items()

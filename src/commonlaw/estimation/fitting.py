@@ -177,12 +177,20 @@ def known_log_likelihood(law: Law) -> float:
 
 
 def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: int = DRAWS) -> "Fitted":
+    """Return the maximum of the likelihood, see `maximized`, with the limits of parameters that have only one.
+
+    Raises `CommonlawError` if the solution is finite from none of the first values, or the measurements do not
+    determine all unknowns.
+    """
+    return limited(maximized(begun, seed, progress, draws))
+
+
+def maximized(begun: Beginning, seed: int, progress: ProgressCallback, draws: int = DRAWS) -> "Fitted":
     """Return the maximum of the likelihood, from so many first values.
 
     Where first values are those of a fit, others are tried only if the maximum that these lead to has a lack of fit.
 
-    Raises `CommonlawError` if the solution is finite from none of them, or the measurements do not determine all
-    unknowns.
+    Raises `CommonlawError` if the solution is finite from none of them.
     """
     begun = replace(begun, problem=with_step_limit(begun.problem, begun.first))
     search = partial(maximize, begun.problem, begun.first, begun.guessed, begun.bounds, None, seed, progress)
@@ -202,19 +210,29 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     if draws > 1 and not len(_lost(optimum)):
         optimum, others = with_fastest_latent_states(begun.problem, optimum, begun.bounds)
     problem, threshold = begun.problem, begun.huber_threshold
-    if np.isfinite(threshold) and not problem.censored.any():
+    is_determined = not len(_lost(optimum)) and not len(_vague(begun, optimum))
+    if np.isfinite(threshold) and not problem.censored.any() and is_determined:
         problem, optimum = under_huber_loss(problem, threshold, optimum, begun.first, begun.bounds)
     if begun.errors != "white":
         problem, optimum = under_errors(problem, begun.errors, optimum, begun.bounds)
     if problem is not begun.problem:
         begun = replace(begun, problem=problem)
         lack_of_fit = _lack_of_fit(begun, optimum)
-    optimum, limits = _with_limits(begun, optimum)
+    return Fitted(begun, optimum, lack_of_fit, others)
+
+
+def limited(fitted: "Fitted") -> "Fitted":
+    """Return a fit with the limits of parameters that have only one.
+
+    Raises `CommonlawError` if the measurements do not determine all unknowns.
+    """
+    begun = fitted.begun
+    optimum, limits = _with_limits(begun, fitted.optimum)
     vague, names = np.setdiff1d(_vague(begun, optimum), [*limits]), np.array(begun.unknowns.names)
     everywhere = [k for k in vague if np.isin(np.flatnonzero(names == names[k]), vague).all()]
     if len(lost := np.union1d(_lost(optimum), everywhere).astype(int)):
         raise CommonlawError("parameters-not-identified", names=[begun.unknowns.labels[i] for i in lost[:8]])
-    return Fitted(begun, optimum, lack_of_fit, others, limits)
+    return replace(fitted, optimum=optimum, limits=limits)
 
 
 def _lost(optimum: Optimum) -> Indices:

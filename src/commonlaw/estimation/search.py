@@ -177,11 +177,11 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds,
 
     A bounded search approaches bounds from inside, and slowly; here what the gradient pulls out is set to its bound.
     First each number is searched by its logarithm, in which valleys of the likelihood are straighter, unless it is near
-    its best value, then as it is.
+    its best value, then as it is, and so each time that others are held.
     """
     objective = Objective(problem, noise)
     held = np.zeros(len(unknowns), dtype=np.bool_)
-    for _ in range(2 * len(unknowns) + 1):
+    for round_ in range(2 * len(unknowns) + 1):
         gaps = np.stack([unknowns - bounds.low, bounds.high - unknowns])
         gradient = objective.jacobian(unknowns).T @ objective.residuals(unknowns)
         size = np.minimum(np.abs(unknowns), bounds.high - bounds.low)
@@ -193,7 +193,9 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds,
         free = ~held
         if not np.isfinite(objective.residuals(start)).all():
             break
-        point = start if is_near else _by_levenberg_marquardt(objective, start, free & (start != 0), logarithms=True)
+        point = start
+        if not is_near and round_ == 0:
+            point = _by_levenberg_marquardt(objective, start, free & (start != 0), logarithms=True)
         # Steps of the next search are at first of the size of the values
         point = np.where(np.abs(point) < np.exp(-REACH) * np.abs(start), 0.0, point)
         point = _by_levenberg_marquardt(objective, point, free)
