@@ -108,18 +108,19 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
     # Dead times that depend on how inputs go between samples, where measurements do not decide it
     named = named_parameters(law)
     for name in dict.fromkeys(name for signal in law.schema.inputs for name in re.findall(r"\(t - (\w+)\)$", signal)):
-        at = named.names.index(name)
-        value, error = named.values[0, at], named.errors[0, at]
-        delays = {tried[i]: float(fits[i].values(law.objects[0])[name]) for i in plausible if i != best}
-        if apart := [
-            f"{delay:.4g} ({interpolation})"
-            for interpolation, delay in delays.items()
-            if abs(delay - value) > 2 * error
-        ]:
-            where = "" if np.ptp(named.values[:, at]) == 0 else law.objects[0]
-            outcomes.append(
-                note("delay-by-interpolation", where, name=name, value=value, between=tried[best], others=apart)
-            )
+        at, differ = named.names.index(name), np.ptp(named.values[:, named.names.index(name)]) > 0
+        for o, owner in enumerate(law.objects if differ else law.objects[:1]):
+            value, error = named.values[o, at], named.errors[o, at]
+            delays = {tried[i]: float(fits[i].values(owner)[name]) for i in plausible if i != best}
+            if apart := [
+                f"{delay:.4g} ({interpolation})"
+                for interpolation, delay in delays.items()
+                if abs(delay - value) > 2 * error
+            ]:
+                where = owner if differ else ""
+                outcomes.append(
+                    note("delay-by-interpolation", where, name=name, value=value, between=tried[best], others=apart)
+                )
     return replace(law, provenance=replace(law.provenance, history=history, outcomes=tuple(outcomes)))
 
 

@@ -96,12 +96,11 @@ def _maxima(problem: Problem, optimum: Optimum, bounds: Bounds, free: Bools) -> 
     residuals = objective.residuals(optimum.unknowns)
     maxima = [(float(residuals @ residuals), optimum.unknowns)]
     for start, exchanged in _exchanges(problem, optimum.unknowns, free):
-        positive = start != 0
-        held = free & ~exchanged & positive
+        held = free & ~exchanged & (start != 0)
         point, squares = minimum(coarse, start, held, scale=start, tolerance=1e-6, steps=30)
         if squares > maxima[0][0] + _HOPELESS:
             continue
-        point, squares = minimum(objective, point, free & positive, scale=point, tolerance=1e-13, steps=200)
+        point, squares = minimum(objective, point, free & (point != 0), scale=point, tolerance=1e-13, steps=200)
         within = np.all((point > bounds.low) & (point < bounds.high) | ~free)
         is_new = all(np.any(np.abs(point - known) > 0.01 * np.abs(known)) for _, known in maxima)
         if within and is_new and np.isfinite(squares):

@@ -157,8 +157,9 @@ def bounds(
     """
     two_sided(level)
     progress = on_terminal() if progress is None else progress
-    delayed = law.schema.inputs != law.observation.measured.inputs
-    if law.order == 0 or not shares_terms(law) or delayed:
+    if law.schema.inputs != law.observation.measured.inputs:
+        raise CommonlawError("limits-with-dead-times")
+    if law.order == 0 or not shares_terms(law):
         raise CommonlawError("limits-unsupported")
     pairs = _absent(law, terms)
     if not pairs:
@@ -198,7 +199,9 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
     """Yield the limits of an object's coefficient of a term, from values of all variables, shape (n, variables)."""
     wider, side = _with_term(law, name), left_hand_sides(law)[equation]
     term = wider.terms.terms[wider.terms.index(name)]
-    if law.scheme == "collocation":
+    restrictions = restrictions_of(law)
+    is_restricted = bool(restrictions.shared or restrictions.bounds) and not law.uncertainty.error_model.of_law
+    if law.scheme == "collocation" and not is_restricted:
         support = wider.support.copy()
         support[equation, wider.terms.index(name)] = True
         estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
@@ -206,8 +209,7 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
         place, unit = fitted.terms.index(name), coefficient_units(fitted).get((side, name), "")
         coefficients, errors = fitted.coefficients[:, equation, place], standard_errors(fitted)[:, equation, place]
     else:  # Noise that was given stays, too
-        given = restrictions_of(law).noise
-        levels = {key: level for key, level in given.items() if not isinstance(level, str)}
+        levels = {key: level for key, level in restrictions.noise.items() if not isinstance(level, str)}
         names, matching = law.terms.variables.names, matched(law, trials)
         taken = (*names, *law.observation.measured.states, *property_names(matching.properties))
         (parameter,) = free_parameter_names(1, taken)
@@ -231,8 +233,12 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
 
 
 def _with_term(law: Law, name: str) -> Law:
+    # Terms have other names, by which restrictions do not go
     bare = replace(
-        law, provenance=Provenance(), uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=())
+        law,
+        provenance=Provenance(),
+        uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=()),
+        restrictions=None,
     )
     if name in law.terms.names:
         return bare
