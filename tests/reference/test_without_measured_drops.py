@@ -69,7 +69,7 @@ def test_without_them_tests_are_skipped_after_one_try_and_one_line_says_how_to_g
     assert done.returncode == 0, done.stdout + done.stderr
     (line,) = (each for each in done.stdout.splitlines() if "needs the measured drops" in each)
     assert line.startswith(f"SKIPPED [{counts[1]}] ")
-    assert "no connection to raw.githubusercontent.com; download Ball_drops_data.xls and balls.txt" in line
+    assert "no connection to raw.githubusercontent.com. Download Ball_drops_data.xls and balls.txt" in line
     assert "COMMONLAW_DATA" in line
     assert proxy.asked == 1
 
