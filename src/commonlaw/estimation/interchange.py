@@ -5,15 +5,16 @@ After a single dose D the amount of a depot falls with the rate ka, and the conc
 Perrier 1982, Pharmacokinetics).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.estimation.model import Model
-from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.estimation.problem import Problem
 from commonlaw.estimation.search import Bounds, Objective, Optimum, minimum, summarized
 from commonlaw.library.grammar import columns_in
 
@@ -50,18 +51,17 @@ def with_fastest_latent_states(
     # States that were measured themselves leave no parameter to exchange
     if problem.events_move or all(f"v{j}" in outputs for j in range(len(model.schema.states))):
         return optimum, ()
-    for trials in _independent(problem.trials):
-        part = replace(problem, trials=trials)
-        used = np.isin(np.arange(len(unknowns)), [k for data in trials for k in (*data.parameter, *data.initial)])
-        part = replace(part, priors=tuple(prior for prior in problem.priors if used[prior.indices].all()))
-        maxima = _maxima(part, optimum, bounds, used & ~optimum.at_bound)
-        chosen = max(maxima, key=lambda maximum: _speed(part, maximum))
-        unknowns = np.where(used, chosen, unknowns)
-        owners = tuple(dict.fromkeys(data.trial.object for data in trials))
+    unknowns = unknowns.copy()
+    for indices, part in problem.apart():
+        free = ~optimum.at_bound[indices]
+        maxima = _maxima(part, optimum.unknowns[indices], optimum.noise, bounds.of(indices), free)
+        chosen = max(maxima, key=partial(_speed, part))
+        unknowns[indices] = chosen
+        owners = tuple(dict.fromkeys(data.trial.object for data in part.trials))
         for maximum in maxima:
             moved = np.abs(maximum - chosen) > 0.01 * np.abs(chosen)
             if maximum is not chosen:
-                at = trials[0].parameter
+                at = part.trials[0].parameter
                 named = zip(model.parameters, at.tolist(), strict=True)
                 others.append(
                     EqualMaximum(owners, {name: float(maximum[k]) for name, k in named if k >= 0 and moved[k]})
@@ -77,25 +77,13 @@ def latent_states(model: Model) -> list[int]:
     return [j for j in range(model.width) if j not in seen]
 
 
-def _independent(trials: Sequence[TrialData]) -> Iterator[tuple[TrialData, ...]]:
-    """Yield trials in groups that have no unknown in common."""
-    groups = list[tuple[set[int], list[TrialData]]]()
-    for data in trials:
-        indices = {*data.parameter.tolist(), *data.initial.tolist()} - {-1}
-        related = [group for group in groups if group[0] & indices]
-        groups = [group for group in groups if not group[0] & indices]
-        members = [member for _, earlier in related for member in earlier]
-        groups.append((indices.union(*(known for known, _ in related)), [*members, data]))
-    yield from (tuple(members) for _, members in groups)
-
-
-def _maxima(problem: Problem, optimum: Optimum, bounds: Bounds, free: Bools) -> list[Floats]:
+def _maxima(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, free: Bools) -> list[Floats]:
     """Return the unknowns of equal maxima: the optimum, or larger ones, and those from exchanged parameters."""
-    objective = Objective(problem, optimum.noise)
-    coarse = Objective(replace(problem, tolerance=1e-6), optimum.noise)
-    residuals = objective.residuals(optimum.unknowns)
-    maxima = [(float(residuals @ residuals), optimum.unknowns)]
-    for start, exchanged in _exchanges(problem, optimum.unknowns, free):
+    objective = Objective(problem, noise)
+    coarse = Objective(replace(problem, tolerance=1e-6), noise)
+    residuals = objective.residuals(unknowns)
+    maxima = [(float(residuals @ residuals), unknowns)]
+    for start, exchanged in _exchanges(problem, unknowns, free):
         held = free & ~exchanged & (start != 0)
         point, squares = minimum(coarse, start, held, scale=start, tolerance=1e-6, steps=30)
         if squares > maxima[0][0] + _HOPELESS:

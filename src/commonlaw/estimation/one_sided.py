@@ -66,26 +66,15 @@ def one_sided(
     side of zero. A deviance that is above it at four standard errors on both sides, or next to zero, as that of most
     unknowns, is not followed further.
     """
-    # Trials that do not depend on it have the same likelihood everywhere
     indices, part = next(pair for pair in problem.apart() if index in pair[0])
-    within, at = Bounds(bounds.low[indices], bounds.high[indices]), int(np.searchsorted(indices, index))
-    limit = _of_part(part, unknowns[indices], noise, within, at, error, degrees_of_freedom)
-    if limit is None:
-        return None
-    whole = unknowns.copy()
-    whole[indices] = limit.unknowns
-    return replace(limit, unknowns=whole)
-
-
-def _of_part(
-    problem: Problem,
-    unknowns: Floats,
-    noise: Floats,
-    bounds: Bounds,
-    index: int,
-    error: float,
-    degrees_of_freedom: float,
-) -> OneSided | None:
+    if len(indices) < len(unknowns):  # Other trials have the same likelihood everywhere
+        at = int(np.searchsorted(indices, index))
+        limit = one_sided(part, unknowns[indices], noise, bounds.of(indices), at, error, degrees_of_freedom)
+        if limit is None:
+            return None
+        whole = unknowns.copy()
+        whole[indices] = limit.unknowns
+        return replace(limit, unknowns=whole)
     size, widest = abs(float(unknowns[index])), _FAR * 10.0 ** _DECADES[-1]
     if not widest * np.finfo(float).tiny < size < np.finfo(float).max / widest:  # Values of the profile would overflow
         return None

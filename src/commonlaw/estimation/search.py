@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from commonlaw.array_types import Bools, Floats
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.noise import MEDIAN_SIZE, rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
@@ -53,6 +53,10 @@ class Bounds:
 
     low: Floats
     high: Floats
+
+    def of(self, indices: Indices) -> "Bounds":
+        """Return those of some unknowns."""
+        return Bounds(self.low[indices], self.high[indices])
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,8 +311,8 @@ def maximize(
     random, attempts = np.random.default_rng(seed), list[list[tuple[float, Floats]]]()
     parts = problem.apart() if draws > 1 else [(np.arange(problem.unknowns), problem)]
     for indices, part in parts:
-        within = Bounds(bounds.low[indices], bounds.high[indices])
-        rough = _improved(part, starts[:, indices], sizes[indices], within, noise, shares, random, progress)
+        within, first = bounds.of(indices), starts[:, indices]
+        rough = _improved(part, first, sizes[indices], within, noise, shares, random, progress)
         if not rough:
             raise unsolved
         attempts.append(rough)
