@@ -105,3 +105,14 @@ def test_a_dead_time_that_is_zero_at_its_bound_is_updated():
     assert estimates(law)["d"][0] == 0
     value, error = estimates(law.update(trials))["k"]
     assert abs(value - 0.5) < 4 * error < 0.1
+
+
+def test_dead_times_that_depend_on_the_inputs_between_samples_are_named_for_every_object():
+    times, source, trials = np.arange(0.0, 40.0, 1.0), np.random.default_rng(2), []
+    for name, delay in {"A": 3.3, "B": 2.1}.items():
+        since = np.maximum(times - 5 - delay, 0.0)
+        x = 2 * (1 - np.exp(-since / 4)) + 0.04 * source.standard_normal(len(times))
+        trials.append(cl.Trial(name, "1", times, x, 1.0 * (times >= 5)))
+    law = cl.fit("x' = (g u(t - d) - x)/s", cl.Trials(tuple(trials), cl.Schema(("x",), ("u",))))
+    notes = [note for note in law.diagnostics if note.code == "delay-by-interpolation"]
+    assert [note.where for note in notes] == ["A", "B"]
