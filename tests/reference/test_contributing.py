@@ -12,12 +12,10 @@ import pytest
 from commonlaw import CommonlawError
 
 ROOT = Path(__file__).parents[2]
-MAX_LINES = 40
-EXAMPLES = dict(
+MAX_LINES = 60
+SECTIONS = dict(
     re.findall(
-        r"^## Add (?:an? )?(.+?)\n.*?^(```diff\n.*?^```\n\n```python\n.*?)^```",
-        (ROOT / "CONTRIBUTING.md").read_text(),
-        re.MULTILINE | re.DOTALL,
+        r"^## Add (?:an? )?(.+?)\n(.*?)(?=^## )", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE | re.DOTALL
     )
 )
 RUN = """
@@ -27,21 +25,36 @@ for program in sys.argv[1:]:
 """
 
 
+def blocks(kind: str, section: str) -> list[str]:
+    return re.findall(rf"^```{kind}\n(.*?)^```\n", SECTIONS[section], re.MULTILINE | re.DOTALL)
+
+
 def test_there_is_an_example_for_each_extension() -> None:
-    assert [*EXAMPLES] == ["solver", "library of terms", "error model", "proposer", "option", "message"]
+    changed, with_program = ([name for name in SECTIONS if blocks(kind, name)] for kind in ("diff", "python"))
+    assert with_program == [*changed[:4], "kind of parameter", *changed[4:]]
+    assert changed == [
+        "solver",
+        "library of terms",
+        "error model",
+        "proposer",
+        "method of integration",
+        "option",
+        "message",
+    ]
 
 
 def test_the_changes_apply_and_their_programs_run_only_with_them(tmp_path: Path) -> None:
-    pairs = [re.findall(r"```\w+\n(.*?)(?:^```\n|\Z)", each, re.MULTILINE | re.DOTALL) for each in EXAMPLES.values()]
-    changes, programs = zip(*pairs, strict=True)
+    changes = [change for name in SECTIONS for change in blocks("diff", name)]
+    programs = [(name, program) for name in SECTIONS for program in blocks("python", name)]
     assert max(change.count("\n") for change in changes) < MAX_LINES
     shutil.copytree(ROOT / "src" / "commonlaw", tmp_path / "src" / "commonlaw")
 
-    for program in programs:
-        with pytest.raises((CommonlawError, AssertionError, TypeError)):
-            exec(program, {})
+    for name, program in programs:
+        if blocks("diff", name):
+            with pytest.raises((CommonlawError, AssertionError, TypeError)):
+                exec(program, {})
     for change in changes:
         subprocess.run(["git", "apply", "-C1", "-"], input=change, text=True, cwd=tmp_path, check=True)
     there = {"PYTHONPATH": str(tmp_path / "src"), "COMMONLAW_CACHE": "off"}
-    command = [sys.executable, "-W", "error", "-c", RUN, *programs]
+    command = [sys.executable, "-W", "error", "-c", RUN, *(program for _, program in programs)]
     subprocess.run(command, env=os.environ | there, cwd=tmp_path, check=True)
