@@ -114,6 +114,18 @@ def test_where_a_function_falls_beyond_a_bound_the_least_is_at_it():
     np.testing.assert_allclose(found, [1, -3], atol=1e-6)
 
 
+def test_a_level_that_hardly_matters_is_at_its_bound_within_few_values():
+    points = list[np.ndarray]()
+
+    def value(point):  # Of a variance exp(2 x) whose influence vanishes, and another level
+        points.append(point)
+        return np.exp(2 * point[0]) * (1 + point[1] ** 2) + (point[1] - 1) ** 2
+
+    found = minimum(value, np.array([2.0, 0.0]), np.array([-9.0, -3.0]), np.array([3.0, 3.0]))
+    np.testing.assert_allclose(found, [-9, 1], atol=1e-6)
+    assert len(points) < 60
+
+
 def test_a_variable_whose_bounds_are_one_stays():
     low, high = np.array([0.5, -3.0]), np.array([0.5, 3.0])
     np.testing.assert_allclose(minimum(valley, np.array([0.5, 2.0]), low, high), [0.5, 0.25], atol=1e-6)

@@ -30,6 +30,9 @@ _MAX_STEPS = 30
 _SAME_LOGARITHM = 1e-6
 """Change of logarithms of levels at which it ends, and the smallest eigenvalue of a Hessian relative to the largest."""
 
+_TAIL = 0.25
+"""Newton step of logarithms of levels above which longer ones are tried: near a minimum steps are short."""
+
 
 class Whitened(NamedTuple):
     """Residuals of a trial as independent standard normal variables z, shape (n, m), NaN where nothing was measured.
@@ -264,7 +267,15 @@ def minimum(value: Callable[[Floats], float], start: Floats, low: Floats, high: 
                 break
         else:
             return optimum
-        optimum, least = tried, value_there
+        reached, least = tried, value_there
+        # Where levels hardly matter the function is nearly linear in variances, and steps of logarithms are one half
+        while length > _TAIL:
+            share *= 4
+            tried = np.clip(optimum + share * step, low, high)
+            if np.array_equal(tried, reached) or (value_there := value(tried)) >= least:
+                break
+            reached, least = tried, value_there
+        optimum = reached
     return optimum
 
 
@@ -275,22 +286,23 @@ def _step(
 
     Their spacing suits functions known to some ten digits, of variables of order one.
     """
-    # At a bound, differences are taken on its inner side
-    center = np.clip(at, np.minimum(low + spacing, high), np.maximum(high - spacing, low))
-    free = np.flatnonzero(high - low > 2 * spacing)
+    changes = spacing * np.eye(len(at))
+    free, inward = high - low > 2 * spacing, np.where(at <= low, 1.0, -1.0)
+    for k in np.flatnonzero(free & ((at <= low) | (at >= high))).tolist():
+        free[k] = value(at + inward[k] * changes[k]) < known
+    inner, moves = np.flatnonzero(free), changes[free]
+    # Near a bound, differences are taken on its inner side
+    center = np.where(free, np.clip(at, np.minimum(low + spacing, high), np.maximum(high - spacing, low)), at)
     middle = known if np.array_equal(center, at) else value(center)
-    moves = spacing * np.eye(len(at))[free]
     after, before = (np.array([value(center + sign * move) for move in moves]) for sign in (1, -1))
     gradient, curvature = (after - before) / (2 * spacing), np.diag(after + before - 2 * middle)
-    for i, j in combinations(range(len(free)), 2):
+    for i, j in combinations(range(len(inner)), 2):
         both = value(center + moves[j] + moves[i]) + value(center - moves[j] - moves[i])
         curvature[i, j] = curvature[j, i] = (both - after[j] - after[i] - before[j] - before[i] + 2 * middle) / 2
-    curvature /= spacing**2
-    outward = np.where(gradient > 0, at[free] <= low[free], (gradient < 0) & (at[free] >= high[free]))
-    step, inner = np.zeros(len(at)), free[~outward]
+    step = np.zeros(len(at))
     if len(inner):
-        sizes, directions = np.linalg.eigh(curvature[np.ix_(~outward, ~outward)])
+        sizes, directions = np.linalg.eigh(curvature / spacing**2)
         sizes = np.maximum(np.abs(sizes), _SAME_LOGARITHM * np.abs(sizes).max())
         if sizes.max() > 0:
-            step[inner] = -directions @ ((directions.T @ gradient[~outward]) / sizes)
+            step[inner] = -directions @ ((directions.T @ gradient) / sizes)
     return step
