@@ -15,6 +15,7 @@ from scipy import integrate, optimize
 
 import commonlaw as cl
 from commonlaw.discrepancy.residuals import fitted_parameters
+from commonlaw.estimation.beginning import beginning_of
 from commonlaw.estimation.fitting import refit
 from commonlaw.estimation.profile import likelihood_profile
 from commonlaw.experiments.aims import quantity
@@ -704,3 +705,31 @@ def test_experiments_are_predicted_the_same_in_both_schemes(name):
     aims = [quantity("x at 1.0 from 3.0 of b", [known]) for known in both]
     assert aims[1].values == pytest.approx(aims[0].values, rel=1e-3)
     assert aims[1].slopes[0] == pytest.approx(aims[0].slopes[0], rel=1e-2, abs=1e-6)
+
+
+LIMITED = {
+    "parameters of taken names": (falling, "x'' = -a - b v", "v^2"),
+    "a parameter inside a term": (FAST["Michaelis and Menten"], "S' = -Vm S/(Km + S)", "S"),
+    "known gravity, shared and bounded": (
+        falling._replace(options={"shared": "c"}), "x'' = -9.8066512345 - c v; c > 0", "v^2",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LIMITED)
+def test_absent_terms_are_limited_the_same_in_both_schemes(name):
+    problem, equations, term = LIMITED[name]
+    trials = problem._replace(noise=0.02).trials()
+    laws = in_both_schemes(problem.fit(trials, equations))
+    one, other = (cl.bounds(law, trials, [term]).to_frame() for law in laws)
+    errors = one["standard error"]
+    assert largest((other["coefficient"] - one["coefficient"]) / errors) < LIMITS["estimates"]
+    assert largest(other["standard error"] / errors - 1) < LIMITS["standard errors"]
+    assert one["unit"].tolist() == other["unit"].tolist()
+
+
+def test_known_numbers_keep_their_digits_where_laws_are_fitted_again():
+    trials = falling._replace(numbers={"a": (0.2,)}).trials()
+    law = replace(falling.fit(trials, "x'' = -9.8066512345 - c v"), provenance=cl.law.Provenance())
+    assert law.structure == ("x'' = -9.807 + a v",)
+    assert beginning_of(law, trials, {}).model.text.equations == ("x'' = -9.8066512345 + a v",)

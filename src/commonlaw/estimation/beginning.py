@@ -16,6 +16,7 @@ from commonlaw.estimation.search import Bounds
 from commonlaw.law import Law
 from commonlaw.law.law import object_index, shares_terms
 from commonlaw.law.parameters import named_parameters, restrictions_of
+from commonlaw.law.printing import exact_equations
 from commonlaw.law.restrictions import ALL, OBJECT, TRIAL, Restrictions
 from commonlaw.library.bounds import bounds_in, limits_of
 from commonlaw.library.equation import split_equations
@@ -489,8 +490,7 @@ def beginning_of(
     observation = law.observation
     between = input_interpolation or observation.measured.input_interpolation
     trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
-    written = equations or law.provenance.equations or law.structure
-    text, free = ModelText.of(written), list[str]()
+    text, free = ModelText.of(equations or exact_equations(law)), list[str]()
     restrictions = restrictions_of(law)
     text = replace(text, bounds=bounds_in(restrictions.bounds))
     names = {name for trial in trials for name in (trial.object, trial.label)}

@@ -1,8 +1,9 @@
 """The parameters and coefficients of a law as arrays, with errors, intervals and units; and its right-hand side."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import compress
 from operator import mul
 from typing import TYPE_CHECKING
 
@@ -15,11 +16,11 @@ from commonlaw.hierarchy.relation import units_of_coefficients
 from commonlaw.integration import VectorField
 from commonlaw.law import text
 from commonlaw.law.law import Law, given_equations, object_index, shares_terms
-from commonlaw.law.parse import Coefficient, Part, Product
+from commonlaw.law.parse import Coefficient, Part, Product, read_equations
 from commonlaw.law.quantiles import mixture_interval, propagated, two_sided
 from commonlaw.law.restrictions import ALL, Restrictions
 from commonlaw.law.text import free_parameter_names
-from commonlaw.law.uncertainty import OneSidedLimit, PlausibleLaw
+from commonlaw.law.uncertainty import OneSidedLimit, PlausibleLaw, Uncertainty
 from commonlaw.library import with_rates
 from commonlaw.runtime.arguments import numbers_of
 from commonlaw.runtime.forking import cached_property
@@ -262,6 +263,32 @@ def named_parameters(law: Law) -> Parameters:
     named = [(law.terms.parameter_name(k) or next(free), j, k) for j, k in places]
     definitions = tuple(Coefficient(name, (Part(j, k),)) for name, j, k in named)
     return Parameters(law, definitions, tuple(Product(j, k, 1.0, ((name, 1),)) for name, j, k in named))
+
+
+def with_equations(law: Law, equations: Sequence[str]) -> Law:
+    """Return a law of other equations, to be fitted, in which parameters of the same names begin where they are.
+
+    Only those that were not known have an error; new ones, and those that are zero, begin at 1.
+    """
+    named, variables = named_parameters(law), law.terms.variables
+    given = read_equations(equations, law.schema, variables)
+    known = {*compress(named.names, (named.errors == 0).all(axis=0).tolist())}
+    values = {name: np.ones(len(law.objects)) for product in given.products for name, _ in product.coefficients}
+    for name, column in zip(named.names, named.values.T, strict=True):
+        values[name] = column if name in known else np.where(column == 0, 1.0, column)
+    coefficients = np.tile(given.known, (len(law.objects), 1, 1))
+    is_free = np.zeros(given.known.shape, dtype=np.bool_)
+    for product in given.products:
+        coefficients[:, product.equation, product.term] = product.value(values)
+        is_free[product.equation, product.term] = not known.issuperset(name for name, _ in product.coefficients)
+    free = is_free[np.any(coefficients != 0, axis=0)]
+    return replace(
+        law,
+        terms=given.terms,
+        coefficients=coefficients,
+        uncertainty=Uncertainty(np.tile(np.diag(free.astype(np.float64)), (len(law.objects), 1, 1))),
+        provenance=replace(law.provenance, equations=given.texts),
+    )
 
 
 def restrictions_of(law: Law) -> Restrictions:

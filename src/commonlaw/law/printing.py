@@ -49,11 +49,18 @@ if TYPE_CHECKING:
 
 def structure(law: Law) -> tuple[str, ...]:
     """Return the equations with names for parameters, see `Law.structure`."""
-    if law.provenance.equations:
-        return law.provenance.equations
+    return law.provenance.equations or _written(law, PLAIN)
+
+
+def exact_equations(law: Law) -> tuple[str, ...]:
+    """Return the equations of `structure` with all digits of known numbers, so that they can be read again."""
+    return law.provenance.equations or _written(law, replace(PLAIN, number=lambda value, _: repr(value)))
+
+
+def _written(law: Law, notation: "Notation") -> tuple[str, ...]:
     factors = law.terms.factors_over([quoted(name) for name in law.terms.variables.names])
     lefts = text.left_hand_sides([quoted(name) for name in law.schema.states], law.order)
-    return text.written_equations(lefts, _with_names(law, factors, PLAIN))
+    return text.written_equations(lefts, _with_names(law, factors, notation))
 
 
 def _with_names(law: Law, terms: Sequence[str], notation: "Notation") -> tuple[tuple[Addend, ...], ...]:

@@ -8,28 +8,26 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import refit
 from commonlaw.inference import settings
-from commonlaw.inference.verbs.other_terms import candidate_law
-from commonlaw.law import Law, Provenance
+from commonlaw.inference.verbs.refinement import with_other_equations
+from commonlaw.law import Law
 from commonlaw.law.alignment import matched
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import (
-    coefficient_units,
     degrees_of_equations,
     left_hand_sides,
     named_parameters,
     reach_of_equations,
     restrictions_of,
-    standard_errors,
 )
+from commonlaw.law.printing import exact_equations
 from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.law.text import free_parameter_names
-from commonlaw.library import Terms, parse_term, parse_terms
+from commonlaw.library import parse_term, parse_terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.notebooks import ShownInNotebooks
-from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal, silent
+from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import property_names
 
@@ -197,29 +195,16 @@ def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
 
 def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats, level: float) -> Iterator[Bound]:
     """Yield the limits of an object's coefficient of a term, from values of all variables, shape (n, variables)."""
-    wider, side = _with_term(law, name), left_hand_sides(law)[equation]
-    term = wider.terms.terms[wider.terms.index(name)]
-    restrictions = restrictions_of(law)
-    is_restricted = bool(restrictions.shared or restrictions.bounds) and not law.uncertainty.error_model.of_law
-    if law.scheme == "collocation" and not is_restricted:
-        support = wider.support.copy()
-        support[equation, wider.terms.index(name)] = True
-        estimated = law.uncertainty.degrees_of_freedom is not None  # Noise that was given stays
-        fitted = candidate_law(wider, trials, support, own_noise=estimated).law
-        place, unit = fitted.terms.index(name), coefficient_units(fitted).get((side, name), "")
-        coefficients, errors = fitted.coefficients[:, equation, place], standard_errors(fitted)[:, equation, place]
-    else:  # Noise that was given stays, too
-        levels = {key: level for key, level in restrictions.noise.items() if not isinstance(level, str)}
-        names, matching = law.terms.variables.names, matched(law, trials)
-        taken = (*names, *law.observation.measured.states, *property_names(matching.properties))
-        (parameter,) = free_parameter_names(1, taken)
-        addend = f" + {parameter} {term.text([quoted(variable) for variable in names])}"
-        written = law.provenance.equations or law.structure
-        equations = [text + addend if j == equation else text for j, text in enumerate(written)]
-        fitted = refit(law, matching, equations=equations, noise=levels, progress=silent).law(())
-        named = named_parameters(fitted)
-        at = named.names.index(parameter)
-        coefficients, errors, unit = named.values[:, at], named.errors[:, at], named.units[at] or ""
+    side, names, matching = left_hand_sides(law)[equation], law.terms.variables.names, matched(law, trials)
+    term = parse_term(name, law.terms.variables)
+    taken = (*names, *named_parameters(law).names, *matching.schema.states, *property_names(matching.properties))
+    (parameter,) = free_parameter_names(1, taken)
+    addend = f" + {parameter} {term.text([quoted(variable) for variable in names])}"
+    equations = [text + addend if j == equation else text for j, text in enumerate(exact_equations(law))]
+    fitted = with_other_equations(law, matching, equations, _given_noise(law, matching))
+    named = named_parameters(fitted)
+    at = named.names.index(parameter)
+    coefficients, errors, unit = named.values[:, at], named.errors[:, at], named.units[at] or ""
     reach = float(reach_of_equations(fitted, level)[equation])
     known = degrees_of_equations(fitted)
     degrees = np.inf if known is None else float(known[equation])
@@ -232,17 +217,11 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
         yield Bound(side, name, owner, coefficient, error, *ends, at_most, effect, unit)
 
 
-def _with_term(law: Law, name: str) -> Law:
-    # Terms have other names, by which restrictions do not go
-    bare = replace(
-        law,
-        provenance=Provenance(),
-        uncertainty=replace(law.uncertainty, inclusion_probabilities=None, other_laws=()),
-        restrictions=None,
-    )
-    if name in law.terms.names:
-        return bare
-    terms_of_law, parameters = law.terms.terms, len(law.terms.parameters)
-    at = len(terms_of_law) - parameters
-    terms = Terms(law.terms.variables, (*terms_of_law[:at], parse_term(name, law.terms.variables), *terms_of_law[at:]))
-    return replace(bare, terms=terms, coefficients=np.insert(law.coefficients, at, 0.0, axis=2))
+def _given_noise(law: Law, trials: Trials) -> dict[str, float]:
+    """Return the standard deviations that were given when a law was fitted, which stay."""
+    given = {name: level for name, level in restrictions_of(law).noise.items() if not isinstance(level, str)}
+    known, columns = law.uncertainty, trials.schema.noise_columns
+    if given or known.error_model or known.noise is None or known.degrees_of_freedom is not None:
+        return given
+    pairs = zip(law.observation.measured.states, known.noise.tolist(), strict=True)
+    return {name: level for name, level in pairs if name not in columns}

@@ -85,7 +85,7 @@ def iterate_candidates(law: Law, trials: Trials, most: int, progress: Callable[[
         yield candidate
 
 
-def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool = False) -> CandidateLaw:
+def candidate_law(law: Law, trials: Trials, support: Bools) -> CandidateLaw:
     """Return the law with other terms of its library, fitted as by `candidate_laws`.
 
     Raises `CommonlawError` if there is no term, or coefficients cannot be found for them.
@@ -98,8 +98,6 @@ def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool =
         Its training data.
     support
         Which terms it has, shape (equations, terms); known coefficients are always kept.
-    own_noise
-        Whether the white noise is estimated from its own residuals, and not that of the law.
 
     Examples
     --------
@@ -124,7 +122,7 @@ def candidate_law(law: Law, trials: Trials, support: Bools, *, own_noise: bool =
     )
     # White noise has the level of the law; levels of other errors are estimated, as they depend on the lack of fit
     kind, levels, noise = law.uncertainty.error_model.kind, law.uncertainty.noise, dict[str, float]()
-    if not (own_noise or levels is None or kind != "white"):
+    if levels is not None and kind == "white":
         pairs = zip(law.schema.states, levels.tolist(), strict=True)
         noise = {name: level for name, level in pairs if name not in trials.schema.noise_columns}
     try:

@@ -1,6 +1,6 @@
 """From a law whose terms are known to coefficients: by all that was measured, or by few samples and other objects."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
@@ -44,13 +44,14 @@ from commonlaw.law.parameters import (
     shared_coefficients,
     shared_parameters,
     state_rates,
+    with_equations,
 )
 from commonlaw.law.population import with_objects_of
 from commonlaw.law.provenance import Domain
 from commonlaw.law.script import call
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.library.bounds import bounds_in
-from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
+from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, NotPositiveError, fit, linearize
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
@@ -153,15 +154,44 @@ def refine(
         provenance = replace(law.provenance, outcomes=(), history=result.provenance.history, calls=calls, domain=domain)
         return pool_objects(replace(result, provenance=provenance), None, partial_pooling)
     refuse_client(client)
-    bounds = bounds_in(restrictions_of(law).bounds)
-    law = released(law, bounds)
-    result = refined(law, trials, **settings)
-    if any(outside(result, bounds)):
-        apart = at_bounds(law, trials, bounds, partial(refined, **settings | {"partial_pooling": False}))
-        result = within_bounds(pool_objects(apart, shared_coefficients(law), partial_pooling), bounds)
+    result = _refined_within_bounds(law, trials, partial(refined, **settings), partial_pooling)
     result = replace(result, provenance=replace(result.provenance, calls=calls))
     # Laws of a search have neither
     return with_one_sided_limits(result, trials) if law.provenance.calls or law.provenance.equations else result
+
+
+def with_other_equations(law: Law, trials: Trials, equations: Sequence[str], noise: Mapping[str, float]) -> Law:
+    """Return the law of other equations, fitted to trials under the errors of a law, whose estimates are first values.
+
+    Restrictions are those of the law, and some noise may be known. Raises `CommonlawError` as `refine` does.
+    """
+    if law.scheme == "shooting":
+        return refit(law, trials, equations=equations, noise=noise, progress=silent).law(())
+    how = partial(
+        refined,
+        log_states=None,
+        input_interpolation=None,
+        noise=noise or None,
+        errors=law.uncertainty.error_model.kind,
+        huber_threshold=HUBER_THRESHOLD,
+        covariance="likelihood",
+        partial_pooling=False,
+        seed=0,
+        n_jobs=-1,
+        progress=silent,
+    )
+    return _refined_within_bounds(with_equations(law, equations), trials, how, False)
+
+
+def _refined_within_bounds(law: Law, trials: Trials, how: Callable[..., Law], partial_pooling: bool) -> Law:
+    """Return a law fitted by `refined` with some settings, within its bounds."""
+    bounds = bounds_in(restrictions_of(law).bounds)
+    law = released(law, bounds)
+    result = how(law, trials)
+    if not any(outside(result, bounds)):
+        return result
+    apart = at_bounds(law, trials, bounds, partial(how, partial_pooling=False))
+    return within_bounds(pool_objects(apart, shared_coefficients(law), partial_pooling), bounds)
 
 
 def refined(
