@@ -9,7 +9,14 @@ import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation import beyond_collocation
-from commonlaw.estimation.beginning import FREE, InitialGiven, initial_time_of, refuse_zero_columns, written_starts
+from commonlaw.estimation.beginning import (
+    FREE,
+    InitialGiven,
+    initial_time_of,
+    refuse_zero_columns,
+    written_starts,
+    zero_columns,
+)
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
 from commonlaw.estimation.model import ModelText, read_model
 from commonlaw.law.restrictions import ALL
@@ -155,11 +162,13 @@ def _refuse_interpolated_amounts(model: ModelText, trials: Trials, doses: Sequen
 
 def _refuse_zero_columns(text: ModelText, trials: Trials) -> None:
     """Refuse parameters of columns of zeros; what else may be wrong with equations is refused where they are fitted."""
+    if not (columns := zero_columns(trials)):
+        return
     try:
         model = read_model(text, trials.schema, property_names(trials.properties))
     except CommonlawError:
         return
-    refuse_zero_columns(model, trials)
+    refuse_zero_columns(model, trials, columns)
 
 
 def _refuse_free_starts(trials: Trials, states: Sequence[str]) -> None:

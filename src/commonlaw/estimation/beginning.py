@@ -543,18 +543,23 @@ def with_values_of(law: Law, begun: Beginning) -> Beginning:
     return replace(begun, first=first, is_fitted=True)
 
 
-def refuse_zero_columns(model: Model, trials: Trials) -> None:
-    """Refuse parameters that multiply, or are powers of, nothing but inputs and properties that are zero everywhere.
+def zero_columns(trials: Trials) -> list[str]:
+    """Return the inputs, then the properties, that are zero everywhere."""
+    inputs, properties = trials.schema.inputs, property_names(trials.properties)
+    still = [all(not trial.inputs[:, c].any() for trial in trials) for c in range(len(inputs))]
+    zero = [all(trials.properties.get(owner, {}).get(name) == 0 for owner in trials.objects) for name in properties]
+    return [*compress(inputs, still), *compress(properties, zero)]
+
+
+def refuse_zero_columns(model: Model, trials: Trials, columns: Sequence[str]) -> None:
+    """Refuse parameters that multiply, or are powers of, nothing but columns that are zero, see `zero_columns`.
 
     Rates, observables and initial values then have no derivative by them, whatever the states are; with other values of
     these columns they have.
     """
-    inputs, given = trials.schema.inputs, trials.properties
-    is_zero = [all(not trial.inputs[:, c].any() for trial in trials) for c in range(len(inputs))]
-    signals = [is_zero[c] for c in model.column]
-    zero = [all(given.get(owner, {}).get(name) == 0 for owner in trials.objects) for name in model.parameters]
-    columns = [*compress(inputs, is_zero), *compress(model.parameters, zero)]
-    if not columns or model.events:
+    signals = [trials.schema.inputs[c] in columns for c in model.column]
+    zero = [name in columns for name in model.parameters]
+    if model.events:
         return
     points = np.random.default_rng(0).uniform(0.5, 2.0, (20, len(model.variables.names)))
     without, first = points.copy(), model.first_parameter
@@ -568,4 +573,5 @@ def refuse_zero_columns(model: Model, trials: Trials) -> None:
 
     lost = matters(points) & ~matters(without) & ~np.array(zero)
     if lost.any():
+        columns = [name for name in columns if name in (*trials.schema.inputs, *model.parameters)]
         raise CommonlawError("parameters-of-zero-column", names=[*compress(model.parameters, lost)], columns=columns)
