@@ -116,3 +116,12 @@ def test_dead_times_that_depend_on_the_inputs_between_samples_are_named_for_ever
     law = cl.fit("x' = (g u(t - d) - x)/s", cl.Trials(tuple(trials), cl.Schema(("x",), ("u",))))
     notes = [note for note in law.diagnostics if note.code == "delay-by-interpolation"]
     assert [note.where for note in notes] == ["A", "B"]
+
+
+def test_inputs_that_stay_at_levels_are_held_where_measurements_do_not_decide():
+    """Lines between samples explain the measurements as well, with a dead time that is half a step longer."""
+    times, source = np.arange(0.0, 40.0, 1.0), np.random.default_rng(2)
+    x = 2 * (1 - np.exp(-np.maximum(times - 8.3, 0.0) / 4)) + 0.04 * source.standard_normal(len(times))
+    trials = cl.Trials((cl.Trial("A", "1", times, x, 1.0 * (times >= 5)),), cl.Schema(("x",), ("u",)))
+    value, error = estimates(cl.fit("x' = (g u(t - d) - x)/s", trials))["d"]
+    assert abs(value - 3.3) < 3 * error < 0.45

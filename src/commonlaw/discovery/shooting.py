@@ -17,6 +17,7 @@ from commonlaw.estimation.beginning import begin, with_values_of
 from commonlaw.estimation.fitting import Fitted, checked_errors, limited, maximized, threshold_of
 from commonlaw.estimation.model import ModelText
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
+from commonlaw.inference.search.setup import supported_interpolation
 from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.refinement import collocated
 from commonlaw.integration import BETWEEN
@@ -69,7 +70,8 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
     if between != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
         tried = [between.replace("auto", trials.schema.input_interpolation)]
     else:
-        tried = ["linear", *(interpolation for interpolation in BETWEEN if interpolation != "linear")]
+        supported = supported_interpolation(trials)
+        tried = [supported, *(interpolation for interpolation in BETWEEN if interpolation != supported)]
     noise, log_states = settings.get("noise"), settings.get("log_states") or ()
     fits = list[Fitted]()
     for interpolation in tried:
@@ -103,7 +105,7 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
     if len(tried) == 1:
         return replace(law, provenance=replace(law.provenance, outcomes=tuple(outcomes)))
     plausible = np.flatnonzero(gains > gains[best] - STRONG).tolist()
-    why = f"between samples; twice the log-likelihood ratio to straight lines is {gains[best]:.3g}"
+    why = f"between samples; the inputs support {tried[0]}; twice the log-likelihood ratio to it is {gains[best]:.3g}"
     history = (*law.history, Step("inputs", tried[best], why))
     # Dead times that depend on how inputs go between samples, where measurements do not decide it
     named = named_parameters(law)

@@ -201,7 +201,7 @@ class FitOptions:
         label="Input interpolation",
         of_given_law=None,
         choices={
-            "auto": "lines, unless the evidence for another is strong",
+            "auto": "steps where inputs are held at levels, otherwise lines, unless the evidence for another is strong",
             "held": "the earlier value, as a controller does",
             "linear": "on lines",
             "cubic": "on a cubic spline",

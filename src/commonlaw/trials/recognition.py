@@ -576,7 +576,7 @@ def input_columns(table: Table, names: Sequence[str], times: Floats, trials: Seq
             continue
         elif all(np.ptp(run) == 0 for run in runs):
             reasons[name] = CONSTANT_IN_TRIALS
-        elif 2 * sum(map(_is_held, runs)) >= sum(np.ptp(run) > 0 for run in runs):
+        elif 2 * sum(map(is_held, runs)) >= sum(np.ptp(run) > 0 for run in runs):
             reasons[name] = "held at levels"
         elif len(complete) > 1 and len({*courses}) < len(courses):
             reasons[name] = "the same in several trials"
@@ -661,7 +661,7 @@ def note_on_pulses(name: str) -> str:
     )
 
 
-def _is_held(values: Floats) -> bool:
+def is_held(values: Floats) -> bool:
     """Say whether a trial of values stays at levels, within noise, and jumps between them, or has single pulses."""
     is_same = np.diff(values) == 0
     if 2 * np.sum(is_same) < len(is_same):

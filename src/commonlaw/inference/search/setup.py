@@ -24,6 +24,7 @@ from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, WHITE_NOISE, Heterosce
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
+from commonlaw.trials.recognition import is_held
 from commonlaw.trials.transformations import with_logarithms, with_zeros_before_doses
 from commonlaw.trials.trial import check_gaps
 
@@ -43,11 +44,17 @@ def with_interpolation(trials: Trials, input_interpolation: str) -> Trials:
 
 
 def supported_interpolation(trials: Trials) -> str:
-    """Return the interpolation of smaller leave-one-out error: linear, or cubic if all varying inputs are smooth.
+    """Return the interpolation that the inputs support: held, linear, or cubic if all that vary are smooth.
 
-    Each sample is predicted by Lagrange interpolation u_i ~ sum_j u_j prod_k (t_i - t_k)/(t_j - t_k) from its two or
-    four neighbours. The likelihood of a fit does not decide it: a larger gain compensates for a flattened input.
+    They are held if each that varies stays at levels in at least half of its trials, as samples of ramps lie between
+    levels; doses have ramps. Otherwise the smaller leave-one-out error decides: each sample is predicted by Lagrange
+    interpolation u_i ~ sum_j u_j prod_k (t_i - t_k)/(t_j - t_k) from its two or four neighbours. The likelihood of a
+    fit does not decide it: a larger gain compensates for a flattened input.
     """
+    columns = [[trial.inputs[:, j] for trial in trials] for j in range(len(trials.schema.inputs))]
+    varying = [runs for column in columns if (runs := [run for run in column if np.ptp(run)])]
+    if not trials.schema.doses and varying and all(2 * sum(map(is_held, runs)) >= len(runs) for runs in varying):
+        return "held"
     squares, total = np.zeros((2, len(trials.schema.inputs))), np.zeros(len(trials.schema.inputs))
     for trial in trials:
         middle, total = np.arange(2, len(trial) - 2), total + np.sum(trial.inputs**2, axis=0)
