@@ -196,7 +196,7 @@ def test_laws_are_compared_under_the_errors_that_the_measurements_ask_for():
     found = cl.compare(laws, trials).set_index("law")
     assert found["errors"].iloc[0] == "autocorrelated measurement errors"
     assert found.index[0] == "x'' = a x + b v"
-    assert not found["model error"].iloc[0]
+    assert not found["lack of fit"].iloc[0]
     assert found.loc["x'' = a x", "2 log B"] > 10
     white = cl.compare(laws, trials, errors="white").set_index("law")
     assert white["errors"].unique() == ["white noise"]

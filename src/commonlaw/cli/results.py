@@ -46,7 +46,7 @@ def print_compared(frame: "pd.DataFrame") -> None:
     from commonlaw.law.tables import MEANINGS
 
     say("\nEvidence from the same measurements:\n")
-    print_frame(frame, {"model error": "lack of fit"})
+    print_frame(frame)
     say(f"\n{MEANINGS['2 log B']}.")
     say("Evidence penalizes additional coefficients. Probabilities assume that one of these laws is true.")
 

@@ -172,6 +172,8 @@ LEVEL_MEASUREMENTS = 300
 SIGNIFICANT = 2.0
 """Standard errors from which on a coefficient differs from zero or from its optimum, a forecast error from its
 prediction, and an initial value from zero."""
+MISFIT_LEVEL = 0.001
+"""Probability by chance below which residuals show lack of fit of a compared law."""
 PRIOR_OBSERVATIONS = 2.0
 """Prior observations of a first estimate: of the noise, and of predicted forecast errors."""
 MAX_DEVIANCE_RATIO = 1.2

@@ -29,6 +29,7 @@ from commonlaw.inference.score.evidence import (
     minus_twice_log_evidence,
     residual_squares,
 )
+from commonlaw.inference.score.misfit import FittedResiduals
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import random_effect_factors
 from commonlaw.law.parse import read_equations
@@ -217,6 +218,15 @@ class TrajectoryScore:
             "error levels": levels,
         }
         return score_of_rows(rows, logarithmic, noise_scale, parts)
+
+    @property
+    def residuals(self) -> FittedResiduals:
+        """Residuals without outliers."""
+        problem, optimum = self.fitted.begun.problem, self.fitted.optimum
+        pairs = zip(problem.trials, problem.outliers(optimum.unknowns, optimum.noise), strict=True)
+        parts = [(self._whitened(data), outlying) for data, outlying in pairs]
+        whitened = [part._replace(z=np.where(outlying, np.nan, part.z)) for part, outlying in parts]
+        return FittedResiduals(self.trials, whitened, optimum.degrees_of_freedom, problem.known_noise)
 
     def _coordinates(self, owner: str, free: Sequence[int]) -> tuple[Floats, Floats, Bools]:
         """Return derivatives of unknowns by coefficients, shape (unknowns, k), these, and which scatter by logarithms.

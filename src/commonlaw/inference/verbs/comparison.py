@@ -12,8 +12,9 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import Fitted, checked_errors, refit
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.convergence import converged, deviations_of
-from commonlaw.inference.fit.covariance import free_coefficients, outliers
+from commonlaw.inference.fit.covariance import free_coefficients, outliers, residual_degrees_of_freedom
 from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, Fit
+from commonlaw.inference.score.misfit import FittedResiduals
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.trajectories import (
     Rows,
@@ -32,6 +33,7 @@ from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import restrictions_of, shared_parameters
 from commonlaw.library import order_of_each, parse_terms
 from commonlaw.likelihood import ERRORS
+from commonlaw.likelihood.levels import Whitened
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, changed_settings, check_settings
@@ -60,6 +62,9 @@ def compare(
     explains the residuals of the best of them; else each has the error model of its largest evidence, as in `discover`.
     There is no penalty here for the library from which a law was chosen.
 
+    A law lacks fit if it has a model error or its residuals are autocorrelated (by BIC) or larger than the noise: that
+    of repeated measurements, known noise, or that by the most probable law (F-tests at 0.1 %).
+
     If one of the laws has observation equations, known initial values or shared parameters, all are fitted as by
     `cl.fit` with these, each with its own observation equations, shared parameters, priors, bounds and, by default,
     kind of measurement errors; laws without observation equations are laws of the measured states. Their evidence is
@@ -84,7 +89,7 @@ def compare(
     -------
     pandas.DataFrame
         One row for each law, the most probable first: name, equations, number of coefficients of each object, error
-        model, whether that includes model error, 2 log B relative to the first (Kass and Raftery 1995), and the
+        model, lack of fit, 2 log B relative to the first (Kass and Raftery 1995), and the
         probability if one of these laws is true.
 
     Raises
@@ -160,9 +165,26 @@ def compare(
         laws,
         [fit.size for fit in fits],
         [ERRORS[fit.errors].label for fit in fits],
-        [fit.has_process_noise for fit in fits],
+        _lacking([None if fit.has_process_noise or fit.diverges else residuals_of_fit(fit) for fit in fits], scores),
         np.array([score - min(scores) for score in scores]),
     )
+
+
+def residuals_of_fit(fit: Fit) -> FittedResiduals:
+    """Return the residuals of a fit by collocation without errors of the law."""
+    problem, trials, whitened = fit.problem, list[Trial](), list[Whitened]()
+    for deviation in (deviation for of_object in deviations_of(fit) for deviation in of_object):
+        part = deviation.whitened(problem.noise, problem.errors)
+        whitened.append(part._replace(z=np.where(deviation.seen, part.z, np.nan)))
+        trials.append(deviation.trial)
+    known = np.full(len(problem.noise), problem.noise_given)
+    return FittedResiduals(trials, whitened, residual_degrees_of_freedom(fit), known)
+
+
+def _lacking(fits: Sequence[FittedResiduals | None], scores: Sequence[Score]) -> list[bool]:
+    """Say which laws lack fit, with the most probable one as the reference; without residuals they do."""
+    best = fits[min(range(len(fits)), key=scores.__getitem__)]
+    return [fit is None or fit.lacks_fit(best or fit) for fit in fits]
 
 
 def score_of_fit(fit: Fit) -> Score:
@@ -217,7 +239,7 @@ def _frame(
     laws: Mapping[str, Law],
     coefficients: Sequence[int],
     errors: Sequence[str],
-    departs: Sequence[bool],
+    lacking: Sequence[bool],
     above: Floats,
 ) -> "pd.DataFrame":
     import pandas as pd
@@ -229,7 +251,7 @@ def _frame(
         "equations": equations,
         "coefficients": coefficients,
         "errors": errors,
-        "model error": departs,
+        "lack of fit": lacking,
         "2 log B": above,
     }
     return _with_probabilities(pd.DataFrame(columns))
@@ -264,7 +286,8 @@ def _fitted_jointly(
             raise error.at(name) from error
     scores = [TrajectoryScore(fit).score for fit in fits]
     counts, kinds = [fit.parameters for fit in fits], [ERRORS[fit.begun.errors].label for fit in fits]
-    return _frame(laws, counts, kinds, [False] * len(fits), np.array([score - min(scores) for score in scores]))
+    lacking = _lacking([TrajectoryScore(fit).residuals for fit in fits], scores)
+    return _frame(laws, counts, kinds, lacking, np.array([score - min(scores) for score in scores]))
 
 
 def compare_by_parts(
@@ -277,7 +300,7 @@ def compare_by_parts(
     frames = done_in_parts(partial(_of_part, light, settings), parts, f"comparing {len(laws)} laws", progress)
     rows = pd.concat(frames).groupby("law", sort=False)
     merged: dict[str, Any] = dict.fromkeys(("equations", "coefficients"), "first")
-    merged |= {"errors": lambda errors: ", ".join(dict.fromkeys(errors)), "model error": "any", "2 log B": "sum"}
+    merged |= {"errors": lambda errors: ", ".join(dict.fromkeys(errors)), "lack of fit": "any", "2 log B": "sum"}
     frame = rows.agg(merged).reset_index()
     frame["2 log B"] -= frame["2 log B"].min()
     return _with_probabilities(frame)
