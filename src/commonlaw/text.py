@@ -84,12 +84,12 @@ def shown(names: Sequence[str], noun: str = "", most: int = 3) -> str:
 def r_squared(score: float) -> str:
     """Return R^2 to five digits; what these would round to 1 is above the largest number below it.
 
-    >>> r_squared(0.998472), r_squared(1 - 3.2e-7), r_squared(-2.7), r_squared(float("nan"))
-    ('R^2 = 0.99847', 'R^2 > 0.99999', 'R^2 = -2.7', 'no R^2, as no measured state varies')
+    >>> r_squared(0.998472), r_squared(1 - 3.2e-7), r_squared(-6.4e-15), r_squared(float("nan"))
+    ('R^2 = 0.99847', 'R^2 > 0.99999', 'R^2 = 0', 'no R^2, as no measured state varies')
     """
     if score != score:
         return "no R^2, as no measured state varies"
-    text = f"{score:.5g}"
+    text = f"{round(score, 12) + 0.0:.5g}"  # Of a forecast as good as the mean, rounding leaves about 1e-15
     return "R^2 > 0.99999" if text == "1" else f"R^2 = {text}"
 
 

@@ -156,7 +156,7 @@ class LawVerdict(ShownInNotebooks):
             result.append("the error is not below that of a constant forecast")
         if self.horizon and not self.diverged and (self.r_squared < 0 or self.r_squared < self.r_squared_error):
             error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
-            whole = f"R^2 over all tested forecasts is {self.r_squared:.3g}{error}"
+            whole = f"R^2 over all tested forecasts is {round(self.r_squared, 12) + 0.0:.3g}{error}"
             ahead = _number(self.horizon, self.time_unit)
             result.append(f"beyond {ahead} ahead they are no better than the mean of the states: {whole}")
         if self.coverage is not None and self.coverage < _FAILED_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:
