@@ -234,7 +234,7 @@ def motor(tmp_path):
 def test_orders_are_given_by_state(run, done):
     code, out, err = run("discover", "motor.csv", "--order", "theta=2,i=1", *OPTIONS, "--save", "law.json")
     assert (code, err.count("\n")) == (0, 1)
-    assert "state: theta, i. Correct them by --time ..." in err
+    assert "state: theta, i. To correct them, use --time ..." in err
     assert "theta'' = " in out
     assert "i' = " in out
     assert cl.Law.load("law.json").order == (2, 1)

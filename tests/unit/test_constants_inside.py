@@ -190,6 +190,10 @@ def test_laws_with_constants_are_compared_with_others(fitted, enzymes):
     ("text", "message"),
     [
         (f"{SATURATING}; K > a", Diagnostic("bound-syntax", {"text": "K > a"})),
+        (
+            f"{SATURATING}; K > 3; K < 1",
+            Diagnostic("bound-contradiction", {"parameter": "K", "bounds": "K > 3; K < 1"}),
+        ),
         (f"{SATURATING}; 2 < K < 1", Diagnostic("bound-empty", {"text": "2 < K < 1"})),
         (f"{SATURATING}; Q > 0", Diagnostic("unknown-name", {"kind": "coefficient", "name": "Q"})),
         ("s' = -k s + b sin(q)", Diagnostic("parameters-not-identifiable", {"names": "b, q", "variables": "s, t"})),

@@ -270,7 +270,7 @@ def test_the_rate_of_a_signal_that_is_zero_has_a_lower_limit_only():
         ("measured-without-equation", "x' = -k x", {"initial_values": {"x": 1}, "priors": {"k": (1, 1)}}),
         ("parameters-not-identified", "x' = -k x; y = a b x; x(0) = 1", {}),
         ("observation-without-state", "x' = -k x; y = a + b z", {}),
-        ("bound-empty", "x' = -k x; y = a x; k > 3; k < 2; x(0) = 1", {}),
+        ("bound-contradiction", "x' = -k x; y = a x; k > 3; k < 2; x(0) = 1", {}),
         ("initial-value-of-variables", "x' = -k x; y = a x; x(0) = y0 + t", {}),
         ("initial-value-twice", 'y\' = -k y; y(0) = 1; y(0) = 2 @ "1"', {}),
         ("initial-value-not-finite", 'y\' = -k y; y(0) = y0 @ "1"', {}),

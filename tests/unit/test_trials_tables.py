@@ -72,7 +72,7 @@ def test_columns_without_a_named_role_are_states_properties_or_left_out():
     assert trials.properties["tennis"] == {"mass": 0.057, "material": "felt"}
     assert trials.notes[0].startswith(
         "columns recognized as time: time; object: ball; trial: drop; state: height, wind; "
-        "property: mass, material. Correct them by `time=...`, `object=...`, "
+        "property: mass, material. To correct them, use `time=...`, `object=...`, "
     )
     assert trials.notes[1] == "columns left out: remark, video"
     trials = Trials.from_frame(FRAME[:3], object="ball", trial="drop")

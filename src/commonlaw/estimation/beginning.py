@@ -461,10 +461,6 @@ def _bounds(model: Model, trials: Trials, unknowns: Unknowns) -> Bounds:
     low, high = (
         (np.array(ends, dtype=np.float64) for ends in zip(*limits, strict=True)) if limits else (np.zeros(0),) * 2
     )
-    for name, least, most in zip(unknowns.names, low, high, strict=True):
-        if not least < most:
-            texts = [bound.text for bound in model.text.bounds if bound.name == name]
-            raise CommonlawError("bound-empty", text="; ".join(texts))
     longest = max(trial.times[-1] - trial.times[0] for trial in trials)
     delays = [model.parameters[index] for index in model.delay if index >= 0]
     for i, name in enumerate(unknowns.names):

@@ -105,12 +105,18 @@ def is_bound(part: str) -> bool:
 
 
 def bounds_in(texts: str | Sequence[str]) -> tuple[Bound, ...]:
-    """Return the bounds that stand among equations; raises `CommonlawError` if one cannot be read, or leaves no number.
+    """Return the bounds that stand among equations; raises `CommonlawError` if one is unreadable, or no number is left.
 
     >>> bounds_in("s' = -V s/(K + s); K > 0")
     (Bound(text='K > 0', name='K', low=0.0, high=inf),)
     """
-    return tuple(_bound(part) for part in parts_of(texts) if is_bound(part))
+    bounds = tuple(_bound(part) for part in parts_of(texts) if is_bound(part))
+    for name in dict.fromkeys(bound.name for bound in bounds):
+        low, high = limits_of(name, bounds)
+        if not low < high:
+            contradictory = "; ".join(bound.text for bound in bounds if bound.name == name)
+            raise CommonlawError("bound-contradiction", parameter=name, bounds=contradictory)
+    return bounds
 
 
 def _bound(text: str) -> Bound:

@@ -112,7 +112,7 @@ class ColumnRoles:
         if not self.guessed:
             return self.notes
         options = [f"`{role}=...`" for role in ROLES if role in self._by_role or role == "inputs"]
-        remedy = f"Correct them by {', '.join(options)}{', `wide=...`' if self.wide else ''}"
+        remedy = f"To correct them, use {', '.join(options)}{', `wide=...`' if self.wide else ''}"
         return (f"{GUESSED}{self.sentence}. {remedy}", *self.notes)
 
 
