@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
+from tests.refusals import refused
 from tests.unit.decays import assert_least_squares, estimates, trials_of
 
 pytestmark = pytest.mark.usefixtures("few_starts")
@@ -123,5 +124,8 @@ def test_inputs_that_stay_at_levels_are_held_where_measurements_do_not_decide():
     times, source = np.arange(0.0, 40.0, 1.0), np.random.default_rng(2)
     x = 2 * (1 - np.exp(-np.maximum(times - 8.3, 0.0) / 4)) + 0.04 * source.standard_normal(len(times))
     trials = cl.Trials((cl.Trial("A", "1", times, x, 1.0 * (times >= 5)),), cl.Schema(("x",), ("u",)))
-    value, error = estimates(cl.fit("x' = (g u(t - d) - x)/s", trials))["d"]
+    law = cl.fit("x' = (g u(t - d) - x)/s", trials)
+    value, error = estimates(law)["d"]
     assert abs(value - 3.3) < 3 * error < 0.45
+    with refused("design-with-dead-times"):
+        cl.design(law, {"x": 1.0, "duration": 10.0, "rate": 1.0})
