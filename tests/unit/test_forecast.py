@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from commonlaw.forecast import Forecast
+from commonlaw.forecast.forecast import squared_errors
 from commonlaw.integration import Trajectory, VectorField, integrate
 from commonlaw.law import Law, Uncertainty
 from commonlaw.library import PolynomialLibrary, Variables, parse_library
@@ -112,3 +113,16 @@ def test_figures_of_all_and_of_some_objects_are_smooth_and_begin_where_the_forec
         np.testing.assert_allclose(line.get_ydata(), np.exp(-line.get_xdata()), rtol=1e-4)
     for panel in figure.axes[1::2]:
         np.testing.assert_array_equal(panel.get_lines()[1].get_xdata(), times[4:])
+
+
+def test_zeros_of_absent_states_do_not_lower_rms_errors():
+    """The second trial is a monoculture of x; a law that makes y there has errors."""
+    times, curve = np.arange(4.0), np.array([3.0, 2.0, 1.5, 1.2])
+    mixture, alone = np.column_stack([curve, curve]), np.column_stack([curve, np.zeros(4)])
+    trials = Trials(
+        tuple(Trial("a", name, times, states) for name, states in (("1", mixture), ("2", alone))), Schema(("x", "y"))
+    )
+    kept = Forecast(trials, (Trajectory(times, mixture + 0.1), Trajectory(times, alone + np.array([0.1, 0.0]))))
+    assert squared_errors(kept).mean().to_dict() == pytest.approx({"x": 0.01, "y": 0.01})
+    made = Forecast(trials, (Trajectory(times, mixture + 0.1), Trajectory(times, alone + 0.3)))
+    assert squared_errors(made)["y"].mean() == pytest.approx(0.05)

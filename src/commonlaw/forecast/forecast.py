@@ -398,12 +398,15 @@ def variation(states: Floats) -> tuple[Floats, Floats]:
 def squared_errors(forecast: Forecast) -> "pd.DataFrame":
     """Return the squared error of each measurement, a row for each sample with its object and a column for each state.
 
-    A state that was not measured has NaN, and one after a divergence infinity.
+    A state that was not measured has NaN, and one after a divergence infinity. Zeros of a state that is absent from a
+    trial, `Trial.absent`, have NaN where the law keeps it at zero: it cannot miss these.
     """
     import pandas as pd
 
     schema = forecast.trials.schema
     errors = [(np.nan_to_num(curve, nan=np.inf) - states) ** 2 for states, curve in forecast._compared()]
+    for trial, (_, curve), squares in zip(forecast.trials, forecast._compared(), errors, strict=True):
+        squares[trial.absent & (curve == 0)] = np.nan
     names = np.repeat([trial.object for trial in forecast.trials], [*map(len, errors)])
     frame = pd.DataFrame(np.concatenate(errors), index=names, columns=list(schema.states))
     return frame[list(schema.measured)]
