@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, minimize
-from scipy.stats import t as student
+from scipy.stats import norm, t as student
 
 import commonlaw as cl
 from commonlaw.estimation import likelihood_profile
@@ -224,7 +224,7 @@ def test_updates_weigh_each_laboratory_by_its_relative_noise():
     """The logarithm of y is a straight line, so that the posterior is that of linear regression."""
     law = cl.fit("y' = -k y; y(0) = a", decays_of_labs(1), noise={"y": "lab"}, log_states=["y"])
     new = decays_of_labs(2)
-    updated = law.update(new)
+    updated, log_likelihood = law.update(new), 0.0
     for name in "AB":
         own, noise = estimates(law, name), law.uncertainty.noise_of["y"][name]
         prior = law.cov_params(name).loc[["k", "a"], ["k", "a"]].to_numpy()
@@ -238,6 +238,8 @@ def test_updates_weigh_each_laboratory_by_its_relative_noise():
         best = least_squares(residuals, [0.6, 8.0], x_scale="jac", xtol=1e-14, ftol=1e-14)
         found = estimates(updated, name)
         assert [found["k"][0], found["a"][0]] == pytest.approx(best.x, rel=1e-6)
+        log_likelihood += float(np.sum(norm.logpdf(best.fun[:-2]) - np.log(noise)))
+    assert updated.provenance.log_likelihood == pytest.approx(log_likelihood, rel=1e-6)
     low, high = likelihood_profile(law, decays_of_labs(1), "k", "B").interval
     assert high - low == pytest.approx(2 * 1.96 * estimates(law, "B")["k"][1], rel=0.05)
 

@@ -342,7 +342,7 @@ def adapt(law: Law, trials: Trials) -> Law:
     )
     if law.scheme == "shooting":
         result = updated(law, trials)
-        return replace(result, provenance=replace(law.provenance, history=(*law.history, step)))
+        return replace(result, provenance=replace(result.provenance, history=(*law.history, step)))
     law.uncertainty.known_covariance()
     if law.uncertainty.noise is None or law.uncertainty.error_model:
         lacks = "has errors other than white noise" if law.uncertainty.noise is not None else "has no noise estimate"
