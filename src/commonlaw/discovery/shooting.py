@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,10 @@ from commonlaw.discovery.known_physics import unfitted
 from commonlaw.discovery.regression import suitable_differentiation
 from commonlaw.discovery.request import FitRequest
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.beginning import begin, with_values_of
+from commonlaw.estimation.beginning import Beginning, begin, with_values_of
 from commonlaw.estimation.fitting import Fitted, checked_errors, limited, maximized, threshold_of
 from commonlaw.estimation.model import ModelText
+from commonlaw.estimation.search import DRAWS, is_solved
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
 from commonlaw.inference.search.setup import supported_interpolation
 from commonlaw.inference.settings import STRONG
@@ -73,7 +75,8 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
         supported = supported_interpolation(trials)
         tried = [supported, *(interpolation for interpolation in BETWEEN if interpolation != supported)]
     noise, log_states = settings.get("noise"), settings.get("log_states") or ()
-    fits = list[Fitted]()
+    search = partial(maximized, seed=settings.get("seed", 0), progress=settings.get("progress") or on_terminal())
+    begins, fits = list[Beginning](), list[Fitted]()
     for interpolation in tried:
         interpolated = replace(trials, schema=replace(trials.schema, input_interpolation=interpolation))
         begun = begin(
@@ -90,17 +93,18 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
         )
         begun = replace(begun, huber_threshold=threshold_of(settings))
         if fits:
-            near = fits[0].optimum.unknowns
-            begun = replace(begun, first=np.where(near != 0, near, begun.first), is_fitted=True)
+            begun = _near(begun, fits[0])
         elif not request.guesses and (law := _by_collocation(request.text, interpolated, settings)):
             begun = with_values_of(law, begun)
-        fitted = maximized(begun, settings.get("seed", 0), settings.get("progress") or on_terminal())
+        # Maxima of interpolations lie close to each other
+        fitted = search(begun, draws=1 if fits and is_solved(begun.problem, begun.first) else DRAWS)
+        begins.append(begun)
         # Refused before others are tried
         fits.append(fitted if fits else limited(fitted))
     likelihoods = np.array([fitted.optimum.log_likelihood for fitted in fits])
     gains = 2 * (likelihoods - likelihoods[0])
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
-    law = (limited(fits[best]) if best else fits[best]).law(request.calls)
+    law = (limited(search(_near(begins[best], fits[best]))) if best else fits[best]).law(request.calls)
     outcomes = [*law.provenance.outcomes, *outcomes_of_parameters(law), *outcomes_of_units(law)]
     if len(tried) == 1:
         return replace(law, provenance=replace(law.provenance, outcomes=tuple(outcomes)))
@@ -124,6 +128,12 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
                     note("delay-by-interpolation", where, name=name, value=value, between=tried[best], others=apart)
                 )
     return replace(law, provenance=replace(law.provenance, history=history, outcomes=tuple(outcomes)))
+
+
+def _near(begun: Beginning, fitted: Fitted) -> Beginning:
+    """Return a beginning whose first values are the estimates of a fit, but for those that are zero."""
+    near = fitted.optimum.unknowns
+    return replace(begun, first=np.where(near != 0, near, begun.first), is_fitted=True)
 
 
 def _by_collocation(text: ModelText, trials: Trials, settings: Mapping[str, Any]) -> Law | None:
