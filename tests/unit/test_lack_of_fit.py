@@ -34,3 +34,12 @@ def test_repeats_show_lack_of_fit_of_a_single_law(copies, lacks):
     trials = trials_of({"A": (times, x)}, ["x"])
     compared = cl.compare([cl.fit("x' = a; x(0) = 0", trials)], trials)
     assert compared["lack of fit"].tolist() == [lacks]
+
+
+@pytest.mark.parametrize("start", ["", "; x(0) = 0"])
+def test_no_law_of_exact_data_lacks_fit_by_rounding(start):
+    times = np.arange(8.0)
+    trials = trials_of({"A": (times, 2 * times)}, ["x"])
+    laws = {text: cl.fit(text + start, trials) for text in ("x' = a", "x' = a + b x", "x' = a x + 1")}
+    compared = cl.compare(laws, trials, errors="white").set_index("law")["lack of fit"]
+    assert compared.to_dict() == {"x' = a": False, "x' = a + b x": False, "x' = a x + 1": True}

@@ -174,6 +174,8 @@ SIGNIFICANT = 2.0
 prediction, and an initial value from zero."""
 MISFIT_LEVEL = 0.001
 """Probability by chance below which residuals show lack of fit of a compared law."""
+EXACT = 0.01
+"""Mean square of residuals, relative to their noise, below which this is the least that is assumed for exact data."""
 PRIOR_OBSERVATIONS = 2.0
 """Prior observations of a first estimate: of the noise, and of predicted forecast errors."""
 MAX_DEVIANCE_RATIO = 1.2

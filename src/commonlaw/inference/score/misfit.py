@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.inference.settings import MISFIT_LEVEL
+from commonlaw.inference.settings import EXACT, MISFIT_LEVEL
 from commonlaw.likelihood.levels import Whitened, autocorrelation
 from commonlaw.trials import Trial
 from commonlaw.trials.trial import pure_error
@@ -56,9 +56,10 @@ class FittedResiduals:
         repeated = pure_error([trial.repeats for trial in self.trials], len(self.freedom))[1]
         for k in range(len(self.freedom)):
             size, freedom = self.mean_square(k, self), self.freedom_of_means(k)
-            tests = [
-                (self.mean_square(k, reference) / reference.mean_square(k, reference), reference.freedom_of_means(k))
-            ]
+            if not size > EXACT:
+                continue
+            of_reference = max(reference.mean_square(k, reference), EXACT)
+            tests = [(self.mean_square(k, reference) / of_reference, reference.freedom_of_means(k))]
             if self.known_noise[k]:
                 tests.append((size, np.inf))
             if repeated[k] > 0:
@@ -66,8 +67,8 @@ class FittedResiduals:
                 tests.append((size / variance, repeated[k]))
             columns = [part.z[np.isfinite(part.z[:, k]), k] for part in self.whitened]
             products = np.concatenate([column[1:] * column[:-1] for column in columns])
-            if any(f.sf(statistic, freedom, below) < MISFIT_LEVEL for statistic, below in tests if freedom > 0):
+            if any(f.sf(statistic, freedom, below) < MISFIT_LEVEL for statistic, below in tests):
                 return True
-            if freedom > 0 and autocorrelation(np.concatenate(columns) ** 2, products):
+            if autocorrelation(np.concatenate(columns) ** 2, products):
                 return True
         return False
