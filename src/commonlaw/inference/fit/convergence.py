@@ -17,7 +17,6 @@ from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.annealing import FROM_RESIDUALS
 from commonlaw.inference.fit.covariance import (
     factors,
-    free_coefficients,
     outliers,
     relative_residuals,
     residual_degrees_of_freedom,
@@ -75,7 +74,7 @@ def _minus_twice_log_likelihood(fit: Fit) -> float:
 
 def _metric(fit: Fit) -> list[tuple[Floats, Bools]]:
     """Return the factor of the information of each object's free coefficients, and which these are."""
-    return list(zip(factors(fit), free_coefficients(fit), strict=True))
+    return list(zip(factors(fit), fit.free_coefficients, strict=True))
 
 
 def _moved(fit: Fit, before: Sequence[Estimate], metric: Sequence[tuple[Floats, Bools]]) -> float:
@@ -111,7 +110,7 @@ def _next(fit: Fit) -> tuple[Estimate, ...]:
     models, final = fit.problem.models, errors_to_fit(fit.model_error)
     if fit.shared is None:
         return fit_each(models, fit.estimates, fit.supports, final[-1:])
-    free = free_coefficients(fit)
+    free = fit.free_coefficients
     starts = [
         replace(estimate, coefficients=np.where(inside, moved, estimate.coefficients))
         for estimate, inside, moved in zip(fit.estimates, free, maximum(factors(fit), free, fit.shared), strict=True)
@@ -152,7 +151,7 @@ def _under_likeliest_levels(fit: Fit, kind: ErrorKind) -> Fit:
 
 def likeliest_errors(fit: Fit, kind: ErrorKind) -> tuple[Floats, ErrorModel]:
     """Return the noise of each state, shape (d,), and errors of measurements of largest restricted likelihood."""
-    problem, states, free = fit.problem, len(fit.problem.noise), free_coefficients(fit)
+    problem, states, free = fit.problem, len(fit.problem.noise), fit.free_coefficients
     trials, latent, errors = problem.trials, problem.trials.schema.is_latent, problem.errors
     objects = deviations_of(fit)
     if fit.shared is not None:
@@ -174,7 +173,7 @@ def deviations_of(fit: Fit) -> list[list[Deviations]]:
     """Return the trials of each object about a fit without errors of the law, without outliers."""
     problem, trials = fit.problem, fit.problem.trials
     lengths = [len(mesh) for model in problem.models for mesh in model.meshes]
-    far, free = iter(np.split(outliers(fit), np.cumsum(lengths)[:-1])), free_coefficients(fit)
+    far, free = iter(np.split(outliers(fit), np.cumsum(lengths)[:-1])), fit.free_coefficients
     return [
         deviations(model, estimate, inside, trials.of_object(name), [next(far) for _ in model.meshes])
         for name, model, estimate, inside in zip(trials.objects, problem.models, fit.estimates, free, strict=True)

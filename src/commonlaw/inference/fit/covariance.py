@@ -20,7 +20,7 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.shared_coefficients import leverage, maximum
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
-from commonlaw.likelihood import ErrorModel, Regression, whitened
+from commonlaw.likelihood import ErrorModel, whitened
 from commonlaw.runtime.fit_options import CovarianceKind
 
 
@@ -80,7 +80,7 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
     meshes = [mesh for model in problem.models for mesh in model.meshes]
     counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.pure_error[1]
     counts = counts - outliers(fit).sum(axis=0)
-    fitted, free = regressions(fit), free_coefficients(fit)
+    fitted, free = fit.regressions, fit.free_coefficients
     complete = [regression for regression in fitted if regression is not None]
     if fit.shared is not None and len(complete) == len(fitted):
         used = leverage(complete, free, fit.shared)
@@ -123,29 +123,12 @@ def total_degrees_of_freedom(freedom: Floats) -> float:
     return round(float(np.sum(freedom)), 6)
 
 
-def free_coefficients(fit: Fit) -> list[Bools]:
-    """Return the estimated coefficients of each object as masks of shape (equations, terms)."""
-    pairs = zip(fit.estimates, fit.problem.known, strict=True)
-    return [(estimate.coefficients != 0) & np.isnan(known) for estimate, known in pairs]
-
-
-def regressions(fit: Fit) -> list[Regression | None]:
-    """Return the linear regression of each object about a fit; None with a random walk or latent processes.
-
-    None, too, for objects whose initial states are not identifiable.
-    """
-    models = fit.problem.models
-    if fit.has_model_error or models[0].latent.width:
-        return [None] * len(models)
-    return list(map(Regression.of, models, fit.estimates, free_coefficients(fit)))
-
-
 def factors(fit: Fit) -> list[Floats]:
     """Return the triangular factor of each object's regression, [free coefficients | target]."""
-    fitted, result = regressions(fit), list[Floats]()
+    fitted, result = fit.regressions, list[Floats]()
     # Linearized about all coefficients, for objects without a regression
     rows = () if all(fitted) else fit.evidence.problems
-    for o, (regression, free) in enumerate(zip(fitted, free_coefficients(fit), strict=True)):
+    for o, (regression, free) in enumerate(zip(fitted, fit.free_coefficients, strict=True)):
         if regression is None:
             result.append(rows[o].restrict(np.flatnonzero(free).tolist()).factor)
         else:
@@ -170,7 +153,7 @@ def joint_coefficients(fit: Fit) -> Floats:
 
 
 def _maximum(fit: Fit, shared: Bools | None) -> Floats:
-    free = free_coefficients(fit)
+    free = fit.free_coefficients
     triples = zip(fit.estimates, free, maximum(factors(fit), free, shared), strict=True)
     return np.array([np.where(inside, value, estimate.coefficients) for estimate, inside, value in triples])
 
@@ -197,7 +180,7 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
     support = np.any(coefficients != 0, axis=0)
     by_object = np.zeros((len(fit.estimates), support.sum(), support.sum()))
     triangles = factors(fit) if kind == "likelihood" else ()
-    listed = zip(problem.models, fit.estimates, free_coefficients(fit), strict=True)
+    listed = zip(problem.models, fit.estimates, fit.free_coefficients, strict=True)
     for o, (model, estimate, free) in enumerate(listed):
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
         if kind == "bootstrap":

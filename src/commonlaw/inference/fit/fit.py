@@ -18,7 +18,7 @@ from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.law import Step
 from commonlaw.library import Order
-from commonlaw.likelihood import Estimate, NotPositiveError, fit_each, linearize_each
+from commonlaw.likelihood import Estimate, NotPositiveError, Regression, fit_each, linearize_each
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.forking import cached_property
 
@@ -158,6 +158,23 @@ class Fit:
     def evidence(self) -> SupportEvidence:
         """The evidence for supports, linearized about the estimates, see `linearized_evidence`."""
         return linearized_evidence(self.problem, self.estimates, self.fitted_model_error)
+
+    @property
+    def free_coefficients(self) -> list[Bools]:
+        """The estimated coefficients of each object as masks of shape (equations, terms)."""
+        pairs = zip(self.estimates, self.problem.known, strict=True)
+        return [(estimate.coefficients != 0) & np.isnan(known) for estimate, known in pairs]
+
+    @cached_property
+    def regressions(self) -> list[Regression | None]:
+        """The linear regression of each object about the estimates; None with a random walk or latent processes.
+
+        None, too, for objects whose initial states are not identifiable.
+        """
+        models = self.problem.models
+        if self.has_model_error or models[0].latent.width:
+            return [None] * len(models)
+        return list(map(Regression.of, models, self.estimates, self.free_coefficients))
 
     @property
     def predicted_decrease(self) -> float:

@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import Fitted, checked_errors, refit
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.convergence import converged, deviations_of
-from commonlaw.inference.fit.covariance import free_coefficients, outliers, residual_degrees_of_freedom
+from commonlaw.inference.fit.covariance import outliers, residual_degrees_of_freedom
 from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, Fit
 from commonlaw.inference.score.misfit import FittedResiduals
 from commonlaw.inference.score.score import Part, Score
@@ -193,7 +193,7 @@ def score_of_fit(fit: Fit) -> Score:
     Of solutions of the law it is exact in their slopes, as that of fits by shooting; with errors of the law it is that
     of the linearization.
     """
-    problem, free = fit.problem, free_coefficients(fit)
+    problem, free = fit.problem, fit.free_coefficients
     if fit.has_process_noise or any(not np.array_equal(inside, free[0]) for inside in free):
         score = score_of_order(replace(fit, score=fit.evidence.score(fit.supports)))
         return score.plus("structure", -score.parts["structure"])
