@@ -103,6 +103,7 @@ class Law(ShownInNotebooks):
     restrictions: Restrictions | None = None
     scheme: Scheme = "collocation"
     trial_estimates: TrialEstimates = field(default_factory=TrialEstimates)
+    _given: GivenEquations | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -155,9 +156,18 @@ class Law(ShownInNotebooks):
         twice = [name for name, count in Counter(variables.names).items() if count > 1]
         if twice:
             raise CommonlawError("variable-twice", name=twice[0])
-        given = self._given
-        if given is not None and (given.terms, given.order) != (self.terms, self.order):
-            raise CommonlawError("law-terms-and-equations", terms=self.terms.names, equations=given.texts)
+        self._read_equations()
+
+    def _read_equations(self) -> None:
+        """Read the given equations, unless those of the law that this one replaces are the same."""
+        texts, known = self.provenance.equations, (self.terms, self.order)
+        if not texts:
+            object.__setattr__(self, "_given", None)
+        elif self._given is None or (self._given.texts, self._given.terms, self._given.order) != (texts, *known):
+            given = read_equations(texts, self.schema, self.terms.variables)
+            if (given.terms, given.order) != known:
+                raise CommonlawError("law-terms-and-equations", terms=self.terms.names, equations=given.texts)
+            object.__setattr__(self, "_given", given)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Law):
@@ -170,11 +180,6 @@ class Law(ShownInNotebooks):
     @cached_property
     def _indices(self) -> dict[str, int]:
         return {name: index for index, name in enumerate(self.objects)}
-
-    @cached_property
-    def _given(self) -> GivenEquations | None:
-        texts = self.provenance.equations
-        return read_equations(texts, self.schema, self.terms.variables) if texts else None
 
     @cached_property
     def _shares_terms(self) -> bool:
