@@ -21,6 +21,8 @@ OUTLIER_THRESHOLD = 4.0
 
 MEDIAN_SIZE = NormalDist().inv_cdf(0.75)
 """The median size of a standard normal variable."""
+_MEDIAN_ERROR = 1 / (4 * MEDIAN_SIZE * NormalDist().pdf(MEDIAN_SIZE))
+"""The standard error of the median size of n such variables, relative to it and times the root of n."""
 
 
 def noise_level(times: ArrayLike, states: ArrayLike) -> Floats:
@@ -136,17 +138,18 @@ def without_outliers(differences: Floats, order: int) -> Bools:
     from scipy.ndimage import maximum_filter1d
 
     sizes, near = np.abs(differences), 2 * ((order + 1) // 2) + 1
-    relative = 1 / (4 * MEDIAN_SIZE * NormalDist().pdf(MEDIAN_SIZE))  # Standard error of the median of one
-    margin = 2 * relative * sqrt(_covariance(order, order) / len(sizes))
+    margin = 2 * _MEDIAN_ERROR * sqrt(_covariance(order, order) / len(sizes))
     kept = np.ones(len(sizes), dtype=np.bool_)
     for _ in range(20):
         # Coarse rounding of a slow state makes most differences zero, and the median with them
         scale = np.median(sizes[kept]) / MEDIAN_SIZE or sqrt(np.mean(sizes[kept] ** 2))
         far = kept & (sizes > OUTLIER_THRESHOLD * (1 + margin) * scale)
+        if not far.any():
+            break
         # The middle weight is the largest, so that an outlier is at the middle of the largest difference around it
         peaks = far & (sizes == maximum_filter1d(sizes * kept, near))
         clean = kept & ~maximum_filter1d(peaks, near)
-        if not far.any() or not clean.any():
+        if not clean.any():
             break
         kept = clean
     return kept
@@ -156,11 +159,10 @@ def _smallest_that_agrees(estimates: Floats, count: float) -> Indices:
     """Return for each state the smallest order whose estimate agrees with those of all higher ones, shape (d,)."""
     chosen: Indices = np.full(estimates.shape[1], len(estimates))
     for k in range(len(estimates) - 1, 0, -1):
-        higher = range(k + 1, len(estimates) + 1)
         # Standard errors of the logarithms of the ratios of estimates, for a regular grid and normal noise
-        variances = [_covariance(k, k) + _covariance(j, j) - 2 * _covariance(k, j) for j in higher]
-        slack = [1 + 3 * sqrt(variance / (2 * count)) for variance in variances]
-        agrees = estimates[k - 1] <= np.array(slack)[:, np.newaxis] * estimates[k:]
+        covariances = _COVARIANCES[: len(estimates), : len(estimates)]
+        variances = covariances[k - 1, k - 1] + np.diagonal(covariances)[k:] - 2 * covariances[k - 1, k:]
+        agrees = estimates[k - 1] <= (1 + 3 * np.sqrt(variances / (2 * count)))[:, np.newaxis] * estimates[k:]
         chosen = np.where(agrees.all(axis=0), k, chosen)
     return chosen
 
@@ -172,6 +174,10 @@ def _covariance(j: int, k: int) -> float:
     form (Vandermonde's identity).
     """
     return comb(2 * (j + k), j + k) / (comb(2 * j, j) * comb(2 * k, k))
+
+
+_COVARIANCES = np.array([[_covariance(j, k) for k in range(1, _MAX_ORDER + 1)] for j in range(1, _MAX_ORDER + 1)])
+"""The covariances of all orders, shape (orders, orders)."""
 
 
 def within_trial_std(trials: Iterable[Trial]) -> Floats:
