@@ -122,7 +122,7 @@ def is_resolved(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
                 except np.linalg.LinAlgError:
                     missed = np.full_like(linear.defects[on], np.inf)
                 ends = np.full_like(missed, np.inf)
-                for count in (4, 8, 16, 32, 64):  # Stable where rates are up to 180 in a step
+                for count in (2, 4, 8, 16, 32, 64):  # Stable where rates are up to 180 in a step
                     ends, before = _followed(field, mesh, z, count)[on], ends
                     if (np.abs(ends - before)[:, :d] < settings.RESOLVED_NOISE * std).all():
                         break

@@ -117,7 +117,7 @@ class SearchProblem:
         is_known = any(states.all() for states in self.measured_states)
         return np.asarray(measured[:, np.newaxis] & of_unmeasured & is_known)
 
-    @property
+    @cached_property
     def most_terms(self) -> int:
         """The largest number of terms of an equation.
 
