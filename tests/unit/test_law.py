@@ -489,3 +489,14 @@ def test_the_residuals_of_all_objects_tell_the_noise_of_few_samples_each():
 def test_the_equations_of_a_law_are_read_once():
     law = cl.Law.from_text("s' = -V s/(K + s)", {"V": 1.0, "K": 2.0})
     assert named_parameters(law).products is named_parameters(law).products
+
+
+def test_a_law_with_other_equations_has_their_parameters():
+    law = Law.from_text("x'' = -g - c v", {"g": 9.81, "c": 0.2})
+    renamed = replace(law, provenance=replace(law.provenance, equations=("x'' = -a - b v",)))
+    assert named_parameters(renamed).names == ("a", "b")
+    assert named_parameters(replace(law, coefficients=2 * law.coefficients)).names == ("g", "c")
+    assert named_parameters(replace(law, provenance=Provenance())).names == ("a", "b")
+    wider = parse_library("terms:1,v,v^2").bind(law.terms.variables)
+    with refused("law-terms-and-equations"):
+        replace(law, terms=wider, coefficients=np.ones((1, 1, 3)), uncertainty=Uncertainty())
