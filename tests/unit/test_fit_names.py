@@ -1,5 +1,6 @@
 """Equations that are fitted: what names in them mean, and coefficients in parentheses."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.law import from_json, to_frame, to_json, to_latex
-from commonlaw.law.parameters import named_parameters, reach_of_equations
+from commonlaw.law.parameters import left_hand_sides, named_parameters, reach_of_equations
 from commonlaw.law.parse import read_equations
 from commonlaw.law.tables import coefficient_rows
 from commonlaw.law.text import with_error
@@ -172,3 +173,13 @@ def test_numbers_that_are_negative_turn_the_sign_before_them():
     assert law.equations() == ("x' = -1.5 + 2 x + 3 x^(-0.5) - (-4)^2 x^3",)
     again = cl.Law.from_text(law.equations()[0])
     np.testing.assert_allclose(again.rhs("object", [[2.0, 0.0]]), law.rhs("object", [[2.0, 0.0]]))
+
+
+def test_a_column_whose_name_ends_in_a_prime_stands_between_backticks():
+    """Without them its derivative would be the second one of another variable."""
+    trials = cl.Trials.from_arrays(np.arange(9.0), np.exp(-0.3 * np.arange(9.0)), names=["x'"])
+    law = cl.fit("`x'`' = -k `x'`", trials)
+    assert left_hand_sides(law) == ("`x'`'",)
+    assert law.terms.names == ("`x'`",)
+    learned = replace(law, provenance=replace(law.provenance, equations=()))
+    assert cl.Law.from_text(learned.equations(errors=False)).schema.states == ("x'",)

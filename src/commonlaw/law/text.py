@@ -11,7 +11,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.library import Order, order_of_each
-from commonlaw.library.notation import latex_name
+from commonlaw.library.notation import latex_name, shown_name
 from commonlaw.library.term import Fraction
 from commonlaw.text import counted, in_line
 
@@ -156,7 +156,8 @@ def aligned(rows: Iterable[tuple[str, Iterable[Addend]]], limits: Mapping[str, s
 def left_hand_sides(states: Sequence[str], order: Order) -> tuple[str, ...]:
     """Return what each equation gives: ``x'``, ``x''``, or ``x[k+1]`` in discrete time."""
     orders = order_of_each(order, len(states))
-    return tuple(state + ("'" * primes or "[k+1]") for state, primes in zip(states, orders, strict=True))
+    names = map(shown_name, states)
+    return tuple(name + ("'" * primes or "[k+1]") for name, primes in zip(names, orders, strict=True))
 
 
 def latex_left_hand_sides(states: Sequence[str], order: Order) -> tuple[str, ...]:

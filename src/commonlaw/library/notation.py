@@ -44,6 +44,15 @@ def unquoted(text: str) -> str:
     return text[1:-1].replace("``", "`") if text.startswith("`") else text
 
 
+def shown_name(name: str) -> str:
+    """Return the name as a law shows it: between backticks if it ends in a prime, which else is a derivative.
+
+    >>> shown_name("wind speed"), shown_name("x'")
+    ('wind speed', "`x'`")
+    """
+    return quoted(name) if name.endswith("'") else name
+
+
 def powered(name: str, power: int, sign: str = "^") -> str:
     """Return a power of a variable, in parentheses where its name is neither plain nor quoted.
 

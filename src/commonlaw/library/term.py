@@ -12,7 +12,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, unknown
 from commonlaw.library.grammar import MAX_POWER, columns_in, constant, factors_in, read, tree_of, with_names, write
-from commonlaw.library.notation import expression_latex, powered, quoted, sympy_form
+from commonlaw.library.notation import expression_latex, powered, quoted, shown_name, sympy_form
 from commonlaw.library.program import Program
 from commonlaw.library.variables import Variables
 from commonlaw.runtime.forking import cached_property
@@ -62,7 +62,7 @@ class Factor(str):
     def text(self, names: Sequence[str]) -> str:
         """Return it as the field writes it."""
         text = self.replace("**", "^")
-        return with_names(text.replace("*", " ") if self.is_sinusoid else text, names)
+        return with_names(text.replace("*", " ") if self.is_sinusoid else text, [*map(shown_name, names)])
 
     def raised(self, text: str, power: int, sign: str) -> str:
         """Return a power of it in a product, given how it is written itself."""
