@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 import commonlaw as cl
+from commonlaw.diagnostics import note
 from commonlaw.law import to_script
 from commonlaw.law.models import model_named
 from commonlaw.law.observation import Observation
@@ -243,6 +244,16 @@ def test_an_interval_ends_where_its_function_ends():
     assert table.loc["τ_1", "low"] == pytest.approx(2 / 2.05, rel=1e-3)
     law = law_of("x'' = -k x - c v", np.diag([0.04, 0.0]) + 1e-18 * np.eye(2), k=1.0, c=1.95)
     assert law.quantities().set_index("symbol").loc["T", "high"] == np.inf
+
+
+def test_a_fit_that_did_not_converge_has_no_quantities():
+    law = cl.Law.from_text("x' = -k x", {"k": 0.3})
+    assert len(law.quantities()) > 0
+    stopped = replace(law, provenance=replace(law.provenance, outcomes=(note("fit-not-converged-from-guesses"),)))
+    assert stopped.quantities().empty
+    assert list(stopped.quantities()) == list(law.quantities())
+    assert quantities_by_object(stopped).empty
+    assert law.summary().count("half-life") == 1 + stopped.summary().count("half-life")
 
 
 def test_without_covariance_there_are_values_alone():

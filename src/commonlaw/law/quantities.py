@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import OutcomeKind
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.equilibria import Quantity, equilibria, modes
 from commonlaw.law.law import Law
@@ -451,7 +452,8 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
     reach = float(reach_of_equations(law, level).max())
     matches, known = _matches(law) if law.order != 0 else [], named_parameters(law)
     rows = list[tuple[object, ...]]()
-    for i, owner in enumerate(law.objects if law.order != 0 else ()):
+    is_converged = all(outcome.kind is not OutcomeKind.NOT_CONVERGED for outcome in law.diagnostics)
+    for i, owner in enumerate(law.objects if law.order != 0 and is_converged else ()):
         parameters = law.coefficients[i, law.support]
         covariance = None if known.covariance_given_limits is None else known.covariance_given_limits[i]
         specific = _most_specific([match for match in matches if match.holds(law.coefficients[[i]])])
