@@ -5,7 +5,9 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.estimation.model import ModelText
 from commonlaw.law.parameters import named_parameters
+from tests.refusals import refused
 
 T = np.linspace(0, 6, 7)
 EQUATIONS = "A' = -a A; B' = a A - b B"
@@ -59,6 +61,17 @@ def test_a_start_of_a_trial_is_saved_and_kept_by_refits(law, trials, tmp_path):
     assert rates(cl.refine(opened, trials)) == pytest.approx(rates(law), rel=1e-4)
     first = cl.refine(opened, trials.with_trials(trials.trials[:1]))
     assert rates(first) == pytest.approx([0.7, 0.3], abs=0.02)
+
+
+def test_trials_of_one_start_have_one_line_that_equations_may_have(trials):
+    given = {"A": {"A; 1st": 5.0, "B = alone": 5.0}, "B": {"A; 1st": 0.5, "B = alone": 4.0}}
+    written = ['A(0) = 5 @ "A; 1st", "B = alone"', 'B(0) = 0.5 @ "A; 1st"', 'B(0) = 4 @ "B = alone"']
+    assert ModelText.of([EQUATIONS, *written]).initial == given
+    law = cl.fit("; ".join([EQUATIONS, *written]), trials)
+    assert [line for line in str(law).splitlines() if "@" in line] == written
+    assert [step.choice for step in law.history if step.stage == "start"] == written
+    with refused("initial-value-twice"):
+        ModelText.of([EQUATIONS, 'A(0) = 5 @ "1", "1"'])
 
 
 def test_numbers_by_the_label_of_a_trial_are_starts(law, trials):

@@ -93,21 +93,22 @@ class ModelText:
 
 
 def _with_start(known: Initial | None, state: str, right: str) -> Initial:
-    """Return the initial value of a state with a further one: an expression, or a number for a trial, ``0 @ A``."""
-    number, _, trial = right.partition("@")
-    if not trial:
+    """Return the initial value of a state with a further one: an expression, or a number for trials, ``0 @ `A`, `B```."""
+    number, _, trials = right.partition("@")
+    if not trials:
         if known is not None:
             raise CommonlawError("initial-value-twice", state=state)
         return right
     if known is not None and not isinstance(known, Mapping):
         raise CommonlawError("initial-value-twice", state=state)
-    name = unquoted(trial.strip())
-    if name in (known or {}):
+    trials = trials.strip()  # The label of a trial has a comma, too
+    names = [unquoted(name) for name in (split_outside(trials) if trials.startswith("`") else [trials])]
+    if len({*names}) < len(names) or not (known or {}).keys().isdisjoint(names):
         raise CommonlawError("initial-value-twice", state=state)
     try:
-        return {**(known or {}), name: float(number)}
+        return {**(known or {}), **dict.fromkeys(names, float(number))}
     except ValueError:
-        raise CommonlawError("initial-value-not-finite", state=state, value=number.strip(), object=name) from None
+        raise CommonlawError("initial-value-not-finite", state=state, value=number.strip(), object=names[0]) from None
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,15 +113,16 @@ class Observation:
     def lines(self, objects: Sequence[str], shared: Mapping[str, str]) -> list[str]:
         """Return observation equations, initial values and events as they are printed, and what differs between trials.
 
-        Parameters are shared as in `Restrictions`. In a law of one object trials go by their names.
+        Parameters are shared as in `Restrictions`. In a law of one object trials go by their names. Trials of one initial
+        value have one line, which equations may have, too: ``A(0) = 0 @ "1", "2"``.
         """
         numbers = {name: start for name, start in self.initial.items() if isinstance(start, Mapping)}
         prefix = f"{objects[0]}, trial " if len(objects) == 1 else ""
-        by_name = [
-            f'{name}(0) = {value:g} @ "{where.removeprefix(prefix)}"'
-            for name, start in numbers.items()
-            for where, value in start.items()
-        ]
+        trials = dict[str, list[str]]()
+        for name, start in numbers.items():
+            for where, value in start.items():
+                trials.setdefault(f"{name}(0) = {value:g}", []).append(f'"{where.removeprefix(prefix)}"')
+        by_name = [f"{start} @ {', '.join(names)}" for start, names in trials.items()]
         priors = {f"{name}(0)": f"{s[0]:g} ± {s[1]:g}" for name, s in self.initial.items() if isinstance(s, tuple)}
         apart = [f"{name} by {by}; means are shown" for name, by in shared.items() if by_trial(by, self.measured)]
         return [*(f"{name} = {right}" for name, right in (self.written | priors).items()), *by_name, *apart]

@@ -16,7 +16,8 @@ _ASSIGNMENT = re.compile(r"(?<![<>])=")
 _QUOTED = re.compile(r"`(?:[^`]|``)+`")
 _BRACED = re.compile(rf"{_QUOTED.pattern}|\{{([^{{}}`]+)\}}")
 _SEPARATOR = re.compile(r"[;\n]")
-_TRIAL = re.compile(r"@\s*\"([^\"]*)\"")
+_TRIAL = re.compile(r"\"([^\"]*)\"")
+_TRIALS = re.compile(rf"@\s*{_TRIAL.pattern}(?:\s*,\s*{_TRIAL.pattern})*")
 
 
 def _numbered(text: str) -> tuple[str, list[str]]:
@@ -91,7 +92,9 @@ def parts_of(texts: str | Sequence[str]) -> list[str]:
     listed = [texts] if isinstance(texts, str) else texts
     parts = list[str]()
     for text in listed:
-        between_backticks = _TRIAL.sub(lambda match: "@ `" + match[1].replace("`", "``") + "`", text)
+        between_backticks = _TRIALS.sub(
+            lambda trials: _TRIAL.sub(lambda name: "`" + name[1].replace("`", "``") + "`", trials[0]), text
+        )
         numbered, names = _numbered(_BRACED.sub(lambda m: f"`{m[1]}`" if m[1] else m[0], between_backticks))
         parts += [_restored(part.strip(), names) for part in _SEPARATOR.split(numbered) if part.strip()]
     return parts
