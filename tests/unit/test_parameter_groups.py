@@ -16,6 +16,12 @@ from tests.unit.decays import T, by_trial, estimates, least, own_and_shared, tri
 pytestmark = pytest.mark.usefixtures("few_starts")
 
 
+def test_what_groups_no_trials_is_refused_with_what_does():
+    trials = trials_of(own_and_shared()).with_properties({name: {"kind": "s"} for name in "ABC"})
+    with refused("group-unknown", by="day", known=("all", "object", "trial", "kind")):
+        cl.fit("x' = -k x; y = x + b", trials, shared={"k": "day"})
+
+
 def test_parameters_are_shared_by_all_objects_or_by_those_of_a_property():
     samples = own_and_shared()
     trials = trials_of(samples)

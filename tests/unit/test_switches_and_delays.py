@@ -108,6 +108,15 @@ def test_a_dead_time_that_is_zero_at_its_bound_is_updated():
     assert abs(value - 0.5) < 4 * error < 0.1
 
 
+def test_a_dead_time_at_its_bound_by_a_missing_constant_is_not_to_be_left_out():
+    times = np.arange(30.0)  # x' = -0.3 x + 2 u + 5
+    x = 20 * np.exp(-0.3 * times) + 5 / 0.3 * (1 - np.exp(-0.3 * times)) + 0.02 * np.cos(9 * times)
+    x += 2 / 0.3 * (1 - np.exp(-0.3 * np.maximum(times - 10, 0)))
+    trials = cl.Trials.from_arrays(times, x, inputs=1.0 * (times >= 10), names=["x", "u"])
+    law = cl.fit("x' = -a x + b u(t - d)", trials, input_interpolation="held")
+    assert [note.code for note in law.diagnostics[:2]] == ["residuals-exceed-noise", "dead-time-at-bound-of-misfit"]
+
+
 def test_dead_times_that_depend_on_the_inputs_between_samples_are_named_for_every_object():
     times, source, trials = np.arange(0.0, 40.0, 1.0), np.random.default_rng(2), []
     for name, delay in {"A": 3.3, "B": 2.1}.items():

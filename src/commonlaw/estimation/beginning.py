@@ -316,7 +316,8 @@ def _group(by: str, trial: Trial, trials: Trials) -> object:
         if np.ptp(column) > 0:
             raise CommonlawError("group-varies-in-trial", trial=trial.label, column=by)
         return float(column[0])
-    check_choice("property", by, (*properties, *inputs))
+    if by not in properties:
+        raise CommonlawError("group-unknown", by=by, known=(ALL, OBJECT, TRIAL, *properties, *inputs))
     if by not in trials.properties.get(trial.object, {}):
         raise CommonlawError("property-missing", object=trial.object, property=by)
     return trials.properties[trial.object][by]

@@ -473,13 +473,18 @@ class Fitted:
     def _outcomes(self) -> Iterator[Outcome]:
         """Yield notes on parameters at bounds or without limits, and on what the model does not fit."""
         begun, optimum, labels = self.begun, self.optimum, self.begun.unknowns.labels
+        if self.lack_of_fit:
+            yield note("residuals-exceed-noise", residuals=self.lack_of_fit)
         for i in np.flatnonzero(optimum.at_bound):
             name, end = begun.unknowns.names[i], float(optimum.unknowns[i])
             value, error = (float(column[i]) for column in optimum.beyond)
             text = next((bound.text for bound in begun.model.text.bounds if bound.name == name), name)
             where = labels[i].removeprefix(f"{name} of ") if labels[i] != name else ""
             degrees = float(np.min(optimum.degrees_of_freedom))
-            yield estimate_at_bound(where, name, end, end == begun.bounds.low[i], value, error, text, degrees)
+            result = estimate_at_bound(where, name, end, end == begun.bounds.low[i], value, error, text, degrees)
+            # A written bound may cause the misfit; that of a dead time, which is never negative, does not
+            is_dead_time = text == name and self.lack_of_fit
+            yield note("dead-time-at-bound-of-misfit", where, estimate=result.text) if is_dead_time else result
         vague = np.setdiff1d(_vague(begun, optimum), [*self.limits])
         yield from notes_of_limits([*self._limits()], begun.trials.objects)
         if len(vague):
@@ -492,9 +497,7 @@ class Fitted:
             states = [begun.model.variables.states[j] for j in latent_states(begun.model) or [0]]
             others = "; ".join(map(str, self.equal[:5]))
             yield note("latent-state-ambiguous", object=shown([*names]), others=others, states=", ".join(states))
-        if self.lack_of_fit:
-            yield note("residuals-exceed-noise", residuals=self.lack_of_fit)
-        elif correlated := [*self._autocorrelations()]:
+        if not self.lack_of_fit and (correlated := [*self._autocorrelations()]):
             yield note("residuals-autocorrelated", residuals=correlated)
         if differing := _differing_trials(self):
             yield note("trials-differ", objects=shown(differing))
