@@ -93,7 +93,7 @@ class ModelText:
 
 
 def _with_start(known: Initial | None, state: str, right: str) -> Initial:
-    """Return the initial value of a state with a further one: an expression, or a number for trials, ``0 @ `A`, `B```."""
+    """Return the initial value of a state with a further one: an expression, or a number for some trials."""
     number, _, trials = right.partition("@")
     if not trials:
         if known is not None:

@@ -113,8 +113,8 @@ class Observation:
     def lines(self, objects: Sequence[str], shared: Mapping[str, str]) -> list[str]:
         """Return observation equations, initial values and events as they are printed, and what differs between trials.
 
-        Parameters are shared as in `Restrictions`. In a law of one object trials go by their names. Trials of one initial
-        value have one line, which equations may have, too: ``A(0) = 0 @ "1", "2"``.
+        Parameters are shared as in `Restrictions`. In a law of one object trials go by their names. Trials of one
+        initial value have one line, which equations may have, too: ``A(0) = 0 @ "1", "2"``.
         """
         numbers = {name: start for name, start in self.initial.items() if isinstance(start, Mapping)}
         prefix = f"{objects[0]}, trial " if len(objects) == 1 else ""

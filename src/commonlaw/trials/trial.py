@@ -112,7 +112,7 @@ EXTREME = float(np.finfo(np.float64).max ** (1 / 6))
 """Largest time and value, and inverse of the smallest step. Squares of second derivatives go with the fourth power of
 the step, and the rest is left for the size of the states; the squares of their cubes, as in `poly:3`, are finite."""
 MAX_RATIO = float(np.finfo(np.float64).eps ** -0.5)
-"""Largest ratio of a value to all others of its column: beyond it, the square of the others is rounded off from sums."""
+"""Largest ratio of a value to all others of its column: beyond it, sums of squares lose those of the others."""
 
 
 def value_beyond_others(values: Floats) -> tuple[int, float] | None:
