@@ -636,6 +636,33 @@ def test_verbs_state_the_same_of_one_law_in_both_schemes(name):
     assert verdicts[0].coverage == pytest.approx(verdicts[1].coverage, abs=0.05)
 
 
+@pytest.mark.parametrize("name", VERBS)
+def test_laws_are_updated_the_same_in_both_schemes(name):
+    """By as many measurements again where objects share nothing: errors are those before over the root of two."""
+    trials = VERBS[name].trials()
+    law = VERBS[name].fit(trials)
+    one, two = (scheme.update(trials) for scheme in in_both_schemes(law))
+    result = differences_of_parameters(one, two)
+    assert result["estimates"] < LIMITS["estimates"]
+    assert result["standard errors"] < 0.006
+    assert one.uncertainty.error_model.kind == law.uncertainty.error_model.kind
+    if "shared" not in name:
+        before, after = (named_parameters(of).errors for of in (law, one))
+        assert after == pytest.approx(before / np.sqrt(2), rel=0.03)
+
+
+def test_updated_parameters_stay_within_their_bounds_in_both_schemes():
+    trials = decay.trials()
+    slow, fast = (tuple(trials.select(object=name)) for name in "ac")
+    law = decay.fit(cl.Trials(fast, trials.schema), "x' = -k x; k > 0.9")
+    assert not law.diagnostics
+    new = cl.Trials((replace(slow[0], object="c"),), trials.schema)
+    for scheme in in_both_schemes(law):
+        updated = scheme.update(new)
+        assert named_parameters(updated).values.tolist() == [[0.9]]
+        assert next(outcome.code for outcome in updated.diagnostics) == "estimate-at-bound"
+
+
 def test_forecasts_beyond_the_training_data_are_noted_in_both_schemes():
     trials = falling._replace(numbers={"a": (0.2,)}).trials()
     laws = in_both_schemes(falling.fit(trials))

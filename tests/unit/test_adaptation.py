@@ -67,7 +67,7 @@ def test_laws_that_cannot_weigh_new_trials_are_refused(drops, law):
     with refused("weights-unknown", lacking="has no noise estimate"):
         noiseless.update(drops)
     walking = replace(law.uncertainty.error_model, walk=np.array([0.1, 0.1]))
-    with refused("weights-unknown", lacking="has errors other than white noise"):
+    with refused("weights-unknown", lacking="has process noise"):
         replace(law, uncertainty=replace(law.uncertainty, error_model=walking)).update(drops)
     with refused("columns-differ", kind="states"):
         law.update(cl.Trials.from_arrays(np.arange(9.0), np.arange(9.0), names=["y"], object="Ball 1"))

@@ -285,6 +285,12 @@ def test_laws_of_a_search_have_limits_too():
     for limit in law.uncertainty.limits:
         assert f"{limit.parameter} {limit.text}" in str(law)
         assert f"{limit.parameter} &" in to_latex(law)
+    times = np.linspace(0.0, 1.0, 15)
+    updated = law.update(_trials(_cooling(5.0, times), times).select(object="object"))
+    assert updated.uncertainty.limits == ()
+    assert "one-sided-limit" not in [outcome.code for outcome in updated.diagnostics]
+    assert 0 < estimates(updated)["b"][1] < 0.1
+    assert cl.law.from_json(cl.law.to_json(updated)) == updated
 
 
 @pytest.mark.parametrize("equation", ["T' = (c - T)/tau", "T' = -(T - c)/tau"])

@@ -36,7 +36,6 @@ from commonlaw.law.objects import of_all_objects
 from commonlaw.law.observation import Observation, TrialEstimate, TrialEstimates
 from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.law.parse import Product, read_equations
-from commonlaw.law.population import with_objects_of
 from commonlaw.law.provenance import Domain, error_steps
 from commonlaw.law.restrictions import OBJECT, by_trial
 from commonlaw.law.text import with_error
@@ -54,6 +53,8 @@ from commonlaw.trials.trial import property_names
 
 _SETTINGS = ("log_states", "input_interpolation", "noise", "errors", "huber_threshold", "seed", "n_jobs", "progress")
 """Settings of fits that may be made here."""
+_OF_ESTIMATES = ("estimate-at-bound", "one-sided-limit")
+"""Notes on estimates, which new trials decide anew."""
 
 
 def checked_errors(changed: Mapping[str, Any]) -> ErrorKind | None:
@@ -114,18 +115,14 @@ def refit(
 
 
 def updated(law: Law, trials: Trials) -> Law:
-    """Return a law whose parameters were updated by new trials, see `Law.update`.
+    """Return a law of known noise whose parameters were updated by trials of its objects, see `Law.update`.
 
     Of each object the parameters p of the law, with their covariance, are the prior of the likelihood of its trials,
-    under the noise of the law; those that had only a limit have none. What differs between trials, and initial values,
-    has the priors of the law's fit.
+    under the errors of the law; those that had only a limit have none. What differs between trials, and initial values,
+    has the priors of the law's fit. Terms of a library that the law does not have are left out.
     """
-    trials, parts = matched(law, trials), list[Law]()
-    law = with_objects_of(law, trials)[0]
-    named, known_noise = named_parameters(law), law.uncertainty.noise
-    law.uncertainty.known_covariance()
-    if known_noise is None:
-        raise CommonlawError("weights-unknown", lacking="has no noise estimate")
+    named, known_noise, parts = named_parameters(law), law.uncertainty.noise, list[Law]()
+    assert known_noise is not None
     noise: dict[str, NoiseGiven] = dict(zip(trials.schema.states, known_noise.tolist(), strict=True))
     noise |= law.uncertainty.noise_of
     known = np.any([trial.known_noise for trial in trials], axis=0)
@@ -152,9 +149,14 @@ def updated(law: Law, trials: Trials) -> Law:
         parts.append(fit_model(begun, 0, lambda _: None).law(()))
     coefficients, covariance = of_all_objects(parts)
     likelihood = sum(known_log_likelihood(part) for part in parts)
+    limits = tuple(limit for part in parts for limit in part.uncertainty.limits)
+    pairs = [(part.objects[0] if len(parts) > 1 else "", part) for part in parts]
+    noted = [replace(outcome, where=where) for where, part in pairs for outcome in part.provenance.outcomes]
+    outcomes = *(outcome for outcome in law.diagnostics if outcome.code not in _OF_ESTIMATES), *noted
     return replace(
         law,
         objects=trials.objects,
+        terms=parts[0].terms,
         coefficients=coefficients,
         uncertainty=Uncertainty(
             covariance=covariance,
@@ -162,10 +164,15 @@ def updated(law: Law, trials: Trials) -> Law:
             noise_of=law.uncertainty.noise_of,
             error_model=law.uncertainty.error_model,
             degrees_of_freedom=law.uncertainty.degrees_of_freedom,
-            limits=tuple(limit for part in parts for limit in part.uncertainty.limits),
+            limits=limits,
         ),
         properties={owner: attribute for part in parts for owner, attribute in part.properties.items()},
-        provenance=replace(law.provenance, log_likelihood=likelihood),
+        provenance=replace(
+            law.provenance,
+            equations=parts[0].provenance.equations,
+            log_likelihood=likelihood,
+            outcomes=tuple(dict.fromkeys(outcomes)),
+        ),
         trial_estimates=TrialEstimates(estimate for part in parts for estimate in part.trial_estimates),
     )
 

@@ -708,11 +708,12 @@ class Law(ShownInNotebooks):
 
         The prior is that of forecasts: the coefficients of the object, or those that follow from its properties, or the
         population mean, with their covariance. The likelihood of the trials, with free initial states, updates it to
-        first order. Do not use training trials again: they would count twice. For laws with observation equations the
-        prior of the parameters is normal.
+        first order. Do not use training trials again: they would count twice. The prior of the parameters is normal,
+        within their bounds; those that had only a limit have none. Noise and other measurement errors are those of the
+        law.
 
-        Raises `CommonlawError` if the covariance or noise is not known, the errors are not white, the law is in
-        discrete time, or the trials do not match the law.
+        Raises `CommonlawError` if the covariance or noise is not known, the law has process noise or is in discrete
+        time, or the trials do not match the law.
 
         See Also
         --------

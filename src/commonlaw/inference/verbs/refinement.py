@@ -335,20 +335,26 @@ def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallba
 
 def adapt(law: Law, trials: Trials) -> Law:
     """Return the law of the objects of these trials, their coefficients updated by them, see `Law.update`."""
-    step = Step(
-        "adaptation",
-        f"{len(trials.trials)} trials",
-        "coefficients estimated from these trials, with the other objects as prior",
-    )
-    if law.scheme == "shooting":
-        result = updated(law, trials)
-        return replace(result, provenance=replace(result.provenance, history=(*law.history, step)))
-    law.uncertainty.known_covariance()
-    if law.uncertainty.noise is None or law.uncertainty.error_model:
-        lacks = "has errors other than white noise" if law.uncertainty.noise is not None else "has no noise estimate"
+    known, bounds = law.uncertainty, restrictions_of(law).bounds
+    known.known_covariance()
+    if known.noise is None or known.error_model.of_law:
+        lacks = "has no noise estimate" if known.noise is None else "has process noise"
         raise CommonlawError("weights-unknown", lacking=lacks)
     trials = matched(law, trials)
-    setup = FitSetup.of(with_objects_of(law, trials)[0], trials)
+    before = with_objects_of(law, trials)[0]
+    # What is not normal, or weighted by solutions, is fitted by shooting
+    if law.scheme == "shooting" or known.error_model or known.limits or bounds:
+        result = updated(before, trials)
+    else:
+        result = _updated_by_collocation(before, trials)
+    count = f"{len(trials.trials)} trials"
+    step = Step("adaptation", count, "coefficients estimated from these trials, with the other objects as prior")
+    return replace(result, provenance=replace(result.provenance, history=(*law.history, step)))
+
+
+def _updated_by_collocation(law: Law, trials: Trials) -> Law:
+    """Return a law of white noise updated by trials of its objects, which may be chaotic."""
+    setup = FitSetup.of(law, trials)
     before, trials = setup.law, setup.trials
     problem = prepare(trials, law.terms, before.coefficients, noise=law.uncertainty.noise)
     covariances, coefficients = before.uncertainty.known_covariance().copy(), before.coefficients.copy()
@@ -386,5 +392,4 @@ def adapt(law: Law, trials: Trials) -> Law:
         coefficients=coefficients,
         uncertainty=uncertainty,
         properties=trials.properties,
-        provenance=replace(law.provenance, history=(*law.history, step)),
     )
