@@ -737,6 +737,7 @@ def test_experiments_are_predicted_the_same_in_both_schemes(name):
 LIMITED = {
     "parameters of taken names": (falling, "x'' = -a - b v", "v^2"),
     "a parameter inside a term": (FAST["Michaelis and Menten"], "S' = -Vm S/(Km + S)", "S"),
+    "a parameter at its bound": (decay._replace(numbers={"a": (0.5,)}), "x' = -k x; k > 0.7", "x^2"),
     "known gravity, shared and bounded": (
         falling._replace(options={"shared": "c"}), "x'' = -9.8066512345 - c v; c > 0", "v^2",
     ),
@@ -753,6 +754,27 @@ def test_absent_terms_are_limited_the_same_in_both_schemes(name):
     assert largest((other["coefficient"] - one["coefficient"]) / errors) < LIMITS["estimates"]
     assert largest(other["standard error"] / errors - 1) < LIMITS["standard errors"]
     assert one["unit"].tolist() == other["unit"].tolist()
+
+
+@pytest.mark.parametrize("bounded", ["x' = -k x; k > 0.7", "x' = -k x + b; b > 0"])
+def test_laws_at_bounds_are_compared_the_same_in_both_schemes(bounded):
+    """They are held where estimates are outside, here in one object of two, and estimated again elsewhere."""
+    problem = decay._replace(numbers={"a": (0.5,), "b": (0.8,)})
+    trials = problem.trials()
+    rising = trials.with_trials(
+        [replace(trial, states=trial.states + 1 - np.exp(-trial.times[:, None])) for trial in trials]
+    )
+    inside = rising if "b" in bounded else trials.select(object="b")
+    above = list[list[float]]()
+    for scheme in ("collocation", "shooting"):
+        law, plain = (problem.fit(trials, text, scheme=scheme) for text in (bounded, bounded.partition(";")[0]))
+        assert "estimate-at-bound" in [outcome.code for outcome in law.diagnostics]
+        frames = [cl.compare({"plain": plain, "bounded": law}, data).set_index("law") for data in (trials, inside)]
+        assert [frame["coefficients"].nunique() for frame in frames] == [1, 1]
+        above.append([float(frame["2 log B"]["bounded"]) for frame in frames])
+    assert above[0] == pytest.approx(above[1], abs=0.01)
+    assert above[0][0] > 0.1
+    assert above[0][1] == pytest.approx(0.0, abs=0.01)
 
 
 def test_known_numbers_keep_their_digits_where_laws_are_fitted_again():

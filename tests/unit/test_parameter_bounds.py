@@ -59,6 +59,15 @@ def test_a_law_at_its_bound_is_refined_to_data_within_and_beyond_it(start):
         assert [note.code for note in refined.diagnostics].count("estimate-at-bound") == held
 
 
+def test_a_parameter_at_a_bound_of_zero_is_estimated_again_by_refine():
+    noise = 0.02 * np.random.default_rng(1).standard_normal(len(T))
+    falling, settling = (trials_of({"A": (T, end + (1 - end) * np.exp(-T) + noise)}, ["x"]) for end in (-0.1, 0.3))
+    law = cl.fit("x' = -k x + q; q > 0", falling, errors="white")
+    assert estimates(law)["q"][0] == 0
+    value, error = estimates(cl.refine(law, settling, errors="white"))["q"]
+    assert value == pytest.approx(0.3, abs=3 * error)
+
+
 class Linear:
     """Residuals ``matrix @ unknowns - target`` in place of those of a model."""
 

@@ -12,6 +12,7 @@ Biometrika 85, 13). Unknowns with normal priors are integrated out: ``sum ((p - 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -176,6 +177,11 @@ class TrajectoryScore:
         ]
 
     @cached_property
+    def at_bounds(self) -> set[str]:
+        """Names of unknowns that are at a bound, if only of some objects."""
+        return {*compress(self.fitted.begun.unknowns.names, self.fitted.optimum.at_bound.tolist())}
+
+    @cached_property
     def starts(self) -> dict[int, list[tuple[int, int]]]:
         """Unknown initial values of measured states, and their rates: the trial and the state, by index, of each."""
         model, unknowns = self.fitted.begun.model, self.fitted.begun.unknowns
@@ -231,7 +237,8 @@ class TrajectoryScore:
     def _coordinates(self, owner: str, free: Sequence[int]) -> tuple[Floats, Floats, Bools]:
         """Return derivatives of unknowns by coefficients, shape (unknowns, k), these, and which scatter by logarithms.
 
-        Coefficients are in the order of their terms, whichever way these are written.
+        Parameters that are at a bound in some objects do not scatter in the others. Coefficients are in the order of
+        their terms, whichever way these are written.
         """
         begun, unknowns = self.fitted.begun, self.fitted.optimum.unknowns
         model, names = begun.model, [begun.unknowns.names[k] for k in free]
@@ -241,13 +248,14 @@ class TrajectoryScore:
             properties=property_names(begun.trials.properties),
             determined=model.parameters,
         )
-        inside = [name in {coefficient.name for coefficient in given.coefficients} for name in names]
+        scattering = {coefficient.name for coefficient in given.coefficients} - self.at_bounds
+        inside = np.array([name in scattering for name in names], dtype=np.bool_)
         values = self.fitted.values(owner)
         place = np.argsort(canonical_order(given.terms))
         products = sorted(given.products, key=lambda product: (product.equation, place[product.term]))
         slopes = np.array([[product.slopes(values).get(name, 0.0) for name in names] for product in products])
-        used = np.flatnonzero(slopes.any(axis=1)) if len(slopes) else np.empty(0, dtype=np.int64)
-        places, count = [(products[i].equation, products[i].term) for i in used], sum(inside)
+        used = np.flatnonzero(slopes[:, inside].any(axis=1)) if len(slopes) else np.empty(0, dtype=np.int64)
+        places, count = [(products[i].equation, products[i].term) for i in used], int(inside.sum())
         mixture = np.zeros((len(free), count))
         square = slopes[np.ix_(used, np.flatnonzero(inside))] if count else np.zeros((0, 0))
         if len(used) == count == len({*places}) and (not count or np.linalg.cond(square) < 1e12):

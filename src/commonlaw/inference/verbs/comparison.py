@@ -28,10 +28,12 @@ from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.pool import Pool, initial_conditions, score_of_order
 from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import typical
-from commonlaw.law import Law, Provenance, average_law
+from commonlaw.inference.verbs.parameter_bounds import outside, released
+from commonlaw.law import Law, Provenance, average_law, select_objects
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import restrictions_of, shared_parameters
 from commonlaw.library import order_of_each, parse_terms
+from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.levels import Whitened
 from commonlaw.runtime.arguments import check_types
@@ -65,12 +67,13 @@ def compare(
     A law lacks fit if it has a model error or its residuals are autocorrelated (by BIC) or larger than the noise: that
     of repeated measurements, known noise, or that by the most probable law (F-tests at 0.1 %).
 
-    If one of the laws has observation equations, known initial values or shared parameters, all are fitted as by
-    `cl.fit` with these, each with its own observation equations, shared parameters, priors, bounds and, by default,
-    kind of measurement errors; laws without observation equations are laws of the measured states. Their evidence is
-    the same number, whichever way a law is fitted and written: with the likelihood linearized about the converged fit,
-    initial values, the noise and scattering coefficients are integrated out. Other unknowns, as of an observation
-    equation, cost ``log n``, where n is the number of measurements that depend on one, or have their priors.
+    If one of the laws has observation equations, known initial values, shared parameters or estimates at bounds, all
+    are fitted as by `cl.fit` with these, each with its own observation equations, shared parameters, priors, bounds
+    and, by default, kind of measurement errors; laws without observation equations are laws of the measured states.
+    Their evidence is the same number, whichever way a law is fitted and written: with the likelihood linearized about
+    the converged fit, initial values, the noise and scattering coefficients are integrated out. Other unknowns, as of
+    an observation equation or at a bound, cost ``log n``, where n is the number of measurements that depend on one, or
+    have their priors.
 
     Parameters
     ----------
@@ -119,27 +122,32 @@ def compare(
         raise CommonlawError("laws-without-names")
     check_types(compare, arguments)
     observed = any(law.scheme == "shooting" for law in laws.values())
-    jointly = observed or any(shared_parameters(law) for law in laws.values())
-    states = [law.observation.measured.measured if jointly else law.schema.states for law in laws.values()]
+    are_joint = observed or any(shared_parameters(law) for law in laws.values())
+    states = [law.observation.measured.measured if are_joint else law.schema.states for law in laws.values()]
     if len(listed := dict.fromkeys(", ".join(sorted(state)) for state in states)) > 1:
         raise CommonlawError("laws-of-other-states", states=listed)
     scales = dict.fromkeys(", ".join(law.observation.measured.logarithmic) or "none" for law in laws.values())
     if len(scales) > 1:
         raise CommonlawError("log-states-differ", scales=scales)
-    if jointly:
-        refuse_client(client)
+
+    def jointly() -> "pd.DataFrame":
         changed = changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold})
         if "huber_threshold" in changed:
             code = "not-with-observation" if observed else "shared-under-white-noise"
             raise CommonlawError(code, settings=["huber_threshold"])
         return _fitted_jointly(laws, trials, noise, checked_errors(changed))
+
+    if are_joint:
+        refuse_client(client)
+        return jointly()
     if isinstance(trials, TrialStream):
         kind = "white" if errors == "auto" else errors
         settings = {"noise": noise, "errors": kind, "huber_threshold": huber_threshold, "n_jobs": n_jobs}
         with on_cluster(client):
             return compare_by_parts(laws, trials.parts or (trials,), settings, on_terminal())
     refuse_client(client)
-    same = [written_alike(law, trials.schema) for law in laws.values()]
+    free = [released(law, bounds_in(restrictions_of(law).bounds)) for law in laws.values()]
+    same = [written_alike(law, trials.schema) for law in free]
     converted = matched(same[0], trials)
     if any(matched(law, converted) is not converted for law in same[1:]):
         raise CommonlawError("laws-in-other-units")
@@ -160,6 +168,8 @@ def compare(
             kinds = error_kinds(errors, trials.schema)
             pools = in_parallel(lambda pool: with_error_models(pool, None, kinds, lambda _: None), pools)
         fits = in_parallel(lambda pool: converged(pool.best, errors == "white")[0], pools)
+        if any(_is_outside(law, setup, fit) for law, setup, fit in zip(free, setups, fits, strict=True)):
+            return jointly()
         scores = in_parallel(score_of_fit, fits)
     return _frame(
         laws,
@@ -168,6 +178,16 @@ def compare(
         _lacking([None if fit.has_process_noise or fit.diverges else residuals_of_fit(fit) for fit in fits], scores),
         np.array([score - min(scores) for score in scores]),
     )
+
+
+def _is_outside(law: Law, setup: FitSetup, fit: Fit) -> bool:
+    """Return whether a parameter of a law, whose terms may be in another order in its fit, is outside of its bounds."""
+    narrow, names = select_objects(law, setup.trials.objects), setup.law.terms.names
+    estimates = np.array([estimate.coefficients for estimate in fit.estimates])
+    coefficients = np.zeros_like(narrow.coefficients)
+    kept = [k for k, name in enumerate(law.terms.names) if name in names]
+    coefficients[:, :, kept] = estimates[:, :, [names.index(law.terms.names[k]) for k in kept]]
+    return any(outside(replace(narrow, coefficients=coefficients), bounds_in(restrictions_of(law).bounds)))
 
 
 def residuals_of_fit(fit: Fit) -> FittedResiduals:

@@ -43,16 +43,29 @@ def within_bounds(law: Law, bounds: Sequence[Bound]) -> Law:
 
 
 def released(law: Law, bounds: Sequence[Bound]) -> Law:
-    """Return a law whose bounded parameters are all to be estimated, also those that were held at a bound."""
-    if law.uncertainty.covariance is None:
+    """Return a law whose bounded parameters are all to be estimated, also those that were held at a bound.
+
+    Those that are zero begin at 1.
+    """
+    known, is_bounded, names = law.uncertainty, np.zeros_like(law.support), {bound.name for bound in bounds}
+    if known.covariance is None:
         return law
-    is_bounded, names = np.zeros_like(law.support), {bound.name for bound in bounds}
     for definition in named_parameters(law).definitions:
         for part in definition.parts if definition.name in names else ():
             is_bounded[part.equation, part.term] = True
-    held = is_bounded[law.support] & (standard_errors(law)[:, law.support] == 0)
-    covariance = law.uncertainty.covariance + held[:, :, np.newaxis] * np.eye(held.shape[1])
-    return replace(law, uncertainty=replace(law.uncertainty, covariance=covariance))
+    support = law.support | is_bounded
+    before = np.flatnonzero(law.support[support])
+    covariance = np.zeros((len(law.objects), int(support.sum()), int(support.sum())))
+    covariance[:, before[:, np.newaxis], before] = known.covariance
+    held = is_bounded[support] & (np.diagonal(covariance, axis1=1, axis2=2) == 0)
+    covariance += held[:, :, np.newaxis] * np.eye(held.shape[1])
+    return replace(
+        law,
+        coefficients=np.where(is_bounded & (law.coefficients == 0), 1.0, law.coefficients),
+        uncertainty=replace(
+            known, covariance=covariance, shared_factor=None, unpooled=None, pooled=None, explanation=None
+        ),
+    )
 
 
 def at_bounds(begun: Law, trials: Trials, bounds: Sequence[Bound], fit: Callable[[Law, Trials], Law]) -> Law:
