@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import commonlaw as cl
@@ -49,3 +50,15 @@ def test_a_choice_that_other_units_may_change_says_so(solver, is_said):
         str(diagnostic) for diagnostic in cl.discover(DROPS, order=2, library="poly:1", method=method).diagnostics
     ]
     assert any("the candidates depend on the units of measurement" in outcome for outcome in outcomes) == is_said
+
+
+@pytest.mark.parametrize(("noise", "seed", "is_said"), [(1.0, 2, True), (2.0, 0, False)])
+def test_a_law_with_rivals_about_as_probable_says_so(noise, seed, is_said):
+    times = np.linspace(0, 30, 10)
+    measured = 20 + 70 * np.exp(-times / 8) + noise * np.random.default_rng(seed).standard_normal(10)
+    law = cl.discover(cl.Trials.from_arrays([times], [measured], names=["T"]), order=1, library="poly:2")
+    notes = [outcome for outcome in law.diagnostics if outcome.code == "rivals-as-probable"]
+    assert len(notes) == is_said
+    for outcome in notes:
+        rival = law.uncertainty.other_laws[0]
+        assert f"{'; '.join(rival.law.structure)} ({rival.probability:.2g})" in str(outcome)

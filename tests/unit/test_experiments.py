@@ -11,6 +11,8 @@ from scipy.stats import multivariate_normal, norm
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.experiments import suggestions
+from commonlaw.experiments.design import usual
+from commonlaw.experiments.experiment import Range
 from commonlaw.experiments.gaussian import Draws, Evidence, Gaussian
 from commonlaw.experiments.predictive import Hypothesis, refitted
 from commonlaw.experiments.search import MAX_REPEATS, Search
@@ -263,6 +265,20 @@ def test_what_to_measure_next_is_suggested_within_what_was_visited():
         assert len(made.experiments) == 2
         assert all(low <= experiment.experiment.start[0] <= high for experiment in made.experiments)
     assert suggestions(cl.Law.from_text("x'' = -g", {"g": dict.fromkeys(drops.objects, 9.8)}), drops) == {}
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("scheme", ["collocation", "shooting"])
+def test_starts_by_default_do_not_cross_zero_from_measurements_of_one_sign(scheme, sign):
+    times, begins = np.arange(8.0), (0.0, 3.0)
+    values = [sign * np.maximum(0.0, begin + times - 1) for begin in begins]  # After a lag
+    trials = cl.Trials.from_arrays([times] * 2, values, names=["c"])
+    law = cl.fit("c' = q", trials, scheme=scheme, errors="white", n_jobs=1)
+    starts = [states[0, 0] for states in law.predict(trials, start="all").solutions]
+    assert min(sign * start for start in starts) < -0.1
+    starts = usual(law, trials)["c"]
+    assert isinstance(starts, Range)
+    assert (starts.low if sign > 0 else starts.high) == 0
 
 
 def test_suggestions_refit_rivals_to_few_measurements(monkeypatch):

@@ -17,7 +17,7 @@ from commonlaw.forecast import fitted, forecast_from
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.formulation import law_variables
 from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confounded_sets
-from commonlaw.inference.settings import SIGNIFICANT, STRONG, VERY_STRONG
+from commonlaw.inference.settings import INDIFFERENT, SIGNIFICANT, STRONG, VERY_STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.parameters import named_parameters, rate_names, state_rates
@@ -36,14 +36,28 @@ _Found = tuple[Floats, Forecast, Forecast, tuple[int, int]]
 
 
 def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
-    """Return notes on rivals of a law that trials with other initial values would discriminate.
+    """Return notes on rivals of a law: those about as probable, and those that other initial values discriminate.
 
-    Rivals are laws without strong evidence against them, which fit the trials equally well. From other initial values
-    within the visited ranges, forecasts of the two may differ by more than the sum of their bands: a trial there
-    discriminates.
+    About as probable are laws up to a 2 log B of 2, or the first two others where a law has less than half of the
+    probability. Rivals are laws without strong evidence against them, which fit the trials equally well. From other
+    initial values within the visited ranges, forecasts of the two may differ by more than the sum of their bands: a
+    trial there discriminates.
     """
     share = 1.0 - sum(rival.probability for rival in law.uncertainty.other_laws)
-    rivals = [rival for rival in law.uncertainty.other_laws if rival.probability > share * np.exp(-STRONG / 2)][:2]
+    others = sorted(law.uncertainty.other_laws, key=lambda rival: -rival.probability)
+    least = share * np.exp(-INDIFFERENT / 2)
+    near = others[:2] if share < 0.5 else [rival for rival in others if rival.probability > least]
+    if not near:
+        return _outcomes_of_starts(law, others, share, trials)
+    listed = [f"{'; '.join(rival.law.structure)} ({rival.probability:.2g})" for rival in near]
+    indifferent = note("rivals-as-probable", probability=share, rivals=listed)
+    return (indifferent, *_outcomes_of_starts(law, others, share, trials))
+
+
+def _outcomes_of_starts(
+    law: Law, others: Sequence[PlausibleLaw[Law]], share: float, trials: Trials
+) -> tuple[Outcome, ...]:
+    rivals = [rival for rival in others if rival.probability > share * np.exp(-STRONG / 2)][:2]
     if not rivals or law.order == 0 or law.schema.inputs or not law.uncertainty.has_std:
         return ()
     lasting = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))

@@ -197,11 +197,15 @@ def _designed(
 
 
 def usual(law: Law, trials: Trials) -> dict[str, Options]:
-    """Return how experiments were made: where trials start, how long they take, how many samples they have."""
+    """Return how experiments were made: where trials start, how long they take, how many samples they have.
+
+    Starts are those of fitted solutions, but not across zero from measurements of one sign, such as concentrations.
+    """
     followed = law.predict(trials, start="all", averaged=False)
     trials, schema, given = matched(law, trials), law.observation.measured, given_starts(law)
     courses = followed.solutions
     starts = np.array([states[0] for states in courses])
+    measured = np.concatenate([trial.states for trial in trials])
     result: dict[str, Options] = {}
     rates = [rate for _, rate in state_rates(law)]
     for j, name in enumerate(law.terms.variables.states):
@@ -210,7 +214,11 @@ def usual(law: Law, trials: Trials) -> dict[str, Options]:
         if name in rates and np.abs(starts[:, j]).max() < 0.02 * spread and name not in given:
             result[name] = (0.0,)
         elif name not in given:
-            result[name] = _between(starts[:, j])
+            values = measured[:, trials.schema.states.index(name)] if name in trials.schema.states else np.empty(0)
+            values = values[np.isfinite(values)]
+            low = 0.0 if len(values) and values.min() >= 0 else -np.inf
+            high = 0.0 if len(values) and values.max() <= 0 else np.inf
+            result[name] = _between(np.clip(starts[:, j], low, high))
     for j, name in enumerate(schema.inputs):
         if not schema.doses:
             result[name] = _between(np.array([trial.inputs.mean(axis=0)[j] for trial in trials]))
