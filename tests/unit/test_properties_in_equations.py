@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -126,3 +128,27 @@ def test_a_property_that_an_object_lacks_or_that_is_no_number_is_refused(measure
         for equation in ("x' = r x (1 - x/M)", "x' = r - M x"):
             with refused(code, property="M"):
                 cl.fit(equation, trials.with_properties(values))
+
+
+@pytest.mark.parametrize("scheme", ["collocation", "shooting"])
+def test_a_discrepancy_is_estimated_for_a_law_with_a_property(scheme):
+    """The law is that of a product with the inverse of the property as an input."""
+    times, random, made = np.linspace(0, 6, 30), np.random.default_rng(1), []
+    masses = {"a": {"m": 1.0}, "b": {"m": 2.0}}
+    for owner, mass in masses.items():
+        rate = 0.8 / mass["m"]
+        x = rate * 4 / ((rate + 0.2) * np.exp(rate * times) - 0.2)  # Of x' = -rate x - 0.05 x^2
+        made.append(cl.Trial(owner, "1", times, x + 0.01 * random.standard_normal(len(times))))
+    trials = cl.Trials(tuple(made), cl.Schema(("x",)), masses)
+    law = cl.fit("x' = -k/m x", trials, scheme=scheme, errors="white", n_jobs=1)
+    discrepancy = law.discrepancy(trials, of="x")
+    assert discrepancy.claimed
+    assert discrepancy.law.coefficients[:, 0, 1].tolist() == [1.0, 2.0]
+    assert discrepancy.law.predict(trials, discrepancy=True).metric() > 0.999
+    driven = [replace(trial, inputs=np.full((30, 1), 1 / masses[trial.object]["m"])) for trial in trials]
+    driven = cl.Trials(tuple(driven), cl.Schema(("x",), ("w",)))
+    product = cl.fit("x' = -k w x", driven, scheme=scheme, errors="white", n_jobs=1).discrepancy(driven, of="x")
+    assert discrepancy.evidence == pytest.approx(product.evidence, abs=0.1)
+    one, as_product = (named_parameters(of.law) for of in (discrepancy, product))
+    assert one.values[:, 0] == pytest.approx(as_product.values[:, 0], rel=1e-3)
+    assert one.errors[:, 0] == pytest.approx(as_product.errors[:, 0], rel=1e-2)

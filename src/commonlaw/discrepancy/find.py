@@ -24,7 +24,7 @@ from commonlaw.law import Law, Provenance, Step, Uncertainty, select_objects
 from commonlaw.law.alignment import TRIALS
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.law.script import call
-from commonlaw.library import Terms, Variables, highest_columns
+from commonlaw.library import Terms, Variables, highest_columns, parse_terms
 from commonlaw.library.grammar import columns_in, read, with_names, write
 from commonlaw.library.notation import quoted
 from commonlaw.likelihood import HUBER_THRESHOLD, NotPositiveError, fit
@@ -50,7 +50,7 @@ class Setting(AbstractSetting):
 
         Raises `CommonlawError` if a text cannot be read, or names neither a variable nor a property.
         """
-        setup = FitSetup.of(law, trials, noise, huber_threshold)
+        setup = _with_properties_as_inputs(FitSetup.of(law, trials, noise, huber_threshold))
         law, trials = setup.law, setup.trials
         known = law.terms.variables.names
         names = [*known, *(name for name in property_names(trials.properties) if name not in known)]
@@ -119,13 +119,39 @@ class Setting(AbstractSetting):
         narrow, whole = select_objects(law, self.problem.trials.objects), _whole(law, self, found)
         in_law = np.zeros((len(law.schema.states), len(found.model.terms)), dtype=np.bool_)
         in_law[:, : len(self.law.terms)] = self.law.support
+        is_factor = narrow.support & narrow.terms.is_factor
         coefficients = narrow.coefficients.copy()
-        coefficients[:, narrow.support] = whole.coefficients[:, in_law]
+        coefficients[:, is_factor] = whole.coefficients[:, in_law]
         uncertainty = replace(
-            whole.uncertainty.restrict(in_law[whole.support]),
+            whole.uncertainty.restrict(in_law[whole.support]).with_known(is_factor[narrow.support]),
             inclusion_probabilities=narrow.uncertainty.inclusion_probabilities,
         )
         return replace(narrow, coefficients=coefficients, uncertainty=uncertainty), whole
+
+
+def _with_properties_as_inputs(setup: FitSetup) -> FitSetup:
+    """Return a setup in which properties inside terms, with the numbers that the law has for them, are inputs."""
+    law, trials, before = setup.law, setup.trials, setup.law.terms.variables
+    if not before.parameters:
+        return setup
+    numbers = law.coefficients[:, :, list(law.terms.parameters)].sum(axis=1)  # Each stands in one equation
+    properties = {
+        owner: {**trials.properties.get(owner, {}), **dict(zip(before.parameters, row.tolist(), strict=True))}
+        for owner, row in zip(law.objects, numbers, strict=True)
+    }
+    trials = with_property_inputs(replace(trials, properties=properties), before.parameters)
+    inputs, kept = trials.schema.inputs, law.terms.is_factor
+    texts = [term.expression(before.names) for term in law.terms.take(np.flatnonzero(kept).tolist()).terms]
+    uncertainty = law.uncertainty.restrict(np.broadcast_to(kept, law.support.shape)[law.support])
+    law = replace(
+        law,
+        terms=parse_terms(texts, replace(before, inputs=inputs, parameters=())),
+        schema=replace(law.schema, inputs=inputs),
+        coefficients=law.coefficients[:, :, kept],
+        uncertainty=replace(uncertainty, inclusion_probabilities=None, other_laws=()),
+        provenance=Provenance(),
+    )
+    return replace(setup, law=law, trials=trials)
 
 
 def candidates(
@@ -233,9 +259,9 @@ def discrepancy(
     trials, texts = replace(trials, properties=known), [times, *([of] if of else [])]
     setting: AbstractSetting
     if law.scheme == "collocation":
-        if law.terms.parameters:
-            inside = ", ".join(law.terms.variables.parameters)
-            raise CommonlawError("discrepancy-with-parameters", parameters=inside)
+        properties = property_names(known)
+        if inside := [name for name in law.terms.variables.parameters if name not in properties]:
+            raise CommonlawError("discrepancy-with-parameters", parameters=", ".join(inside))
         setting = Setting.of(law, trials, texts, noise, huber_threshold)
     else:
         if huber_threshold != HUBER_THRESHOLD:

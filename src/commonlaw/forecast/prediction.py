@@ -221,6 +221,7 @@ def with_discrepancy(law: Law, trials: Trials) -> tuple[Law, Trials]:
     if {*law.objects} <= {*wider.objects}:
         wider = select_objects(wider, law.objects)
     used, names = np.flatnonzero(law.support.any(axis=0)).tolist(), wider.terms.names
+    used = [k for k in used if law.terms.parameter_name(k) not in wider.schema.inputs]  # Properties are inputs there
     same = wider.objects == law.objects and {law.terms.names[k] for k in used} <= {*names}
     if same:
         places = [names.index(law.terms.names[k]) for k in used]

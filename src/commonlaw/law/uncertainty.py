@@ -343,6 +343,14 @@ class Uncertainty:
         # Names of parameters are those of terms
         return restricted if parameters.all() else replace(restricted, explanation=None, limits=())
 
+    def with_known(self, estimated: Bools) -> "Uncertainty":
+        """Return that of more parameters, shape (parameters,), of which those that are not estimated are known."""
+        placed = np.eye(len(estimated))[:, estimated]
+        return self._changed(
+            lambda values: np.einsum("np,op...->on...", placed, values),
+            lambda matrices: np.asarray(placed @ matrices @ placed.T),
+        )
+
     def _changed(self, rows: Callable[[Floats], Floats], matrices: Callable[[Floats], Floats]) -> "Uncertainty":
         """Return that whose parameters, and the matrices between them, are changed alike, where they are known."""
         covariance = None if self.covariance is None else matrices(self.covariance)
