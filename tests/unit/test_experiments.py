@@ -276,9 +276,9 @@ def test_starts_by_default_do_not_cross_zero_from_measurements_of_one_sign(schem
     law = cl.fit("c' = q", trials, scheme=scheme, errors="white", n_jobs=1)
     starts = [states[0, 0] for states in law.predict(trials, start="all").solutions]
     assert min(sign * start for start in starts) < -0.1
-    starts = usual(law, trials)["c"]
-    assert isinstance(starts, Range)
-    assert (starts.low if sign > 0 else starts.high) == 0
+    proposed = usual(law, trials)["c"]
+    assert isinstance(proposed, Range)
+    assert (proposed.low if sign > 0 else proposed.high) == 0
 
 
 def test_suggestions_refit_rivals_to_few_measurements(monkeypatch):

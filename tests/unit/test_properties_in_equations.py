@@ -145,8 +145,8 @@ def test_a_discrepancy_is_estimated_for_a_law_with_a_property(scheme):
     assert discrepancy.claimed
     assert discrepancy.law.coefficients[:, 0, 1].tolist() == [1.0, 2.0]
     assert discrepancy.law.predict(trials, discrepancy=True).metric() > 0.999
-    driven = [replace(trial, inputs=np.full((30, 1), 1 / masses[trial.object]["m"])) for trial in trials]
-    driven = cl.Trials(tuple(driven), cl.Schema(("x",), ("w",)))
+    listed = [replace(trial, inputs=np.full((30, 1), 1 / masses[trial.object]["m"])) for trial in trials]
+    driven = cl.Trials(tuple(listed), cl.Schema(("x",), ("w",)))
     product = cl.fit("x' = -k w x", driven, scheme=scheme, errors="white", n_jobs=1).discrepancy(driven, of="x")
     assert discrepancy.evidence == pytest.approx(product.evidence, abs=0.1)
     one, as_product = (named_parameters(of.law) for of in (discrepancy, product))
