@@ -23,7 +23,7 @@ from commonlaw.law.parameters import (
 from commonlaw.law.printing import exact_equations
 from commonlaw.law.quantiles import two_sided, upper_bound
 from commonlaw.law.text import free_parameter_names
-from commonlaw.library import parse_term, parse_terms
+from commonlaw.library import Term, parse_term, parse_terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.notebooks import ShownInNotebooks
@@ -170,33 +170,32 @@ def bounds(
     values = np.concatenate(along)
     values = values[np.isfinite(values).all(axis=1)]
     limits: list[Bound] = []
-    for i, (equation, name) in enumerate(pairs):
-        progress(Stage(f"fitting the law with {name}", i / len(pairs)))
-        limits += _of_term(law, trials, equation, name, values, level)
+    for i, (equation, term) in enumerate(pairs):
+        progress(Stage(f"fitting the law with {term.text(law.terms.variables.names)}", i / len(pairs)))
+        limits += _of_term(law, trials, equation, term, values, level)
     return Bounds(tuple(limits), level)
 
 
-def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, str]]:
+def _absent(law: Law, terms: Sequence[str] | None) -> list[tuple[int, Term]]:
     """Return pairs of an equation and a term absent from it: those of the library, or named ones."""
     if terms is None:
         factors = np.flatnonzero(law.terms.is_factor).tolist()
         return [
-            (j, law.terms.names[k]) for j in range(len(law.schema.states)) for k in factors if not law.support[j, k]
+            (j, law.terms.terms[k]) for j in range(len(law.schema.states)) for k in factors if not law.support[j, k]
         ]
     names = law.terms.variables.names
-    wanted = [parse_term(text, law.terms.variables).text(names) for text in terms]
-    listed = [(j, name) for name in wanted for j in range(len(law.schema.states))]
+    wanted = [parse_term(text, law.terms.variables) for text in terms]
+    listed = [(j, term) for term in wanted for j in range(len(law.schema.states))]
     there = [(j, law.terms.names[k]) for j, k in np.argwhere(law.support).tolist()]
-    for pair in listed:
-        if pair in there and len(law.schema.states) == 1:
-            raise CommonlawError("limit-of-present-term", term=pair[1])
-    return [pair for pair in listed if pair not in there]
+    for j, term in listed:
+        if (j, term.text(names)) in there and len(law.schema.states) == 1:
+            raise CommonlawError("limit-of-present-term", term=term.text(names))
+    return [(j, term) for j, term in listed if (j, term.text(names)) not in there]
 
 
-def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats, level: float) -> Iterator[Bound]:
+def _of_term(law: Law, trials: Trials, equation: int, term: Term, values: Floats, level: float) -> Iterator[Bound]:
     """Yield the limits of an object's coefficient of a term, from values of all variables, shape (n, variables)."""
     side, names, matching = left_hand_sides(law)[equation], law.terms.variables.names, matched(law, trials)
-    term = parse_term(name, law.terms.variables)
     taken = (*names, *named_parameters(law).names, *matching.schema.states, *property_names(matching.properties))
     (parameter,) = free_parameter_names(1, taken)
     addend = f" + {parameter} {term.text([quoted(variable) for variable in names])}"
@@ -214,7 +213,7 @@ def _of_term(law: Law, trials: Trials, equation: int, name: str, values: Floats,
         at_most = float(upper_bound(coefficient, error, degrees, level))
         ends = coefficient - reach * error, coefficient + reach * error
         effect = at_most * float(sizes.max())
-        yield Bound(side, name, owner, coefficient, error, *ends, at_most, effect, unit)
+        yield Bound(side, term.text(names), owner, coefficient, error, *ends, at_most, effect, unit)
 
 
 def _given_noise(law: Law, trials: Trials) -> dict[str, float]:
