@@ -27,6 +27,7 @@ def test_laws_with_observation_equations_are_fitted_compared_refined_and_forecas
     assert one.restrictions.shared == other.restrictions.shared == {"c": "all"}
     done("predict", "cells.csv", "law.json", "--save", "forecast.csv")
     assert "signal forecast" in (tmp_path / "forecast.csv").read_text()
+    assert "A, " in done("design", "cells.csv", "law.json", "--vary", "object=A", "--vary", "duration=3", "--for", "k")
 
 
 def test_parameters_are_shared_by_column(done, tmp_path):

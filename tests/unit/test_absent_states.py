@@ -36,6 +36,13 @@ def test_treatments_in_which_a_state_is_absent_are_trials_of_one_object(absent):
     assert any('= 0 @ "y only"' in note for note in objects.notes) == np.isnan(absent)
 
 
+def test_the_note_on_states_never_measured_names_all_their_trials():
+    frame = mixtures(np.nan)
+    again = frame[frame["culture"] == "y only"].assign(culture="y again")
+    notes = Trials.from_frame(pd.concat([frame, again], ignore_index=True)).notes
+    assert any('`x(0) = 0 @ "y only", "y again"`' in note for note in notes)
+
+
 def test_objects_of_which_all_states_are_present_stay_objects():
     frame = mixtures()
     assert len(Trials.from_frame(frame[frame["culture"] == "both"].assign(culture="a")).objects) == 1

@@ -587,7 +587,7 @@ def design(
 
     laws = [cl.Law.load(path) for path in (law_path, *rivals)]
     with working("Looking for experiments ...") as show:
-        trials = source.chosen(laws[0].schema) if source.path or source.dataset else None
+        trials = source.chosen(laws[0].observation.measured) if source.path or source.dataset else None
         plan = cl.design(
             laws,
             by_name("--vary", vary),

@@ -264,7 +264,8 @@ class Problem:
         assert start_by is not None
         if measured is None:
             outer = model.outputs.jacobian(point)
-            by = outer[:, :, :width] @ by
+            with np.errstate(invalid="ignore"):  # Of the logarithm of zero, where nothing was measured
+                by = outer[:, :, :width] @ by
             by[:, :, :count] += outer[:, :, first : first + count]
         else:
             by = by[:, measured]

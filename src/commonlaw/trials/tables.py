@@ -398,7 +398,7 @@ def unmeasured_in_words(trials: Sequence[Trial], states: Sequence[str]) -> list[
     return [
         f"{state} is never measured in {'; '.join(trial.label for trial in where)}: it is a latent state there, whose "
         "start is estimated where none is given; if it was absent, enter 0 in its column, or write "
-        f'`{state}(0) = 0 @ "{called(where[0])}"`'
+        f"`{state}(0) = 0 @ {', '.join(f'{chr(34)}{called(trial)}{chr(34)}' for trial in where)}`"
         for state, where in zip(states, places, strict=True)
         if 0 < len(where) < len(trials)
     ]
