@@ -57,7 +57,7 @@ def test_a_law_with_rivals_about_as_probable_says_so(noise, seed, is_said):
     times = np.linspace(0, 30, 10)
     measured = 20 + 70 * np.exp(-times / 8) + noise * np.random.default_rng(seed).standard_normal(10)
     law = cl.discover(cl.Trials.from_arrays([times], [measured], names=["T"]), order=1, library="poly:2")
-    notes = [outcome for outcome in law.diagnostics if outcome.code == "rivals-plausible"]
+    notes = [outcome for outcome in law.diagnostics if outcome.code == "several-laws-plausible"]
     assert len(notes) == is_said
     for outcome in notes:
         rival = law.uncertainty.other_laws[0]

@@ -43,24 +43,6 @@ def test_arrays_are_refused_too(what):
         cl.Trials.from_arrays(TIMES, **given)
 
 
-@pytest.mark.parametrize("column", ["x", "u"])
-@pytest.mark.parametrize("rows", [[8], [3, 8, 12]])
-def test_a_value_beyond_all_others_is_refused_with_its_place(column, rows):
-    """The square of the others is rounded off from sums with it; zeros, and values that most samples have, are none."""
-    frame = {"object": ["a"] * 10 + ["b"] * 10, "t": np.tile(TIMES[:10], 2), "x": np.cos(TIMES), "u": np.sin(3 * TIMES)}
-    frame[column][rows] = 1e7
-    cl.Trials.from_frame(frame, states=["x"], inputs=["u"])
-    frame[column][rows] = -1e9
-    with refused("cell-beyond-others", value=-1e9) as caught:
-        cl.Trials.from_frame(frame, states=["x"], inputs=["u"])
-    assert f"column '{column}', row {rows[0] + 1}, a, trial 1" in str(caught.value)
-    with refused("cell-beyond-others", value=-1e9) as caught:
-        cl.Trials.from_arrays(TIMES, frame["x"], inputs=frame["u"])
-    assert f"{column}, sample {rows[0] + 1}" in str(caught.value)
-    for rest in (0.0, np.where(TIMES % 4 == 0, 1e-9, 1.0)):
-        cl.Trials.from_arrays(TIMES, np.cos(TIMES), inputs=np.where(TIMES == 7, 1.0, rest))
-
-
 @pytest.mark.parametrize("column", ["x", "u", "x_std", "mass"])
 @pytest.mark.parametrize("scale", [1e-300, 1e-320])
 def test_columns_whose_powers_underflow_are_refused(column, scale):

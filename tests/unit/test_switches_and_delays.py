@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import commonlaw as cl
-from tests.refusals import refused
 from tests.unit.decays import assert_least_squares, estimates, trials_of
 
 pytestmark = pytest.mark.usefixtures("few_starts")
@@ -136,5 +135,3 @@ def test_inputs_that_stay_at_levels_are_held_where_measurements_do_not_decide():
     law = cl.fit("x' = (g u(t - d) - x)/s", trials)
     value, error = estimates(law)["d"]
     assert abs(value - 3.3) < 3 * error < 0.45
-    with refused("design-with-dead-times"):
-        cl.design(law, {"x": 1.0, "duration": 10.0, "rate": 1.0})

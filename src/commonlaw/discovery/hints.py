@@ -50,7 +50,7 @@ def outcomes_of_rivals(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     if not near:
         return _outcomes_of_starts(law, others, share, trials)
     listed = [f"{'; '.join(rival.law.structure)} ({rival.probability:.2g})" for rival in near]
-    indifferent = note("rivals-plausible", probability=share, rivals=listed)
+    indifferent = note("several-laws-plausible", probability=share, rivals=listed)
     return (indifferent, *_outcomes_of_starts(law, others, share, trials))
 
 

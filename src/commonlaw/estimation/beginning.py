@@ -555,7 +555,7 @@ def refuse_zero_columns(model: Model, trials: Trials, columns: Sequence[str]) ->
     these columns they have.
     """
     signals = [trials.schema.inputs[c] in columns for c in model.column]
-    zero = [name in columns for name in model.parameters]
+    zero = np.array([name in columns for name in model.parameters], dtype=np.bool_)
     if model.events:
         return
     points = np.random.default_rng(0).uniform(0.5, 2.0, (20, len(model.variables.names)))
@@ -568,7 +568,7 @@ def refuse_zero_columns(model: Model, trials: Trials, columns: Sequence[str]) ->
             slopes = [program.jacobian(values)[:, :, first:] for program in (model.rates, model.outputs, model.starts)]
         return np.asarray(np.any(np.nan_to_num(np.concatenate(slopes, axis=1)) != 0, axis=(0, 1)))
 
-    lost = matters(points) & ~matters(without) & ~np.array(zero)
+    lost = matters(points) & ~matters(without) & ~zero
     if lost.any():
         columns = [name for name in columns if name in (*trials.schema.inputs, *model.parameters)]
         raise CommonlawError("parameters-of-zero-column", names=[*compress(model.parameters, lost)], columns=columns)

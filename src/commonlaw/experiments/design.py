@@ -52,8 +52,8 @@ def design(
     law with observation equations have the derivatives by its parameters p and initial values, dy/dp = dh/dx dx/dp +
     dh/dp.
 
-    Raises `CommonlawError` if a law has no noise or covariance, dead times, or only a limit of a parameter, laws do not
-    match, a setting is unknown, or no experiment is within the budget.
+    Raises `CommonlawError` if a law has no noise or covariance, or only a limit of a parameter, laws do not match, a
+    setting is unknown, or no experiment is within the budget.
 
     Parameters
     ----------
@@ -124,8 +124,6 @@ def design(
         raise CommonlawError("design-without-laws")
     if any(_setting_of(model) != _setting_of(laws[0]) for model in laws[1:]):
         raise CommonlawError("design-different-laws")
-    if any(model.schema.inputs != model.observation.measured.inputs for model in laws):
-        raise CommonlawError("design-with-dead-times")
     share = 1 / len(laws)
     models = [model for candidate in laws for model in candidate.models]
     plausible = tuple(PlausibleLaw(share * model.probability, model.law) for model in models)

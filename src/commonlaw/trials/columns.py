@@ -26,7 +26,7 @@ from commonlaw.trials.cells import (
 )
 from commonlaw.trials.headers import find_name, known_unit, label, plain, split_headers
 from commonlaw.trials.reading import WrittenReading
-from commonlaw.trials.trial import EXTREME, MAX_RATIO, nearest, value_beyond_others
+from commonlaw.trials.trial import EXTREME, nearest
 
 if TYPE_CHECKING:
     import narwhals as nw
@@ -157,13 +157,6 @@ class Table:
             row = int(extreme[0])
             raise CommonlawError("cell-extreme", where=self._where(name, row), value=values[row], limit=EXTREME)
         return values
-
-    def refuse_beyond_others(self, name: str, values: Floats) -> None:
-        """Refuse a value of a column of measurements, shape (n,), that is beyond all others, see `MAX_RATIO`."""
-        if (beyond := value_beyond_others(values)) is not None:
-            row, largest = beyond
-            where, value = self._where(name, row), values[row]
-            raise CommonlawError("cell-beyond-others", where=where, value=value, largest=largest, ratio=MAX_RATIO)
 
     def is_switch(self, name: str) -> bool:
         """Say whether a column holds both words for the states of a switch, which are read as 1 and 0."""

@@ -45,17 +45,7 @@ from commonlaw.trials.recognition import (
     units_in_names,
 )
 from commonlaw.trials.roles import ColumnRoles, column_roles, free_columns, time_of
-from commonlaw.trials.trial import (
-    EXTREME,
-    MAX_RATIO,
-    PropertyTable,
-    Schema,
-    Trial,
-    TrialData,
-    as_numbers,
-    check_measured,
-    value_beyond_others,
-)
+from commonlaw.trials.trial import EXTREME, PropertyTable, Schema, Trial, TrialData, as_numbers, check_measured
 from commonlaw.trials.units import in_radians
 from commonlaw.trials.wide import quantity, shown_columns
 
@@ -194,8 +184,6 @@ def read_cells(table: Table, schema: Schema) -> Cells:
     times, noise = table.numbers(schema.time), np.full((len(table), len(schema.states)), np.nan)
     states = np.column_stack([table.numbers(name, missing=True) for name in schema.states])
     inputs = np.column_stack([np.empty((len(table), 0)), *(input_values(table, name) for name in schema.inputs)])
-    for name, values in zip((*schema.states, *schema.inputs), np.hstack([states, inputs]).T, strict=True):
-        table.refuse_beyond_others(name, values)
     for state, name in schema.noise_columns.items():
         j = schema.states.index(state)
         noise[:, j] = table.deviations(name, np.isfinite(states[:, j]))
@@ -630,7 +618,6 @@ def trials_from_arrays(
     remarks = (*known.notes, *notes, *repeats_in_words(made), *unmeasured_in_words(made, columns[0]))
     data = TrialData(made, schema, known.values, remarks, set(objects) == {"object"})
     _refuse_tiny("arrays", data)
-    _refuse_beyond_others(data)
     return in_radians(data)
 
 
@@ -703,17 +690,6 @@ def _refuse_extreme(trial: Trial) -> None:
             sample, column = extreme[0]
             place, value = f"sample {sample + 1}, {what} {column + 1}", values[sample, column]
             raise CommonlawError("sample-extreme", where=trial.label, value=value, place=place, limit=EXTREME)
-
-
-def _refuse_beyond_others(data: TrialData) -> None:
-    """Refuse values of states and inputs that are beyond all others of all trials, see `MAX_RATIO`."""
-    names = *data.schema.states, *data.schema.inputs
-    samples = [(trial.label, i) for trial in data.trials for i in range(1, len(trial) + 1)]
-    for name, values in zip(names, np.vstack([np.hstack([t.states, t.inputs]) for t in data.trials]).T, strict=True):
-        if (beyond := value_beyond_others(values)) is not None:
-            (label, sample), largest = samples[beyond[0]], beyond[1]
-            where, value = f"{label}: {name}, sample {sample}", values[beyond[0]]
-            raise CommonlawError("cell-beyond-others", where=where, value=value, largest=largest, ratio=MAX_RATIO)
 
 
 def _refuse_tiny(source: str, data: TrialData) -> None:

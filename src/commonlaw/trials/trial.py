@@ -111,22 +111,6 @@ _ARRAYS = ("times", "states", "inputs", "noise", "below")
 EXTREME = float(np.finfo(np.float64).max ** (1 / 6))
 """Largest time and value, and inverse of the smallest step. Squares of second derivatives go with the fourth power of
 the step, and the rest is left for the size of the states; the squares of their cubes, as in `poly:3`, are finite."""
-MAX_RATIO = float(np.finfo(np.float64).eps ** -0.5)
-"""Largest ratio of a value to all others of its column: beyond it, sums of squares lose those of the others."""
-
-
-def value_beyond_others(values: Floats) -> tuple[int, float] | None:
-    """Return the index of a value that is beyond `MAX_RATIO` times all others, shape (n,), and the largest of these.
-
-    In double precision y^2 + z^2 = y^2 where abs(y) > eps^(-1/2) abs(z). The value may be there several times, as what
-    stands for a missing one, but in fewer samples than others; zeros and missing values are no others.
-    """
-    sizes = np.abs(np.nan_to_num(values))
-    same = values == values[np.argmax(sizes)] if len(values) else np.zeros(0, dtype=np.bool_)
-    others = sizes[~same & (sizes > 0)]
-    if len(others) <= same.sum() or sizes.max() <= MAX_RATIO * others.max():
-        return None
-    return int(np.argmax(same)), float(others.max())
 
 
 @dataclass(frozen=True)
