@@ -4,6 +4,7 @@ import json
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
@@ -357,3 +358,14 @@ def test_measurements_without_any_residual_are_fitted_without_a_warning():
     times = np.linspace(0, 1, 9)
     law = cl.fit("x' = a; x(0) = b", cl.Trials.from_arrays(times, 1 + 2 * times, names=["x"]))
     assert law.params["estimate"].tolist() == pytest.approx([2.0, 1.0])
+
+
+def test_the_logarithm_of_a_concentration_that_is_zero_before_a_dose_gives_no_warning(recwarn):
+    times = np.array([0.0, 1.0, 2.0, 4.0, 7.0, 10.0])
+    measured = np.log(100 / 8 * np.exp(-0.2 * times)) + 0.01 * np.cos(5 * times)
+    dose = {"ID": 1, "TIME": times, "AMT": 100.0 * (times == 0), "LNDV": np.where(times > 0, measured, np.nan)}
+    frame = pd.DataFrame(dose | {"EVID": 1 * (times == 0)})
+    law = cl.fit("C' = -k C + AMT/V; LNDV = log(C)", cl.Trials.from_frame(frame))
+    estimated = dict(zip(law.params["parameter"], law.params["estimate"], strict=True))
+    assert estimated == pytest.approx({"k": 0.2, "V": 8.0}, rel=0.02)
+    assert not [warning for warning in recwarn if issubclass(warning.category, RuntimeWarning)]

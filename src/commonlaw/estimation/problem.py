@@ -262,15 +262,15 @@ class Problem:
             return Predicted(shown, None, states, solution.is_endless)
         by = solution.derivatives[data.rows]
         assert start_by is not None
-        if measured is None:
-            outer = model.outputs.jacobian(point)
-            with np.errstate(invalid="ignore"):  # Of the logarithm of zero, where nothing was measured
+        with np.errstate(invalid="ignore"):  # Of the logarithm of zero, where nothing was measured
+            if measured is None:
+                outer = model.outputs.jacobian(point)
                 by = outer[:, :, :width] @ by
-            by[:, :, :count] += outer[:, :, first : first + count]
-        else:
-            by = by[:, measured]
-        by_start = by[:, :, count:] @ start_by
-        by_start[:, :, :count] += by[:, :, :count]
+                by[:, :, :count] += outer[:, :, first : first + count]
+            else:
+                by = by[:, measured]
+            by_start = by[:, :, count:] @ start_by
+            by_start[:, :, :count] += by[:, :, :count]
         by_unknowns, indices = np.zeros((*values.shape, self.unknowns)), np.append(data.parameter, data.initial)
         by_unknowns[:, :, indices[indices >= 0]] = by_start[:, :, indices >= 0]
         with np.errstate(all="ignore"):
