@@ -160,12 +160,27 @@ def test_coefficients_keep_to_bounds_as_in_bounded_least_squares():
     assert values[0, k] == 0.4
     assert errors[0, k] == 0
     assert values[0, a] == pytest.approx(fit.x[1], abs=0.1 * errors[0, a])
-    own, alone = (each.coefficients[1] for each in (law, free))
-    np.testing.assert_allclose(own, alone, rtol=1e-6)
+    alone = named_parameters(free)
+    np.testing.assert_allclose(values[1], alone.values[1], atol=1e-4 * errors[1].min())
+    np.testing.assert_allclose(errors[1], alone.errors[1], rtol=1e-4)
     (outcome,) = (diagnostic for diagnostic in law.diagnostics if diagnostic.kind == "bound")
     assert (outcome.where, "95 %: down to 0.39" in outcome.text) == ("p", True)
-    with refused("estimate-out-of-bounds", parameter="T", bound="5 < T < 6"):
-        cl.fit("x' = -k (x - T); 5 < T < 6", trials, **white)
+    for setting in ({"scheme": "collocation"}, {"partial_pooling": True}, {"errors": "random-walk"}):
+        with refused("estimate-out-of-bounds", parameter="k", bound="0 < k < 0.4"):
+            cl.fit("x' = a - k x; 0 < k < 0.4", trials, **{**white, **setting})
+
+
+def test_quotients_of_coefficients_keep_to_bounds_as_in_bounded_least_squares():
+    times = np.linspace(0, 10, 40)
+    measured = 1 + 2 * np.exp(-0.5 * times) + 0.02 * np.random.default_rng(0).standard_normal(40)
+    trials = cl.Trials.from_arrays([times], [measured], names=["x"])
+    law = cl.fit("x' = -k (x - T); 1.1 < T < 6", trials, errors="white")
+    fit = least_squares(lambda p: 1.1 + (p[0] - 1.1) * np.exp(-p[1] * times) - measured, [3.0, 0.5], xtol=1e-12)
+    parameters = named_parameters(law)
+    error = np.sqrt(2 * fit.cost / 38 * np.linalg.inv(fit.jac.T @ fit.jac)[1, 1])
+    by_name = dict(zip(parameters.names, zip(parameters.values[0], parameters.errors[0], strict=True), strict=True))
+    assert by_name["T"] == (1.1, 0)
+    assert by_name["k"] == (pytest.approx(fit.x[1], rel=1e-5), pytest.approx(error, rel=1e-3))
 
 
 def test_a_parameter_that_is_divided_by_is_refused_where_its_best_value_is_below_zero():

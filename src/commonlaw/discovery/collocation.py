@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import compress
 from typing import Any, cast
 
@@ -18,13 +17,14 @@ from commonlaw.discovery.request import FitRequest
 from commonlaw.discovery.shooting import by_shooting
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.beginning import FREE
+from commonlaw.estimation.fitting import refused_settings
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
-from commonlaw.inference.verbs.parameter_bounds import at_bounds, outside, within_bounds
+from commonlaw.inference.verbs.parameter_bounds import is_within, refuse_outside
 from commonlaw.inference.verbs.refinement import refined
-from commonlaw.law import Law, Provenance, Step, pool_objects
-from commonlaw.law.parameters import named_parameters, shared_coefficients
+from commonlaw.law import Law, Provenance, Step
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.provenance import Domain
 from commonlaw.law.restrictions import Restrictions
@@ -145,7 +145,8 @@ def _in_discrete_time(prepared: _Prepared) -> Law:
         calls=request.calls,
         domain=Domain(at_rest=prepared.resting),
     )
-    return within_bounds(replace(law, provenance=provenance), given.bounds)
+    refuse_outside(law, given.bounds)
+    return replace(law, provenance=provenance)
 
 
 def _in_continuous_time(prepared: _Prepared) -> Law:
@@ -175,11 +176,17 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
         law = refined(begun, trials, **settings)
     except CommonlawError as error:
         return _together(request, names, error)
-    if any(outside(law, given.bounds)):
-        if prepared.has_starts and request.may_shoot:  # Another maximum of the likelihood may be inside
-            return by_shooting(request, "for bounds of parameters")
-        apart = at_bounds(begun, trials, given.bounds, partial(refined, **settings | {"partial_pooling": False}))
-        law = pool_objects(apart, shared_coefficients(begun), settings["partial_pooling"])
+    if not is_within(law, given.bounds):
+        asked = ["scheme"] * (request.scheme == "collocation") + [function.text for function in request.functions]
+        refused = [*refused_settings(request.changed), *asked]
+        if refused:
+            refuse_outside(law, given.bounds, refused)
+        try:
+            return by_shooting(_under_errors_of(law, request), "for bounds of parameters")
+        except CommonlawError as error:
+            if error.code == "parameters-not-identified":  # At the bound, as of zero that is divided by
+                refuse_outside(law, given.bounds)
+            raise
 
     def under_white_noise() -> Law:
         return refined(begun, trials, **settings | {"errors": "white"})
@@ -191,13 +198,21 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
     if request.may_shoot and (is_vague or any(_is_misfit(law, limit) for limit in law.uncertainty.limits)):
         # Other estimates, and their errors, are those given a value that has no meaning
         try:
-            return by_shooting(request, "for a parameter that has no estimate, but a limit")
+            return by_shooting(_under_errors_of(law, request), "for a parameter that has no estimate, but a limit")
         except CommonlawError as error:
             if error.code == "parameters-not-identified" and not law.uncertainty.limits:
                 raise
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law))
     made = replace(law.provenance, calls=request.calls, outcomes=outcomes)
-    return within_bounds(replace(law, provenance=made), given.bounds)
+    return replace(law, provenance=made)
+
+
+def _under_errors_of(law: Law, request: FitRequest) -> FitRequest:
+    """Return a request for the errors of measurements that were chosen for a law by default."""
+    errors = law.uncertainty.error_model
+    if request.settings["errors"] != "auto" or not errors or errors.of_law:
+        return request
+    return replace(request, settings={**request.settings, "errors": errors.kind})
 
 
 def _check_guesses(guesses: Mapping[str, float], names: Sequence[str], bounds: Sequence[Bound]) -> None:

@@ -226,7 +226,7 @@ def _of_stream(
         what = "a discrete-time law is" if given.order == 0 else "nonlinear parameters are"
         raise CommonlawError("not-file-by-file", what=what)
     errors = "white" if settings["errors"] == "auto" else settings["errors"]
-    of_part = settings | {"errors": errors, "partial_pooling": False, "progress": silent}
+    of_part = settings | {"errors": errors, "partial_pooling": False, "progress": silent, "scheme": "collocation"}
     one, parts = partial(fit, equations, **of_part), stream.parts or (stream,)
     with on_cluster(client):
         law = fitted_by_parts([one] * len(parts), parts, settings["progress"] or on_terminal())

@@ -62,14 +62,19 @@ def checked_errors(changed: Mapping[str, Any]) -> ErrorKind | None:
 
     Settings of other fits than of trajectories under errors of measurements are refused.
     """
-    if refused := [name for name in changed if name not in _SETTINGS]:
-        raise CommonlawError("not-with-observation", settings=refused)
     errors: ErrorKind | Literal["auto"] = changed.get("errors", "auto")
-    if errors == "auto":
-        return None
-    if ERRORS[errors].group == "law":
+    if errors != "auto" and ERRORS[errors].group == "law":
         raise CommonlawError("process-noise-with-observation", errors=errors)
-    return errors
+    if refused := refused_settings(changed):
+        raise CommonlawError("not-with-observation", settings=refused)
+    return None if errors == "auto" else errors
+
+
+def refused_settings(changed: Mapping[str, Any]) -> list[str]:
+    """Return the changed settings of fits that shooting refuses."""
+    errors = changed.get("errors", "auto")
+    is_process_noise = errors != "auto" and ERRORS[errors].group == "law"
+    return [name for name in changed if name not in _SETTINGS or (name == "errors" and is_process_noise)]
 
 
 def threshold_of(changed: Mapping[str, Any]) -> float:

@@ -68,14 +68,18 @@ class Parameters:
     def errors(self) -> Floats:
         """Standard errors to first order, shape (objects, parameters); NaN where unknown.
 
-        They are given the parameters that have only a limit; of these themselves they are those of a parabola.
+        They are given the parameters that have only a limit; of these themselves they are those of a parabola. What
+        remains by rounding, of quotients that are at a bound, is zero.
         """
         known, slopes = self.law.uncertainty.covariance, self.slopes(self.law.coefficients)
         with np.errstate(invalid="ignore"):
             variances = np.diagonal(self.covariance, axis1=1, axis2=2)
             if self.limits and known is not None:
                 variances = np.where(self.limited, np.einsum("opi,oij,opj->op", slopes, known, slopes), variances)
-            errors = np.sqrt(np.maximum(variances, 0.0))
+            if known is not None:
+                parts = np.einsum("opi,oii->op", slopes**2, known)
+                variances = np.where(variances < 8 * np.finfo(float).eps * parts, 0.0, variances)
+            errors = np.sqrt(variances)
         errors.flags.writeable = False
         return errors
 

@@ -28,7 +28,7 @@ from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.pool import Pool, initial_conditions, score_of_order
 from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import typical
-from commonlaw.inference.verbs.parameter_bounds import outside, released
+from commonlaw.inference.verbs.parameter_bounds import is_within
 from commonlaw.law import Law, Provenance, average_law, select_objects
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import restrictions_of, shared_parameters
@@ -146,8 +146,7 @@ def compare(
         with on_cluster(client):
             return compare_by_parts(laws, trials.parts or (trials,), settings, on_terminal())
     refuse_client(client)
-    free = [released(law, bounds_in(restrictions_of(law).bounds)) for law in laws.values()]
-    same = [written_alike(law, trials.schema) for law in free]
+    same = [written_alike(law, trials.schema) for law in laws.values()]
     converted = matched(same[0], trials)
     if any(matched(law, converted) is not converted for law in same[1:]):
         raise CommonlawError("laws-in-other-units")
@@ -168,7 +167,7 @@ def compare(
             kinds = error_kinds(errors, trials.schema)
             pools = in_parallel(lambda pool: with_error_models(pool, None, kinds, lambda _: None), pools)
         fits = in_parallel(lambda pool: converged(pool.best, errors == "white")[0], pools)
-        if any(_is_outside(law, setup, fit) for law, setup, fit in zip(free, setups, fits, strict=True)):
+        if any(_is_outside(law, setup, fit) for law, setup, fit in zip(laws.values(), setups, fits, strict=True)):
             return jointly()
         scores = in_parallel(score_of_fit, fits)
     return _frame(
@@ -187,7 +186,7 @@ def _is_outside(law: Law, setup: FitSetup, fit: Fit) -> bool:
     coefficients = np.zeros_like(narrow.coefficients)
     kept = [k for k, name in enumerate(law.terms.names) if name in names]
     coefficients[:, :, kept] = estimates[:, :, [names.index(law.terms.names[k]) for k in kept]]
-    return any(outside(replace(narrow, coefficients=coefficients), bounds_in(restrictions_of(law).bounds)))
+    return not is_within(replace(narrow, coefficients=coefficients), bounds_in(restrictions_of(law).bounds))
 
 
 def residuals_of_fit(fit: Fit) -> FittedResiduals:

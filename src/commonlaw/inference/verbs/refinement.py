@@ -1,6 +1,6 @@
 """From a law whose terms are known to coefficients: by all that was measured, or by few samples and other objects."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import checked_errors, refit, threshold_of, updated
+from commonlaw.estimation.fitting import checked_errors, refit, refused_settings, threshold_of, updated
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
@@ -35,7 +35,7 @@ from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import choose_interpolation, fit_terms
 from commonlaw.inference.search.setup import FitSetup, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
-from commonlaw.inference.verbs.parameter_bounds import at_bounds, outside, released, within_bounds
+from commonlaw.inference.verbs.parameter_bounds import is_within, refuse_outside
 from commonlaw.law import Law, Step, pool_objects, select_objects
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import (
@@ -140,7 +140,7 @@ def refine(
     given = locals()
     check_settings("refine", given)
     check_types(refine, given)
-    settings = {name: given[name] for name in (*settings_of(FitOptions, "refine"), "progress")}
+    known = {name: given[name] for name in settings_of(FitOptions, "refine")}
     calls = (*law.provenance.calls, call(refine, given, "cl.refine", "law", "trials"))
     progress = on_terminal() if progress is None else progress
     if law.scheme == "shooting":
@@ -152,9 +152,15 @@ def refine(
             result = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
         domain = result.provenance.domain
         provenance = replace(law.provenance, outcomes=(), history=result.provenance.history, calls=calls, domain=domain)
-        return pool_objects(replace(result, provenance=provenance), None, partial_pooling)
+        pooled = pool_objects(replace(result, provenance=provenance), None, partial_pooling)
+        refuse_outside(pooled, bounds_in(restrictions_of(law).bounds))
+        return pooled
     refuse_client(client)
-    result = _refined_within_bounds(law, trials, partial(refined, **settings), partial_pooling)
+    result, bounds = refined(law, trials, **known, progress=progress), bounds_in(restrictions_of(law).bounds)
+    if not is_within(result, bounds):
+        if refused := refused_settings(changed_settings("refine", known)):
+            refuse_outside(result, bounds, refused)
+        return _of_observation(result, trials, given, calls, progress)
     result = replace(result, provenance=replace(result.provenance, calls=calls))
     # Laws of a search have neither
     return with_one_sided_limits(result, trials) if law.provenance.calls or law.provenance.equations else result
@@ -167,8 +173,9 @@ def with_other_equations(law: Law, trials: Trials, equations: Sequence[str], noi
     """
     if law.scheme == "shooting":
         return refit(law, trials, equations=equations, noise=noise, progress=silent).law(())
-    how = partial(
-        refined,
+    result = refined(
+        with_equations(law, equations),
+        trials,
         log_states=None,
         input_interpolation=None,
         noise=noise or None,
@@ -180,18 +187,9 @@ def with_other_equations(law: Law, trials: Trials, equations: Sequence[str], noi
         n_jobs=-1,
         progress=silent,
     )
-    return _refined_within_bounds(with_equations(law, equations), trials, how, False)
-
-
-def _refined_within_bounds(law: Law, trials: Trials, how: Callable[..., Law], partial_pooling: bool) -> Law:
-    """Return a law fitted by `refined` with some settings, within its bounds."""
-    bounds = bounds_in(restrictions_of(law).bounds)
-    law = released(law, bounds)
-    result = how(law, trials)
-    if not any(outside(result, bounds)):
-        return result
-    apart = at_bounds(law, trials, bounds, partial(how, partial_pooling=False))
-    return within_bounds(pool_objects(apart, shared_coefficients(law), partial_pooling), bounds)
+    if not is_within(result, bounds_in(restrictions_of(law).bounds)):
+        return refit(result, trials, noise=noise, progress=silent).law(())
+    return result
 
 
 def refined(
