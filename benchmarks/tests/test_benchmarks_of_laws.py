@@ -122,6 +122,7 @@ def test_the_library_has_the_names_of_the_collection():
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_law_of_heights_comes_back_as_a_model_of_heights_and_rates():
     times = np.linspace(0, 3, 60)
     objects = []
@@ -171,6 +172,7 @@ def test_a_missing_collection_is_refused(benchmark, tmp_path, capsys):
     assert "name its folder by --problems or COMMONLAW_BENCHMARKS" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_relations_of_a_collection_stand_beside_the_truth(tmp_path, capsys):
     for power, right in ((-1, "1 of 1"), (-2, "0 of 1")):
         folder = tmp_path / str(power) / "universal"  # Two files of one name and size may count as compiled already
@@ -197,6 +199,7 @@ def test_bounds_intervals_and_cost_of_a_small_experiment_are_printed(capsys):
     assert re.search(r"\| yes \| \d", two_threads)
 
 
+@pytest.mark.slow
 def test_falls_and_drops_are_compared_with_their_truth():
     held, *_, claimed = discrepancy.fallen(0, 1.5)[:7]
     assert (held, claimed) == (True, True)
@@ -218,6 +221,7 @@ def test_a_small_problem_is_the_same_for_a_seed_and_its_terms_are_as_sure_as_its
     assert small_problems.draw(weak, 0).kind is weak
 
 
+@pytest.mark.slow
 def test_the_choice_of_a_law_is_scored_by_what_is_true_and_constants_are_put_back():
     found = choice.score_of("one object", 4)
     assert found.right

@@ -8,6 +8,7 @@ import pytest
 from benchmarks import one_trajectory
 
 
+@pytest.mark.slow
 def test_a_law_is_scored_where_it_was_learned_and_elsewhere(tmp_path, capsys):
     saved = tmp_path / "scores.jsonl"
     chosen = ["--only", "spring", "--noise", "0.05", "--dropped", "0.5", "--library", "poly:1", "--save"]

@@ -65,6 +65,7 @@ def test_a_smooth_force_has_its_size_and_length(monkeypatch):
     assert np.mean(force[:, lag:] * force[:, :-lag]) / np.mean(force**2) == pytest.approx(expected, abs=0.15)
 
 
+@pytest.mark.slow
 def test_a_row_is_printed_for_each_system_and_error_and_written(tmp_path, capsys):
     out = tmp_path / "rows.json"
     error_models.main(["--system", "drops", "--error", "white", "--draws", "1", "--out", str(out)])

@@ -45,6 +45,7 @@ def test_the_averages_of_linear_drag_are_those_of_the_authors_program_whatever_t
     assert [verdict.kind for verdict in linear.verdicts] == ["reproduced", "differs", "reproduced"]
 
 
+@pytest.mark.slow
 def test_the_group_method_finds_the_terms_more_often_than_the_single_trial_method(linear):
     shares = linear.results["recovery"]
     assert shares["group, all balls"]["0.01"] == 1
@@ -54,6 +55,7 @@ def test_the_group_method_finds_the_terms_more_often_than_the_single_trial_metho
     assert shares["group, all balls"]["2"] < 0.6
 
 
+@pytest.mark.slow
 def test_a_squared_velocity_is_found_by_the_other_method_only_and_not_where_there_is_none(linear):
     found = linear.results["quadratic_findable"]
     assert found["paper"]["1.5"].keys() == {"1", "v"}

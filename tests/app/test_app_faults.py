@@ -41,7 +41,10 @@ def faulty(tmp_path_factory):
         yield running
 
 
-@pytest.mark.parametrize(("name", "word"), [("raises", "planted"), ("unreadable", "planted"), ("dies", "code -9")])
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [("raises", "planted"), pytest.param("unreadable", "planted", marks=pytest.mark.slow), ("dies", "code -9")],
+)
 def test_a_fault_of_a_search_is_on_the_page_within_two_seconds(page: Page, faulty, tmp_path, name, word):
     table = tmp_path / f"{name}.csv"
     cl.datasets.linear_drag(trials=1).to_csv(table)

@@ -174,10 +174,7 @@ CASES = {
     "concentration": Case("x' = -k*x; level = x/W; x(0) = 10", {"k": 0.5, "W": 4.0}),
     "by weight": Case("x' = -k*x; level = x/(W*mass); x(0) = 10", {"k": 0.5, "W": 4.0}, masses=MASSES),
 }
-QUICK = (
-    "property", "spring", "saturation", "batch", "found inverse", "found by mass", "driven", "absorption",
-    "refill", "moment", "concentration",
-)  # fmt: skip
+QUICK = ("property", "saturation", "batch", "found by mass", "driven", "refill", "concentration")
 
 
 def estimates(shown: dict) -> dict[str, float]:

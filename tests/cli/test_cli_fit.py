@@ -277,7 +277,7 @@ def test_a_table_of_generations_hints_at_the_option_for_discrete_time(run, tmp_p
 
 
 @pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind == "driven")) for kind in ORDINARY]
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind != "growth in rows")) for kind in ORDINARY]
 )
 def test_a_table_alone_gives_its_law(done, tmp_path, kind):
     (tmp_path / "table.csv").write_text(ORDINARY[kind].table())

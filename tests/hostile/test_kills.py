@@ -40,8 +40,7 @@ COMMANDS = {
     ),
     "export a workbook": ("data", "export", "in/drops.xlsx", "--save", "drops.csv"),
 }  # fmt: skip
-QUICK = "predict"
-"""Which writes a table and a figure."""
+QUICK = "export to CSV"
 
 OLD = b"what was there before"
 

@@ -91,7 +91,15 @@ def supports(law):
     return tuple({law.terms.names[k] for k in np.flatnonzero(row)} for row in law.support)
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "drops",
+        "pendulum",
+        "decay",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("populations", "oscillator")),
+    ],
+)
 def test_the_origin_of_the_states_changes_the_law_by_its_shift_only(name):
     shift = -1e4
     if name == "pendulum":

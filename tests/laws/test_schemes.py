@@ -165,20 +165,20 @@ FAST = {
     "decay, logarithms": decay._replace(noise=0.0, change=_scattered, options={"log_states": ["x"]}),
     "decay, a volume": decay._replace(equations="x' = -CL/V x", change=_with_volumes),
     "fall": falling,
-    "logistic growth": growth,
     "predation, missing values": predation._replace(change=_with_gaps, added="y(0) = l"),
     "Michaelis and Menten": enzyme._replace(numbers={"a": (1.0, 2.0)}),
-    "van der Pol": turning,
     "relaxation, an input": Problem(
         "x' = -k x + b u", "x(0) = h", lambda t, x, k: [-k * x[0] + 2 * _drive(t)], {"a": (0.3,), "b": (0.5,)},
         [(1.0,)], line(0, 12, 37), 0.05, change=_driven, options={"input_interpolation": "linear", "shared": "b"},
     ),
+}  # fmt: skip
+SLOW = {
+    "logistic growth": growth,
+    "van der Pol": turning,
     "reaction": Problem(
         "a' = -k a; b' = k a - m b", "a(0) = h", lambda _, x, k, m: [-k * x[0], k * x[0] - m * x[1]],
         {"a": (0.8, 0.3)}, [(2.0, 0.3)], line(0, 6, 12), 0.03, ("a", "b"),
     ),
-}  # fmt: skip
-SLOW = {
     "relaxation": relaxation,
     "fall, known gravity": falling._replace(equations="x'' = -9.8 - c v"),
     "Michaelis and Menten, two objects": enzyme,
@@ -322,7 +322,15 @@ def test_exact_measurements_have_no_outliers():
         assert cl.fit("x' = -k x; x(0) = h", trials, errors=kind).coefficients == pytest.approx(law.coefficients)
 
 
-@pytest.mark.parametrize("options", [{}, {"huber_threshold": 2.5}, {"errors": "white"}, {"errors": "proportional"}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        pytest.param({"huber_threshold": 2.5}, marks=pytest.mark.slow),
+        {"errors": "white"},
+        {"errors": "proportional"},
+    ],
+)
 def test_both_schemes_weigh_outliers_alike(options):
     """By the Huber loss if the evidence for outliers is very strong, and never under white noise by name."""
     bump, is_white = np.arange(15)[:, np.newaxis] == 5, options.get("errors") == "white"
@@ -421,7 +429,13 @@ def score(law: cl.Law, trials: cl.Trials, noise: Mapping[str, float] | None = No
     return score_of_fit(converged(pool.best, errors == "white")[0])
 
 
-@pytest.mark.parametrize("name", ["decay", "fall", "decay, logarithms", "decay, a volume", "predation", *UNDER_ERRORS])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("decay", "fall", "decay, logarithms", "predation", "decay, autocorrelated", "decay, proportional"),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("decay, a volume", "logistic growth, proportional")),
+    ],
+)
 def test_both_schemes_have_one_score(name):
     problem = (FAST | SLOW | UNDER_ERRORS)[name]
     trials = problem.trials()
@@ -562,7 +576,9 @@ def test_autocorrelated_residuals_are_noted_where_shooting_takes_white_noise():
     assert "residuals-autocorrelated" not in [outcome.code for outcome in problem.shoot(trials).diagnostics]
 
 
-@pytest.mark.parametrize("name", UNDER_ERRORS)
+@pytest.mark.parametrize(
+    "name", [*list(UNDER_ERRORS)[:2], pytest.param("logistic growth, proportional", marks=pytest.mark.slow)]
+)
 def test_laws_under_errors_of_measurements_are_those_of_both_schemes(name):
     problem = UNDER_ERRORS[name]
     trials = problem.trials()

@@ -50,6 +50,7 @@ def test_discovery_takes_repeated_measurements():
     assert [name for name, used in zip(law.terms.names, law.support[0], strict=True) if used] == ["a^2"]
 
 
+@pytest.mark.slow
 def test_growth_to_a_limit_is_not_taken_for_jumps_between_resting_points():
     generator, times = np.random.default_rng(0), np.linspace(0, 16, 200)
     grown = 80 / (1 + 1.9 * np.exp(-0.6 * times))[:, np.newaxis]

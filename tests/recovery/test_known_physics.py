@@ -43,6 +43,7 @@ def test_names_in_known_equations_are_properties(drops):
     np.testing.assert_allclose(law.coefficients[:, 0, law.terms.index("1")], -9.8, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_a_function_of_speed_and_properties_is_a_base_and_gravity_is_left():
     drops = cl.datasets.reynolds_drag(trials=1, samples=25).select(object=["Ball 1", "Ball 5"])
     law = cl.discover(drops, known=sphere_drag, **SETTINGS)

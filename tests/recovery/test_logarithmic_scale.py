@@ -167,6 +167,7 @@ def test_a_state_that_a_law_drives_below_zero_diverges():
     assert "diverged" in str(outcome)
 
 
+@pytest.mark.slow
 def test_several_states_may_have_scales_of_their_own():
     trials = cl.datasets.lotka_volterra(noise=0.01)[:2]
     library = "terms:1,x,y,x*y"

@@ -80,7 +80,11 @@ def simulated(model, initial, parameters, end, count=40):
     return cl.Trials.from_arrays(times, noisy, inputs=held, names=names, properties={"object": {"dose": 8.0}})
 
 
-_LONG = ("brusselator", "driven-oscillator", "first-order-lag-with-dead-time", "rosenzweig-macarthur", "seir")
+_LONG = (
+    "brusselator", "chemostat", "driven-oscillator", "first-order-lag-with-dead-time", "fitzhugh-nagumo", "lorenz",
+    "monod", "reversible-reaction", "richards", "rosenzweig-macarthur", "seir", "sir", "two-compartments",
+    "van-der-pol",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(

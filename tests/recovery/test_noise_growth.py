@@ -85,6 +85,7 @@ def test_the_gain_is_that_of_the_likeliest_levels():
     assert gain == pytest.approx(free - deviance(constant**2 + (share * sizes) ** 2))
 
 
+@pytest.mark.slow
 def test_an_epidemic_that_dies_down_under_noise_in_proportion_is_found():
     """Its first states are ten thousand times its last ones: under noise of one level most say nothing, or too much."""
     times = np.linspace(0, 10, 300)

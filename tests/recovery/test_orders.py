@@ -48,6 +48,7 @@ swings = partial(
 )
 
 
+@pytest.mark.slow
 def test_a_measured_rate_makes_the_law_more_certain():
     both = discover(swings(0.05, columns=2), library="poly:1 + fourier:1")
     alone = discover(swings(0.05), order=2, library="poly:1 + fourier:1")

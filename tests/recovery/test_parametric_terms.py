@@ -126,6 +126,7 @@ def test_equations_share_a_term_without_constants(tmp_path):
     assert cl.Law.load(tmp_path / "law.json").structure == law.structure
 
 
+@pytest.mark.slow
 def test_a_course_that_turns_by_a_force_over_the_speed_is_found():
     """A glider: its angle is that of its velocity (Strogatz 1994, exercise 6.5.14)."""
 

@@ -99,6 +99,7 @@ def growing():
     return cl.Trials.from_frame(pd.concat(frames), properties=["K", "mass"])
 
 
+@pytest.mark.slow
 def test_discover_finds_the_term_with_the_right_property(growing):
     library = ["x", "x^2", "x*mass", "x**2/K", "x^2*mass", "x^2*K"]
     law = cl.discover(growing, order=1, library=library)

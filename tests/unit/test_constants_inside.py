@@ -220,7 +220,7 @@ def test_a_constant_that_fits_best_outside_of_its_bound_is_at_the_bound(enzymes)
     assert "K is at its bound, 0.1" in named[0].text
 
 
-@pytest.mark.parametrize("settings", [{}, {"shared": "V"}])
+@pytest.mark.parametrize("settings", [{}, pytest.param({"shared": "V"}, marks=pytest.mark.slow)])
 def test_what_a_term_does_not_show_of_its_constants_is_said(settings):
     times = np.linspace(0, 3, 40)
     decay = simulated(lambda _, s, rate: -rate * s, {"a": (1.0,), "b": (0.7,)}, [[3.0], [1.0]], times, 0.01)

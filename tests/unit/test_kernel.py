@@ -172,8 +172,8 @@ def agree(found, expected, again, message):
 
 
 FITTED = (
-    "second order", "mixed orders, constants inside", "cubic inputs", "several meshes", "logarithms, held inputs",
-    "both, held inputs", "both, logarithms",
+    "both, held inputs", "mixed orders, constants inside", "cubic inputs", "several meshes", "logarithms, held inputs",
+    pytest.param("second order", marks=pytest.mark.slow), pytest.param("both, logarithms", marks=pytest.mark.slow),
 )  # fmt: skip
 
 

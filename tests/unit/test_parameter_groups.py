@@ -205,6 +205,7 @@ def decays_of_labs(seed):
     return cl.Trials(tuple(made), cl.Schema(("y",)), {name: {"lab": lab} for name, (lab, _) in labs.items()})
 
 
+@pytest.mark.slow
 def test_bands_of_log_scaled_quantities_have_the_relative_noise_of_their_laboratory():
     """At known parameters they are ``y exp(±1.96 s)``; of the fits they hold 95 % of new measurements of each."""
     inside = {"A": [], "B": []}

@@ -149,6 +149,7 @@ def test_what_cannot_be_told_is_refused():
         cl.fit("conc' = -(a + b) conc", trials)
 
 
+@pytest.mark.slow
 def test_rates_that_share_a_factor_are_fitted_as_those_that_do_not():
     random, times, flow = np.random.default_rng(0), np.linspace(0, 6, 15), np.array([[-1.3, 0], [1.3, -1.6]])
     states = np.array([expm(flow * time)[:, 0] for time in times]) + 0.005 * random.standard_normal((15, 2))

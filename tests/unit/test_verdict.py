@@ -79,6 +79,7 @@ def test_forecasts_no_better_than_the_last_value_are_not_to_be_used(line):
     assert "not below that of a constant forecast" in verdict.sentences[0]
 
 
+@pytest.mark.slow
 def test_random_walks_and_noise_cannot_be_forecast():
     draws = np.random.default_rng(0).normal(size=(2, 4, 60))
     for states, end in ((np.cumsum(draws[0], axis=1), 40.0), (draws[1], 60.0)):
