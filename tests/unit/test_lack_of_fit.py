@@ -43,3 +43,11 @@ def test_no_law_of_exact_data_lacks_fit_by_rounding(start):
     laws = {text: cl.fit(text + start, trials) for text in ("x' = a", "x' = a + b x", "x' = a x + 1")}
     compared = cl.compare(laws, trials, errors="white").set_index("law")["lack of fit"]
     assert compared.to_dict() == {"x' = a": False, "x' = a + b x": False, "x' = a x + 1": True}
+
+
+def test_a_wrong_law_of_exact_data_lacks_fit_with_autocorrelated_errors():
+    """Innovations of such errors are autocorrelated, too, as the law misses a curve."""
+    times = np.arange(0.0, 10.1, 0.5)
+    trials = trials_of({"A": (times, 10 * np.exp(-0.3 * times))}, ["x"])
+    law = cl.fit("x' = -k x^2", trials, errors="white")
+    assert cl.compare([law], trials, errors="autocorrelated")["lack of fit"].tolist() == [True]

@@ -215,8 +215,11 @@ class SearchProblem:
 
     @property
     def under_white_noise(self) -> "SearchProblem":
-        """The problem with white noise alone, of its first estimate."""
-        return self.with_errors(self.noise_estimate, WHITE_NOISE, "of the first estimate") if self.errors else self
+        """The problem with white noise alone, of its first estimate, which is the unit of model errors again."""
+        if not self.errors:
+            return self
+        of_unit = replace(self, noise=self.models[0].unit[: len(self.noise)], errors=WHITE_NOISE)
+        return of_unit.with_scaled_noise(self.noise_estimate / of_unit.noise, "of the first estimate")
 
     def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
         """Return the problem with the states of estimates, at which heteroscedastic noise is evaluated."""
