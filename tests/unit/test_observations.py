@@ -368,4 +368,9 @@ def test_the_logarithm_of_a_concentration_that_is_zero_before_a_dose_gives_no_wa
     law = cl.fit("C' = -k C + AMT/V; LNDV = log(C)", cl.Trials.from_frame(frame))
     estimated = dict(zip(law.params["parameter"], law.params["estimate"], strict=True))
     assert estimated == pytest.approx({"k": 0.2, "V": 8.0}, rel=0.02)
+    forecast = law.predict(cl.Trials.from_frame(frame), return_std=True)
+    assert not forecast.outcomes
+    assert forecast.score() > 0.99
+    assert np.isfinite(forecast.to_frame()["LNDV forecast"]).all()
+    assert not [note for note in forecast.trials.notes if "inf" in note]
     assert not [warning for warning in recwarn if issubclass(warning.category, RuntimeWarning)]

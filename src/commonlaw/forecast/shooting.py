@@ -167,14 +167,19 @@ class Shooting(AbstractScheme):
         predicted = problem.predicted(data, unknowns, slopes)
         followed, by_unknowns = Followed(times, predicted.states), predicted.slopes
         too_far = limit is not None and bool(np.abs(predicted.states).max() > limit)
-        if by_unknowns is None or too_far or not np.isfinite(by_unknowns).all():
+        if by_unknowns is None or too_far:
+            return followed
+        # Logarithms of states that are zero, as before a dose, are not measured
+        unseen = np.isinf(predicted.values) & np.isfinite(predicted.states).all(axis=1)[:, np.newaxis]
+        by_unknowns = np.where(unseen[:, :, np.newaxis], 0.0, by_unknowns)
+        if not np.isfinite(by_unknowns).all():
             return followed
         inner = [i for i, parameter in enumerate(model.parameters) if parameter in names and i not in self.of_trial]
         by_coefficients = np.nan_to_num(self.named.slopes(coefficients[np.newaxis])[0])
         by_coefficients = by_coefficients[[names.index(model.parameters[i]) for i in inner]]
         rows = by_unknowns[:, :, inner] @ by_coefficients
         parts = [rows, by_unknowns[:, :, count:], by_unknowns[:, :, self.of_trial]]
-        return followed._replace(values=predicted.values, slopes=np.concatenate(parts, axis=2))
+        return followed._replace(values=np.where(unseen, 0.0, predicted.values), slopes=np.concatenate(parts, axis=2))
 
     def measured(self, name: str, followed: Followed) -> Measured | None:
         times, _, values, slopes = followed
@@ -343,7 +348,11 @@ class _Curve:
         grid = np.union1d(self.data.times[:1], trial.times)
         data = replace(self.data, times=grid, rows=np.searchsorted(grid, trial.times))
         predicted = self.problem.predicted(data, self.unknowns, return_std)
-        trajectory = trajectory_of(trial.times, predicted.values, predicted.is_endless, trial.label)
+        values, is_measured = predicted.values, np.isfinite(trial.states)
+        # The logarithm of a state that is zero, as before a dose, is a fault where it was measured alone
+        judged = np.where(np.isinf(values) & ~is_measured, 0.0, values)
+        finite = np.isfinite(np.column_stack([predicted.states, judged])).all(axis=1)
+        trajectory = trajectory_of(trial.times, values, finite, predicted.is_endless, trial.label)
         if not return_std:
             return Solved(trajectory, None, predicted.states)
         if predicted.slopes is None:
@@ -416,9 +425,8 @@ def _default_start(scheme: Shooting, trial: Trial, used: Bools) -> int | Literal
     return int(np.searchsorted(counts, max(MIN_SAMPLES, len(free)))) + 1
 
 
-def trajectory_of(times: Floats, values: Floats, is_endless: bool, where: str) -> Trajectory:
-    """Return a trajectory that ends where its values are not finite."""
-    finite = np.isfinite(values).all(axis=1)
+def trajectory_of(times: Floats, values: Floats, finite: Bools, is_endless: bool, where: str) -> Trajectory:
+    """Return a trajectory of values, shape (n, m), that ends where the solution is not finite, shape (n,)."""
     ended = None if finite.all() else float(times[int(np.argmin(finite))])
     reason = "events repeat infinitely often" if is_endless else "a state is not finite"
     outcome = None if ended is None else diverged(ended, reason, where, "ends" if is_endless else "ran away")

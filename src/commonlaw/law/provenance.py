@@ -99,8 +99,8 @@ class Domain:
             margin, beyond = max(_BEYOND * (high - low), 1e-9 * max(abs(low), abs(high))), dict[str, float]()
             for label, columns in trials:
                 values = columns.get(name, np.empty(0))
-                if np.isfinite(values).any():
-                    least, largest = float(np.nanmin(values)), float(np.nanmax(values))
+                if len(values := values[np.isfinite(values)]):
+                    least, largest = float(values.min()), float(values.max())
                     distance, farthest = max((low - least, least), (largest - high, largest))
                     beyond |= {label: farthest} if distance > margin else {}
             if beyond:
