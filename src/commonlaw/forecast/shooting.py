@@ -170,7 +170,7 @@ class Shooting(AbstractScheme):
         if by_unknowns is None or too_far:
             return followed
         # Logarithms of states that are zero, as before a dose, are not measured
-        unseen = np.isinf(predicted.values) & np.isfinite(predicted.states).all(axis=1)[:, np.newaxis]
+        unseen = np.isinf(predicted.values) & np.isfinite(predicted.states).all(axis=1, keepdims=True)
         by_unknowns = np.where(unseen[:, :, np.newaxis], 0.0, by_unknowns)
         if not np.isfinite(by_unknowns).all():
             return followed
@@ -351,7 +351,7 @@ class _Curve:
         values, is_measured = predicted.values, np.isfinite(trial.states)
         # The logarithm of a state that is zero, as before a dose, is a fault where it was measured alone
         judged = np.where(np.isinf(values) & ~is_measured, 0.0, values)
-        finite = np.isfinite(np.column_stack([predicted.states, judged])).all(axis=1)
+        finite = np.asarray(np.isfinite(np.column_stack([predicted.states, judged])).all(axis=1))
         trajectory = trajectory_of(trial.times, values, finite, predicted.is_endless, trial.label)
         if not return_std:
             return Solved(trajectory, None, predicted.states)

@@ -65,7 +65,8 @@ def _by_shooting(law: Law, problems: Mapping[str, InitialValueProblem], toleranc
             derivatives=False,
             tolerance=tolerance,
         )
-        result[name] = trajectory_of(problem.times, states, np.isfinite(states).all(axis=1), is_endless, name)
+        finite = np.asarray(np.isfinite(states).all(axis=1))
+        result[name] = trajectory_of(problem.times, states, finite, is_endless, name)
     return result
 
 
