@@ -30,7 +30,7 @@ from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.setup import FitSetup
 from commonlaw.inference.verbs.comparison import score_of_fit, written_alike
 from commonlaw.law.observation import STATES
-from commonlaw.law.parameters import named_parameters
+from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.likelihood import ERRORS
 from tests.refusals import refused
 from tests.simulations import simulated
@@ -654,7 +654,7 @@ def test_verbs_state_the_same_of_one_law_in_both_schemes(name):
 
 @pytest.mark.parametrize("name", VERBS)
 def test_laws_are_updated_the_same_in_both_schemes(name):
-    """By as many measurements again where objects share nothing: errors are those before over the root of two."""
+    """By as many measurements again: errors are those before over the root of two; what is shared remains so."""
     trials = VERBS[name].trials()
     law = VERBS[name].fit(trials)
     one, two = (scheme.update(trials) for scheme in in_both_schemes(law))
@@ -662,9 +662,10 @@ def test_laws_are_updated_the_same_in_both_schemes(name):
     assert result["estimates"] < LIMITS["estimates"]
     assert result["standard errors"] < 0.006
     assert one.uncertainty.error_model.kind == law.uncertainty.error_model.kind
-    if "shared" not in name:
-        before, after = (named_parameters(of).errors for of in (law, one))
-        assert after == pytest.approx(before / np.sqrt(2), rel=0.03)
+    before, after = (named_parameters(of) for of in (law, one))
+    assert after.errors == pytest.approx(before.errors / np.sqrt(2), rel=0.03)
+    for p, shared in enumerate(parameter in restrictions_of(law).shared for parameter in after.names):
+        assert (np.ptp(after.values[:, p]) <= 1e-9 * abs(after.values[0, p])) == shared
 
 
 def test_updated_parameters_stay_within_their_bounds_in_both_schemes():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.law.parameters import standard_errors
+from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.law.population import with_objects_of
 from tests.refusals import refused
 
@@ -38,6 +38,21 @@ def test_the_posterior_is_the_product_of_what_was_known_and_what_the_trials_tell
     found, errors, _ = numbers(law.update(unseen))
     np.testing.assert_array_less(abs(found - mean), 0.05 * errors)
     np.testing.assert_allclose(errors, np.sqrt(np.diag(total)), rtol=0.02)
+
+
+@pytest.mark.parametrize("start", ["", "; x(0) = h"])
+def test_objects_that_share_a_parameter_are_updated_as_by_a_fit_of_all_trials(drops, start):
+    three = drops.select(object=drops.objects[:3])
+    equation, more = f"x'' = -g - c v{start}", {"shared": "g", "noise": {"x": 0.05}}
+    found = cl.fit(equation, three.select(trial=1), **more).update(three.select(trial=2))
+    expected = cl.fit(equation, three, **more)
+    one, other = (named_parameters(of) for of in (found, expected))
+    assert one.names == other.names
+    assert np.ptp(one.values[:, one.names.index("g")]) < 1e-9
+    np.testing.assert_array_less(abs(one.values - other.values), 0.1 * other.errors)
+    np.testing.assert_allclose(one.errors, other.errors, rtol=0.05)
+    correlations = [of.joint_covariance([(0, of.names.index("c")), (2, of.names.index("c"))]) for of in (one, other)]
+    assert correlations[0][0, 1] == pytest.approx(correlations[1][0, 1], rel=0.1)
 
 
 def test_an_adapted_law_forecasts_and_says_where_it_comes_from(drops, law):

@@ -122,36 +122,21 @@ def refit(
 def updated(law: Law, trials: Trials) -> Law:
     """Return a law of known noise whose parameters were updated by trials of its objects, see `Law.update`.
 
-    Of each object the parameters p of the law, with their covariance, are the prior of the likelihood of its trials,
-    under the errors of the law; those that had only a limit have none. What differs between trials, and initial values,
-    has the priors of the law's fit. Terms of a library that the law does not have are left out.
+    The parameters of the law, with their covariance, are the prior of the likelihood of the trials, under the errors of
+    the law; those that had only a limit have none. Objects that share a parameter are updated together, others each by
+    its own trials. What differs between trials, and initial values, has the priors of the law's fit. Terms of a library
+    that the law does not have are left out.
     """
-    named, known_noise, parts = named_parameters(law), law.uncertainty.noise, list[Law]()
+    known_noise, parts = law.uncertainty.noise, list[Law]()
     assert known_noise is not None
     noise: dict[str, NoiseGiven] = dict(zip(trials.schema.states, known_noise.tolist(), strict=True))
     noise |= law.uncertainty.noise_of
     known = np.any([trial.known_noise for trial in trials], axis=0)
     levels = {name: noise[name] for name in np.array(trials.schema.states)[~known].tolist()}
-    for owner in trials.objects:
-        errors, o = law.uncertainty.error_model, object_index(law, owner)
-        begun = beginning_of(law, trials.select(object=owner), levels, errors=errors.kind)
-        names, problem = begun.unknowns.names, replace(begun.problem, errors=errors)
-        # At a bound of zero there is no error, either
-        free = {name for name, error in zip(named.names, named.errors[o], strict=True) if not np.isfinite(error)}
-        free |= {limit.parameter for limit in law.uncertainty.limits if limit.object == owner}
-        by = {name: begun.restrictions.shared.get(name, OBJECT) for name in named.names}
-        indices = [
-            i
-            for i, name in enumerate(names)
-            if name in by and name not in free and not by_trial(by[name], trials.schema)
-        ]
-        at = [named.names.index(names[i]) for i in indices]
-        prior = NormalPrior.joint(indices, named.values[o, at], named.covariance[o][np.ix_(at, at)]) if at else None
-        others = [normal_prior for normal_prior in problem.priors if not {*normal_prior.indices.tolist()} & {*indices}]
-        guessed = begun.guessed.copy()
-        guessed[indices] = True
-        begun = replace(begun, guessed=guessed, problem=replace(problem, priors=(*others, *filter(None, [prior]))))
-        parts.append(fit_model(begun, 0, lambda _: None).law(()))
+    depend = any(by != OBJECT and not by_trial(by, trials.schema) for by in restrictions_of(law).shared.values())
+    for owners in [trials.objects] if depend else [(owner,) for owner in trials.objects]:
+        begun = beginning_of(law, trials.select(object=owners), levels, errors=law.uncertainty.error_model.kind)
+        parts.append(fit_model(_with_prior(begun, law), 0, lambda _: None).law(()))
     coefficients, covariance = of_all_objects(parts)
     likelihood = sum(known_log_likelihood(part) for part in parts)
     limits = tuple(limit for part in parts for limit in part.uncertainty.limits)
@@ -165,6 +150,7 @@ def updated(law: Law, trials: Trials) -> Law:
         coefficients=coefficients,
         uncertainty=Uncertainty(
             covariance=covariance,
+            shared_factor=parts[0].uncertainty.shared_factor if len(parts) == 1 else None,
             noise=known_noise,
             noise_of=law.uncertainty.noise_of,
             error_model=law.uncertainty.error_model,
@@ -180,6 +166,27 @@ def updated(law: Law, trials: Trials) -> Law:
         ),
         trial_estimates=TrialEstimates(estimate for part in parts for estimate in part.trial_estimates),
     )
+
+
+def _with_prior(begun: Beginning, law: Law) -> Beginning:
+    """Return a beginning under the errors of a law, whose parameters are the prior of its unknowns."""
+    named, names, places = named_parameters(law), begun.unknowns.names, dict[int, tuple[int, int]]()
+    differ = [by_trial(begun.restrictions.shared.get(name, OBJECT), begun.trials.schema) for name in names]
+    for trial, indices in zip(begun.trials, begun.unknowns.parameters, strict=True):
+        o = object_index(law, trial.object)
+        for k in (k for k in indices if k >= 0 and names[k] in named.names and not differ[k]):
+            p = named.names.index(names[k])
+            # At a bound of zero there is no error, either
+            if np.isfinite(named.errors[o, p]) and not named.limited[o, p]:
+                places.setdefault(k, (o, p))
+    others = [prior for prior in begun.problem.priors if not {*prior.indices.tolist()} & {*places}]
+    if places:
+        mean = np.array([named.values[place] for place in places.values()])
+        others.append(NormalPrior.joint([*places], mean, named.joint_covariance([*places.values()])))
+    guessed = begun.guessed.copy()
+    guessed[[*places]] = True
+    problem = replace(begun.problem, errors=law.uncertainty.error_model, priors=tuple(others))
+    return replace(begun, guessed=guessed, problem=problem)
 
 
 def known_log_likelihood(law: Law) -> float:

@@ -136,6 +136,19 @@ class Parameters:
         covariance.transpose(0, 2, 1)[self.limited] = 0.0
         return covariance
 
+    def joint_covariance(self, places: Sequence[tuple[int, int]]) -> Floats:
+        """Return the covariance of parameters by the indices of object and parameter, shape (k, k).
+
+        Objects depend on each other by the shared factor of the law.
+        """
+        objects, parameters = np.array(places).T
+        within = self.covariance[objects[:, np.newaxis], parameters[:, np.newaxis], parameters]
+        between, factor = np.zeros_like(within), self.law.uncertainty.shared_factor
+        if factor is not None:
+            rows = (self.slopes(self.law.coefficients) @ factor)[objects, parameters]
+            between = rows @ rows.T
+        return np.asarray(np.where(objects[:, np.newaxis] == objects, within, between))
+
     @cached_property
     def covariance_given_limits(self) -> Floats | None:
         """Covariance of coefficients in the support given the parameters that have only a limit, shape (objects, p, p).

@@ -340,8 +340,8 @@ def adapt(law: Law, trials: Trials) -> Law:
         raise CommonlawError("weights-unknown", lacking=lacks)
     trials = matched(law, trials)
     before = with_objects_of(law, trials)[0]
-    # What is not normal, or weighted by solutions, is fitted by shooting
-    if law.scheme == "shooting" or known.error_model or known.limits or bounds:
+    # What is not normal, weighted by solutions, or of several objects is fitted by shooting
+    if law.scheme == "shooting" or known.error_model or known.limits or bounds or shared_parameters(law):
         result = updated(before, trials)
     else:
         result = _updated_by_collocation(before, trials)
