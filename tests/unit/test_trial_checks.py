@@ -67,6 +67,20 @@ def test_what_is_odd_knows_its_trial_sample_and_column():
     assert str(jump).startswith("ball, trial 1: x2 jumps by")
 
 
+@pytest.mark.parametrize("sample", [0, 1, 12, 29])
+def test_a_stray_value_is_named_by_its_cell_however_large_it_is(sample):
+    values = fall(noise=0.01)
+    values[sample] = 1e30
+    stray, *_ = ball(values, times=0.5 * T).check().found
+    assert (stray.sample, stray.column) == (sample, "x")
+    assert f"1e+30 at t = {0.5 * T[sample]:g} may be a stray value" in stray.text
+
+
+@pytest.mark.parametrize("values", [np.where(T < 12, 0.0, 5.0) + np.sin(T), 10.0**T, 1.5**-T])
+def test_steps_and_exponentials_are_not_stray_values(values):
+    assert not [finding for finding in ball(values).check().findings if "stray" in finding]
+
+
 def test_trials_that_are_irregular_throughout_are_not_to_be_clipped():
     findings = ball([1.0, 3.0, 4.0, 7.0, 9.0], times=[118.0, 484.0, 664.0, 1004.0, 1231.0]).check().findings
     assert findings[0].startswith("ball, trial 1: irregular sampling: steps are up to 104 off their median 284")

@@ -204,11 +204,19 @@ def _values(trial: Trial, schema: Schema, stop: int) -> Iterator[Finding]:
         if len(values) > 1 and np.all(values == values[0]):
             text = f"{name} is constant, {values[0]:g}{_unit(schema, name)} in every sample"
             yield _in(trial, text, int(measured[0]), name)
-        kept = measured < stop
-        index = _jump(trial.times[measured[kept]], values[kept])
+        measured = measured[measured < stop]
+        times, values = trial.times[measured], values[: len(measured)]
+        index = _jump(times, values)
         if index is not None:
             jump, (before, after) = values[index + 1] - values[index], measured[index : index + 2].tolist()
             text = f"{name} jumps by {jump:.3g}{_unit(schema, name)} from sample {before + 1} to sample {after + 1}"
+            for k in (index + 1, index):
+                without = _jump(np.delete(times, k), np.delete(values, k))
+                if without is None or without > k:
+                    at = f"{schema.time} = {times[k]:g}{_unit(schema, schema.time)}"
+                    text += f": {values[k]:.6g}{_unit(schema, name)} at {at} may be a stray value"
+                    after = int(measured[k])
+                    break
             yield _in(trial, text, after, name)
 
 
@@ -225,7 +233,7 @@ def _jump(times: Floats, values: Floats) -> int | None:
     neighbours = sliding_window_view(np.pad(bends, 2, mode="reflect"), 5)
     distances = np.abs(bends - np.median(neighbours, axis=1))
     deviation = 1.4826 * np.median(np.abs(bends - np.median(bends)))
-    rounding = 1e-12 * np.abs(values).max()
+    rounding = 1e-12 * np.median(np.abs(values))
     if deviation <= rounding:
         changes = np.abs(slopes)[np.abs(slopes) > rounding]
         deviation = changes.min(initial=np.inf)
