@@ -14,11 +14,13 @@ from pathlib import Path
 import pooch
 import pytest
 from hypothesis import HealthCheck, settings
+from matplotlib.figure import Figure
 from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 
 import commonlaw as cl
 from commonlaw.cli import main
 from commonlaw.estimation import search
+from commonlaw.report import document
 from commonlaw.runtime.cluster import connected
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -64,6 +66,18 @@ def few_starts() -> Iterator[None]:
         for name, count in {"DRAWS": 16, "IMPROVED": 4, "FINISHED": 2}.items():
             patch.setattr(search, name, count)
         yield
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Empty figures in pages of reports, of which other things are tested: to draw them takes most of the time."""
+
+    def figures(report: document.Report) -> Iterator[tuple[str, Figure]]:
+        for block in report.named_blocks():
+            if isinstance(block, document.Picture):
+                yield block.name, Figure((1.0, 1.0))
+
+    monkeypatch.setattr(document, "figures", figures)
 
 
 FAULTS = """

@@ -24,7 +24,7 @@ def tables(tmp_path):
     (tmp_path / "bad.csv").write_text("t,x\n0,1\n1,two\n")
 
 
-@pytest.mark.usefixtures("tables")
+@pytest.mark.usefixtures("tables", "undrawn")
 def test_files_without_each_have_one_law_and_so_has_their_folder(run, done, tmp_path):
     (tmp_path / "bad.csv").unlink()
     (tmp_path / "runs").mkdir()

@@ -106,6 +106,7 @@ def test_what_is_held_out_of_a_pattern_is_forecast(run, words, trials):
     assert "This law can be used for forecasts" in out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_report_of_a_pattern_is_a_page(done, tmp_path):
     cl.Law.from_text("x'' = -g - c v", {"g": 9.8, "c": {"Ball 1": 0.2, "Ball 2": 0.6}}).save(tmp_path / "law.json")
     done("report", "Ball *.parquet", "law.json", "--hold-out", "trial=3")

@@ -78,6 +78,7 @@ def printed(tmp_path, monkeypatch, capsys):
     return run_here
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("kind", [pytest.param("guessed", marks=pytest.mark.slow), "sheet"])
 def test_the_program_of_a_report_prints_its_law_and_verdict(run, done, printed, tmp_path, kind):
     frame, roles = TABLES[kind]

@@ -60,6 +60,7 @@ def test_a_law_in_discrete_time_has_forecasts_only():
     assert "a law in discrete time has forecasts only" in said
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_law_without_terms_says_so():
     random = np.random.default_rng(1)
     trials = cl.Trials.from_arrays(TIMES, 2 + random.normal(0, 0.1, 20), names=["x"])

@@ -325,6 +325,7 @@ def test_what_laws_with_observations_cannot_do_is_refused(law):
         cl.compare(laws, TRIALS)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_reports_and_figures_show_what_was_measured(law):
     assert r"\mathrm{signal} &= c x" in to_latex(law)
     assert r"x(0) &= x_{0} + 1" in to_latex(law)
