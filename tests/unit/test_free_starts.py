@@ -53,7 +53,7 @@ def drawn(case, count=2):
     return values, starts, noise, measured, trials
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ["epidemic", pytest.param("pendulum", marks=pytest.mark.slow)])
 def test_coefficients_starts_and_errors_are_those_of_independent_least_squares(case):
     equations, _, name, hidden, names, *_ = CASES[case]
     truth, starts, noise, measured, trials = drawn(case)

@@ -71,7 +71,7 @@ def test_only_rows_are_counted():
 
 def test_comments_between_rows_are_taken_out_in_linear_time():
     taken = list[float]()
-    for rows in (2_000, 20_000):
+    for rows in (1_000, 10_000):
         begin = process_time()
         table = table_in("t.csv", b"t,x\n" + b"".join(b"%d,2\n# a remark\n" % i for i in range(rows)) + b"50000,3\n")
         taken.append(process_time() - begin)

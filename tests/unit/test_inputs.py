@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from importlib.util import find_spec
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pandas as pd
@@ -94,9 +94,14 @@ def reference(order, start, how):
     return whole[:, :order], whole[:, order:].reshape(len(TIMES), order, -1)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("how", ["held", "linear", "cubic"])
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    ("order", "how", "method"),
+    [
+        pytest.param(*case, marks=[pytest.mark.slow] * (i % 2 == (case[2] == "heyoka")))
+        for i, pair in enumerate(product([1, 2], ["held", "linear", "cubic"]))
+        for case in ((*pair, method) for method in METHODS)
+    ],
+)
 def test_driven_forecasts_and_their_bands_are_those_of_another_integrator(method, how, order):
     law = driven_law(order)
     heights = 0.7 + 0.1 * (TIMES - TIMES[0])

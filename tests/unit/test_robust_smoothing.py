@@ -38,8 +38,13 @@ def error(rates, states):
     return np.sqrt(np.mean((rates.states - states) ** 2, axis=0))
 
 
-@pytest.mark.parametrize("level", [0.01, 0.1])
-@pytest.mark.parametrize("make", [lorenz, oscillator, drop])
+@pytest.mark.parametrize(
+    ("make", "level"),
+    [
+        *((lorenz, 0.1), (oscillator, 0.01), (drop, 0.01), (drop, 0.1)),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((lorenz, 0.01), (oscillator, 0.1))),
+    ],
+)
 def test_gross_outliers_hardly_make_the_curve_worse(make, level):
     times, states = make()
     ratios = []
