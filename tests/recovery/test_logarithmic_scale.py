@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.stats import t
 
 import commonlaw as cl
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.inference.search.setup import on_log_scale
 from commonlaw.integration import InitialValueProblem, VectorField, simulate
-from commonlaw.law.parameters import standard_errors
+from commonlaw.law.parameters import named_parameters, standard_errors
 from commonlaw.library import Terms, Variables, parse_library
+from commonlaw.likelihood.levels import over_decades
 from commonlaw.plots import plot_forecast
 from commonlaw.trials.transformations import with_logarithms
 from tests.refusals import refused
@@ -215,3 +217,82 @@ def test_what_does_not_go_with_it_is_refused(law):
         replace(law.schema, logarithmic=("w", "w"))
     inside = with_logarithms(trials, ["w"])
     assert with_logarithms(inside, ["w"]) is inside
+
+
+DECADES = np.arange(11.0)
+
+
+def colonies(start=10.0, rate=2.0, limit=np.inf, share=0.2, seed=0):
+    """Counts that grow by a constant rate, x' = r x (1 - x/K), over many decades, with errors in proportion."""
+    grown = np.exp(rate * DECADES)
+    counts = start * grown / (1 + start * (grown - 1) / limit)
+    errors = np.exp(share * np.random.default_rng(seed).standard_normal(len(DECADES)))
+    return cl.Trials.from_arrays([DECADES], [counts * errors], names=["x"])
+
+
+def line_of_logarithms(trials):
+    """Return slope, standard error and residuals' standard deviation of least squares of logarithms."""
+    (slope, _), covariance = np.polyfit(DECADES, np.log(trials[0].states[:, 0]), 1, cov=True)
+    return slope, np.sqrt(covariance[0, 0])
+
+
+@pytest.mark.parametrize("equations", ["x' = r x", "x' = r x; x(0) = x0"])
+@pytest.mark.parametrize("rate", [2.0, -2.0])
+def test_values_over_many_decades_are_fitted_by_their_logarithms(equations, rate):
+    trials = colonies(10.0 if rate > 0 else 1e9, rate)
+    law = cl.fit(equations, trials)
+    estimates = named_parameters(law)
+    slope, error = line_of_logarithms(trials)
+    r = estimates.names.index("r")
+    assert estimates.values[0, r] == pytest.approx(slope, rel=1e-4)
+    assert estimates.errors[0, r] == pytest.approx(error, rel=0.02)
+    assert "log-scale-chosen" in [outcome.code for outcome in law.diagnostics]
+    linear = named_parameters(cl.fit(equations, trials, errors="white"))
+    assert abs(linear.values[0, r] - slope) > error
+
+
+def test_logistic_growth_over_decades_is_that_of_least_squares_of_logarithms():
+    trials = colonies(rate=2.0, limit=3e7, share=0.08)
+    estimates = named_parameters(cl.fit("x' = r x (1 - x/K)", trials))
+
+    def residuals(unknowns):
+        (rate, limit, start), logarithms = unknowns, np.log(trials[0].states[:, 0])
+        return logarithms - limit + np.log1p(np.expm1(limit - start) * np.exp(-rate * DECADES))
+
+    best = least_squares(residuals, [2.0, np.log(3e7), np.log(10.0)], x_scale="jac")
+    variances = np.diag(np.linalg.inv(best.jac.T @ best.jac)) * 2 * best.cost / (len(DECADES) - 3)
+    expected = np.array([best.x[0], np.exp(best.x[1])])
+    np.testing.assert_allclose(estimates.values[0], expected, rtol=1e-3)
+    np.testing.assert_allclose(estimates.errors[0], np.sqrt(variances[:2]) * [1, expected[1]], rtol=0.05)
+
+
+def test_discovery_follows_logarithms_over_decades():
+    trials = colonies(1e9, -2.0)
+    law = cl.discover(trials, cache=False)
+    assert law.structure == ("x' = a x",)
+    assert named_parameters(law).values[0, 0] == pytest.approx(line_of_logarithms(trials)[0], rel=1e-3)
+    assert law.observation.measured.logarithmic == ("x",)
+
+
+def test_a_linear_scale_is_kept_where_its_likelihood_is_larger():
+    """A step response that begins with tiny values in place of zeros, with white noise."""
+    times = np.linspace(0, 5, 21)
+    values = 2 - 2 * np.exp(-times) + 0.05 * np.random.default_rng(1).standard_normal(len(times))
+    values[0] = 1e-6
+    trials = cl.Trials.from_arrays([np.append(-0.25, times)], [np.append(1e-6, values)], names=["x"])
+    assert over_decades(trials) == ("x",)
+    law = cl.fit("x' = a - b x", trials)
+    assert law.observation.measured.logarithmic == ()
+    assert not {"log-scale-chosen", "small-values-without-weight"} & {outcome.code for outcome in law.diagnostics}
+
+
+@pytest.mark.parametrize("equations", ["x' = r x", "x' = r x; x(0) = x0"])
+def test_proportional_errors_over_decades_are_refused_with_the_way_out(equations):
+    trials = colonies()
+    refused("proportional-over-decades", lambda: cl.fit(equations, trials, errors="proportional"))
+    white = cl.fit(equations, trials, errors="white")
+    refused("proportional-over-decades", lambda: cl.refine(white, trials, errors="proportional"))
+    refused("proportional-over-decades", lambda: cl.compare({"a": white}, trials, errors="proportional"))
+    method = cl.TrajectoryLikelihood(errors="proportional")
+    refused("proportional-over-decades", lambda: cl.discover(trials, method=method, cache=False))
+    assert "small-values-without-weight" in [outcome.code for outcome in cl.refine(white, trials).diagnostics]

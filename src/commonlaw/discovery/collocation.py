@@ -10,6 +10,7 @@ import numpy as np
 from commonlaw.diagnostics import Outcome, OutcomeKind, marked, note
 from commonlaw.discovery.hints import outcomes_of_units
 from commonlaw.discovery.known_physics import known_coefficients, unfitted
+from commonlaw.discovery.log_scale import largest_change
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
@@ -28,7 +29,6 @@ from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.law.provenance import Domain
 from commonlaw.law.restrictions import Restrictions
-from commonlaw.law.text import with_error
 from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.library import ExpressionLibrary
 from commonlaw.library.bounds import Bound
@@ -264,22 +264,13 @@ def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outc
     """Return which errors were chosen in place of white noise, and what they change, if there are any."""
     steps = {step.stage: step.choice for step in law.history if step.choice != "none"}
     chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
-    parameters = named_parameters(law)
-    if not chosen or not parameters.names:
+    if not chosen or not named_parameters(law).names:
         return ()
     try:
         white = under_white_noise()
     except CommonlawError as error:
         return (note("errors-without-comparison", errors=chosen, error=error.sentence(marked)),)
-    here, errors = parameters.values, parameters.errors
-    comparison = named_parameters(white)
-    there, others = comparison.values, comparison.errors
-    with np.errstate(divide="ignore", invalid="ignore"):
-        changes = np.nan_to_num(abs(there - here) / errors)
-    i, j = np.unravel_index(np.argmax(changes), here.shape)
-    of = f" of {law.objects[i]}" if len(law.objects) > 1 else ""
-    under = with_error(there[i, j], float(np.nan_to_num(others[i, j])))
-    changed = f"{parameters.names[j]}{of} is {with_error(here[i, j], errors[i, j])}, and {under} under white noise"
+    changed = largest_change(law, white, "under white noise")
     return (note("errors-chosen", errors=chosen, changed=changed),)
 
 

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from commonlaw.discovery.collocation import by_collocation
+from commonlaw.discovery.log_scale import likelier_scale
 from commonlaw.discovery.request import FitRequest
 from commonlaw.discovery.shooting import by_shooting
 from commonlaw.errors import CommonlawError, check_choice
@@ -210,11 +211,20 @@ def fit(
         whole = equations if isinstance(equations, str) else "; ".join(equations)
         known = {"doses": request.doses, "initial_time": request.said_time, "initial_values": initial_values or None}
         request = replace(request, calls=(call(fit, arguments | known, "cl.fit", repr(whole), "trials"),))
+    states = request.over_decades
+    if not states:
+        return _of_request(request)
+    logarithmic = replace(request, settings={**request.settings, "log_states": states})
+    on_own_scale = cache(partial(_of_request, request))
+    return likelier_scale(partial(_of_request, logarithmic), on_own_scale, lambda _: on_own_scale(), request.dosed)
+
+
+def _of_request(request: FitRequest) -> Law:
     beyond = request.beyond_collocation
-    if beyond and scheme == "collocation":
+    if beyond and request.scheme == "collocation":
         raise CommonlawError("beyond-collocation", reasons=beyond)
-    if beyond or scheme == "shooting":
-        return by_shooting(request, "as given" if scheme == "shooting" else f"for {', '.join(beyond)}")
+    if beyond or request.scheme == "shooting":
+        return by_shooting(request, "as given" if request.scheme == "shooting" else f"for {', '.join(beyond)}")
     return by_collocation(request)
 
 

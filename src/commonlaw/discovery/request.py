@@ -20,7 +20,9 @@ from commonlaw.estimation.beginning import (
 from commonlaw.estimation.doses import usual_initial_time, with_doses_in_equations
 from commonlaw.estimation.model import ModelText, read_model
 from commonlaw.law.restrictions import ALL
+from commonlaw.library.equation import split_equations
 from commonlaw.library.functions import Function
+from commonlaw.likelihood.levels import over_decades, refuse_over_decades
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.trials import Trials
 from commonlaw.trials.equation_columns import as_named
@@ -104,6 +106,7 @@ class FitRequest:
         initial_time = usual_initial_time(trials) if initial_time is None else initial_time
         at = initial_time_of(dosed, initial_time, written_starts(text, starts))
         _refuse_free_starts(dosed, [name for name, start in starts.items() if start in (None, FREE)])
+        refuse_over_decades(dosed, settings["errors"], settings["noise"], settings["log_states"])
         groups = shared if isinstance(shared, Mapping) else dict.fromkeys(shared, ALL)
         return cls(
             equations,
@@ -145,6 +148,14 @@ class FitRequest:
             self.text, self.dosed, self.initial_values, self.groups, self.priors, self.settings["noise"]
         )
         return reasons + ["doses"] * bool(self.trials.schema.doses)
+
+    @property
+    def over_decades(self) -> tuple[str, ...]:
+        """Measured states whose scale is a choice, see `over_decades`: of first order, with errors of unknown kind."""
+        chosen = (self.settings[name] for name in ("log_states", "noise"))
+        is_open = all(setting is None for setting in chosen) and self.settings["errors"] == "auto"
+        is_first = all(equation.order == 1 for equation in split_equations(self.text.equations))
+        return over_decades(self.dosed) if is_open and is_first else ()
 
     @property
     def may_shoot(self) -> bool:

@@ -24,6 +24,7 @@ from typing import Any, ClassVar
 
 from commonlaw.array_types import evenly_spaced
 from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
+from commonlaw.discovery.log_scale import likelier_scale
 from commonlaw.discovery.method import AbstractMethod, ModelStructure, check_supported, parsed
 from commonlaw.discovery.orders import (
     apply_to_each,
@@ -50,6 +51,7 @@ from commonlaw.law import Law, Step, pool_objects
 from commonlaw.law.population import with_pooled_forecasts
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, order_of_each
+from commonlaw.likelihood.levels import over_decades, refuse_over_decades
 from commonlaw.runtime.arguments import check_type
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.fit_options import FitOptions, documented
@@ -92,8 +94,22 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         check_supported(self, trials, structure)
         if isinstance(trials, TrialStream):
             return self._of_parts(trials, structure, progress)
+        refuse_over_decades(trials, self.errors, self.noise, self.log_states)
+        orders = structure.possible or [(order,) for order in order_of_each(structure.order, len(trials.schema.states))]
+        first = replace(structure, order=1, possible=((1,),) * len(orders))
+        is_first = all(1 in of_state for of_state in orders)
+        is_open = self.errors == "auto" and self.noise is None and not (self.log_states or self.latent_states)
+        states = over_decades(trials) if is_first and is_open else ()
         with threads(self.n_jobs):
-            return law_of_best_order(CandidateSearch(trials, self, progress), structure)
+            search = CandidateSearch(trials, self, progress)
+            if not states:
+                return law_of_best_order(search, first if is_first and self.log_states else structure)
+            return likelier_scale(
+                partial(law_of_best_order, replace(search, options=replace(self, log_states=states)), first),
+                partial(law_of_best_order, search, structure),
+                lambda law: refine(law, trials, log_states=(), progress=silent),
+                trials,
+            )
 
     def _of_parts(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the law of a stream: proposed by groups of objects, chosen by its evidence over all, fitted to each.

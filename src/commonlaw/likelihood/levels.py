@@ -17,8 +17,10 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation.noise import rounding_noise, within_trial_std
+from commonlaw.errors import CommonlawError
 from commonlaw.likelihood.errors import AbstractErrors, ErrorModel, Scales
-from commonlaw.trials import Trial
+from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
 MIN_NOISE = 1e-4
@@ -223,6 +225,31 @@ def likeliest_levels(
     bounds = level_bounds(model, scales, floor, np.where(known, noise, np.nan))
     starts = level_starts(model, noise, *bounds) if first is None else [np.clip(np.log(first), *bounds)]
     return np.asarray(np.exp(minimum(value, min(starts, key=value), *bounds)))
+
+
+def over_decades(trials: Trials) -> tuple[str, ...]:
+    """Return the measured states above zero of which values are below the smallest noise of a fit, `MIN_NOISE`.
+
+    They would count for nothing in it. First measurements of trials, to which free initial values fit, do not decide;
+    states of known noise are left out.
+    """
+    schema, listed = trials.schema, list[str]()
+    floor = np.maximum(MIN_NOISE * within_trial_std(trials), rounding_noise(trials))
+    for j, name in enumerate(schema.states):
+        columns = [np.fmin(trial.states[:, j], trial.below[:, j]) for trial in trials]
+        seen = [column[np.isfinite(column)] for column in columns]
+        is_taken = name in schema.logarithmic or name in schema.noise_columns or name in schema.initial_values
+        if is_taken or not all((values > 0).all() for values in seen):
+            continue
+        if any((values[1:] < floor[j]).any() for values in seen):
+            listed.append(name)
+    return tuple(listed)
+
+
+def refuse_over_decades(trials: Trials, errors: str, noise: object, log_states: object) -> None:
+    """Refuse proportional errors of states over many decades: unless it is given, noise is at least `MIN_NOISE`."""
+    if errors == "proportional" and noise is None and not log_states and (states := over_decades(trials)):
+        raise CommonlawError("proportional-over-decades", states=[*states])
 
 
 def scales_of(std: Floats, trials: Sequence[Trial]) -> Scales:

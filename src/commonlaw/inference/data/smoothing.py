@@ -91,14 +91,18 @@ def values_and_rates(variables: Variables, trial: Trial, curve: Curve) -> tuple[
 def gradient_matching(terms: Terms, curves: Sequence[tuple[Trial, Curve]], known: Floats) -> Floats:
     """Return least-squares coefficients of smoothed derivatives on terms of smoothed states, shape (equations, terms).
 
-    Known coefficients, not NaN, are fixed.
+    Known coefficients, not NaN, are fixed. Of states on a logarithmic scale the rates of the logarithms are matched.
     """
     theta = np.nan_to_num(known)
     library, targets = terms_and_rates(terms, curves, theta)
     for equation, free in enumerate(np.isnan(known)):
-        columns = library[:, free]
+        weights = np.ones(len(targets))
+        if equation in terms.variables.logarithmic_columns:
+            seen = (states[np.isfinite(trial.states).any(axis=1), equation] for trial, (states, _) in curves)
+            weights = np.exp(-np.concatenate([*seen]))
+        columns = library[:, free] * weights[:, np.newaxis]
         norms = column_scales(columns)
-        residuals = targets[:, equation] - library @ theta[equation]
+        residuals = weights * (targets[:, equation] - library @ theta[equation])
         theta[equation, free] = np.linalg.lstsq(columns / norms, residuals, rcond=MIN_SINGULAR_VALUE)[0] / norms
     return theta
 

@@ -35,7 +35,7 @@ from commonlaw.law.parameters import restrictions_of, shared_parameters
 from commonlaw.library import order_of_each, parse_terms
 from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import ERRORS
-from commonlaw.likelihood.levels import Whitened
+from commonlaw.likelihood.levels import Whitened, refuse_over_decades
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, changed_settings, check_settings
@@ -129,6 +129,9 @@ def compare(
     scales = dict.fromkeys(", ".join(law.observation.measured.logarithmic) or "none" for law in laws.values())
     if len(scales) > 1:
         raise CommonlawError("log-states-differ", scales=scales)
+
+    if isinstance(trials, Trials):
+        refuse_over_decades(trials, errors, noise, [scale for scale in scales if scale != "none"])
 
     def jointly() -> "pd.DataFrame":
         changed = changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold})

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import checked_errors, refit, refused_settings, threshold_of, updated
 from commonlaw.estimation.profile import with_one_sided_limits
@@ -52,6 +53,7 @@ from commonlaw.law.script import call
 from commonlaw.law.uncertainty import ObjectEstimates
 from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, NotPositiveError, fit, linearize
+from commonlaw.likelihood.levels import over_decades, refuse_over_decades
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
@@ -143,9 +145,16 @@ def refine(
     known = {name: given[name] for name in settings_of(FitOptions, "refine")}
     calls = (*law.provenance.calls, call(refine, given, "cl.refine", "law", "trials"))
     progress = on_terminal() if progress is None else progress
+    lost = list[str]()
+    if isinstance(trials, Trials):
+        scale = law.observation.measured.logarithmic if log_states is None else log_states
+        refuse_over_decades(trials, errors, noise, scale)
+        is_open = errors == "auto" and noise is None and not scale and law.order == 1
+        lost = [*over_decades(trials)] if is_open else []
+    notes = (note("small-values-without-weight", states=lost),) if lost else ()
     if law.scheme == "shooting":
         refuse_client(client)
-        return _of_observation(law, trials, given, calls, progress)
+        return _noted(_of_observation(law, trials, given, calls, progress), notes)
     how = _Fit(log_states, input_interpolation, noise, errors, errors == "white", huber_threshold, covariance, seed)
     if isinstance(trials, TrialStream):
         with on_cluster(client):
@@ -162,8 +171,13 @@ def refine(
             refuse_outside(result, bounds, refused)
         return _of_observation(result, trials, given, calls, progress)
     result = replace(result, provenance=replace(result.provenance, calls=calls))
+    result = _noted(result, notes)
     # Laws of a search have neither
     return with_one_sided_limits(result, trials) if law.provenance.calls or law.provenance.equations else result
+
+
+def _noted(law: Law, outcomes: tuple[Outcome, ...]) -> Law:
+    return replace(law, provenance=replace(law.provenance, outcomes=(*law.provenance.outcomes, *outcomes)))
 
 
 def with_other_equations(law: Law, trials: Trials, equations: Sequence[str], noise: Mapping[str, float]) -> Law:
