@@ -591,8 +591,9 @@ def test_laws_under_errors_of_measurements_are_those_of_both_schemes(name):
 
 def test_a_written_start_leaves_the_score():
     trials = decay.trials()
-    plain = decay.fit(trials)
-    assert np.ptp(_above([plain, decay.shoot(trials)], trials)) < 0.01
+    laws = [decay.fit(trials), decay.shoot(trials)]
+    laws += [cl.fit(f"x' = -k x; x(0) = {start}", trials) for start in ("100/V", "q^2")]
+    assert np.ptp(_above(laws, trials)) < 0.01
 
 
 def test_new_objects_have_the_mean_coefficients_in_both_schemes():

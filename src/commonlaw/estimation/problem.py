@@ -223,10 +223,7 @@ class Problem:
         if slopes and not follows.any():
             start_by = np.eye(width, count + width, count)
         elif follows.any():
-            inputs = np.zeros((1, len(model.column)))
-            if model.starting_inputs:
-                inputs = data.inputs.at(data.times[:1], parameters)
-            unit = model.point(np.zeros((1, width)), inputs, data.times[:1], parameters)
+            unit = self.starting_point(data, parameters)
             initial = np.where(follows, model.starts.evaluate(unit)[0], initial)
             start_by = np.hstack([model.starts.jacobian(unit)[0][:, first:], np.eye(width)]) if slopes else None
         if model.steady:
@@ -276,6 +273,12 @@ class Problem:
         with np.errstate(all="ignore"):
             by_unknowns /= np.where(self.logarithmic, values, 1.0)[:, :, np.newaxis]
         return Predicted(shown, by_unknowns, states, solution.is_endless)
+
+    def starting_point(self, data: TrialData, parameters: Floats) -> Floats:
+        """Return the variables at the beginning of a trial, of which written initial values are functions."""
+        model, times = self.model, data.times[:1]
+        inputs = data.inputs.at(times, parameters) if model.starting_inputs else np.zeros((1, len(model.column)))
+        return model.point(np.zeros((1, model.width)), inputs, times, parameters)
 
     def _steady(
         self, data: TrialData, parameters: Floats, initial: Floats, by: Floats | None

@@ -33,8 +33,9 @@ from commonlaw.inference.score.evidence import (
 from commonlaw.inference.score.misfit import FittedResiduals
 from commonlaw.inference.score.score import Part, Score
 from commonlaw.inference.score.supports import random_effect_factors
-from commonlaw.law.parse import read_equations
+from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.library import Terms, with_rates
+from commonlaw.library.grammar import columns_in
 from commonlaw.likelihood import ERRORS, ErrorModel
 from commonlaw.likelihood.levels import Deviations, Whitened, scales_of
 from commonlaw.runtime.forking import cached_property
@@ -182,17 +183,35 @@ class TrajectoryScore:
         return {*compress(self.fitted.begun.unknowns.names, self.fitted.optimum.at_bound.tolist())}
 
     @cached_property
+    def equations(self) -> GivenEquations:
+        """The equations as they are written."""
+        begun = self.fitted.begun
+        return read_equations(
+            begun.model.text.equations,
+            begun.model.schema,
+            properties=property_names(begun.trials.properties),
+            determined=begun.model.parameters,
+        )
+
+    @cached_property
     def starts(self) -> dict[int, list[tuple[int, int]]]:
-        """Unknown initial values of measured states, and their rates: the trial and the state, by index, of each."""
+        """Unknown initial values of measured states, and their rates: the trial and the state, by index, of each.
+
+        An unknown that is in no equation, and determines one alone, ``x0 = g(p)``, stands for that.
+        """
         model, unknowns = self.fitted.begun.model, self.fitted.begun.unknowns
         states, result = len(model.schema.states), dict[int, list[tuple[int, int]]]()
         rates = dict(enumerate(with_rates(model.order, states).tolist(), start=states))
+        of_equations = {coefficient.name for coefficient in self.equations.coefficients}
         for i, (data, parameters) in enumerate(zip(self.fitted.begun.problem.trials, unknowns.parameters, strict=True)):
-            written = {f"+v{model.first_parameter + p}": k for p, k in enumerate(parameters) if k >= 0}
+            indices = {model.first_parameter + p: k for p, k in enumerate(parameters) if k >= 0}
             for j, text in enumerate(model.initial):
                 k = int(data.initial[j])
                 if k < 0 and np.isnan(data.fixed[j]) and text is not None:
-                    k = written.get(text, -1)
+                    inside = {indices[column] for column in columns_in(text) if column in indices}
+                    k = inside.pop() if len(inside) == 1 else -1
+                    is_function = k >= 0 and text != f"+v{model.first_parameter + parameters.index(k)}"
+                    k = -1 if is_function and unknowns.names[k] in of_equations else k
                 name = model.schema.states[rates.get(j, j)]
                 if k >= 0 and k not in self.held and name in self.fitted.begun.trials.schema.states:
                     result.setdefault(k, []).append((i, j))
@@ -240,14 +259,8 @@ class TrajectoryScore:
         Parameters that are at a bound in some objects do not scatter in the others. Coefficients are in the order of
         their terms, whichever way these are written.
         """
-        begun, unknowns = self.fitted.begun, self.fitted.optimum.unknowns
-        model, names = begun.model, [begun.unknowns.names[k] for k in free]
-        given = read_equations(
-            model.text.equations,
-            model.schema,
-            properties=property_names(begun.trials.properties),
-            determined=model.parameters,
-        )
+        begun, unknowns, given = self.fitted.begun, self.fitted.optimum.unknowns, self.equations
+        names = [begun.unknowns.names[k] for k in free]
         scattering = {coefficient.name for coefficient in given.coefficients} - self.at_bounds
         inside = np.array([name in scattering for name in names], dtype=np.bool_)
         values = self.fitted.values(owner)
@@ -277,14 +290,25 @@ class TrajectoryScore:
         return np.nan_to_num(rows), residuals, logs
 
     def _units(self, starts: Sequence[int]) -> Floats:
-        """Return the derivatives of initial values by those on their scale, as of logarithms."""
+        """Return the derivatives of unknowns by the initial values that they determine, on their scale."""
         schema, logarithmic = self.fitted.begun.model.schema, self.fitted.begun.logarithmic
         states = [self.starts[k][0][1] for k in starts]
         is_log = [j < len(schema.states) and schema.states[j] in logarithmic for j in states]
-        return np.where(is_log, self.fitted.optimum.unknowns[np.array(starts, dtype=np.int64)], 1.0)
+        values, slopes = np.array([self._start(k) for k in starts]).reshape(-1, 2).T
+        return np.where(is_log, values, 1.0) / np.where(slopes, slopes, 1.0)
+
+    def _start(self, k: int) -> tuple[float, float]:
+        """Return the initial value that an unknown determines, and its derivative by this."""
+        problem, unknowns, (i, j) = self.fitted.begun.problem, self.fitted.optimum.unknowns, self.starts[k][0]
+        data, starts = problem.trials[i], problem.model.starts
+        if data.initial[j] >= 0:
+            return float(unknowns[k]), 1.0
+        point = problem.starting_point(data, data.parameters(unknowns))
+        slopes = starts.jacobian(point)[0][j, problem.model.first_parameter :]
+        return float(starts.evaluate(point)[0, j]), float(slopes[data.parameter == k].sum())
 
     def _initial_conditions(self) -> float:
-        model, unknowns = self.fitted.begun.model, self.fitted.optimum.unknowns
+        model = self.fitted.begun.model
         states, total = len(model.schema.states), 0.0
         if not self.starts:
             return total
@@ -292,7 +316,7 @@ class TrajectoryScore:
         for k, places in self.starts.items():
             j = places[0][1]
             name = model.schema.states[j] if j < states else ""
-            total += float(np.log(variances[j]) + (0.0 if name else unknowns[k] ** 2 / variances[j]))
+            total += float(np.log(variances[j]) + (0.0 if name else self._start(k)[0] ** 2 / variances[j]))
         return total
 
     def _noise(self) -> tuple[NoiseScale, float]:
