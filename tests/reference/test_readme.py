@@ -21,6 +21,7 @@ def numbers(text):
     return [float(each) for each in re.findall(r"[-+]?\d+\.\d+", text)]
 
 
+@pytest.mark.usefixtures("undrawn")  # The page of the report has its figures in tests of a browser
 def test_the_tour_runs_without_a_network_and_prints_what_stands_below_it(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("pooch.retrieve", lambda *_, **__: pytest.fail("a download"))

@@ -6,7 +6,6 @@ from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from commonlaw.array_types import Floats, Indices
 from commonlaw.hierarchy.joint_model import CoefficientModel, Estimates, JointModel, log_evidence
@@ -324,6 +323,8 @@ def _explained(
     own: Estimates, choices: Sequence[RelationChoice], properties: PropertyTable, units: Floats
 ) -> Explained:
     """Return what follows from the relations of all coefficients, in units of the estimates."""
+    from scipy.linalg import block_diag
+
     models = [choice.model for choice in choices]
     measured, _ = _pointed(own, models)
     joint = JointModel.of(measured, models)

@@ -6,11 +6,11 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from html import escape
 from io import BytesIO
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -407,7 +407,7 @@ def _sbml(system: _System, stem: str) -> bytes:
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         '<sbml xmlns="http://www.sbml.org/sbml/level3/version2/core" level="3" version="2">',
-        f'  <model id="{_plain_names([stem])[0]}" name="{escape(in_line(system.objects[0]), {chr(34): "&quot;"})}">',
+        f'  <model id="{_plain_names([stem])[0]}" name="{escape(in_line(system.objects[0]))}">',
         "    <listOfParameters>",
         *(f'      <parameter id="{name}" value="{value!r}" constant="true"/>' for name, value in fixed.items()),
         *(f'      <parameter id="{name}" value="{value!r}" constant="false"/>' for name, value in varying.items()),

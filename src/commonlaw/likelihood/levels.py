@@ -14,7 +14,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation.noise import rounding_noise, within_trial_std
@@ -131,6 +130,8 @@ class Deviations:
 
         Repeated measurements vary about their means, and values below limits are in the tails.
         """
+        from scipy.special import log_ndtr
+
         trial, (_, _, std, white) = self.trial, whitened
         seen, under = self.seen, np.isfinite(trial.below)
         result = 2 * float(np.log(std[seen]).sum() - log_ndtr(((trial.below - self.values) / std)[under]).sum())

@@ -1,6 +1,5 @@
 """Work on a dask cluster: workers compute where their data are, and only results travel."""
 
-import asyncio
 import logging
 import os
 import sys
@@ -240,6 +239,8 @@ def connected(address: str) -> Iterator["Client"]:
     Raises `CommonlawError` if no scheduler answers there, more processes are asked for than this machine has use for,
     or dask is not installed.
     """
+    import asyncio
+
     distributed, started = optional_import("distributed", "work on a cluster", "cluster"), None
     logger = logging.getLogger("distributed")
     before = logger.level
