@@ -36,6 +36,17 @@ def test_treatments_in_which_a_state_is_absent_are_trials_of_one_object(absent):
     assert any('= 0 @ "y only"' in note for note in objects.notes) == np.isnan(absent)
 
 
+def test_replicates_of_treatments_in_which_a_state_is_absent_are_trials_too():
+    frames = [mixtures().assign(replicate=replicate) for replicate in (1, 2)]
+    trials = Trials.from_frame(pd.concat(frames, ignore_index=True))
+    assert trials.objects == ("object",)
+    assert {trial.name for trial in trials} == {f"{name}, {n}" for name in ("x only", "y only", "both") for n in (1, 2)}
+    assert not trials.properties
+    for roles in ({}, {"object": ""}):  # A saved schema has the label of trials alone
+        same = Trials.from_frame(pd.concat(frames, ignore_index=True), trial="culture, replicate", **roles)
+        assert same == trials
+
+
 def test_the_note_on_states_never_measured_names_all_their_trials():
     frame = mixtures(np.nan)
     again = frame[frame["culture"] == "y only"].assign(culture="y again")

@@ -132,7 +132,7 @@ def named_roles(table: Table, roles: Reading) -> dict[str, Any]:
 
 def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
     """Return which column is what, of samples with times as numbers: as named, else by names, units and values."""
-    table = table.joined(roles.get("object"))
+    table = table.joined(roles.get("object")).joined(roles.get("trial"))
     name, count = Counter(named := _named_columns(table, {**roles, "time": time})).most_common(1)[0]
     if count > 1:
         raise CommonlawError("role-twice", where=table.source, column=name)
@@ -151,7 +151,8 @@ def column_roles(table: Table, roles: Reading, time: str) -> ColumnRoles:
         reasons.update(dict.fromkeys(taken, reason))
         return taken
 
-    free = [name for name in free if name not in (owner, trial)]
+    labels = (owner, trial, *(trial or "").split(", "))
+    free = [name for name in free if name not in labels]
     states, inputs = (_found(table, roles.get(role, ())) for role in ("states", "inputs"))
     noise = _noise_columns(table, roles, states, free)
     take(noise.values())
@@ -222,6 +223,7 @@ def _labels(
 ) -> tuple[str | None, Codes, str | None, Codes]:
     """Return the columns of objects and of trials, None where there is none, each with the codes of the rows."""
     owner, trial = _label_column(table, roles, "object"), _label_column(table, roles, "trial")
+    free = [name for name in free if name not in (trial or "").split(", ")]
     guess, one = not roles.get("wide"), np.zeros(len(table), dtype=np.int64)
     is_guessed = owner is None and guess and "object_name" not in roles and roles.get("object") != ""
     if is_guessed:
@@ -230,10 +232,10 @@ def _labels(
     if is_guessed and owner in free and trial is None and roles.get("trial") != "":
         others = [name for name in free if name != owner and table.is_numeric(name)]
         others = [*_found(table, roles["states"])] if roles.get("states") else others
-        if trial_column(table, times, [name for name in free if name != owner], owners, named=True) is None and (
-            absent_states(table, others, owners)
-        ):  # Treatments of one system, not objects
-            return None, one, owner, owners
+        if absent_states(table, others, owners):  # Treatments of one system, not objects
+            replicate = trial_column(table, times, [name for name in free if name != owner], owners, named=True)
+            both = owner if replicate is None else f"{owner}, {replicate}"
+            return None, one, both, object_codes(table.joined(both), both, "trial")[0]
     if trial is None and guess and roles.get("trial") != "":
         others = [name for name in free if name != owner]
         trial = trial_column(table, times, others, owners, named=owner is not None)

@@ -507,7 +507,7 @@ def _rows(table: Table, roles: Reading, columns: ColumnRoles, shown: ColumnRoles
     """Return the trials in a table whose columns have these roles, of a long one those `shown` of a wide one."""
     import pandas as pd
 
-    table = table.joined(columns.object)
+    table = table.joined(columns.object).joined(columns.trial)
     if columns.object is not None and "object_name" in roles:
         raise CommonlawError("object-column-and-name", where=table.source, column=columns.object)
     owners, objects, spelled = _labels(table, columns.object, "object", roles.get("object_name") or table.label)
