@@ -49,7 +49,7 @@ def test_a_letter_that_is_a_varying_column_is_an_input_with_a_note(run, tmp_path
     times = np.linspace(0, 5, 30)
     driven = pd.DataFrame({"t": times, "x": 1 - np.exp(-times), "c": 1 + np.sin(times) ** 2})
     driven.to_csv(tmp_path / "driven.csv", index=False)
-    equation = ("fit", "driven.csv", "x' = -k x + c b", "--save", "law.json")
+    equation = ("fit", "driven.csv", "x' = -k x + c b", "--set", "errors=white", "--save", "law.json")
     for more, is_noted in ((), True), (("--input", "c"), False):
         code, _, err = run(*equation, *more)
         assert (code, ": c; " in err) == (0, is_noted)

@@ -89,6 +89,7 @@ BYTES = "b\udcff"
 QUICK = ["--order", "2", "--library", "poly:1", "--set", "solver=group-stlsq:1.5"]
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("words", "written"),
     [

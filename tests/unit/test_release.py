@@ -247,6 +247,20 @@ def test_packages_import_nothing_heavy_and_text_frames_and_laws_need_no_extra(la
     assert ended.returncode == 0, ended.stderr
 
 
+def test_help_imports_nothing_heavy():
+    code = f"""
+import sys
+from commonlaw.cli import main
+
+sys.argv = ["commonlaw", "--help"]
+try:
+    main()
+except SystemExit:
+    assert {HEAVY - {"click"}}.isdisjoint(sys.modules), {HEAVY}.intersection(sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
 @pytest.fixture
 def missing(monkeypatch):
     def take_away(module):

@@ -1,5 +1,6 @@
 """Units of trials, and objects without a name."""
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from time import sleep
@@ -164,3 +165,9 @@ def test_temperatures_are_not_in_coulombs():
 def test_a_unit_on_a_logarithmic_scale_is_refused_without_a_warning(given, wanted):
     with refused("units-incompatible", name="x", unit=given, law_unit=wanted):
         Conversion.between("x", given, wanted)
+
+
+@pytest.mark.parametrize(("given", "wanted"), [(None, "m"), ("m", None), ("m", "m"), (None, None)])
+def test_equal_units_need_no_registry(monkeypatch, given, wanted):
+    monkeypatch.setitem(sys.modules, "pint", None)
+    assert not Conversion.between("x", given, wanted)

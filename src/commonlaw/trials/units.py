@@ -29,10 +29,10 @@ class Conversion(NamedTuple):
         >>> Conversion.between("x", "mm", "m").scale, Conversion.between("T", "degC", "K").offset
         (0.001, 273.15)
         """
-        import pint
-
         if given is None or wanted is None or given == wanted:
             return cls()
+        import pint
+
         given_unit, wanted_unit = parse_unit(given), parse_unit(wanted)
         try:
             with np.errstate(all="ignore"):  # The logarithm of zero, as of decibels, is infinite
