@@ -487,3 +487,23 @@ def test_trials_that_are_zero_until_their_dose_are_forecast_from_there():
     verdict = cl.fit("conc' = -k conc + amt/V", subjects, doses="amt", noise={"conc": 0.05}).assess(subjects)
     assert (verdict.segments, verdict.diverged) == (8, 0)
     assert verdict.r_squared > 0.95
+
+
+def test_an_input_at_levels_next_to_a_smooth_one_is_noted_until_its_steps_have_rows():
+    times = np.arange(0.0, 40.0)
+    rows = np.append(times, [14.99, 24.99])  # Before each step, without a measurement
+    rows = np.sort(rows)
+    heater, sky = np.where(rows < 15, 0.0, np.where(rows < 25, 4.0, 2.0)), np.sin(rows / 7)
+    fine = np.linspace(0, 39, 39001)
+    steps = np.where(fine < 15, 0.0, np.where(fine < 25, 4.0, 2.0))
+    driven = 0.5 * steps + 0.3 * np.sin(fine / 7)
+    x = np.exp(-0.2 * fine) * np.cumsum(np.exp(0.2 * fine) * driven) * 1e-3
+    x = np.where(np.isin(rows, times), np.interp(rows, fine, x), np.nan) + 0.005 * np.cos(9 * rows)
+    frame = pd.DataFrame({"t": rows, "x": x, "heater": heater, "sky": sky})
+    for table, is_noted in ((frame, False), (frame[np.isfinite(x)], True)):
+        trials = cl.Trials.from_frame(table, time="t", states=["x"], inputs=["heater", "sky"])
+        law = cl.fit("x' = -a x + b heater + c sky; x(0) = h", trials, input_interpolation="linear")
+        codes = [outcome.code for outcome in law.diagnostics]
+        assert ("inputs-interpolated-together" in codes) == is_noted
+        a = law.params.set_index("parameter")["estimate"]["a"]
+        assert (abs(a - 0.2) > 0.005) == is_noted

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from commonlaw.diagnostics import Outcome, OutcomeKind, marked, note
-from commonlaw.discovery.hints import outcomes_of_units
+from commonlaw.discovery.hints import outcomes_of_inputs, outcomes_of_units
 from commonlaw.discovery.known_physics import known_coefficients, unfitted
 from commonlaw.discovery.log_scale import largest_change
 from commonlaw.discovery.measured_rates import without_measured_rates
@@ -203,6 +203,7 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
             if error.code == "parameters-not-identified" and not law.uncertainty.limits:
                 raise
     outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law))
+    outcomes += outcomes_of_inputs(law, trials)
     made = replace(law.provenance, calls=request.calls, outcomes=outcomes)
     return replace(law, provenance=made)
 

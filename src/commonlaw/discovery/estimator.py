@@ -12,6 +12,7 @@ from commonlaw.discovery.cache import cached_law
 from commonlaw.discovery.hints import (
     outcomes_of_confounding,
     outcomes_of_generations,
+    outcomes_of_inputs,
     outcomes_of_rivals,
     outcomes_of_separate_states,
     outcomes_of_units,
@@ -230,6 +231,7 @@ class LawDiscovery:
         if self.order == "auto" and law.order != 0:
             outcomes = (*outcomes, *outcomes_of_generations(law, trials))
         outcomes = (*outcomes, *outcomes_of_separate_states(law), *outcomes_of_units(law))
+        outcomes += outcomes_of_inputs(law, trials)
         domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
         law = replace(law, provenance=replace(provenance, domain=domain))
         outcomes = (*outcomes, *outcomes_of_rivals(law, trials))

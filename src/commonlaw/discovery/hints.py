@@ -17,6 +17,7 @@ from commonlaw.forecast import fitted, forecast_from
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.formulation import law_variables
 from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confounded_sets
+from commonlaw.inference.search.setup import stay_at_levels
 from commonlaw.inference.settings import INDIFFERENT, SIGNIFICANT, STRONG, VERY_STRONG
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
@@ -25,7 +26,7 @@ from commonlaw.law.quantiles import two_sided
 from commonlaw.law.text import left_hand_sides
 from commonlaw.library import AbstractLibrary, Order, PolynomialLibrary, parse_library
 from commonlaw.library.libraries import LibraryGiven
-from commonlaw.trials import Trials
+from commonlaw.trials import Trial, Trials
 from commonlaw.trials.check import Finding
 
 _MAX_EXCESS_SHARE = 0.1
@@ -224,6 +225,28 @@ def outcomes_of_units(law: Law) -> tuple[Outcome, ...]:
             factor, at = float(_FACTORS[int(np.argmin(distances))]), law.objects[o]
             result.append(note("object-in-other-units", name=name, object=at, ratio=np.exp(ratio), factor=factor))
     return tuple(result)
+
+
+def outcomes_of_inputs(law: Law, trials: Trials) -> tuple[Outcome, ...]:
+    """Return a note if inputs in the equations stay at levels and others do not, as all have one interpolation."""
+    variables = law.terms.variables.names
+    columns = {column for k in np.flatnonzero(law.support.any(axis=0)) for column in law.terms.terms[k].columns()}
+    used = {re.sub(r"\(t - \w+\)$", "", variables[column]) for column in columns}
+    if law.scheme != "shooting":  # Rows of inputs alone have no effect
+        trials = trials.with_trials([trial.measured() for trial in trials])
+    varying = {name: stays for name, stays in stay_at_levels(trials).items() if name in used}
+    levels, rest = ([name for name, stays in varying.items() if stays is wanted] for wanted in (True, False))
+    columns_of_levels = [trials.schema.inputs.index(name) for name in levels]
+    if trials.schema.doses or not rest or not any(_steps_slowly(trial, columns_of_levels) for trial in trials):
+        return ()
+    between = law.observation.measured.input_interpolation
+    return (note("inputs-interpolated-together", levels=levels, rest=rest, between=between),)
+
+
+def _steps_slowly(trial: Trial, columns: Sequence[int]) -> bool:
+    """Return whether one of these inputs changes over a step in time of more than a tenth of the median one."""
+    steps, changes = np.diff(trial.times), np.diff(trial.inputs[:, columns], axis=0).any(axis=1)
+    return bool(np.any(steps[changes] > 0.1 * np.median(steps)))
 
 
 def outcomes_of_separate_states(law: Law) -> tuple[Outcome, ...]:

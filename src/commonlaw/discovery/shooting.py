@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from commonlaw.diagnostics import note
-from commonlaw.discovery.hints import outcomes_of_units
+from commonlaw.discovery.hints import outcomes_of_inputs, outcomes_of_units
 from commonlaw.discovery.known_physics import unfitted
 from commonlaw.discovery.regression import suitable_differentiation
 from commonlaw.discovery.request import FitRequest
@@ -106,6 +106,7 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
     law = (limited(search(_near(begins[best], fits[best]))) if best else fits[best]).law(request.calls)
     outcomes = [*law.provenance.outcomes, *outcomes_of_parameters(law), *outcomes_of_units(law)]
+    outcomes += outcomes_of_inputs(law, trials)
     if len(tried) == 1:
         return replace(law, provenance=replace(law.provenance, outcomes=tuple(outcomes)))
     plausible = np.flatnonzero(gains > gains[best] - STRONG).tolist()

@@ -46,14 +46,13 @@ def with_interpolation(trials: Trials, input_interpolation: str) -> Trials:
 def supported_interpolation(trials: Trials) -> str:
     """Return the interpolation that the inputs support: held, linear, or cubic if all that vary are smooth.
 
-    They are held if each that varies stays at levels in at least half of its trials, as samples of ramps lie between
-    levels; doses have ramps. Otherwise the smaller leave-one-out error decides: each sample is predicted by Lagrange
-    interpolation u_i ~ sum_j u_j prod_k (t_i - t_k)/(t_j - t_k) from its two or four neighbours. The likelihood of a
-    fit does not decide it: a larger gain compensates for a flattened input.
+    They are held if each that varies stays at levels, as samples of ramps lie between levels; doses have ramps.
+    Otherwise the smaller leave-one-out error decides: each sample is predicted by Lagrange interpolation u_i ~ sum_j
+    u_j prod_k (t_i - t_k)/(t_j - t_k) from its two or four neighbours. The likelihood of a fit does not decide it: a
+    larger gain compensates for a flattened input.
     """
-    columns = [[trial.inputs[:, j] for trial in trials] for j in range(len(trials.schema.inputs))]
-    varying = [runs for column in columns if (runs := [run for run in column if np.ptp(run)])]
-    if not trials.schema.doses and varying and all(2 * sum(map(is_held, runs)) >= len(runs) for runs in varying):
+    varying = stay_at_levels(trials)
+    if not trials.schema.doses and varying and all(varying.values()):
         return "held"
     squares, total = np.zeros((2, len(trials.schema.inputs))), np.zeros(len(trials.schema.inputs))
     for trial in trials:
@@ -65,6 +64,13 @@ def supported_interpolation(trials: Trials) -> str:
             squares[i] += np.sum((trial.inputs[middle] - by_others) ** 2, axis=0)
     bent = squares[0] > np.finfo(float).eps * total
     return "cubic" if bent.any() and (squares[0] > settings.MIN_SMOOTHNESS * squares[1])[bent].all() else "linear"
+
+
+def stay_at_levels(trials: Trials) -> dict[str, bool]:
+    """Return for each input that varies, by name, whether it stays at levels in at least half of its trials."""
+    columns = {name: [trial.inputs[:, j] for trial in trials] for j, name in enumerate(trials.schema.inputs)}
+    varying = {name: [run for run in column if np.ptp(run)] for name, column in columns.items()}
+    return {name: 2 * sum(map(is_held, runs)) >= len(runs) for name, runs in varying.items() if runs}
 
 
 @dataclass(frozen=True, eq=False)
