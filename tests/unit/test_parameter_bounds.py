@@ -8,7 +8,9 @@ from scipy.stats import norm
 
 import commonlaw as cl
 from commonlaw.estimation.search import Bounds, _polished
+from commonlaw.law.tables import readable
 from commonlaw.law.text import with_error
+from commonlaw.summary import parameter_table
 from tests.refusals import refused
 from tests.unit.decays import T, estimates, least, trials_of
 
@@ -21,6 +23,8 @@ def test_a_parameter_at_its_bound_is_reported_with_a_one_sided_interval():
     assert estimates(law)["q"][0] == 0.2
     (note,) = [diagnostic for diagnostic in law.diagnostics if diagnostic.code == "estimate-at-bound"]
     assert "0.2" in note.text
+    row = readable(parameter_table(law)).set_index("parameter").loc["q"]
+    assert [str(row[name]) for name in ("estimate", "standard error", "95 % low", "95 % high")] == ["0.2", "", "", ""]
 
     def residuals(p):
         return 0.2 / p[0] + (p[1] - 0.2 / p[0]) * np.exp(-p[0] * T) - y

@@ -206,6 +206,11 @@ def decays_of_labs(seed):
 
 
 @pytest.mark.slow
+def test_noise_by_the_name_of_no_property_is_refused():
+    with refused("noise-not-a-property", name="y", given="day"):
+        cl.fit("y' = -k y; y(0) = a", decays_of_labs(1), noise={"y": "day"})
+
+
 def test_bands_of_log_scaled_quantities_have_the_relative_noise_of_their_laboratory():
     """At known parameters they are ``y exp(±1.96 s)``; of the fits they hold 95 % of new measurements of each."""
     inside = {"A": [], "B": []}

@@ -331,7 +331,8 @@ def _checked_noise(
     for name, given in noise.items():
         check_choice("measured quantity", name, trials.schema.states)
         if isinstance(given, str):
-            check_choice("property", given, property_names(trials.properties))
+            if given not in (properties := property_names(trials.properties)):
+                raise CommonlawError("noise-not-a-property", name=name, given=given, properties=properties or ["none"])
             groups[name] = {trial.object: str(_group(given, trial, trials)) for trial in trials}
         elif isinstance(given, Mapping):
             known[name] = given

@@ -47,7 +47,8 @@ MEANINGS = {
 def readable(frame: pd.DataFrame) -> pd.DataFrame:
     """Return a table whose estimates have the decimal places of the standard error's second digit.
 
-    An estimate without a standard error whose interval has one end is written as that limit.
+    An estimate without a standard error whose interval has one end is written as that limit. What has an error of zero,
+    known or at a bound, was not estimated: it has neither error nor interval.
     """
     shown, errors = frame.copy(), frame.get("standard error")
     ends = [frame.get(f"95 % {end}", frame.get(end)) for end in ("low", "high")]
@@ -57,7 +58,9 @@ def readable(frame: pd.DataFrame) -> pd.DataFrame:
         elif name == "2 log B":
             texts = [f"{number:.1f}" if number < 99.95 else f"{number:.0f}" for number in frame[name]]
         elif errors is not None and name.startswith(_WITH_ERRORS):
-            texts = [rounded(*pair) for pair in zip(frame[name], errors, strict=True)]
+            is_value = name in ("coefficient", "estimate", "factor")
+            pairs = zip(frame[name], errors, strict=True)
+            texts = [rounded(value, error) if is_value or error != 0 else "" for value, error in pairs]
             if name == "estimate" and ends[0] is not None and ends[1] is not None:
                 limits = [one_sided_text(*interval) for interval in zip(*ends, strict=True)]
                 numbers = zip(texts, limits, errors.isna(), strict=True)
