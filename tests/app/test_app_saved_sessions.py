@@ -169,10 +169,12 @@ def session_of(found: Found) -> dict:
     return document
 
 
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("sentinel", SENTINELS)
-def test_no_text_of_a_session_becomes_code(found: Found, saved: SavedSessions, sentinel: str) -> None:
+def test_no_text_of_a_session_becomes_code(found: Found, saved: SavedSessions, sentinel: str, step: int) -> None:
+    """With steps over places, the sentinels together are in all of them."""
     document, opened = session_of(found), 0
-    places = [*texts(document)]
+    places = [*texts(document)][SENTINELS.index(sentinel) % step :: step]
     saved.folder.mkdir()
     for place in places:
         changed = planted(document, place, sentinel)

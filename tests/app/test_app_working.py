@@ -98,9 +98,9 @@ def runs_out(_):
 @pytest.mark.parametrize(
     ("task", "made", "code", "word"),
     [
-        (divides, 1, "work-failed", "ZeroDivisionError"),
+        pytest.param(divides, 1, "work-failed", "ZeroDivisionError", marks=pytest.mark.slow),
         (partial(sends, Breaking), 1, "work-failed", "LookupError"),
-        (partial(sends, threading.Lock), 1, "work-failed", "TypeError"),
+        pytest.param(partial(sends, threading.Lock), 1, "work-failed", "TypeError", marks=pytest.mark.slow),
         (threading.Lock().__enter__, 0, "work-failed", "TypeError"),
         (runs_out, 1, "work-out-of-memory", "memory"),
         (is_killed, 1, "work-ended", "code -9"),

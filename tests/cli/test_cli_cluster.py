@@ -36,6 +36,7 @@ def test_files_of_a_pattern_give_one_law(run, tmp_path):
     np.testing.assert_allclose(law.coefficients, expected.coefficients, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_law_in_mind_is_fitted_by_workers(done, fails, tmp_path):
     drops = cl.datasets.linear_drag(drag=(-0.2, -0.6), noise=0.01, trials=3)
     for name in drops.objects:

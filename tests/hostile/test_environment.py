@@ -123,7 +123,7 @@ print("went on")
 """
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.slow)])
 def test_what_is_begun_is_put_away_where_processes_of_a_pool_are_ended(name: str) -> None:
     ended = subprocess.run(
         [sys.executable, "-c", WRITING.format(name=name)], capture_output=True, text=True, timeout=60

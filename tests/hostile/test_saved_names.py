@@ -97,8 +97,7 @@ def or_code(function, *arguments):
 
 PARTS = [
     range(20),
-    range(20, 40),
-    *(pytest.param(range(n, n + 115), marks=pytest.mark.slow) for n in (40, 155, 270, 385)),
+    *(pytest.param(range(n, n + 120), marks=pytest.mark.slow) for n in (20, 140, 260, 380)),
 ]
 
 

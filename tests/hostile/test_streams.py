@@ -41,7 +41,11 @@ CLOSED, FULL = (">&-", "Bad file descriptor"), (">/dev/full", "No space left on 
 
 @pytest.mark.parametrize(
     ("arguments", "redirected", "reason"),
-    [("show law.json", *CLOSED), ("data check drops.csv", *FULL), ("--help", *FULL)],
+    [
+        ("show law.json", *CLOSED),
+        pytest.param("data check drops.csv", *FULL, marks=pytest.mark.slow),
+        ("--help", *FULL),
+    ],
 )
 def test_results_that_standard_output_does_not_take_are_missed(
     folder: Path, arguments: str, redirected: str, reason: str

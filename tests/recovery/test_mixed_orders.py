@@ -224,7 +224,7 @@ def swing(numbers, start):
     return solved(lambda _, z, a, b, c: [z[1], -a * np.sin(z[0]) - b * z[1] + z[2], -c * z[2]], start, TIMES, *numbers)
 
 
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("known", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_drive_that_nobody_measured_beside_an_angle_is_fitted_as_by_scipy(known):
     true, noise = (4.0, 0.3, 0.35), 0.01
     begin = np.array([[1.2, 0.5, 0.8], [-0.8, 1.5, 0.8 if known else -0.6]])

@@ -114,7 +114,7 @@ def test_trials_with_one_value_of_an_input_may_share_a_parameter():
         cl.fit("x' = -k x; y = x + b", cl.Trials(tuple(drifting), trials.schema), shared={"k": "T"})
 
 
-@pytest.mark.parametrize("apart", [1e-6, 1e-10, 1e-11])
+@pytest.mark.parametrize("apart", [1e-6, pytest.param(1e-10, marks=pytest.mark.slow), 1e-11])
 def test_shared_parameters_that_are_nearly_collinear_are_fitted_unless_their_errors_exceed_any_value(apart):
     text, trials = f"x' = -k x; y = c x + d (x + {apart} t) + b; x(0) = 2", trials_of(own_and_shared())
     if apart < 1e-6:

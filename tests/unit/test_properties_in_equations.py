@@ -57,7 +57,9 @@ def populations(measured, size):
     return cl.Trials.from_frame(pd.concat(frames), object="r", time="t", states=["x"], properties=["K"])
 
 
-@pytest.mark.parametrize(("size", "start"), [(1e-9, ""), (1e9, "; x(0) = x0"), (1.0, "")])
+@pytest.mark.parametrize(
+    ("size", "start"), [(1e-9, ""), (1e9, "; x(0) = x0"), pytest.param(1.0, "", marks=pytest.mark.slow)]
+)
 def test_a_capacity_that_is_a_property_stays_whatever_its_size(measured, size, start):
     times, grown = measured
     law = cl.fit(f"x' = r x (1 - x/K){start}", populations(measured, size), errors="white", noise={"x": NOISE * size})

@@ -113,7 +113,7 @@ def test_common_and_own_coefficients_are_those_of_the_joint_posterior():
             np.testing.assert_allclose(ours, block, atol=2e-4)
 
 
-@pytest.mark.parametrize("objects", [3, 8])
+@pytest.mark.parametrize("objects", [3, pytest.param(8, marks=pytest.mark.slow)])
 def test_coefficients_that_scatter_together_are_not_drawn_away_from_the_truth(objects):
     """A rate r of growth with one capacity K: the coefficients r and -r/K scatter along one line."""
     generator = np.random.default_rng(5)
