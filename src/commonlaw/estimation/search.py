@@ -216,7 +216,7 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds,
 
 def _by_levenberg_marquardt(objective: Objective, start: Floats, free: Bools, logarithms: bool = False) -> Floats:
     scale, steps = (start, 200) if logarithms else (None, 40)
-    return minimum(objective, start, free, scale=scale, tolerance=1e-15, steps=steps)[0]
+    return minimum(objective, start, free, scale=scale, tolerance=1e-13, steps=steps)[0]
 
 
 def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Floats:
@@ -498,7 +498,7 @@ def _finished(
                 return np.inf, unknowns, noise
         unknowns = _polished(problem, unknowns, noise, bounds, is_near=round_ > 0)
         score, levels = _score(problem, unknowns, noise, fixed)
-        done = once or np.allclose(levels, noise, rtol=1e-9)
+        done = once or np.allclose(levels, noise, rtol=1e-6)
         noise = levels
         if done:
             break
