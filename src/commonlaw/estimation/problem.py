@@ -1,7 +1,7 @@
 """The likelihood of a model's parameters and initial values, with its derivatives."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -178,6 +178,8 @@ class Problem:
     max_steps: int = MAX_STEPS
     errors: ErrorModel = WHITE_NOISE
     huber_threshold: float = np.inf
+    _last: "dict[int, tuple[TrialData, Floats, Predicted]]" = field(default_factory=dict, init=False)
+    """What trials should be by the unknowns that were asked for last."""
 
     def apart(self) -> list[tuple[Indices, "Problem"]]:
         """Return the problems of trials that have no unknowns in common, each with the indices of its unknowns."""
@@ -216,6 +218,18 @@ class Problem:
 
     def predicted(self, data: TrialData, unknowns: Floats, slopes: bool = True) -> Predicted:
         """Return what a trial should be."""
+        trial, last, known = self._last.get(id(data), (None, unknowns, None))
+        if (
+            trial is not data
+            or known is None
+            or (slopes and known.slopes is None)
+            or not np.array_equal(last, unknowns)
+        ):
+            known = self._solved(data, unknowns, slopes)
+            self._last[id(data)] = data, unknowns.copy(), known
+        return known if slopes else known._replace(slopes=None)
+
+    def _solved(self, data: TrialData, unknowns: Floats, slopes: bool) -> Predicted:
         model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter
         width, count = model.width, len(parameters)
         initial = np.where(data.initial < 0, data.fixed, np.append(unknowns, np.nan)[data.initial])
