@@ -201,8 +201,13 @@ CONSTANTS = {
 """Constants that a factor may be, by their units."""
 
 
-def dimensions_of(coefficients: Sequence[str | None], properties: Mapping[str, str]) -> Dimensions:
-    """Return the base dimensions of coefficients and of properties, by the texts of their units."""
+def dimensions_of(coefficients: Sequence[str | None], properties: Mapping[str, str]) -> Dimensions | None:
+    """Return the base dimensions of coefficients and of properties, by the texts of their units.
+
+    None if no coefficient has a unit, where those of the others say nothing.
+    """
+    if all(coefficient is None for coefficient in coefficients):
+        return None
     units = [*filter(None, coefficients), *properties.values(), *CONSTANTS.values()]
     bases = sorted({base for unit in units for base in parse_unit(unit).dimensionality})
 
