@@ -165,12 +165,12 @@ def test_a_fit_that_is_no_solution_of_its_law_did_not_converge():
     exact, erring = (stated("terms:sin(x)", [-500.0], resting.astype(float), error) for error in (0.0, 0.5))
     assert not erring.is_resolved
     assert not erring.is_solved
-    (found, *_) = outcomes_of_fit(exact, is_converged=True, tried_errors=True)
+    (found, *_) = outcomes_of_fit(exact.problem.law, exact, is_converged=True, tried_errors=True)
     assert found.kind is OutcomeKind.NOT_CONVERGED
     solved = stated("terms:x", [-0.5], 3 * np.exp(-0.5 * TIMES))
     assert solved.is_solved
-    assert outcomes_of_fit(solved, is_converged=True, tried_errors=True) == ()
-    (found,) = outcomes_of_fit(solved, is_converged=False, tried_errors=True)
+    assert outcomes_of_fit(solved.problem.law, solved, is_converged=True, tried_errors=True) == ()
+    (found,) = outcomes_of_fit(solved.problem.law, solved, is_converged=False, tried_errors=True)
     assert found.kind is OutcomeKind.NOT_CONVERGED
 
 

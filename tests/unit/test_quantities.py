@@ -4,11 +4,13 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.optimize import brentq
 
 import commonlaw as cl
 from commonlaw.diagnostics import note
+from commonlaw.forecast import fitted
 from commonlaw.law import to_script
 from commonlaw.law.models import model_named
 from commonlaw.law.observation import Observation
@@ -254,6 +256,17 @@ def test_a_fit_that_did_not_converge_has_no_quantities():
     assert list(stopped.quantities()) == list(law.quantities())
     assert quantities_by_object(stopped).empty
     assert law.summary().count("half-life") == 1 + stopped.summary().count("half-life")
+
+
+def test_a_fit_whose_solution_diverges_has_no_quantities():
+    """On a linear scale small values have no weight: the first is fitted below zero, where growth runs away."""
+    times = np.arange(13.0)
+    sizes = 9e8 / (1 + 1e8 * np.exp(-1.85 * times)) * np.exp(0.12 * np.random.default_rng(9).standard_normal(13))
+    trials = cl.Trials.from_frame(pd.DataFrame({"t": times, "n": sizes}))
+    law = cl.fit("n' = r n (1 - n/K)", trials, errors="white")
+    assert fitted(law, trials).outcomes
+    assert "fit-diverges" in [outcome.code for outcome in law.diagnostics]
+    assert law.quantities().empty
 
 
 def test_without_covariance_there_are_values_alone():

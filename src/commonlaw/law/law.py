@@ -353,7 +353,8 @@ class Law(ShownInNotebooks):
         the terms of the equations, see the documentation for a list; then come the modes of other linear laws and the
         equilibria of laws without inputs. Standard errors are those of the delta method. An interval has all values
         within the confidence ellipsoid of the coefficients; for ratios it is that of Fieller (1954), infinite where the
-        denominator may be zero. Without a covariance both are NaN. Fits that did not converge have no quantities.
+        denominator may be zero. Without a covariance both are NaN. Fits that did not converge, or
+        whose solutions diverge, have no quantities.
 
         Raises `CommonlawError` if there is no such state, or the level is not between 0 and 1.
 

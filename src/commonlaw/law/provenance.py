@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.diagnostics import Outcome
+from commonlaw.diagnostics import Outcome, OutcomeKind
 from commonlaw.differentiation import AbstractDifferentiator, RobustSpline
 from commonlaw.errors import CommonlawError
 from commonlaw.law.uncertainty import check_positive
@@ -22,6 +22,9 @@ from commonlaw.trials.trial import property_names, value_range
 
 if TYPE_CHECKING:
     import pandas as pd
+
+WITHOUT_QUANTITIES = frozenset({OutcomeKind.NOT_CONVERGED, OutcomeKind.DIVERGED})
+"""Of a fit: its coefficients describe no solution through the measurements, so no quantities derive from them."""
 
 _BEYOND = 0.1
 """Share of a range that values may lie beyond it before it counts as left."""

@@ -14,12 +14,12 @@ import msgspec
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.diagnostics import OutcomeKind
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.equilibria import Quantity, equilibria, modes
 from commonlaw.law.law import Law
 from commonlaw.law.parameters import Parameters, named_parameters, reach_of_equations
 from commonlaw.law.parse import GivenEquations, read_equations
+from commonlaw.law.provenance import WITHOUT_QUANTITIES
 from commonlaw.law.quantiles import Estimate, Function, propagated
 from commonlaw.library import Variables, order_of_each, term_unit, with_rates
 from commonlaw.library.bounds import Bound
@@ -452,8 +452,8 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
     reach = float(reach_of_equations(law, level).max())
     matches, known = _matches(law) if law.order != 0 else [], named_parameters(law)
     rows = list[tuple[object, ...]]()
-    is_converged = all(outcome.kind is not OutcomeKind.NOT_CONVERGED for outcome in law.diagnostics)
-    for i, owner in enumerate(law.objects if law.order != 0 and is_converged else ()):
+    is_solved = WITHOUT_QUANTITIES.isdisjoint(outcome.kind for outcome in law.diagnostics)
+    for i, owner in enumerate(law.objects if law.order != 0 and is_solved else ()):
         parameters = law.coefficients[i, law.support]
         covariance = None if known.covariance_given_limits is None else known.covariance_given_limits[i]
         specific = _most_specific([match for match in matches if match.holds(law.coefficients[[i]])])

@@ -64,7 +64,7 @@ def assemble(
             template.provenance,
             outcomes=(
                 *fit.outcomes,
-                *with_approximation(pool, outcomes(template, fit, is_converged, tried_errors=tried_errors)),
+                *with_approximation(pool, outcomes(law, fit, is_converged, tried_errors=tried_errors)),
                 *differing_trials(fit),
             ),
             alternatives=alternatives(template, compared, pool.chosen_by),

@@ -8,6 +8,7 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats, evenly_spaced
 from commonlaw.diagnostics import Outcome, OutcomeKind, note
 from commonlaw.errors import CommonlawError
+from commonlaw.forecast import fitted
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import by_columns, estimated_noise
 from commonlaw.inference.fit.fit import Fit
@@ -15,11 +16,12 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.parameters import left_hand_sides, named_parameters
-from commonlaw.law.provenance import error_steps, levels_in_words
+from commonlaw.law.provenance import WITHOUT_QUANTITIES, error_steps, levels_in_words
 from commonlaw.law.tables import LOG_SCORE
 from commonlaw.likelihood import Estimate, fit as fitted_states, linearize
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.text import counted, shown
+from commonlaw.trials import Trials
 
 Compared = dict[tuple[str, ...], float]
 """Names of the terms of an equation, the chosen ones first, with 2 log B of those against them; or with twice the
@@ -76,7 +78,7 @@ _LEVELS = "maximum-marginal-likelihood estimates of the error parameters"
 
 def outcomes(law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool) -> tuple[Outcome, ...]:
     """Return what a user should know of a law that was chosen by these trials."""
-    result = [*outcomes_of_fit(fit, is_converged, tried_errors=tried_errors, chosen=True)]
+    result = [*outcomes_of_fit(law, fit, is_converged, tried_errors=tried_errors, chosen=True)]
     lefts = left_hand_sides(law)
     result += [
         note("no-term", side)
@@ -96,7 +98,9 @@ LACKS_OF_FIT = OutcomeKind.APPROXIMATION, OutcomeKind.MODEL_ERROR, OutcomeKind.R
 """What may be known of the fit of a law."""
 
 
-def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen: bool = False) -> tuple[Outcome, ...]:
+def outcomes_of_fit(
+    law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool, chosen: bool = False
+) -> tuple[Outcome, ...]:
     """Return what to know of a law by its fit: errors that it has itself, or that are not explained, and samples.
 
     The remedies depend on whether errors of other kinds were tried, and whether the law was chosen from a library.
@@ -104,6 +108,8 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
     result = list[Outcome]()
     if not (fit.has_model_error or (is_converged and fit.is_resolved)):
         result.append(note("fit-not-converged" if chosen else "fit-not-converged-from-guesses"))
+    elif fit.diverges and not fit.has_model_error and _has_no_solution(law, fit.problem.trials):
+        result.append(note("fit-diverges"))
     if fit.has_process_noise:
         of = ", the best in its library," if chosen else ""
         result.append(note("model-error", library=of, error=model_error_step(fit).choice))
@@ -117,6 +123,14 @@ def outcomes_of_fit(fit: Fit, is_converged: bool, *, tried_errors: bool, chosen:
         levels = levels_in_words(problem.noise, schema)
         result.append(note("noise-assumed", levels=levels, name=schema.measured[0]))
     return tuple(result)
+
+
+def _has_no_solution(law: Law, trials: Trials) -> bool:
+    """Return whether a law diverges in a trial from the initial values that are estimated from all of its samples."""
+    try:
+        return any(outcome.kind is OutcomeKind.DIVERGED for outcome in fitted(law, trials).outcomes)
+    except CommonlawError:  # Not finite near the samples
+        return True
 
 
 def outcomes_of_unmeasured(law: Law, problem: SearchProblem) -> tuple[Outcome, ...]:
@@ -174,7 +188,7 @@ def p_value_of_trials(fit: Fit, name: str) -> float:
 
 def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes of a law without those that a fit to other measurements decides anew."""
-    kinds = {*LACKS_OF_FIT, OutcomeKind.BOUND, OutcomeKind.NOT_CONVERGED, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
+    kinds = {*LACKS_OF_FIT, *WITHOUT_QUANTITIES, OutcomeKind.BOUND, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
     return tuple(outcome for outcome in outcomes if outcome.kind not in kinds)
 
 

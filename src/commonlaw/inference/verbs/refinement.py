@@ -313,7 +313,9 @@ class _Fit:
             law.provenance,
             outcomes=(
                 *with_origin_outcomes(without_outcomes_of_fit(law.diagnostics), refined, trials),
-                *with_approximation(pool, outcomes_of_fit(fit, is_converged, tried_errors=self.errors == "auto")),
+                *with_approximation(
+                    pool, outcomes_of_fit(refined, fit, is_converged, tried_errors=self.errors == "auto")
+                ),
                 *outcomes_of_unmeasured(refined, problem),
             ),
             history=(*law.history, *chosen),
