@@ -681,6 +681,17 @@ def test_updated_parameters_stay_within_their_bounds_in_both_schemes():
         assert next(outcome.code for outcome in updated.diagnostics) == "estimate-at-bound"
 
 
+def test_parameters_at_a_bound_are_updated_as_without_a_prior():
+    trials = decay.trials()
+    law = decay.fit(trials, "x' = -k x; k > 0.7")
+    slow, fast = (law.update(cl.Trials((replace(trials[i], object="a"),), trials.schema)) for i in (0, 2))
+    (text,) = [outcome.text for outcome in slow.diagnostics if outcome.code == "estimate-at-bound"]
+    assert "the unbounded estimate is 0.5" in text
+    (value, error) = (named_parameters(fast).values[0, 0], named_parameters(fast).errors[0, 0])
+    assert value == pytest.approx(1.1, abs=3 * error)
+    assert 0 < error < 0.1
+
+
 def test_forecasts_beyond_the_training_data_are_noted_in_both_schemes():
     trials = falling._replace(numbers={"a": (0.2,)}).trials()
     laws = in_both_schemes(falling.fit(trials))

@@ -123,9 +123,9 @@ def updated(law: Law, trials: Trials) -> Law:
     """Return a law of known noise whose parameters were updated by trials of its objects, see `Law.update`.
 
     The parameters of the law, with their covariance, are the prior of the likelihood of the trials, under the errors of
-    the law; those that had only a limit have none. Objects that share a parameter are updated together, others each by
-    its own trials. What differs between trials, and initial values, has the priors of the law's fit. Terms of a library
-    that the law does not have are left out.
+    the law; those that had only a limit, or were at a bound, have none. Objects that share a parameter are updated
+    together, others each by its own trials. What differs between trials, and initial values, has the priors of the
+    law's fit. Terms of a library that the law does not have are left out.
     """
     known_noise, parts = law.uncertainty.noise, list[Law]()
     assert known_noise is not None
@@ -176,8 +176,7 @@ def _with_prior(begun: Beginning, law: Law) -> Beginning:
         o = object_index(law, trial.object)
         for k in (k for k in indices if k >= 0 and names[k] in named.names and not differ[k]):
             p = named.names.index(names[k])
-            # At a bound of zero there is no error, either
-            if np.isfinite(named.errors[o, p]) and not named.limited[o, p]:
+            if 0 < named.errors[o, p] < np.inf and not named.limited[o, p]:
                 places.setdefault(k, (o, p))
     others = [prior for prior in begun.problem.priors if not {*prior.indices.tolist()} & {*places}]
     if places:
