@@ -1,10 +1,14 @@
 """States that are zero or never measured in a whole trial, as of species that were not put in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.law.alignment import matched
+from commonlaw.law.observation import Observation
 from commonlaw.law.parameters import named_parameters
 from commonlaw.trials import Trials
 
@@ -52,6 +56,25 @@ def test_the_note_on_states_never_measured_names_all_their_trials():
     again = frame[frame["culture"] == "y only"].assign(culture="y again")
     notes = Trials.from_frame(pd.concat([frame, again], ignore_index=True)).notes
     assert any('`x(0) = 0 @ "y only", "y again"`' in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("starts", "noted"),
+    [
+        ({}, "xy"),
+        ({"x": {"object, trial y only": 0.0}}, "xy"),
+        ({"x": {"object, trial y only": 0.0, "object, trial y again": 0.0}, "y": "y0"}, ""),
+        ({"x": {"object": 0.0}}, "y"),
+    ],
+)
+def test_the_note_on_states_never_measured_ends_with_their_starts(starts, noted):
+    frame = mixtures(np.nan)
+    again = frame[frame["culture"] == "y only"].assign(culture="y again")
+    trials = Trials.from_frame(pd.concat([frame, again], ignore_index=True))
+    law = cl.Law.from_text(LAW)
+    law = replace(law, scheme="shooting", observation=Observation(trials.schema, initial=starts))
+    notes = [note[0] for note in matched(law, trials).notes if " is never measured in " in note]
+    assert "".join(sorted(notes)) == noted
 
 
 def test_objects_of_which_all_states_are_present_stay_objects():

@@ -505,5 +505,6 @@ def test_an_input_at_levels_next_to_a_smooth_one_is_noted_until_its_steps_have_r
         law = cl.fit("x' = -a x + b heater + c sky; x(0) = h", trials, input_interpolation="linear")
         codes = [outcome.code for outcome in law.diagnostics]
         assert ("inputs-interpolated-together" in codes) == is_noted
+        assert "inputs-interpolated-together-in-collocation" not in codes
         a = law.params.set_index("parameter")["estimate"]["a"]
         assert (abs(a - 0.2) > 0.005) == is_noted

@@ -240,7 +240,9 @@ def outcomes_of_inputs(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     if trials.schema.doses or not rest or not any(_steps_slowly(trial, columns_of_levels) for trial in trials):
         return ()
     between = law.observation.measured.input_interpolation
-    return (note("inputs-interpolated-together", levels=levels, rest=rest, between=between),)
+    if law.scheme == "shooting":
+        return (note("inputs-interpolated-together", levels=levels, rest=rest, between=between),)
+    return (note("inputs-interpolated-together-in-collocation", levels=levels, rest=rest, between=between),)
 
 
 def _steps_slowly(trial: Trial, columns: Sequence[int]) -> bool:

@@ -15,6 +15,7 @@ from commonlaw.runtime.arguments import check_type
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.equation_columns import as_named
 from commonlaw.trials.headers import find_name
+from commonlaw.trials.tables import unanswered_notes
 from commonlaw.trials.transformations import (
     in_units,
     objects_at_rest,
@@ -43,8 +44,8 @@ def matched(
     """Return trials of the variables of a law in its units; everything that takes a law and trials begins with this.
 
     What has no unit there or in the law is taken as it is. Left out are rates of the law's states and objects at rest
-    that the law left out. Latent states come with their initial values, and doses as they are added. Properties may be
-    inputs of the law; only with `inputs` "any" may the trials have other inputs.
+    that the law left out, and notes that ask for its initial values. Latent states come with their initial values, and
+    doses as they are added. Properties may be inputs of the law; only with `inputs` "any" may the trials have others.
 
     Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
     """
@@ -57,6 +58,10 @@ def matched(
     trials = with_property_inputs(trials, [name for name in missing if name in known])
     if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
         trials = without_objects(trials, tuple(name for name in objects_at_rest(trials) if name in resting))
+    if isinstance(trials, Trials) and (written := law.observation.initial):
+        owners = {name: start if isinstance(start, Mapping) else None for name, start in written.items()}
+        notes = unanswered_notes(trials.notes, trials.trials, trials.schema.states, owners)
+        trials = trials if notes == trials.notes else replace(trials, notes=notes)
     starts = {name: start for name, start in schema.initial_values.items() if name not in trials.schema.states}
     measured = tuple(name for name in schema.states if name not in starts)
     kinds = [("states", measured, trials.schema.states)]

@@ -4,7 +4,7 @@ import itertools
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -370,10 +370,33 @@ def repeats_in_words(trials: Sequence[Trial]) -> list[str]:
     return [f"{rows} measurements {where} are averaged, weighted by their number"]
 
 
+_UNMEASURED = "{state} is never measured in "
+
+
+def unanswered_notes(
+    notes: Sequence[str], trials: Sequence[Trial], states: Sequence[str], starts: Mapping[str, Container[str] | None]
+) -> tuple[str, ...]:
+    """Return notes without those on states never measured that have a start in all trials without any value.
+
+    By state a start has the objects or labels of the trials that it is of, None for all.
+    """
+    answered = list[str]()
+    for name, owners in starts.items():
+        if name in states:
+            latent = [trial for trial in trials if _never_measured(trial)[states.index(name)]]
+            if owners is None or all(trial.label in owners or trial.object in owners for trial in latent):
+                answered.append(_UNMEASURED.format(state=name))
+    return tuple(line for line in notes if not line.startswith(tuple(answered)))
+
+
+def _never_measured(trial: Trial) -> Bools:
+    """Return whether each state has neither a value nor a limit in a trial, shape (states,)."""
+    return np.asarray((np.isnan(trial.states) & np.isnan(trial.below)).all(axis=0))
+
+
 def unmeasured_in_words(trials: Sequence[Trial], states: Sequence[str]) -> list[str]:
     """Return notes on states that are never measured in some trials, in which they begin somewhere unknown."""
-    empty = np.array([(np.isnan(trial.states) & np.isnan(trial.below)).all(axis=0) for trial in trials])
-    empty = empty.reshape(len(trials), len(states))
+    empty = np.array([_never_measured(trial) for trial in trials]).reshape(len(trials), len(states))
     names, owners = Counter(trial.name for trial in trials), Counter(trial.object for trial in trials)
 
     def called(trial: Trial) -> str:
@@ -384,8 +407,8 @@ def unmeasured_in_words(trials: Sequence[Trial], states: Sequence[str]) -> list[
 
     places = [[trial for trial, is_empty in zip(trials, column, strict=True) if is_empty] for column in empty.T]
     return [
-        f"{state} is never measured in {'; '.join(trial.label for trial in where)}: it is a latent state there, whose "
-        "start is estimated where none is given; if it was absent, enter 0 in its column, or write "
+        f"{_UNMEASURED.format(state=state)}{'; '.join(trial.label for trial in where)}: it is a latent state there, "
+        "whose start is estimated where none is given; if it was absent, enter 0 in its column, or write "
         f"`{state}(0) = 0 @ {', '.join(f'{chr(34)}{called(trial)}{chr(34)}' for trial in where)}`"
         for state, where in zip(states, places, strict=True)
         if 0 < len(where) < len(trials)
