@@ -97,7 +97,7 @@ def forecast_parts(
     law: Law, stream: TrialStream, progress: ProgressCallback, folder: str | os.PathLike[str] | None = None, **how: Any
 ) -> list[pd.DataFrame]:
     """Return the errors of `forecast_stream` for each part of a stream; `how` are arguments of `Law.predict`."""
-    parts = stream.parts or (stream,)
+    parts = stream.files
     laws = laws_of_parts(law, parts, part(progress, 0.0, 0.1))
     where = None if folder is None else Path(folder).absolute()
     files = [where and where / f"forecast-{i + 1:06}.parquet" for i in range(len(parts))]
@@ -222,11 +222,11 @@ def find_by_stream(
     # Figures and tables of so many objects can be read
     rows = evenly_spaced(len(ranked), 24)
     names = {*ranked[rows].astype(str)}
-    pieces = zip(stream.parts or (stream,), frames, strict=True)
+    pieces = zip(stream.files, frames, strict=True)
     parts = [piece for piece, frame in pieces if names & {*frame.iloc[:, 0]}]
     few, training = as_one(_read(names, parts, part(progress, 0.9, 1.0))), None
     if learned is not None:
-        learned_parts = _read(names, learned.parts or (learned,), part(progress, 0.9, 1.0))
+        learned_parts = _read(names, learned.files, part(progress, 0.9, 1.0))
         training = as_one(learned_parts) if learned_parts else Trials((next(iter(learned)),), learned.schema)
         there = {(trial.object, trial.name) for trial in few}
         others = [trial for trial in training if (trial.object, trial.name) not in there]
@@ -317,7 +317,7 @@ def check_stream(
         raise CommonlawError("residuals-not-a-stream", type=type(stream).__name__)
     check_types(check_stream, locals())
     refuse_discrete_time(law)
-    parts, progress = stream.parts or (stream,), progress or on_terminal()
+    parts, progress = stream.files, progress or on_terminal()
     with on_cluster(client):
         laws, noise = laws_of_parts(law, parts, part(progress, 0.0, 0.1)), law.uncertainty.noise
         if noise is None:

@@ -19,7 +19,6 @@ from commonlaw.law.script import call
 from commonlaw.library.bounds import check_equations
 from commonlaw.library.functions import functions_in
 from commonlaw.runtime.arguments import check_types
-from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
     ErrorKind,
@@ -28,7 +27,8 @@ from commonlaw.runtime.fit_options import (
     settings_of,
 )
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, silent
-from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials import Schema, Trials, TrialStream
+from commonlaw.trials.stream import in_memory_or_by_file, measured
 from commonlaw.trials.trial import property_names
 
 if TYPE_CHECKING:
@@ -174,8 +174,7 @@ def fit(
     """
     if isinstance(equations, Trials | TrialStream) or isinstance(trials, str):
         raise CommonlawError("arguments-swapped")
-    if not isinstance(trials, Trials | TrialStream):
-        trials = Trials.from_frame(trials)
+    trials = measured(trials)
     check_equations(equations)
     arguments = locals()
     settings = {name: value for name, value in arguments.items() if name in settings_of(FitOptions, "fit")}
@@ -183,34 +182,56 @@ def fit(
     check_types(fit, arguments)
     check_choice("scheme", scheme, ("auto", "collocation", "shooting"))
     settings["progress"] = progress
-    if named := model_named(equations):
-        properties = property_names(trials.properties) if isinstance(trials, Trials) else []
-        textbook = named[0].over_columns(trials.schema, properties, named[1])
-        equations, doses = textbook.equations, doses or textbook.doses
     called = functions_in(functions)
-    if isinstance(trials, TrialStream):
-        if initial_values or doses or shared or guesses or observe or priors or called or scheme == "shooting":
+
+    def in_memory(trials: Trials) -> Law:
+        texts, inputs = _of_textbook(equations, doses, trials.schema, property_names(trials.properties))
+        request = FitRequest.of(
+            texts,
+            trials,
+            initial_values=initial_values,
+            initial_time=initial_time,
+            doses=inputs,
+            shared=shared,
+            guesses=guesses,
+            observe=observe,
+            priors=priors,
+            functions=called,
+            scheme=scheme,
+            settings=settings,
+        )
+        if not called:  # Functions are no text
+            whole = texts if isinstance(texts, str) else "; ".join(texts)
+            known = {
+                "doses": request.doses,
+                "initial_time": request.said_time,
+                "initial_values": initial_values or None,
+            }
+            request = replace(request, calls=(call(fit, arguments | known, "cl.fit", repr(whole), "trials"),))
+        return _on_likelier_scale(request)
+
+    def by_file(stream: TrialStream) -> Law:
+        texts, inputs = _of_textbook(equations, doses, stream.schema, ())
+        if initial_values or inputs or shared or guesses or observe or priors or called or scheme == "shooting":
             raise CommonlawError("not-for-streams")
-        return _of_stream(equations, trials, settings, client)
-    refuse_client(client)
-    request = FitRequest.of(
-        equations,
-        trials,
-        initial_values=initial_values,
-        initial_time=initial_time,
-        doses=doses,
-        shared=shared,
-        guesses=guesses,
-        observe=observe,
-        priors=priors,
-        functions=called,
-        scheme=scheme,
-        settings=settings,
-    )
-    if not called:  # Functions are no text
-        whole = equations if isinstance(equations, str) else "; ".join(equations)
-        known = {"doses": request.doses, "initial_time": request.said_time, "initial_values": initial_values or None}
-        request = replace(request, calls=(call(fit, arguments | known, "cl.fit", repr(whole), "trials"),))
+        return _of_stream(texts, stream, settings)
+
+    return in_memory_or_by_file(trials, client, in_memory, by_file)
+
+
+def _of_textbook(
+    equations: str | Sequence[str], doses: str | Sequence[str], schema: Schema, properties: Sequence[str]
+) -> tuple[str | Sequence[str], str | Sequence[str]]:
+    """Return equations and doses, those of a textbook model over these columns if the equations are its name."""
+    named = model_named(equations)
+    if not named:
+        return equations, doses
+    textbook = named[0].over_columns(schema, properties, named[1])
+    return textbook.equations, doses or textbook.doses
+
+
+def _on_likelier_scale(request: FitRequest) -> Law:
+    """Return the law with states over decades on their own scale or a logarithmic one, whichever is likelier."""
     states = request.over_decades
     if not states:
         return _of_request(request)
@@ -228,18 +249,15 @@ def _of_request(request: FitRequest) -> Law:
     return by_collocation(request)
 
 
-def _of_stream(
-    equations: str | Sequence[str], stream: TrialStream, settings: dict[str, Any], client: "Client | None"
-) -> Law:
+def _of_stream(equations: str | Sequence[str], stream: TrialStream, settings: dict[str, Any]) -> Law:
     given = read_equations(equations, stream.schema)
     if given.terms.parameters or given.order == 0:
         what = "a discrete-time law is" if given.order == 0 else "nonlinear parameters are"
         raise CommonlawError("not-file-by-file", what=what)
     errors = "white" if settings["errors"] == "auto" else settings["errors"]
     of_part = settings | {"errors": errors, "partial_pooling": False, "progress": silent, "scheme": "collocation"}
-    one, parts = partial(fit, equations, **of_part), stream.parts or (stream,)
-    with on_cluster(client):
-        law = fitted_by_parts([one] * len(parts), parts, settings["progress"] or on_terminal())
+    one, parts = partial(fit, equations, **of_part), stream.files
+    law = fitted_by_parts([one] * len(parts), parts, settings["progress"] or on_terminal())
     made = (call(fit, settings, "cl.fit", repr(equations), "trials"),)
     provenance = replace(law.provenance, calls=made)
     return pool_objects(replace(law, provenance=provenance), None, settings["partial_pooling"])

@@ -167,7 +167,7 @@ class AbstractRegression(AbstractMethod):
         rows = partial(rows, segments=segments, sampled=segments > 1)
         if cluster is None:
             return CompressedTrials.of(rows(trials, n_jobs=self.n_jobs), trials.schema)
-        parts = trials.parts or (trials,)
+        parts = trials.files
         done = counting(progress, "compressing files", len(parts), cluster)
         return CompressedTrials.of(cluster.merged(rows, parts, merged_rows, done), trials.schema)
 

@@ -123,7 +123,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         errors = "white" if self.errors == "auto" else self.errors
         weighing = {"noise": self.noise, "errors": errors, "huber_threshold": self.huber_threshold}
         alone = replace(self, errors=errors, covariance="likelihood", partial_pooling=False)
-        parts = stream.parts or (stream,)
+        parts = stream.files
         some = [parts[i] for i in evenly_spaced(len(parts), settings.MAX_WINDOWS)]
         laws = done_in_parts(
             partial(_proposed, alone, structure), some, "seeking laws of groups of objects", part(progress, 0.0, 0.2)

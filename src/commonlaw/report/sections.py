@@ -62,13 +62,13 @@ from commonlaw.report.document import (
 from commonlaw.report.markup import code, law_markdown, literal
 from commonlaw.report.page import Page
 from commonlaw.runtime.arguments import check_type
-from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.progress import on_terminal
 from commonlaw.stream import ManyFindings, find_by_stream
 from commonlaw.summary import Summary, in_states, parameters_caption
 from commonlaw.text import counted
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.roles import GUESSED
+from commonlaw.trials.stream import in_memory_or_by_file
 from commonlaw.verdict import Findings, find
 
 if TYPE_CHECKING:
@@ -484,17 +484,19 @@ def law_page(
     """Return the report of a law as a page, see `Law.report`."""
     check_packages()
     check_type("trials", trials, (Trials, TrialStream), TRIALS)
-    if isinstance(trials, Trials):
-        refuse_client(client)
+
+    def in_memory(trials: Trials) -> Report:
         if isinstance(learned, TrialStream):
             raise CommonlawError("learned-not-in-memory")
-        return Page(to_page(law_report(find(law, trials, learned))).decode())
-    if isinstance(learned, Trials):
-        raise CommonlawError("learned-not-a-stream")
-    with on_cluster(client):
-        findings = find_by_stream(law, trials, on_terminal(), learned)
-    made = law_report(findings.few, table=Source("runs/*.parquet", stream=True), everything=findings)
-    return Page(to_page(made).decode())
+        return law_report(find(law, trials, learned))
+
+    def by_file(stream: TrialStream) -> Report:
+        if isinstance(learned, Trials):
+            raise CommonlawError("learned-not-a-stream")
+        findings = find_by_stream(law, stream, on_terminal(), learned)
+        return law_report(findings.few, table=Source("runs/*.parquet", stream=True), everything=findings)
+
+    return Page(to_page(in_memory_or_by_file(trials, client, in_memory, by_file)).decode())
 
 
 def law_report(

@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, compress, groupby
 from pathlib import Path
-from typing import ClassVar, NoReturn, Unpack, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar, Unpack, cast
 from urllib.parse import unquote
 
 import numpy as np
 
 from commonlaw.errors import CommonlawError
 from commonlaw.runtime.arguments import checks_types
-from commonlaw.runtime.cluster import done_in_parts
+from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
 from commonlaw.runtime.files import MOST_CELLS
 from commonlaw.runtime.progress import ProgressCallback, check_memory, on_terminal
 from commonlaw.text import counted
@@ -25,6 +25,11 @@ from commonlaw.trials.reading import Reading, Roles, checked
 from commonlaw.trials.tables import read_rows
 from commonlaw.trials.trial import Schema, Trial, TrialData, check_gaps, check_measured, joined
 from commonlaw.trials.trials import Named, Trials, Until, labels, name_of
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+R = TypeVar("R")
 
 _ROWS = 100_000
 """Rows of a file that are held at a time, besides those of the trial that is not complete yet."""
@@ -68,6 +73,11 @@ class TrialStream:
         if name.startswith("_") or not (hasattr(Trials, name) or name in Trials.__dataclass_fields__):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
         raise NotInMemoryError("not-in-memory")
+
+    @property
+    def files(self) -> Sequence["TrialStream"]:
+        """Its parts, or the stream itself if it has none."""
+        return self.parts or (self,)
 
     def read(self) -> Trials:
         """Read all trials into memory, with the properties of their objects.
@@ -115,8 +125,7 @@ class TrialStream:
 
         Raises `CommonlawError` if no trial begins by that time.
         """
-        parts = self.parts or (self,)
-        kept = [TrialStream(self.schema, _Kept(part, Until(time))) for part in parts]
+        kept = [TrialStream(self.schema, _Kept(part, Until(time))) for part in self.files]
         begun = done_in_parts(_has_trials, kept, "looking for trials", on_terminal())
         if not any(begun):
             raise CommonlawError("trials-begin-later", time_name=self.schema.time, time=time)
@@ -125,14 +134,14 @@ class TrialStream:
     @checks_types
     def joined(self, other: "TrialStream") -> "TrialStream":
         """Return the concatenation with another stream of the same variables."""
-        return self._of([*(self.parts or (self,)), *(other.parts or (other,))])
+        return self._of([*self.files, *other.files])
 
     def _divided(self, name: object, trial: object) -> tuple["TrialStream", "TrialStream"]:
         """Return the streams of the trials that have these names, and of the others."""
         asked = {"object": name, "trial": trial}
         wanted = {role: frozenset(labels(names)) for role, names in asked.items() if names is not None}
-        parts, chosen = self.parts or (self,), Named(wanted)
-        looked = done_in_parts(partial(_looked_for, chosen), parts, "looking for trials", on_terminal())
+        chosen = Named(wanted)
+        looked = done_in_parts(partial(_looked_for, chosen), self.files, "looking for trials", on_terminal())
         for role, names in wanted.items():
             if missing := sorted(names.difference(*(present[role] for present, _ in looked))):
                 raise CommonlawError("stream-without-role", role=role, name=missing[0])
@@ -141,7 +150,7 @@ class TrialStream:
         kept, rest = (
             [
                 TrialStream(self.schema, _Kept(part, replace(chosen, others=not fits)))
-                for part, (_, fit) in zip(parts, looked, strict=True)
+                for part, (_, fit) in zip(self.files, looked, strict=True)
                 if fits in fit
             ]
             for fits in (True, False)
@@ -194,6 +203,29 @@ class TrialStream:
         schema = read_rows(begin, known).data.schema
         parts = [cls(schema, replace(file, roles=known)) for file in files]
         return cls(schema, partial(chain.from_iterable, parts), parts)
+
+
+def measured(trials: Trials | TrialStream | Any) -> Trials | TrialStream:
+    """Return trials or a stream as they are, and the trials that `Trials.from_frame` makes of a table."""
+    return trials if isinstance(trials, Trials | TrialStream) else Trials.from_frame(trials)
+
+
+def in_memory_or_by_file(
+    trials: Trials | TrialStream,
+    client: "Client | None",
+    in_memory: Callable[[Trials], R],
+    by_file: Callable[[TrialStream], R],
+) -> R:
+    """Return what is computed of trials in memory, or of a stream, whose files the workers of a dask client read.
+
+    This is the door of each verb that takes both: what it calls takes one of them. Raises `CommonlawError` if there is
+    a client but no stream.
+    """
+    if isinstance(trials, TrialStream):
+        with on_cluster(client):
+            return by_file(trials)
+    refuse_client(client)
+    return in_memory(trials)
 
 
 def _looked_for(wanted: Named, part: TrialStream) -> tuple[dict[str, set[str]], set[bool]]:

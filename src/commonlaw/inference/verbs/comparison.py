@@ -37,11 +37,12 @@ from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.levels import Whitened, refuse_over_decades
 from commonlaw.runtime.arguments import check_types
-from commonlaw.runtime.cluster import done_in_parts, on_cluster, refuse_client
+from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, changed_settings, check_settings
 from commonlaw.runtime.parallel import in_parallel, threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, unannounced
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
+from commonlaw.trials.stream import in_memory_or_by_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,25 +131,36 @@ def compare(
     if len(scales) > 1:
         raise CommonlawError("log-states-differ", scales=scales)
 
-    if isinstance(trials, Trials):
+    def in_memory(trials: Trials) -> "pd.DataFrame":
         refuse_over_decades(trials, errors, noise, [scale for scale in scales if scale != "none"])
-
-    def jointly() -> "pd.DataFrame":
+        frame = None if are_joint else _fitted_apart(laws, trials, noise, errors, huber_threshold, n_jobs)
+        if frame is not None:
+            return frame
         changed = changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold})
         if "huber_threshold" in changed:
             code = "not-with-observation" if observed else "shared-under-white-noise"
             raise CommonlawError(code, settings=["huber_threshold"])
         return _fitted_jointly(laws, trials, noise, checked_errors(changed))
 
-    if are_joint:
-        refuse_client(client)
-        return jointly()
-    if isinstance(trials, TrialStream):
+    def by_file(stream: TrialStream) -> "pd.DataFrame":
+        if are_joint:
+            raise CommonlawError("not-refined-file-by-file", what="observation equations or shared parameters")
         kind = "white" if errors == "auto" else errors
         settings = {"noise": noise, "errors": kind, "huber_threshold": huber_threshold, "n_jobs": n_jobs}
-        with on_cluster(client):
-            return compare_by_parts(laws, trials.parts or (trials,), settings, on_terminal())
-    refuse_client(client)
+        return compare_by_parts(laws, stream.files, settings, on_terminal())
+
+    return in_memory_or_by_file(trials, client, in_memory, by_file)
+
+
+def _fitted_apart(
+    laws: Mapping[str, Law],
+    trials: Trials,
+    noise: Mapping[str, float] | None,
+    errors: ErrorKind | Literal["auto"],
+    huber_threshold: float,
+    n_jobs: int,
+) -> "pd.DataFrame | None":
+    """Return the comparison of laws that share no parameter, fitted by collocation; None if one leaves its bounds."""
     same = [written_alike(law, trials.schema) for law in laws.values()]
     converted = matched(same[0], trials)
     if any(matched(law, converted) is not converted for law in same[1:]):
@@ -171,7 +183,7 @@ def compare(
             pools = in_parallel(lambda pool: with_error_models(pool, None, kinds, lambda _: None), pools)
         fits = in_parallel(lambda pool: converged(pool.best, errors == "white")[0], pools)
         if any(_is_outside(law, setup, fit) for law, setup, fit in zip(laws.values(), setups, fits, strict=True)):
-            return jointly()
+            return None
         scores = in_parallel(score_of_fit, fits)
     return _frame(
         laws,
@@ -286,12 +298,10 @@ def _with_probabilities(frame: "pd.DataFrame") -> "pd.DataFrame":
 
 def _fitted_jointly(
     laws: Mapping[str, Law],
-    trials: Trials | TrialStream,
+    trials: Trials,
     noise: Mapping[str, float] | None,
     errors: ErrorKind | None,
 ) -> "pd.DataFrame":
-    if isinstance(trials, TrialStream):
-        raise CommonlawError("not-refined-file-by-file", what="observation equations or shared parameters")
     units = dict[str, str]()
     for law in laws.values():
         units_of_law = law.observation.measured.units

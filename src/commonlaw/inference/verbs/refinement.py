@@ -55,7 +55,6 @@ from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, NotPositiveError, fit, linearize
 from commonlaw.likelihood.levels import over_decades, refuse_over_decades
 from commonlaw.runtime.arguments import check_types
-from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
     ErrorKind,
@@ -68,7 +67,7 @@ from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, silent
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.trials.stream import objects_of_parts
+from commonlaw.trials.stream import in_memory_or_by_file, objects_of_parts
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -145,35 +144,36 @@ def refine(
     known = {name: given[name] for name in settings_of(FitOptions, "refine")}
     calls = (*law.provenance.calls, call(refine, given, "cl.refine", "law", "trials"))
     progress = on_terminal() if progress is None else progress
-    lost = list[str]()
-    if isinstance(trials, Trials):
+    bounds = bounds_in(restrictions_of(law).bounds)
+
+    def in_memory(trials: Trials) -> Law:
         scale = law.observation.measured.logarithmic if log_states is None else log_states
         refuse_over_decades(trials, errors, noise, scale)
         is_open = errors == "auto" and noise is None and not scale and law.order == 1
         lost = [*over_decades(trials)] if is_open else []
-    notes = (note("small-values-without-weight", states=lost),) if lost else ()
-    if law.scheme == "shooting":
-        refuse_client(client)
-        return _noted(_of_observation(law, trials, given, calls, progress), notes)
-    how = _Fit(log_states, input_interpolation, noise, errors, errors == "white", huber_threshold, covariance, seed)
-    if isinstance(trials, TrialStream):
-        with on_cluster(client):
-            result = _by_parts(law, trials, replace(how, errors="white") if errors == "auto" else how, progress)
-        domain = result.provenance.domain
-        provenance = replace(law.provenance, outcomes=(), history=result.provenance.history, calls=calls, domain=domain)
+        notes = (note("small-values-without-weight", states=lost),) if lost else ()
+        if law.scheme == "shooting":
+            return _noted(_of_observation(law, trials, known, calls, progress), notes)
+        result = refined(law, trials, **known, progress=progress)
+        if not is_within(result, bounds):
+            if refused := refused_settings(changed_settings("refine", known)):
+                refuse_outside(result, bounds, refused)
+            return _of_observation(result, trials, known, calls, progress)
+        result = _noted(replace(result, provenance=replace(result.provenance, calls=calls)), notes)
+        # Laws of a search have neither
+        return with_one_sided_limits(result, trials) if law.provenance.calls or law.provenance.equations else result
+
+    def by_file(stream: TrialStream) -> Law:
+        kind = "white" if errors == "auto" else errors
+        how = _Fit(log_states, input_interpolation, noise, kind, errors == "white", huber_threshold, covariance, seed)
+        result = _by_parts(law, stream, how, progress)
+        domain, history = result.provenance.domain, result.provenance.history
+        provenance = replace(law.provenance, outcomes=(), history=history, calls=calls, domain=domain)
         pooled = pool_objects(replace(result, provenance=provenance), None, partial_pooling)
-        refuse_outside(pooled, bounds_in(restrictions_of(law).bounds))
+        refuse_outside(pooled, bounds)
         return pooled
-    refuse_client(client)
-    result, bounds = refined(law, trials, **known, progress=progress), bounds_in(restrictions_of(law).bounds)
-    if not is_within(result, bounds):
-        if refused := refused_settings(changed_settings("refine", known)):
-            refuse_outside(result, bounds, refused)
-        return _of_observation(result, trials, given, calls, progress)
-    result = replace(result, provenance=replace(result.provenance, calls=calls))
-    result = _noted(result, notes)
-    # Laws of a search have neither
-    return with_one_sided_limits(result, trials) if law.provenance.calls or law.provenance.equations else result
+
+    return in_memory_or_by_file(trials, client, in_memory, by_file)
 
 
 def _noted(law: Law, outcomes: tuple[Outcome, ...]) -> Law:
@@ -239,16 +239,9 @@ def collocated(law: Law, trials: Trials, log_states: Sequence[str] | None, input
 
 
 def _of_observation(
-    law: Law,
-    trials: Trials | TrialStream,
-    settings: Mapping[str, Any],
-    calls: tuple[str, ...],
-    progress: ProgressCallback,
+    law: Law, trials: Trials, settings: Mapping[str, Any], calls: tuple[str, ...], progress: ProgressCallback
 ) -> Law:
-    if isinstance(trials, TrialStream):
-        raise CommonlawError("not-refined-file-by-file", what="observation equations")
-    known = settings_of(FitOptions, "refine")
-    changed = changed_settings("refine", {name: settings[name] for name in known})
+    changed = changed_settings("refine", settings)
     errors, threshold = checked_errors(changed), threshold_of(changed)
     taken = {name: changed[name] for name in ("log_states", "input_interpolation", "noise", "seed") if name in changed}
     if taken.get("input_interpolation") == "auto":
@@ -334,10 +327,12 @@ class _Fit:
 
 
 def _by_parts(law: Law, stream: TrialStream, how: _Fit, progress: ProgressCallback) -> Law:
+    if law.scheme == "shooting":
+        raise CommonlawError("not-refined-file-by-file", what="observation equations")
     if law.terms.parameters or law.schema.initial_values:
         what = "nonlinear parameters" if law.terms.parameters else "latent states"
         raise CommonlawError("not-refined-file-by-file", what=what)
-    parts, known = stream.parts or (stream,), {*law.objects}
+    parts, known = stream.files, {*law.objects}
     light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
     names = objects_of_parts(parts, part(progress, 0.0, 0.1))
     laws = [select_objects(light, name) if known.issuperset(name) else typical(law, name) for name in names]
