@@ -38,6 +38,9 @@ class Waiting(AbstractMethod):
         assert self.may_end.wait(60)
         return cl.datasets.truth_of("linear-drag")
 
+    def find_by_file(self, stream, structure, progress):
+        raise cl.CommonlawError("stream-unsupported", method="Waiting")
+
 
 def set_blas_threads(number):
     """Set how many threads linear algebra has, in a thread that then ends and has no claim on it any more."""

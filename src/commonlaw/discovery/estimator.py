@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -28,7 +29,7 @@ from commonlaw.discovery.method import (
     with_properties_in,
 )
 from commonlaw.discovery.observed import discover_observed
-from commonlaw.discovery.orders import AskedOrder, possible_orders
+from commonlaw.discovery.orders import AskedOrder, order_by_state, possible_orders, single_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
@@ -45,13 +46,13 @@ from commonlaw.law.script import call
 from commonlaw.library import AbstractLibrary, CappedLibrary, Order, one_order, order_of_each, parse_library
 from commonlaw.library.libraries import LibraryGiven
 from commonlaw.runtime.arguments import check_types
-from commonlaw.runtime.cluster import on_cluster, refuse_client
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.runtime.parallel import one_blas_thread
 from commonlaw.runtime.progress import ProgressCallback, on_terminal
 from commonlaw.text import shown
-from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.check import exact_copies
+from commonlaw.trials.stream import in_memory_or_by_file, measured
 from commonlaw.trials.transformations import (
     objects_at_rest,
     outcome_of_constants,
@@ -130,40 +131,31 @@ class LawDiscovery:
         Raises `CommonlawError` if the trials cannot be used as they are, or do not go with the method; the message
         names the object and trial and says what to do.
         """
-        if not isinstance(trials, Trials | TrialStream):
-            trials = Trials.from_frame(trials)
-        if isinstance(trials, Trials):
-            refuse_client(self.client)
-            check_gaps(tuple(trials), trials.schema)
-            refuse_standing_time(trials)
-            refuse_amounts(trials)
+        trials = measured(trials)
         asked = vars(self)
         if isinstance(self.known, Mapping):  # Its coefficients are checked with their terms
             asked = asked | {"known": None}
         check_types(LawDiscovery, asked)
-        nothing = ("progress", "cache", "client")  # These change nothing in a law
-        question = {name: getattr(self, name) for name in _PARAMETERS if name not in nothing}
         progress = self.progress or on_terminal()
-        with on_cluster(self.client):
-            if self.cache and isinstance(trials, Trials) and y is None:
-                self.law_ = cached_law(trials, question, lambda: self._found(trials, progress), progress)
-            else:
-                self.law_ = self._found(trials, progress, y)
+
+        def in_memory(trials: Trials) -> Law:
+            check_gaps(tuple(trials), trials.schema)
+            refuse_standing_time(trials)
+            refuse_amounts(trials)
+            if y is not None or not self.cache:
+                return self._found(trials, progress, y)
+            nothing = ("progress", "cache", "client")  # These change nothing in a law
+            question = {name: getattr(self, name) for name in _PARAMETERS if name not in nothing}
+            return cached_law(trials, question, lambda: self._found(trials, progress), progress)
+
+        by_file = partial(self._found_by_file, progress=progress, given=y)
+        self.law_ = in_memory_or_by_file(trials, self.client, in_memory, by_file)
         return self
 
-    def _observed(
-        self,
-        trials: Trials | TrialStream,
-        observe: Mapping[str, str],
-        latent: tuple[str, ...],
-        progress: ProgressCallback,
-        derivatives: GivenDerivatives | None,
-    ) -> Law:
-        if isinstance(trials, TrialStream):
-            raise CommonlawError("not-for-streams")
+    def _observed(self, trials: Trials, progress: ProgressCallback, derivatives: GivenDerivatives | None) -> Law:
         given = self.get_params(deep=False)
         refused = ["shared"] * bool(self.shared)
-        refused += ["latent_states"] * (bool(self.latent_states) and not latent)
+        refused += ["latent_states"] * (bool(self.latent_states) and not self._latent_names)
         refused += ["x_dot"] * (derivatives is not None)
         settings = dict[str, Any]()
         if isinstance(self.method, TrajectoryLikelihood):
@@ -183,8 +175,8 @@ class LawDiscovery:
         with one_blas_thread():
             return discover_observed(
                 trials,
-                observe,
-                latent,
+                self.observe or {},
+                self._latent_names,
                 None if self.library == "auto" else library,
                 self.known or {},
                 noise=settings.get("noise"),
@@ -193,61 +185,92 @@ class LawDiscovery:
                 calls=(call(LawDiscovery, given, "cl.discover", "trials"),) if is_text else (),
             )
 
-    def _found(
-        self, trials: Trials | TrialStream, progress: ProgressCallback, given: GivenDerivatives | None = None
-    ) -> Law:
-        latent = self.latent_states
-        names = (latent,) if isinstance(latent, str) else tuple(latent) if isinstance(latent, Sequence) else ()
-        if self.observe or names:
-            return self._observed(trials, self.observe or {}, names, progress, given)
+    def _found_by_file(self, stream: TrialStream, progress: ProgressCallback, given: GivenDerivatives | None) -> Law:
+        if self.observe or self._latent_names:
+            raise CommonlawError("not-for-streams")
+        if given is not None:
+            raise CommonlawError("derivatives-of-stream")
+        (method, outcomes), order = self._method_for(None, None), self.order
+        if order == "auto":
+            is_open = not isinstance(self.library, Mapping)
+            order = 0 if is_open and method.orders == (0,) else 1
+            if is_open and order:
+                outcomes = (note("order-without-evidence", order=order, what="in a stream"), *outcomes)
+        known, states = self.known or {}, stream.schema.states
+        if not isinstance(known, Mapping):
+            raise CommonlawError("known-of-stream")
+        possible = single_orders(order_by_state(order, states), states)
+        library, absent = self._library_over(stream.schema, _lowest(possible))
+        structure = ModelStructure(_lowest(possible), library, {**absent, **known}, self.shared, None, possible)
+        with one_blas_thread():
+            law = method.find_by_file(stream, structure, progress)
+        return self._with_question(law, library, given, (*law.diagnostics, *outcomes), ())
+
+    def _found(self, trials: Trials, progress: ProgressCallback, given: GivenDerivatives | None = None) -> Law:
+        if self.observe or self._latent_names:
+            return self._observed(trials, progress, given)
         derivatives, constant, resting = None, tuple[str, ...](), tuple[str, ...]()
         if given is not None:
             trials, derivatives = with_derivatives(trials, given)
         method, instead = self._method_for(trials, derivatives)
         plain = not (isinstance(self.library, Mapping) or self.known or self.shared or derivatives)
-        if isinstance(trials, Trials) and plain and (isinstance(self.order, str) or self.order in (1, 2)):
+        if plain and (isinstance(self.order, str) or self.order in (1, 2)):
             constant = states_at_rest(trials)
             trials = without_states(trials, constant)
         trials, structure, steps, outcomes = self._structure_for(trials, method, derivatives)
         library = structure.library
-        if isinstance(trials, Trials):
-            refuse_vanishing_states(trials)
-            trials, copies = _once(trials)
-            resting = () if self.shared else objects_at_rest(trials)
-            trials = without_objects(trials, resting)
-            outcomes = (*outcomes, *copies, *outcome_of_constants(constant), *outcome_of_rest(resting))
-            if not (self.known or self.shared):
-                structure = replace(structure, library=_capped(library, trials))
+        refuse_vanishing_states(trials)
+        trials, copies = _once(trials)
+        resting = () if self.shared else objects_at_rest(trials)
+        trials = without_objects(trials, resting)
+        outcomes = (*outcomes, *copies, *outcome_of_constants(constant), *outcome_of_rest(resting))
+        if not (self.known or self.shared):
+            structure = replace(structure, library=_capped(library, trials))
         with one_blas_thread():
             law = method.find(trials, structure, progress)
-        # Laws, functions and derivatives are no text
-        is_text = isinstance(self.known, Mapping | str | None) and derivatives is None and not library.functions
-        made = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if is_text else ()
         outcomes = (*law.diagnostics, *outcomes, *instead)
-        provenance = replace(law.provenance, calls=made, outcomes=outcomes, history=(*steps, *law.history))
-        if isinstance(trials, TrialStream):
-            return replace(law, provenance=provenance)
+        law = self._with_question(law, library, given, outcomes, steps)
         outcomes = (*with_origin_outcomes(outcomes, law, trials), *outcomes_of_confounding(trials, law.order, library))
         if self.order == "auto" and law.order != 0:
             outcomes = (*outcomes, *outcomes_of_generations(law, trials))
         outcomes = (*outcomes, *outcomes_of_separate_states(law), *outcomes_of_units(law))
         outcomes += outcomes_of_inputs(law, trials)
         domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
-        law = replace(law, provenance=replace(provenance, domain=domain))
+        law = replace(law, provenance=replace(law.provenance, domain=domain))
         outcomes = (*outcomes, *outcomes_of_rivals(law, trials))
         law = replace(law, provenance=replace(law.provenance, outcomes=outcomes))
         return law if library.functions else with_one_sided_limits(law, trials)
 
+    @property
+    def _latent_names(self) -> tuple[str, ...]:
+        latent = self.latent_states
+        return (latent,) if isinstance(latent, str) else tuple(latent) if isinstance(latent, Sequence) else ()
+
+    def _with_question(
+        self,
+        law: Law,
+        library: AbstractLibrary,
+        given: GivenDerivatives | None,
+        outcomes: tuple[Outcome, ...],
+        steps: tuple[Step, ...],
+    ) -> Law:
+        """Return a law with the call that found it, if text can express that, with notes, and steps before its own."""
+        # Laws, functions and derivatives are no text
+        is_text = isinstance(self.known, Mapping | str | None) and given is None and not library.functions
+        calls = (call(LawDiscovery, self.get_params(deep=False), "cl.discover", "trials"),) if is_text else ()
+        history = (*steps, *law.history)
+        return replace(law, provenance=replace(law.provenance, calls=calls, outcomes=outcomes, history=history))
+
     def _method_for(
-        self, trials: Trials | TrialStream, derivatives: TrialDerivatives | None
+        self, trials: Trials | None, derivatives: TrialDerivatives | None
     ) -> tuple[AbstractMethod, tuple[Outcome, ...]]:
-        """Return the method, and a note if trials take one without standard errors."""
+        """Return the method, and a note if trials, or a stream in place of them, take one without standard errors."""
         method, notes = self.method, tuple[Outcome, ...]()
         if method is None:
             method = DerivativeRegression() if derivatives else default_method(trials, self.order)
             if isinstance(method, DerivativeRegression) and not derivatives:
                 why = "trials came from a stream"
-                if isinstance(trials, Trials):
+                if trials is not None:
                     why = f"{len(trials.objects)} objects are too many for the likelihood of trajectories"
                 notes = (note("derivatives-without-errors", why=why),)
         count = self.latent_states
@@ -258,37 +281,34 @@ class LawDiscovery:
             raise CommonlawError("latent-states-unsupported", count=count, method=what, remedy=Diagnostic(remedy))
         return replace(method, latent_states=count), notes
 
+    def _library_over(self, schema: Schema, order: Order) -> tuple[AbstractLibrary, Known]:
+        """Return the library, and zero coefficients for the terms that an equation does not have."""
+        if isinstance(self.library, Mapping):
+            return of_each_equation(self.library, schema, order)
+        return parse_library(self.library), {}
+
     def _structure_for(
-        self, trials: Trials | TrialStream, method: AbstractMethod, derivatives: TrialDerivatives | None
-    ) -> tuple[Trials | TrialStream, ModelStructure, tuple[Step, ...], tuple[Outcome, ...]]:
+        self, trials: Trials, method: AbstractMethod, derivatives: TrialDerivatives | None
+    ) -> tuple[Trials, ModelStructure, tuple[Step, ...], tuple[Outcome, ...]]:
         """Return trials with the inputs of the laws, the structure of these, and steps and notes on their orders."""
-        by_state = self.library if isinstance(self.library, Mapping) else None
-        absent: Known = {}
-        asked = self.library.values() if isinstance(self.library, Mapping) else [self.library]
-        libraries = [parse_library(library) for library in asked]
-        if isinstance(trials, Trials):
-            trials = with_properties_in(libraries, trials)
-        is_first = self.order == "auto" and (derivatives is not None or by_state is not None)
+        is_by_state = isinstance(self.library, Mapping)
+        libraries = self.library.values() if isinstance(self.library, Mapping) else [self.library]
+        trials = with_properties_in(map(parse_library, libraries), trials)
+        is_first = self.order == "auto" and (derivatives is not None or is_by_state)
         trials, possible, steps, outcomes = possible_orders(trials, 1 if is_first else self.order)
         known = self.known or {}
-        if by_state is not None:
-            library, absent = of_each_equation(by_state, trials.schema, _lowest(possible))
-        else:
-            (library,) = libraries
+        library, absent = self._library_over(trials.schema, _lowest(possible))
         if not isinstance(known, Mapping):
-            if isinstance(trials, TrialStream):
-                raise CommonlawError("known-of-stream")
             if isinstance(known, Law) and known.schema.states == trials.schema.states:
                 trials = with_zeros_before_doses(matched(replace(known, observation=STATES), trials, inputs="any"))
-            if self.order == "auto" and by_state is None:
+            if self.order == "auto" and not is_by_state:
                 orders = order_of_each(order_of_base(known, trials), len(trials.schema.states))
                 possible = tuple((order,) for order in orders)
             library, known = with_base(library, known, _lowest(possible), trials)
-        has_evidence = isinstance(method, TrajectoryLikelihood) and isinstance(trials, Trials)
-        if not has_evidence and any(len(orders) > 1 for orders in possible):
+        if not isinstance(method, TrajectoryLikelihood) and any(len(orders) > 1 for orders in possible):
             possible = tuple((0,) if method.orders == (0,) else orders[:1] for orders in possible)
             if method.orders != (0,):
-                what = "in a stream" if isinstance(trials, TrialStream) else f"by {type(method).__name__}"
+                what = f"by {type(method).__name__}"
                 outcomes = (*outcomes, note("order-without-evidence", order=_lowest(possible), what=what))
         known = {**absent, **known}
         structure = ModelStructure(_lowest(possible), library, known, self.shared, derivatives, possible)
@@ -353,16 +373,15 @@ class LawDiscovery:
 _PARAMETERS = tuple(inspect.signature(LawDiscovery).parameters)
 
 
-def default_method(trials: Trials | TrialStream, order: AskedOrder = "auto") -> AbstractMethod:
-    """Return the method that is used when none is named.
+def default_method(trials: Trials | None, order: AskedOrder = "auto") -> AbstractMethod:
+    """Return the method that is used when none is named; of a stream there are no trials in memory.
 
     `TrajectoryLikelihood`, but `DerivativeRegression` for streams and for so many objects that less than 200 samples
     of each could be fitted, and `DiscreteTimeRegression` for laws in discrete time.
     """
     if order == 0:
         return DiscreteTimeRegression()
-    many = isinstance(trials, TrialStream) or not can_be_subsampled(trials)
-    return DerivativeRegression() if many else TrajectoryLikelihood()
+    return TrajectoryLikelihood() if trials and can_be_subsampled(trials) else DerivativeRegression()
 
 
 def _lowest(possible: Sequence[Sequence[int]]) -> Order:

@@ -13,7 +13,7 @@ from commonlaw.differentiation import noise_level
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import TrialDerivatives
 from commonlaw.runtime.arguments import numbers_of
-from commonlaw.trials import Schema, Trial, Trials, TrialStream
+from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.transformations import rates_in_words, without_rates
 from commonlaw.trials.trial import with_typical
 from commonlaw.trials.units import Conversion
@@ -169,14 +169,11 @@ def _sums(trials: list[Trial], state: int, rate: int, factor: float) -> Iterator
             yield _Sums(*solve_triangular(np.linalg.cholesky(covariance), weights @ columns, lower=True).T)
 
 
-def with_derivatives(trials: Trials | TrialStream, given: GivenDerivatives) -> tuple[Trials, TrialDerivatives]:
+def with_derivatives(trials: Trials, given: GivenDerivatives) -> tuple[Trials, TrialDerivatives]:
     """Return trials without columns of derivatives, and the derivatives of each trial.
 
-    Raises `CommonlawError` if trials come from a stream, a state has no derivatives, or these have another shape or are
-    not finite.
+    Raises `CommonlawError` if a state has no derivatives, or these have another shape or are not finite.
     """
-    if isinstance(trials, TrialStream):
-        raise CommonlawError("derivatives-of-stream")
     by_state: Mapping[str, Any] = given if isinstance(given, Mapping) else {}
     columns = {state: name for state, name in by_state.items() if isinstance(name, str)}
     for name in columns.values():

@@ -182,9 +182,6 @@ class AbstractMethod(ABC):
     takes_mixed_orders: ClassVar[bool] = False
     """Whether equations may have different orders."""
 
-    takes_streams: ClassVar[bool]
-    """Whether streams of trials are supported."""
-
     takes_noise_columns: ClassVar[bool] = False
     """Whether standard deviations of single measurements are used."""
 
@@ -195,15 +192,22 @@ class AbstractMethod(ABC):
     """Whether terms with nonlinear parameters are supported."""
 
     @abstractmethod
-    def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+    def find(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the best law of a structure for these trials; `progress` is called with the text of each step.
 
-        Raises `CommonlawError` if the method does not support the order or a stream, or the trials cannot be used as
-        they are; the message names the object and trial, and a remedy.
+        Raises `CommonlawError` if the method does not support the order, or the trials cannot be used as they are; the
+        message names the object and trial, and a remedy.
+        """
+
+    @abstractmethod
+    def find_by_file(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        """Return the best law of a structure for a stream, whose files are read one after the other, or by workers.
+
+        Raises `CommonlawError` as `find` does, or if the method does not support streams.
         """
 
 
-def check_supported(method: AbstractMethod, trials: Trials | TrialStream, structure: ModelStructure) -> None:
+def check_supported(method: AbstractMethod, schema: Schema, structure: ModelStructure) -> None:
     """Raise an error for what a method does not support, and name one that does."""
     name, order = type(method).__name__, structure.order
     if isinstance(order, tuple) and not method.takes_mixed_orders:
@@ -211,19 +215,17 @@ def check_supported(method: AbstractMethod, trials: Trials | TrialStream, struct
     if not {*order_of_each(order, 1)} <= {*method.orders}:
         alternative = "DiscreteTimeRegression" if order == 0 else "DerivativeRegression"
         raise CommonlawError("order-of-method", order=order, method=name, alternative=alternative)
-    if isinstance(trials, TrialStream) and not method.takes_streams:
-        raise CommonlawError("stream-unsupported", method=name)
     if structure.derivatives is not None and not (method.takes_derivatives and order == 1):
         raise CommonlawError("derivatives-unsupported", method=name, order=order)
-    nonlinear = [term.text(law_variables(trials.schema, order)) for term in structure.parametric(trials.schema)]
-    nonlinear += ["ratios of sums"] if structure.ratios(trials.schema) else []
+    nonlinear = [term.text(law_variables(schema, order)) for term in structure.parametric(schema)]
+    nonlinear += ["ratios of sums"] if structure.ratios(schema) else []
     others = [] if order == 0 else [Diagnostic("use-trajectory-likelihood")]
     if nonlinear and not method.takes_parameters:
         remedy = "take a library without ratios" if nonlinear[0] == "ratios of sums" else "give constants as numbers"
         raise CommonlawError("parametric-terms-unsupported", term=nonlinear[0], method=name, remedies=[remedy, *others])
-    columns = trials.schema.noise_columns
+    columns = schema.noise_columns
     if columns and not method.takes_noise_columns:
-        others = [Diagnostic("read-without-deviations", {"states": [*trials.schema.measured]}), *others]
+        others = [Diagnostic("read-without-deviations", {"states": [*schema.measured]}), *others]
         raise CommonlawError("noise-columns-unsupported", columns=columns.values(), method=name, remedies=others)
 
 

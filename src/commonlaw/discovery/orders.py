@@ -19,7 +19,7 @@ from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Law, Step
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, with_rates
-from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials import Trials
 from commonlaw.trials.transformations import rates_in_words, without_rates
 
 Given = TypeVar("Given")
@@ -32,42 +32,51 @@ AskedOrder = Order | Literal["auto"] | Mapping[str, int]
 class Orders(NamedTuple):
     """Trials without columns of rates, the possible orders of each state, and their steps and outcomes."""
 
-    trials: Trials | TrialStream
+    trials: Trials
     of_each: tuple[tuple[int, ...], ...]
     steps: tuple[Step, ...] = ()
     outcomes: tuple[Outcome, ...] = ()
 
 
-def possible_orders(trials: Trials | TrialStream, asked: AskedOrder) -> Orders:
+def possible_orders(trials: Trials, asked: AskedOrder) -> Orders:
     """Return the possible orders of each state.
 
     Raises `CommonlawError` if an order does not exist, or orders by state do not match the states.
     """
     if asked == "auto":
-        if isinstance(trials, TrialStream):
-            return Orders(trials, ((1, 2),) * len(trials.schema.states))
         return _orders_from_measured_rates(trials)
+    by_state = order_by_state(asked, trials.schema.states)
+    second = [name for name, order in by_state.items() if order == 2]
+    named = () if isinstance(asked, Integral) else by_state
+    trials, outcomes = without_measured_rates(trials, second, named)
+    return Orders(trials, single_orders(by_state, trials.schema.states), outcomes=outcomes)
+
+
+def order_by_state(asked: Order | Mapping[str, int], states: Sequence[str]) -> Mapping[str, int]:
+    """Return the order of each state that has one.
+
+    Raises `CommonlawError` if an order does not exist, or orders by state are not of these states.
+    """
     if isinstance(asked, tuple):
-        if len(asked) != len(trials.schema.states):
-            raise CommonlawError("order-per-state", order=asked, states=trials.schema.states)
-        asked = dict(zip(trials.schema.states, asked, strict=True))
-    named: Mapping[str, int] = asked if isinstance(asked, Mapping) else {}
-    by_state = named
+        if len(asked) != len(states):
+            raise CommonlawError("order-per-state", order=asked, states=states)
+        asked = dict(zip(states, asked, strict=True))
     if not isinstance(asked, Mapping):
         if not (isinstance(asked, Integral) and asked in (0, 1, 2)):
             raise CommonlawError("order-not-offered", order=asked)
-        by_state = dict.fromkeys(trials.schema.states, int(asked))
-    outcomes: tuple[Outcome, ...] = ()
-    if isinstance(trials, Trials):
-        second = [name for name, order in by_state.items() if order == 2]
-        trials, outcomes = without_measured_rates(trials, second, named)
-    for name, order in named.items():
-        check_choice("state", name, trials.schema.states)
+        return dict.fromkeys(states, int(asked))
+    for name, order in asked.items():
+        check_choice("state", name, states)
         if not (isinstance(order, Integral) and order in (1, 2)):  # 2.0 is none
             raise CommonlawError("order-of-state", order=order, name=name)
-    if missing := [name for name in trials.schema.states if name not in by_state]:
+    return asked
+
+
+def single_orders(by_state: Mapping[str, int], states: Sequence[str]) -> tuple[tuple[int, ...], ...]:
+    """Return the only possible order of each state; raise `CommonlawError` if a state has none."""
+    if missing := [name for name in states if name not in by_state]:
         raise CommonlawError("order-missing", states=missing)
-    return Orders(trials, tuple((by_state[name],) for name in trials.schema.states), outcomes=outcomes)
+    return tuple((by_state[name],) for name in states)
 
 
 def _orders_from_measured_rates(trials: Trials) -> Orders:

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Literal
@@ -41,7 +41,7 @@ from commonlaw.selection.rules import RULES
 from commonlaw.selection.selecting import SEGMENTS, Accuracy, chosen_law, fitted_law, ill_conditions, select
 from commonlaw.solvers import SR3, STLSQ, AbstractSolver, BestSubset, ConstrainedSolver, StepwiseSelection, parse_solver
 from commonlaw.text import counted
-from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials import Schema, Trials, TrialStream
 
 RowsByObject = dict[str, ObjectRows]
 
@@ -102,22 +102,47 @@ class AbstractRegression(AbstractMethod):
         """Refuse values that do not fit, and parse texts."""
 
     @abstractmethod
-    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> AbstractFormulation:
-        """Return the formulation that makes rows of these trials."""
+    def formulation(self, trials: Trials | None, structure: ModelStructure) -> AbstractFormulation:
+        """Return the formulation that makes rows of these trials, or of a stream if there are none in memory."""
 
     @abstractmethod
-    def initial_rates(self, trials: Trials | TrialStream, order: Order) -> AbstractDifferentiator | None:
+    def initial_rates(self, trials: Trials | None, order: Order) -> AbstractDifferentiator | None:
         """Return the differentiation that estimates initial rates for forecasts."""
 
-    def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
-        check_supported(self, trials, structure)
-        schema, terms = trials.schema, structure.terms(trials.schema)
+    def find(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        def compressed(rows: partial[RowsByObject], segments: int) -> CompressedTrials:
+            data = CompressedTrials.of(rows(trials, segments=segments, n_jobs=self.n_jobs), trials.schema)
+            return replace(data, samples=some_trials(trials, data.objects))
+
+        return self._found(trials, trials.schema, compressed, structure, progress)
+
+    def find_by_file(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        def compressed(rows: partial[RowsByObject], segments: int) -> CompressedTrials:
+            cluster, rows = current_cluster(), partial(rows, segments=segments, sampled=segments > 1)
+            if cluster is None:
+                return CompressedTrials.of(rows(stream, n_jobs=self.n_jobs), stream.schema)
+            done = counting(progress, "compressing files", len(stream.files), cluster)
+            return CompressedTrials.of(cluster.merged(rows, stream.files, merged_rows, done), stream.schema)
+
+        return self._found(None, stream.schema, compressed, structure, progress)
+
+    def _found(
+        self,
+        trials: Trials | None,
+        schema: Schema,
+        compressed: Callable[[partial[RowsByObject], int], CompressedTrials],
+        structure: ModelStructure,
+        progress: ProgressCallback,
+    ) -> Law:
+        """Return the law of compressed rows, of which some terms are chosen; of a stream no trials are in memory."""
+        check_supported(self, schema, structure)
+        terms = structure.terms(schema)
         solver = parsed(self.solver, parse_solver)
         segments = 1 if solver is not None and solver.hyperparameter is not None else SEGMENTS
-        _check_effort(trials, len(terms), segments)
+        _check_effort(trials, len(schema.states), len(terms), segments)
         progress("building the regression problem")
         formulation = self.formulation(trials, structure)
-        data = self._compressed(trials, partial(rows_by_object, form=formulation, terms=terms), segments, progress)
+        data = compressed(partial(rows_by_object, form=formulation, terms=terms), segments)
         known = structure.known_coefficients(schema, data.objects)
         law = Law(
             terms,
@@ -143,9 +168,7 @@ class AbstractRegression(AbstractMethod):
             )
             result = chosen_law(law, choose())
             if self.scoring == "forecasts":
-                if not isinstance(trials, Trials) or any(
-                    len(trials.of_object(name)) > MAX_GROUPS for name in trials.objects
-                ):
+                if trials is None or any(len(trials.of_object(name)) > MAX_GROUPS for name in trials.objects):
                     raise CommonlawError("scoring-of-stream", limit=MAX_GROUPS)
                 progress("comparing forecasts of held-out trials")
                 folds, free = make_folds(data.subtract(law.coefficients).groups), np.isnan(known[0])
@@ -156,25 +179,10 @@ class AbstractRegression(AbstractMethod):
             outcomes = (*outcomes, note("units-of-candidates"))
         return replace(result, provenance=replace(result.provenance, outcomes=outcomes))
 
-    def _compressed(
-        self, trials: Trials | TrialStream, rows: partial[RowsByObject], segments: int, progress: ProgressCallback
-    ) -> CompressedTrials:
-        """Return the compressed rows of trials; those of files by the workers of a cluster, if there is one."""
-        cluster = current_cluster()
-        if isinstance(trials, Trials):
-            data = CompressedTrials.of(rows(trials, segments=segments, n_jobs=self.n_jobs), trials.schema)
-            return replace(data, samples=some_trials(trials, data.objects))
-        rows = partial(rows, segments=segments, sampled=segments > 1)
-        if cluster is None:
-            return CompressedTrials.of(rows(trials, n_jobs=self.n_jobs), trials.schema)
-        parts = trials.files
-        done = counting(progress, "compressing files", len(parts), cluster)
-        return CompressedTrials.of(cluster.merged(rows, parts, merged_rows, done), trials.schema)
 
-
-def _check_effort(trials: Trials | TrialStream, terms: int, segments: int) -> None:
+def _check_effort(trials: Trials | None, states: int, terms: int, segments: int) -> None:
     """Refuse terms whose matrices exceed the memory, and announce a long selection."""
-    states, listed = len(trials.schema.states), trials if isinstance(trials, Trials) else ()
+    listed = trials or ()
     counts = Counter(trial.object for trial in listed) or {"": 1}
     what = f"{counted(terms, 'term')} for {counted(states, 'equation')} and {counted(len(counts), 'object')}"
     # Factors of each trial's segments and three mergers, and matrices of terms that are held at a time
@@ -210,12 +218,11 @@ class DiscreteTimeRegression(AbstractRegression):
     """
 
     orders: ClassVar[tuple[int, ...]] = (0,)
-    takes_streams: ClassVar[bool] = True
 
-    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> DiscreteForm:
+    def formulation(self, trials: Trials | None, structure: ModelStructure) -> DiscreteForm:
         return DiscreteForm()
 
-    def initial_rates(self, trials: Trials | TrialStream, order: Order) -> None:
+    def initial_rates(self, trials: Trials | None, order: Order) -> None:
         return None
 
 
@@ -243,7 +250,6 @@ class DerivativeRegression(AbstractRegression):
     """
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)
-    takes_streams: ClassVar[bool] = True
     takes_mixed_orders: ClassVar[bool] = True
     takes_derivatives: ClassVar[bool] = True
 
@@ -272,21 +278,21 @@ class DerivativeRegression(AbstractRegression):
             check_type("differentiation", self.differentiation, AbstractDifferentiator, "a differentiation or its text")
         self._form(self.initial_rates(None, 1), 1)  # Refuses states and trims that do not fit
 
-    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> StrongForm | GivenForm:
+    def formulation(self, trials: Trials | None, structure: ModelStructure) -> StrongForm | GivenForm:
         if structure.derivatives is not None:
             return GivenForm(structure.derivatives)
         return self._form(self.initial_rates(trials, structure.order), structure.order)
 
-    def initial_rates(self, trials: Trials | TrialStream | None, order: Order) -> AbstractDifferentiator:
+    def initial_rates(self, trials: Trials | None, order: Order) -> AbstractDifferentiator:
         return parsed(self.differentiation, parse_differentiation) or suitable_differentiation(trials, order)
 
     def _form(self, differentiation: AbstractDifferentiator, order: Order) -> StrongForm:
         return StrongForm(differentiation, order, self.library_states, self.trim)
 
 
-def suitable_differentiation(trials: Trials | TrialStream | None, order: Order) -> AbstractDifferentiator:
+def suitable_differentiation(trials: Trials | None, order: Order) -> AbstractDifferentiator:
     """Return the default differentiation, by the lengths and gaps of trials."""
-    given = trials if isinstance(trials, Trials) else ()
+    given = trials or ()
     method = default_differentiation(highest_order(order), min(map(len, given), default=np.inf))
     suits = all(method.takes(trial.times, trial.states) for trial in given)
     return method if suits else parse_differentiation("robust")
@@ -307,7 +313,6 @@ class WeakRegression(AbstractRegression):
     """
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)
-    takes_streams: ClassVar[bool] = False
 
     radii: tuple[float, ...] | None = setting(
         default=None,
@@ -333,13 +338,16 @@ class WeakRegression(AbstractRegression):
         check_types(WeakRegression, vars(self))
         WeakForm(radii=self.radii)  # Refuses radii that do not fit
 
-    def formulation(self, trials: Trials | TrialStream, structure: ModelStructure) -> WeakForm:
-        assert isinstance(trials, Trials)
+    def find_by_file(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        raise CommonlawError("stream-unsupported", method=type(self).__name__)
+
+    def formulation(self, trials: Trials | None, structure: ModelStructure) -> WeakForm:
+        assert trials is not None
         levels = known_noise(self.noise, trials)
         noise = None if levels is None else tuple(levels.tolist())
         differentiation = parsed(self.differentiation, parse_differentiation)
         form = WeakForm(highest_order(structure.order), self.radii, noise, differentiation)
         return reweight(trials, structure.terms(trials.schema), form)[0]
 
-    def initial_rates(self, trials: Trials | TrialStream, order: Order) -> AbstractDifferentiator:
+    def initial_rates(self, trials: Trials | None, order: Order) -> AbstractDifferentiator:
         return parsed(self.differentiation, parse_differentiation) or suitable_differentiation(trials, order)

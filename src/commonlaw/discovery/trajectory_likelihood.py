@@ -78,7 +78,6 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 
     orders: ClassVar[tuple[int, ...]] = (1, 2)
     takes_mixed_orders: ClassVar[bool] = True
-    takes_streams: ClassVar[bool] = True
     takes_noise_columns: ClassVar[bool] = True
     takes_parameters: ClassVar[bool] = True
 
@@ -90,10 +89,8 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
             raise CommonlawError("solver-with-value", solver=solver)
         object.__setattr__(self, "solver", solver)
 
-    def find(self, trials: Trials | TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
-        check_supported(self, trials, structure)
-        if isinstance(trials, TrialStream):
-            return self._of_parts(trials, structure, progress)
+    def find(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> Law:
+        check_supported(self, trials.schema, structure)
         refuse_over_decades(trials, self.errors, self.noise, self.log_states)
         orders = structure.possible or [(order,) for order in order_of_each(structure.order, len(trials.schema.states))]
         first = replace(structure, order=1, possible=((1,),) * len(orders))
@@ -111,11 +108,12 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
                 trials,
             )
 
-    def _of_parts(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
+    def find_by_file(self, stream: TrialStream, structure: ModelStructure, progress: ProgressCallback) -> Law:
         """Return the law of a stream: proposed by groups of objects, chosen by its evidence over all, fitted to each.
 
         Parts return only laws, evidences and coefficients; they are fitted under white noise by default.
         """
+        check_supported(self, stream.schema, structure)
         nonlinear = structure.parametric(stream.schema) or structure.ratios(stream.schema)
         if nonlinear or self.latent_states:
             what = "latent_states=1" if self.latent_states else "a term with nonlinear parameters"
