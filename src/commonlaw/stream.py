@@ -82,8 +82,7 @@ def forecast_stream(
         A row for each trial and state: the columns of `Forecast.errors`, the number of compared samples, the standard
         deviation of the measurements (``spread``), and the share of them in 95 % bands, if there are any.
     """
-    if not isinstance(stream, TrialStream):
-        raise CommonlawError("forecast-not-a-stream", type=type(stream).__name__)
+    _refuse_trials("forecast-not-a-stream", stream)
     check_types(forecast_stream, locals())
     with on_cluster(client):
         parts = forecast_parts(law, stream, progress, folder, start=start, from_time=from_time)
@@ -91,6 +90,12 @@ def forecast_stream(
     if not result:
         raise CommonlawError("forecast-no-trial-from", from_time=from_time)
     return pd.concat(result, ignore_index=True)
+
+
+def _refuse_trials(code: str, stream: object) -> None:
+    """Refuse what is no stream, with the verb for trials in memory that a message names."""
+    if not isinstance(stream, TrialStream):
+        raise CommonlawError(code, type=type(stream).__name__)
 
 
 def forecast_parts(
@@ -313,8 +318,7 @@ def check_stream(
     """
     from scipy.stats import false_discovery_control
 
-    if not isinstance(stream, TrialStream):
-        raise CommonlawError("residuals-not-a-stream", type=type(stream).__name__)
+    _refuse_trials("residuals-not-a-stream", stream)
     check_types(check_stream, locals())
     refuse_discrete_time(law)
     parts, progress = stream.files, progress or on_terminal()

@@ -179,7 +179,7 @@ class FitResult:
         truth = later.take("the true law was not found", lambda: truth_of(name) if name else None, None)
         unchecked = Findings(law, trials, training)
         findings = later.take("the law was not checked", lambda: find(law, trials, training, bands), unchecked)
-        program = source.program(stream or trials) if source.path else ""
+        program = source.streamed_program() if stream else source.program(trials) if source.path else ""
         return cls(Summary(findings, stream=stream, truth=truth), program)
 
     def figure(self, plots: Any) -> "Figure":
@@ -287,6 +287,6 @@ def find_law(
         find_all = partial(find_by_stream, law, source.held_out(trials), show, training)
         everything = later.take("the law was not checked", find_all, None)
         findings = Findings(law, few, few) if everything is None else replace(everything.few, law=everything.law)
-        return FitResult(Summary(findings, everything, training), source.program(training)), later
+        return FitResult(Summary(findings, everything, training), source.streamed_program()), later
     show("checking the law by forecasts of a few trials")
     return FitResult.check(law, source, few, few, outputs.draws, later, trials), later

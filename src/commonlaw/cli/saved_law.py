@@ -156,7 +156,7 @@ def report(source: Source, law_path: str, save: tuple[str, ...], cluster: str | 
             stream = stream_of(source, law.schema)
             training = source.select(stream) if source.holds_out else None
             everything = find_by_stream(law, source.held_out(stream), part(show, 0.0, 1.0), training)
-            made = partial(page, everything.few, source.program(stream), show, everything)
+            made = partial(page, everything.few, source.streamed_program(), show, everything)
         else:
             trials = source.load(law.observation.measured)
             guessed += guesses(trials)

@@ -277,13 +277,15 @@ class Source:
             trials = trials.split(**_conditions("--hold-out", self.hold_out, trials))[1]
         return trials if self.learn_until is None else trials.until(self.learn_until)
 
-    def program(self, trials: Trials | TrialStream) -> "Program":
-        """Return where a program finds these trials, and which of a table it learns from."""
+    def streamed_program(self) -> "Program":
+        """Return where a program finds the stream."""
         from commonlaw.law.script import Source as Program
 
-        properties = tuple(self.roles.get("properties", ()))
-        if isinstance(trials, TrialStream):
-            return Program(self.path or "", properties=properties, stream=True)
+        return Program(self.path or "", properties=tuple(self.roles.get("properties", ())), stream=True)
+
+    def program(self, trials: Trials) -> "Program":
+        """Return where a program finds these trials, and which of a table it learns from."""
+        from commonlaw.law.script import Source as Program
 
         def conditions(name: str, texts: Sequence[str]) -> str:
             return "**" + repr(_conditions(name, texts, trials)) if texts else ""
@@ -297,6 +299,7 @@ class Source:
         reading |= {"sheet": self.sheet} if self.sheet else {}
         reading |= {"noise_columns": {}} if self.roles.get("noise_columns") == {} else {}
         training = f"measured{learned}" if learned else ""
+        properties = tuple(self.roles.get("properties", ()))
         return Program(self.files, properties=properties, training=training, reading=reading, kept=kept)
 
     def _without_excluded(self, trials: S) -> S:
@@ -394,7 +397,7 @@ def _conditions(name: str, texts: Sequence[str], trials: Trials | TrialStream) -
     """
     schema, names, conditions = trials.schema, ("object", "trial"), dict[str, list[float | str]]()
     roles = {schema.object: "object", schema.trial: "trial"}
-    known = dict[str, set[object]]()
+    known = dict[str, set[object]]()  # None of a stream
     if isinstance(trials, Trials):
         for owned in trials.properties.values():
             for name_, value in owned.items():
@@ -402,7 +405,7 @@ def _conditions(name: str, texts: Sequence[str], trials: Trials | TrialStream) -
         known |= {"object": {trial.object for trial in trials}, "trial": {trial.name for trial in trials}}
     for key, text in pairs(name, texts):
         role = roles.get(key, key)
-        if isinstance(trials, TrialStream) and role not in names:
+        if not known and role not in names:
             raise click.UsageError(
                 f"{name} {key}=... with a stream of files: say which trials by {schema.object} or {schema.trial}"
             )
