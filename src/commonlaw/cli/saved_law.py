@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from math import ceil, inf, isfinite
@@ -309,10 +308,12 @@ def _with_properties(source: Source, law: "Law") -> Trials:
     inside = [name for name in wider.terms.variables.parameters if name in property_names(wider.properties)]
     taken = (*taken, *inside, *wider.schema.inputs[len(law.schema.inputs) :])
     known = {name for values in trials.properties.values() for name in values}
-    if source.path and "properties" not in source.roles and not {*taken} <= known:
-        with suppress(CommonlawError):
-            return source.reading(properties=list(taken)).load(law.observation.measured)
-    return trials
+    if not source.path or "properties" in source.roles or {*taken} <= known:
+        return trials
+    try:
+        return source.reading(properties=list(taken)).load(law.observation.measured)
+    except CommonlawError:  # The table lacks these columns
+        return trials
 
 
 def _ended(trials: Trials, until: float) -> Trials:

@@ -185,9 +185,10 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
         return ()
     equations = dict(zip(law.schema.states, left_hand_sides(law.schema.states, law.order), strict=True))
     result = list[Outcome]()
-    solutions = np.full((sum(len(trial) - 1 for trial in trials), len(law.schema.states)), np.nan)
-    with suppress(CommonlawError):  # They may diverge
+    try:
         solutions = np.concatenate([trajectory.states[1:] for trajectory in fitted(law, trials).trajectories])
+    except CommonlawError:  # They diverge
+        solutions = np.full((sum(len(trial) - 1 for trial in trials), len(law.schema.states)), np.nan)
     for regression in regressions:
         solution = solutions[regression.rows, law.schema.states.index(regression.state)]
         squares = float(np.sum((regression.target - solution) ** 2)) if np.isfinite(solution).all() else np.inf

@@ -6,7 +6,6 @@ fitted again, within its errors, before it is compared (Box and Hill 1967), and 
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
@@ -54,9 +53,10 @@ class Gaussian:
     @property
     def is_finite(self) -> bool:
         """Whether the covariance of its errors can be factorised: its numbers are not too far apart."""
-        with suppress(np.linalg.LinAlgError):
+        try:
             return bool(np.isfinite(self.root).all())
-        return False
+        except np.linalg.LinAlgError:  # Not positive definite after rounding
+            return False
 
     @property
     def variances(self) -> Floats:

@@ -1,7 +1,6 @@
 """Coefficients that objects share: partial pooling, and relations to the objects' properties."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import compress
 from typing import TYPE_CHECKING, Any
@@ -115,9 +114,10 @@ def explained(law: Law, given: Any) -> Law:
     related, measured = _by_properties(law, properties, names, _measured(law)), _measured(law)
 
     def other(each: Law) -> Law:
-        with suppress(CommonlawError):  # It stays as it is where nothing decides its coefficients
+        try:
             return replace(_by_properties(each, properties, names, measured), provenance=each.provenance)
-        return each
+        except CommonlawError:  # Nothing decides its coefficients
+            return each
 
     call = f"law.explain({'' if given is None else written(given)})"
     provenance = replace(related.provenance, calls=(*related.provenance.calls, call))

@@ -4,7 +4,6 @@ Terms may share a constant: of ``A cos(w t + p) = a cos(w t) + b sin(w t)`` w al
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import chain, combinations, count
@@ -152,12 +151,14 @@ def parameters_in(expression: str, variables: Variables) -> tuple[str, ...]:
     >>> parameters_in("s/(K + s)", Variables(("s",)))
     ('K',)
     """
-    with suppress(CommonlawError):
+    try:
         (equation,) = split_equations(f"y' = {expression}")
         extended = with_parameters(variables, [equation])
-        if not any(summand.coefficients for summand in equation.summands(extended)):
-            return tuple(parameter for parameter in extended.parameters if parameter not in variables.parameters)
-    return ()
+        if any(summand.coefficients for summand in equation.summands(extended)):
+            return ()
+    except CommonlawError:  # The reader of the term says what is wrong with it
+        return ()
+    return tuple(parameter for parameter in extended.parameters if parameter not in variables.parameters)
 
 
 @lru_cache(maxsize=4096)

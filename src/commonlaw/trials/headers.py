@@ -5,7 +5,6 @@ import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache, lru_cache
 from itertools import product
@@ -164,10 +163,12 @@ def known_unit(text: str) -> "pint.Unit | None":
     for candidate, as_delta in product(spelled, (True, False)):
         if not candidate.strip() or not _UNIT.fullmatch(candidate) or _TOWER.search(candidate):
             continue
-        with suppress(pint.PintError, TokenError, ArithmeticError, AssertionError, KeyError, TypeError, ValueError):
+        try:
             unit = registry().parse_units(candidate, as_delta=as_delta)
             registry().get_dimensionality(unit)
-            return unit
+        except (pint.PintError, TokenError, ArithmeticError, AssertionError, KeyError, TypeError, ValueError):
+            continue
+        return unit
     return None
 
 

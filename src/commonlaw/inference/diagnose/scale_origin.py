@@ -85,10 +85,11 @@ def _starts_as_measured(law: Law, trial: Trials, noise: Floats) -> bool:
 
     It does for exponential growth, for instance, from below the noise.
     """
-    with suppress(CommonlawError):
+    try:
         fitted = law.predict(trial, start="all", averaged=False).trajectories[0].states[0]
-        return bool(np.all(np.abs(fitted - trial[0].states[0]) <= 3 * trial[0].std(noise)[0]))
-    return False
+    except CommonlawError:  # No solution follows the trial
+        return False
+    return bool(np.all(np.abs(fitted - trial[0].states[0]) <= 3 * trial[0].std(noise)[0]))
 
 
 def _is_equilibrium(law: Law, trial: Trial) -> bool:
