@@ -31,8 +31,10 @@ def test_bands_of_a_log_scaled_state_are_above_zero_whatever_command_forecasts(r
     done("refine", "plants.csv", "law.json", "--save", "refined.json")
     assert "on a logarithmic scale" in run("show", "refined.json", "--history")[1]
     growth = "weight' = a weight + b weight^2"
-    assert "2 log B" in run("compare", "plants.csv", growth, "law.json", "--set", "log_states=weight")[1]
-    assert "--set log_states=..., or none" in run("compare", "plants.csv", growth, "law.json")[2]
+    compared = run("compare", "plants.csv", growth, "law.json", "--set", "log_states=weight")
+    assert "2 log B" in compared[1]
+    assert "[scale-of-comparison]" not in compared[2]
+    assert "[scale-of-comparison]" in run("compare", "plants.csv", growth, "law.json")[2]
 
     plants.assign(weight=plants["weight"] - plants["weight"].min()).to_csv(tmp_path / "zero.csv", index=False)
     code, _, err = run("discover", "zero.csv", "--set", "log_states=weight")

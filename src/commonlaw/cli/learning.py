@@ -208,6 +208,7 @@ def compare(
     import commonlaw as cl
     from commonlaw.estimation.doses import with_doses_in_equations
     from commonlaw.estimation.model import ModelText, read_model
+    from commonlaw.inference.verbs.comparison import outcomes_of_scale
     from commonlaw.law.parse import read_equations
 
     if len({*laws}) < max(2, len(laws)):
@@ -244,7 +245,8 @@ def compare(
         for grade, names in against.items():
             say(f"{grade}: {', '.join(names)}.")
         print_compared(frame if any(is_of_kind(law, "law") for law in laws) else frame.drop(columns="equations"))
-    later.end(training.notes, silent=as_json)
+    is_open = settings.keys().isdisjoint({"errors", "noise"})
+    later.end((*training.notes, *outcomes_of_scale(fitted, training, is_open)), silent=as_json)
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """Laws compared: the evidence for each of them, from the same measurements and with the same noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from commonlaw.array_types import Floats
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import Fitted, checked_errors, refit
 from commonlaw.inference.fit.annealing import fit_supports
@@ -26,7 +27,7 @@ from commonlaw.inference.score.trajectories import (
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.pool import Pool, initial_conditions, score_of_order
-from commonlaw.inference.search.setup import FitSetup, error_kinds
+from commonlaw.inference.search.setup import FitSetup, error_kinds, on_log_scale
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.inference.verbs.parameter_bounds import is_within
 from commonlaw.law import Law, Provenance, average_law, select_objects
@@ -35,7 +36,7 @@ from commonlaw.law.parameters import restrictions_of, shared_parameters
 from commonlaw.library import order_of_each, parse_terms
 from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import ERRORS
-from commonlaw.likelihood.levels import Whitened, refuse_over_decades
+from commonlaw.likelihood.levels import Whitened, over_decades, refuse_over_decades
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, changed_settings, check_settings
@@ -63,7 +64,8 @@ def compare(
 
     The coefficients of all laws are fitted to these trials; known ones are fixed. All laws have the same noise, if it
     explains the residuals of the best of them; else each has the error model of its largest evidence, as in `discover`.
-    There is no penalty here for the library from which a law was chosen.
+    There is no penalty here for the library from which a law was chosen. States that one of the laws has on a
+    logarithmic scale are on it in all; where none has, values far below their standard deviation count for nothing.
 
     A law lacks fit if it has a model error or its residuals are autocorrelated (by BIC) or larger than the noise: that
     of repeated measurements, known noise, or that by the most probable law (F-tests at 0.1 %).
@@ -99,7 +101,8 @@ def compare(
     Raises
     ------
     CommonlawError
-        If the laws have different states or scales, or `refine` would refuse one of them.
+        If the laws have different states, one that is not of order 1 has another scale than others, or `refine` would
+        refuse one of them.
 
     See Also
     --------
@@ -127,12 +130,12 @@ def compare(
     states = [law.observation.measured.measured if are_joint else law.schema.states for law in laws.values()]
     if len(listed := dict.fromkeys(", ".join(sorted(state)) for state in states)) > 1:
         raise CommonlawError("laws-of-other-states", states=listed)
-    scales = dict.fromkeys(", ".join(law.observation.measured.logarithmic) or "none" for law in laws.values())
-    if len(scales) > 1:
-        raise CommonlawError("log-states-differ", scales=scales)
+    logarithmic = logarithmic_in(laws.values())
+    if moved := [name for name, law in laws.items() if not _is_on_scale(law, logarithmic) and law.order != 1]:
+        raise CommonlawError("log-states-differ", states=logarithmic, laws=moved)
 
     def in_memory(trials: Trials) -> "pd.DataFrame":
-        refuse_over_decades(trials, errors, noise, [scale for scale in scales if scale != "none"])
+        refuse_over_decades(trials, errors, noise, logarithmic)
         frame = None if are_joint else _fitted_apart(laws, trials, noise, errors, huber_threshold, n_jobs)
         if frame is not None:
             return frame
@@ -140,7 +143,7 @@ def compare(
         if "huber_threshold" in changed:
             code = "not-with-observation" if observed else "shared-under-white-noise"
             raise CommonlawError(code, settings=["huber_threshold"])
-        return _fitted_jointly(laws, trials, noise, checked_errors(changed))
+        return _fitted_jointly(laws, trials, noise, checked_errors(changed), logarithmic)
 
     def by_file(stream: TrialStream) -> "pd.DataFrame":
         if are_joint:
@@ -161,7 +164,8 @@ def _fitted_apart(
     n_jobs: int,
 ) -> "pd.DataFrame | None":
     """Return the comparison of laws that share no parameter, fitted by collocation; None if one leaves its bounds."""
-    same = [written_alike(law, trials.schema) for law in laws.values()]
+    logarithmic = logarithmic_in(laws.values())
+    same = [on_log_scale(written_alike(law, trials.schema), logarithmic) for law in laws.values()]
     converted = matched(same[0], trials)
     if any(matched(law, converted) is not converted for law in same[1:]):
         raise CommonlawError("laws-in-other-units")
@@ -179,7 +183,7 @@ def _fitted_apart(
         pools = [Pool((fit,)) for fit in fits]
         best = min((pool.best for pool in pools), key=score_of_order)
         if errors != "auto" or best.departures or best.lack_of_fit:
-            kinds = error_kinds(errors, trials.schema)
+            kinds = error_kinds(errors, setups[0].trials.schema)
             pools = in_parallel(lambda pool: with_error_models(pool, None, kinds, lambda _: None), pools)
         fits = in_parallel(lambda pool: converged(pool.best, errors == "white")[0], pools)
         if any(_is_outside(law, setup, fit) for law, setup, fit in zip(laws.values(), setups, fits, strict=True)):
@@ -192,6 +196,28 @@ def _fitted_apart(
         _lacking([None if fit.has_process_noise or fit.diverges else residuals_of_fit(fit) for fit in fits], scores),
         np.array([score - min(scores) for score in scores]),
     )
+
+
+def outcomes_of_scale(laws: Mapping[str, Law], trials: Trials, is_open: bool = True) -> tuple[Outcome, ...]:
+    """Return a note if laws are compared on another scale than they were fitted on, or on one that loses values.
+
+    The latter only if neither the errors nor the noise were given, `is_open`.
+    """
+    logarithmic = logarithmic_in(laws.values())
+    if not logarithmic:
+        lost = over_decades(trials) if is_open else ()
+        return (note("small-values-without-weight", states=[*lost]),) if lost else ()
+    names = [name for name, law in laws.items() if _is_on_scale(law, logarithmic)]
+    return () if len(names) == len(laws) else (note("scale-of-comparison", states=logarithmic, laws=names),)
+
+
+def logarithmic_in(laws: Iterable[Law]) -> tuple[str, ...]:
+    """Return the states that are fitted by their logarithms in some laws, on whose scale all are compared."""
+    return tuple(dict.fromkeys(name for law in laws for name in law.observation.measured.logarithmic))
+
+
+def _is_on_scale(law: Law, logarithmic: Sequence[str]) -> bool:
+    return {*law.observation.measured.logarithmic} == {*logarithmic}
 
 
 def _is_outside(law: Law, setup: FitSetup, fit: Fit) -> bool:
@@ -301,6 +327,7 @@ def _fitted_jointly(
     trials: Trials,
     noise: Mapping[str, float] | None,
     errors: ErrorKind | None,
+    logarithmic: Sequence[str],
 ) -> "pd.DataFrame":
     units = dict[str, str]()
     for law in laws.values():
@@ -312,8 +339,11 @@ def _fitted_jointly(
     for name, law in laws.items():
         own_progress = part(progress, len(fits) / len(laws), (len(fits) + 1) / len(laws))
         own_progress(f"fitting {name}")
+        # Its errors are those of its scale
+        kind = errors if _is_on_scale(law, logarithmic) else errors or "white"
+        fit_law = partial(refit, law, trials, noise=noise, errors=kind, log_states=logarithmic)
         try:
-            fits.append(refit(law, trials, inputs="any", noise=noise, errors=errors, progress=own_progress))
+            fits.append(fit_law(inputs="any", progress=own_progress))
         except CommonlawError as error:
             raise error.at(name) from error
     scores = [TrajectoryScore(fit).score for fit in fits]
