@@ -29,6 +29,7 @@ from commonlaw.estimation.search import (
     under_huber_loss,
     with_step_limit,
 )
+from commonlaw.formulation import column_scales
 from commonlaw.law import Law, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import object_index
@@ -589,7 +590,8 @@ def _differing_trials(fitted: Fitted, rounding: float = 1e-9) -> list[str]:
             )
             assert slopes is not None
             rows = np.column_stack([slopes[:, used], slopes[:, used] @ optimum.unknowns[used] - residuals])
-            basis, sizes, _ = np.linalg.svd(slopes[:, free], full_matrices=False)
+            others = slopes[:, free]
+            basis, sizes, _ = np.linalg.svd(others / column_scales(others), full_matrices=False)
             basis = basis[:, sizes > rounding * sizes.max(initial=0.0)]
             # Slopes that those by others, such as initial values, do not explain
             rest = rows - basis @ (basis.T @ rows)

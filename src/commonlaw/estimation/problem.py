@@ -9,6 +9,7 @@ from scipy.special import log_ndtr
 
 from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.estimation.model import Model
+from commonlaw.formulation import symmetric_root
 from commonlaw.integration.shooting import MAX_STEPS, NO_INPUTS, DelayedInputs, Solution, shoot
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.library.grammar import columns_in
@@ -523,8 +524,7 @@ class Problem:
             total[np.ix_(prior.indices, prior.indices)] += prior.root.T @ prior.root
         for k in np.flatnonzero(self.censored & ~self.known_noise).tolist():
             total -= np.outer(mixed[k], mixed[k]) / by_noise[k]
-        sizes, directions = np.linalg.eigh(total)
-        return np.asarray(np.sqrt(np.maximum(sizes, 0.0))[:, np.newaxis] * directions.T)
+        return symmetric_root(total).T
 
     def _weighted(self, unknowns: Floats, noise: Floats) -> Floats:
         """Return derivatives of the residuals, zero where not finite, outliers with the root of their weight."""

@@ -11,6 +11,7 @@ from commonlaw.estimation.beginning import Beginning, beginning_of
 from commonlaw.estimation.fitting import notes_of_limits
 from commonlaw.estimation.one_sided import MAX_PROFILES, VAGUE, OneSided, one_sided
 from commonlaw.estimation.search import Objective, minimum
+from commonlaw.formulation import inverse_information
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
 from commonlaw.law.law import only_object, shares_terms
@@ -184,7 +185,7 @@ def _profile(
         best, cost = least(best, everything)
     slopes = problem.residuals(best, known)[1]
     assert slopes is not None
-    variance = np.linalg.pinv(slopes.T @ slopes)[index, index]
+    variance = inverse_information(slopes)[index, index]
     error = float(np.sqrt(variance)) or 0.1 * abs(float(best[index])) or 1.0
     others = everything.copy()
     others[index] = False

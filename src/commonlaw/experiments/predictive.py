@@ -12,6 +12,7 @@ from commonlaw.experiments.experiment import Experiment, Range
 from commonlaw.experiments.gaussian import Gaussian
 from commonlaw.forecast.scheme import AbstractScheme, Followed, PlannedTrial
 from commonlaw.forecast.schemes import scheme_of
+from commonlaw.formulation import symmetric_root
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import followed_coefficients
@@ -144,8 +145,7 @@ class Hypothesis:
             covariance = covariance - np.matmul(factor, factor.transpose(0, 2, 1))
         count, size = covariance.shape[:2]
         roots = np.zeros((count, size, count, size))
-        values, vectors = np.linalg.eigh(covariance)
-        roots[range(count), :, range(count)] = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
+        roots[range(count), :, range(count)] = symmetric_root(covariance)
         flat = roots.reshape(count, size, count * size)
         flat = flat if factor is None else np.concatenate([flat, factor], axis=2)
         return cls(law, tuple(objects), flat[:, :, np.any(flat, axis=(0, 1))])

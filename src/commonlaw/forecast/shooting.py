@@ -26,6 +26,7 @@ from commonlaw.forecast.scheme import (
     measurement_errors,
     refuse_method,
 )
+from commonlaw.formulation import inverse_information
 from commonlaw.integration import Inputs, Trajectory
 from commonlaw.integration.problem import diverged
 from commonlaw.integration.shooting import NO_INPUTS, DelayedInputs
@@ -330,7 +331,7 @@ class _Curve:
         both = replace(seen, parameter=np.arange(count), initial=initial)
         problem = replace(scheme.problem((both,), len(unknowns), shifted), tolerance=tolerance)
         rows = problem.about(unknowns, scheme.law.uncertainty.error_model).information(unknowns, noise)
-        inverse = np.asarray(np.linalg.pinv(rows[:, free].T @ rows[:, free]), dtype=np.float64)
+        inverse = inverse_information(rows[:, free])
         sensitivity = -inverse @ rows[:, free].T @ rows[:, fixed]
         until = float(trial.times[used][-1]) if used.any() else float(whole.times[0])
         covariance = covariance[np.ix_(fixed, fixed)]

@@ -15,9 +15,11 @@ from commonlaw.formulation.least_squares_problem import (
     LeastSquaresProblem,
     column_scales,
     explained,
+    inverse_information,
     least_squares_of_each,
     merge,
     redrawn,
+    symmetric_root,
 )
 from commonlaw.formulation.sampled import (
     DiscreteForm,
@@ -44,6 +46,7 @@ __all__ = [
     "differentiation_bias",
     "effective_share",
     "explained",
+    "inverse_information",
     "law_variables",
     "least_squares_of_each",
     "merge",
@@ -55,4 +58,5 @@ __all__ = [
     "reweight",
     "rows_by_object",
     "some_trials",
+    "symmetric_root",
 ]

@@ -189,6 +189,25 @@ def column_scales(columns: Floats) -> Floats:
     return np.where(norms == 0, 1.0, norms)
 
 
+def symmetric_root(matrices: Floats) -> Floats:
+    """Return R with ``C = R R'`` for a covariance or information C, both of shape (..., p, p).
+
+    It is by eigenvalues of the correlations, so that units of the numbers do not matter. What rounding leaves below
+    zero, or next to it, is zero.
+    """
+    std = np.sqrt(np.maximum(np.diagonal(matrices, axis1=-2, axis2=-1), 0.0))
+    scales = np.where(std > 0, std, 1.0)
+    values, vectors = np.linalg.eigh(matrices / scales[..., np.newaxis] / scales[..., np.newaxis, :])
+    values = np.where(values > 1e-14 * values.max(axis=-1, initial=0.0, keepdims=True), values, 0.0)
+    return np.asarray(std[..., np.newaxis] * vectors * np.sqrt(values)[..., np.newaxis, :])
+
+
+def inverse_information(rows: Floats) -> Floats:
+    """Return the pseudoinverse of ``rows' rows``, shape (p, p), of columns in any units."""
+    scales = column_scales(rows)
+    return np.asarray(np.linalg.pinv((rows / scales).T @ (rows / scales)) / scales / scales[:, np.newaxis])
+
+
 def column_norms(columns: Floats) -> Floats:
     """Return the Euclidean norms of columns, from shape (..., n, k) to (..., k), also where their squares overflow."""
     with np.errstate(over="ignore"):

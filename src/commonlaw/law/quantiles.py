@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.formulation import symmetric_root
 
 
 def two_sided(level: float, degrees_of_freedom: ArrayLike = np.inf) -> Floats:
@@ -134,9 +135,8 @@ def propagated(function: Function, coefficients: Floats, covariance: Floats | No
     value = float(function(coefficients[np.newaxis])[0])
     if covariance is None or not np.isfinite(value):
         return Estimate(value, np.nan, np.nan, np.nan)
-    scales, vectors = np.linalg.eigh(covariance)
-    kept = scales > scales.max(initial=0.0) * 1e-14
-    root = vectors[:, kept] * np.sqrt(scales[kept])
+    root = symmetric_root(covariance)
+    root = root[:, root.any(axis=0)]
 
     def of(steps: Floats) -> Floats:
         with np.errstate(all="ignore"):

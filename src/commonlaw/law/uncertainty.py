@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
+from commonlaw.formulation import symmetric_root
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.text import one_sided_text
 from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Heteroscedastic
@@ -311,9 +312,7 @@ class Uncertainty:
             factor = self.shared_factor
             covariance = covariance - np.matmul(factor, factor.transpose(0, 2, 1))
             result += np.einsum("dk,opk->dop", random.standard_normal((count, factor.shape[2])), factor)
-        values, vectors = np.linalg.eigh(covariance)
-        roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]  # Rounding leaves some just below zero
-        result += np.einsum("dok,opk->dop", random.standard_normal(result.shape), roots)
+        result += np.einsum("dok,opk->dop", random.standard_normal(result.shape), symmetric_root(covariance))
         if self.degrees_of_freedom is not None:
             degrees = float(self.degrees_of_freedom.min())
             relative = random.chisquare(degrees, count) / degrees
