@@ -249,3 +249,22 @@ def test_terms_in_the_law_and_terms_that_cannot_be_read_are_refused():
         bounds(law, DROPS, ["v"])
     with refused("unknown-name"):
         bounds(law, DROPS, ["w^2"])
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9, 1e12])
+def test_intervals_and_draws_do_not_depend_on_the_unit(unit):
+    """Of coefficients that lie many decades apart, as of growth in cells per millilitre."""
+    times, source = np.arange(0, 12, 0.5), np.random.default_rng(1)
+    grown = 1 / (1 + 49 * np.exp(-0.9 * times)) + 0.01 * source.standard_normal(len(times))
+    laws = [
+        cl.fit("N' = r N (1 - N/K)", cl.Trials.from_arrays([times], [size * grown], names=["N"]), errors="white")
+        for size in (1.0, unit)
+    ]
+    frames = [law.quantities().set_index("quantity").loc[["carrying capacity", "maximum growth"]] for law in laws]
+    one, other = (frame[["estimate", "standard error", "low", "high"]].to_numpy(float) for frame in frames)
+    np.testing.assert_allclose(other, unit * one, rtol=1e-6)
+    one, other = (
+        law.uncertainty.draws(law.coefficients[:, law.support], 400, 0).std(axis=0) / law.coefficients[:, law.support]
+        for law in laws
+    )
+    np.testing.assert_allclose(abs(other), abs(one), rtol=0.2)

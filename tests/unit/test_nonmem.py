@@ -18,6 +18,7 @@ from commonlaw.cli.results import load
 from commonlaw.cli.source import Source
 from commonlaw.law.models import model_named
 from commonlaw.law.observation import Observation
+from commonlaw.law.parameters import named_parameters
 from commonlaw.law.printing import start_lines
 from commonlaw.trials.trial import Dose
 from commonlaw.verdict import find
@@ -424,3 +425,20 @@ def test_starts_in_a_steady_state_are_noted_and_are_no_zeros() -> None:
     law = cl.fit("DV' = -0.1 DV + AMT/V", cl.Trials.from_frame(table.assign(SS=0)))
     assert "starts-in-steady-state" not in {diagnostic.code for diagnostic in law.diagnostics}
     assert [step.choice for step in law.history if step.stage == "start"] == ["DV = 0"]
+
+
+def test_absorption_of_repeated_doses_is_found_from_the_steady_state():
+    """Times of trials that are many half-lives long: rates lie between those of a trial and of a sampling step."""
+    true, rows = {1: (1.58, 0.30, 16.0), 2: (0.93, 0.20, 25.0), 3: (1.80, 0.13, 9.5)}, list[dict[str, object]]()
+    times = np.array([0.5, 1.25, 2, 2.75, 3.5, 6, 9, 11, 13, 14, 16.5, 20.5, 25, 30, 37])
+    source = np.random.default_rng(6)
+    for subject, (ka, k, volume) in true.items():
+        since = times[:, np.newaxis] + 12.0 * np.arange(80)
+        curve = 100 * ka / volume / (ka - k) * (np.exp(-k * since) - np.exp(-ka * since)).sum(axis=1)
+        curve += 0.03 * curve.mean() * source.standard_normal(len(times))
+        rows.append({"ID": subject, "TIME": 0.0, "AMT": 100.0, "EVID": 1, "CMT": 1, "II": 12.0, "SS": 1})
+        rows += [{"ID": subject, "TIME": at, "DV": y, "EVID": 0, "CMT": 2} for at, y in zip(times, curve, strict=True)]
+    trials = cl.Trials.from_frame(pd.DataFrame(rows))
+    named = named_parameters(cl.fit("depot' = -ka depot; DV' = ka depot/V - k DV", trials, errors="white"))
+    values = [[row[named.names.index(name)] for name in ("ka", "k", "V")] for row in named.values]
+    np.testing.assert_allclose(values, [*true.values()], rtol=0.25)

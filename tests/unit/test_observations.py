@@ -295,7 +295,7 @@ def test_the_rate_of_a_signal_that_is_zero_has_a_lower_limit_only():
         ("guess-out-of-bounds", "x' = -k x; y = a x", {"guesses": {"k": 0.0}}),
         ("equation-without-column", "y' = -k y + w; w' = -c w", {"priors": {"k": (1, 0.1)}}),
         ("initial-time-late", "x' = -k x; y = a x", {"initial_time": 99.0}),
-        ("unknown-name", "x' = -k x; y = a x", {"noise": {"y": "lab"}}),
+        ("noise-not-a-property", "x' = -k x; y = a x", {"noise": {"y": "lab"}}),
     ],
 )
 def test_what_cannot_be_fitted_is_refused_in_words(code, equations, settings):

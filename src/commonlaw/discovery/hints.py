@@ -207,7 +207,8 @@ def outcomes_of_units(law: Law) -> tuple[Outcome, ...]:
     """Return a note for each parameter by which one object differs from all others by a factor between two units.
 
     The ratio of its value to the geometric mean of the others has a logarithm that exceeds three times the range of
-    theirs, and lies within that range, or two standard errors, of a factor's. There must be three objects.
+    theirs, and lies within that range, or two standard errors, of a factor's; within a tenth of the factor's, of one
+    below ten, as objects differ so much. There must be three objects.
     """
     parameters, result = named_parameters(law), list[Outcome]()
     if len(law.objects) < 3:
@@ -222,8 +223,10 @@ def outcomes_of_units(law: Law) -> tuple[Outcome, ...]:
         ratio, spread = float(logarithms[o] - others.mean()), float(np.ptp(others))
         distances = np.abs(ratio - np.log(_FACTORS))
         tolerance = spread + SIGNIFICANT * float(np.nan_to_num(errors[o] / abs(values[o])))
+        factor, at = float(_FACTORS[int(np.argmin(distances))]), law.objects[o]
+        if abs(np.log(factor)) < np.log(10) and tolerance > 0.1 * abs(np.log(factor)):
+            continue
         if abs(ratio) > 3 * tolerance and distances.min() <= tolerance:
-            factor, at = float(_FACTORS[int(np.argmin(distances))]), law.objects[o]
             result.append(note("object-in-other-units", name=name, object=at, ratio=np.exp(ratio), factor=factor))
     return tuple(result)
 

@@ -439,7 +439,9 @@ def _sizes(
     for condition, after in model.events:
         changes = [(f"v{j}", new) for j, new in enumerate(after) if new != f"v{j}"]
         statements += [(condition, None), *((f"{state} - ({new})", None) for state, new in changes)]
-    likely = likely_sizes(statements, known, len(columns), span)
+    # States change in times between a sampling step and a trial
+    step = float(np.median(np.concatenate([[span], *(np.diff(np.unique(trial.times)) for trial in problem.trials)])))
+    likely = likely_sizes(statements, known, len(columns), np.sqrt(step * span))
     by_name = {name: likely[i] for name, i in columns.items()}
     by_name |= {f"{name}(0)": likely[i] for i, name in enumerate(model.variables.states)} | dict(guesses)
     sizes = np.array([by_name[name] for name in unknowns.names])
@@ -518,7 +520,14 @@ def beginning_of(
         noise=noise,
         errors=errors,
     )
-    return with_values_of(law, begun)
+    begun = with_values_of(law, begun)
+    if not equations:
+        return begun
+    # What these add is small at first, so that solutions are finite where those of the law are
+    known, first = named_parameters(law).names, begun.first.copy()
+    added = {k for row in begun.unknowns.parameters for k in row if k >= 0 and begun.unknowns.names[k] not in known}
+    first[[*added]] *= 1e-3
+    return replace(begun, first=first)
 
 
 def with_values_of(law: Law, begun: Beginning) -> Beginning:

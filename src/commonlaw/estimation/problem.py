@@ -331,7 +331,8 @@ class Problem:
         """Return initial values x to which solutions return after a cycle, and their derivatives by parameters p.
 
         With the states F(x, p) after a cycle, Newton's method solves ``x = F``, and
-        ``dx/dp = inv(I - F_x) F_p`` (Nayfeh and Balachandran 1995, section 6.4).
+        ``dx/dp = inv(I - F_x) F_p`` (Nayfeh and Balachandran 1995, section 6.4). NaN where eigenvalues of F_x are not
+        within the unit circle, as no repetition leads there.
         """
         count, width = len(parameters), self.model.width
         result, by = np.zeros(width), np.zeros((width, count + width))
@@ -352,7 +353,9 @@ class Problem:
             result = result + change
             by[:, :count] = inverse @ slopes[:, :count]
             if np.max(np.abs(change) / (np.abs(result) + self.sizes)) < 1e-7:
-                return result, by
+                if np.abs(np.linalg.eigvals(slopes[:, count:])).max() < 1:
+                    return result, by
+                break
         return np.full(width, np.nan), by
 
     def _steady_by(self, jacobian: Floats, by: Floats, unit: Floats) -> Floats:

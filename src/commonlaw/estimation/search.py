@@ -360,7 +360,8 @@ def _improved(
     ranked = [0, *(int(i) for i in np.argsort(costs) if i)][: improved if problem.unknowns else 1]
     rough = list[tuple[float, Floats]]()
     for i in ranked:
-        if not problem.events_move and expected_unseen([cost for cost, _ in rough]) <= UNSEEN:
+        inside = [cost for cost, point in rough if not _ran_away(point, sizes)]
+        if not problem.events_move and expected_unseen(inside) <= UNSEEN:
             break
         progress(f"improving parameters, start {len(rough) + 1} of {len(ranked)}")
         if not np.isfinite(costs[i]):
@@ -381,6 +382,12 @@ def _improved(
         progress(f"improving values of events, start {i + 1} of {len(with_even)}")
         rough.append(_roughly(coarse, start, noise, bounds, sizes))
     return sorted((attempt for attempt in rough if np.isfinite(attempt[0])), key=lambda attempt: attempt[0])
+
+
+def _ran_away(point: Floats, sizes: Floats) -> bool:
+    """Return whether a number is as far from its likely size as it is looked for, where there is no maximum."""
+    with np.errstate(divide="ignore"):
+        return bool(np.any(np.abs(np.log(np.abs(point / sizes))) > 0.99 * REACH))
 
 
 def expected_unseen(costs: Sequence[float]) -> float:
