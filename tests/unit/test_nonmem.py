@@ -433,10 +433,10 @@ def test_absorption_of_repeated_doses_is_found_from_the_steady_state():
     times = np.array([0.5, 1.25, 2, 2.75, 3.5, 6, 9, 11, 13, 14, 16.5, 20.5, 25, 30, 37])
     source = np.random.default_rng(6)
     for subject, (ka, k, volume) in true.items():
-        since = times[:, np.newaxis] + 12.0 * np.arange(80)
-        curve = 100 * ka / volume / (ka - k) * (np.exp(-k * since) - np.exp(-ka * since)).sum(axis=1)
+        since = np.maximum(times[:, np.newaxis] - 12.0 * np.arange(-80, 4), 0.0)
+        curve = 200 * ka / volume / (ka - k) * (np.exp(-k * since) - np.exp(-ka * since)).sum(axis=1)
         curve += 0.03 * curve.mean() * source.standard_normal(len(times))
-        rows.append({"ID": subject, "TIME": 0.0, "AMT": 100.0, "EVID": 1, "CMT": 1, "II": 12.0, "SS": 1})
+        rows.append({"ID": subject, "TIME": 0.0, "AMT": 200.0, "EVID": 1, "CMT": 1, "II": 12.0, "ADDL": 3, "SS": 1})
         rows += [{"ID": subject, "TIME": at, "DV": y, "EVID": 0, "CMT": 2} for at, y in zip(times, curve, strict=True)]
     trials = cl.Trials.from_frame(pd.DataFrame(rows))
     named = named_parameters(cl.fit("depot' = -ka depot; DV' = ka depot/V - k DV", trials, errors="white"))
