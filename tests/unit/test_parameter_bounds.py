@@ -72,6 +72,16 @@ def test_a_parameter_at_a_bound_of_zero_is_estimated_again_by_refine():
     assert value == pytest.approx(0.3, abs=3 * error)
 
 
+def test_intervals_end_at_the_bounds_of_parameters():
+    y = np.exp(-T) + 0.05 * np.random.default_rng(6).standard_normal(len(T))
+    trials = trials_of({"A": (T, y)}, ["x"])
+    value, error = estimates(cl.fit("x' = -k x; x(0) = 1", trials))["k"]
+    low, high = value - 0.5 * error, value + error
+    (row,) = cl.fit(f"x' = -k x; x(0) = 1; {low} < k < {high}", trials).params.to_dict("records")
+    assert row["estimate"] == pytest.approx(value, abs=1e-4 * error)
+    assert (row["low"], row["high"]) == pytest.approx((low, high), rel=1e-12)
+
+
 class Linear:
     """Residuals ``matrix @ unknowns - target`` in place of those of a model."""
 

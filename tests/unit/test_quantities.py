@@ -230,6 +230,19 @@ def test_intervals_of_ratios_are_those_of_fieller():
     assert [row["low"], row["high"]] == pytest.approx(fieller(9.8, 0.3, covariance, Z), rel=1e-4)
 
 
+def test_a_quantity_that_is_a_parameter_has_the_interval_of_this():
+    """Of the volume in dose/V, that of V and not of 1/V."""
+    times = np.linspace(1, 8, 8)
+    measured = 100 / 12 * np.exp(-0.3 * times) * (1 + 0.1 * np.random.default_rng(0).standard_normal(8))
+    trials = cl.Trials.from_arrays([times], [measured], names=["C"])
+    law = cl.fit("C' = -k C; C(0) = 100/V", trials, errors="white")
+    named, quantities = law.params.set_index("parameter"), law.quantities().set_index("symbol")
+    columns = ["estimate", "standard error", "low", "high"]
+    for name in {*named.index} & {*quantities.index}:
+        assert quantities.loc[name, columns].tolist() == pytest.approx(named.loc[name, columns].tolist(), rel=1e-9)
+    assert {"k"} <= {*named.index} & {*quantities.index}
+
+
 def test_an_interval_is_unbounded_where_the_denominator_may_be_zero():
     law = law_of("x'' = -g - c v", np.diag([0.01, 0.0025]), g=9.8, c=0.06)
     row = law.quantities().iloc[0]

@@ -340,7 +340,7 @@ class Law(ShownInNotebooks):
         >>> draws = law.sample()
         >>> speeds = (draws["g"] / draws["c"]).groupby("object").quantile([0.025, 0.975]).unstack()
         >>> print(speeds.round(1).head(2).to_string(header=False, index_names=False))
-        Ball 1  90.1  108.3
+        Ball 1  90.5  108.8
         Ball 2  31.7   33.7
         """
         return cast("pd.DataFrame", _call("law.tables:sample_frame", self, n, seed, averaged))

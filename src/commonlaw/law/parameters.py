@@ -22,6 +22,7 @@ from commonlaw.law.restrictions import ALL, Restrictions
 from commonlaw.law.text import free_parameter_names
 from commonlaw.law.uncertainty import OneSidedLimit, PlausibleLaw, Uncertainty
 from commonlaw.library import with_rates
+from commonlaw.library.bounds import bounds_in
 from commonlaw.runtime.arguments import numbers_of
 from commonlaw.runtime.forking import cached_property
 
@@ -219,8 +220,8 @@ class Parameters:
     def intervals(self, level: float = 0.95, averaged: bool = False) -> tuple[Floats, Floats]:
         """Return the ends of intervals given the terms, each of shape (objects, parameters); NaN where unknown.
 
-        Those of ratios are Fieller's, see `propagated`; averaged ones are those of `coefficient_intervals`. Parameters
-        with a limit on one side only have that of 95 % up to this level, and none beyond.
+        Those of ratios are Fieller's, see `propagated`; averaged ones are those of `coefficient_intervals`. They end at
+        the bounds of parameters. Those with a limit on one side only have that of 95 % up to this level, none beyond.
         """
         j, k = self.places
         if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
@@ -240,6 +241,11 @@ class Parameters:
             for o, covariance in enumerate(covariances if len(definition.parts) > 1 else ()):
                 interval = propagated(value, self.law.coefficients[o, support], covariance, float(reach[o, i]))
                 low[o, i], high[o, i] = interval.low, interval.high
+        for bound in bounds_in(restrictions_of(self.law).bounds):
+            if bound.name in self.names:
+                column = self.names.index(bound.name)
+                low[:, column] = np.maximum(low[:, column], bound.low)
+                high[:, column] = np.minimum(high[:, column], bound.high)
         return self._with_limits(low, high, level)
 
     def _with_limits(self, low: Floats, high: Floats, level: float) -> tuple[Floats, Floats]:

@@ -451,7 +451,7 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
         check_choice("state", name, law.schema.states)
     reach = float(reach_of_equations(law, level).max())
     matches, known = _matches(law) if law.order != 0 else [], named_parameters(law)
-    rows = list[tuple[object, ...]]()
+    rows, named = list[tuple[object, ...]](), (known.values, known.errors, *known.intervals(level))
     is_solved = WITHOUT_QUANTITIES.isdisjoint(outcome.kind for outcome in law.diagnostics)
     for i, owner in enumerate(law.objects if law.order != 0 and is_solved else ()):
         parameters = law.coefficients[i, law.support]
@@ -472,6 +472,8 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
             estimate = _limited(quantity.function, known, i) or propagated(
                 quantity.function, parameters, covariance, reach
             )
+            if quantity.symbol in known.names and not known.limited[i, p := known.names.index(quantity.symbol)]:
+                estimate = Estimate(*(float(numbers[i, p]) for numbers in named))
             if np.isfinite(estimate.value):
                 rows.append((owner, title, quantity.name, quantity.symbol, *estimate, quantity.unit))
         points = [*equilibria(law, parameters, covariance, reach)]
