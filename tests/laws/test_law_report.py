@@ -203,7 +203,8 @@ def test_of_several_objects_many_coefficients_have_a_figure_each():
 
 @pytest.mark.slow
 def test_known_coefficients_are_said_to_be_so_and_have_no_interval(drops):
-    law = cl.refine(cl.Law.from_text("x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}), drops)
+    text, numbers = "x'' = -9.8 - c v", {"c": {"Ball 1": 0.1, "Ball 2": 0.5}}
+    law = cl.refine(cl.Law.from_text(text, numbers, units={"x": "m", "t": "s"}), drops)
     report = law_report(find(law, drops))
     assert named_parameters(law).errors.all()
     sure = replace(
