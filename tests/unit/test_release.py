@@ -261,12 +261,6 @@ except SystemExit:
     subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
 
 
-def test_heyoka_comes_without_sympy_which_can_be_imported_later():
-    pytest.importorskip("heyoka")
-    code = "import sys, commonlaw.integration.heyoka; assert 'sympy' not in sys.modules; import sympy"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 @pytest.fixture
 def missing(monkeypatch):
     def take_away(module):

@@ -25,7 +25,7 @@ _SECONDS_TO_END = 1.0
 
 _HEAVY = (
     "commonlaw.app.sessions", "commonlaw.app.result", "commonlaw.discovery", "commonlaw.integration.lsoda", "pint",
-    *(["commonlaw.integration.heyoka"] if find_spec("heyoka") else []),
+    "heyoka",
 )  # fmt: skip
 """What takes most of the time until a law is sought."""
 
@@ -151,7 +151,8 @@ def _work(connection: Connection, *modules: str) -> None:
     """Import modules, and do tasks as they come; the main function of the process."""
     end_with_parent()
     for module in modules:
-        import_module(module)
+        if find_spec(module) is not None:
+            import_module(module)
     try:
         while True:
             _do(connection.recv(), connection)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any, NoReturn
 
+import heyoka
 import numpy as np
 
 from commonlaw.array_types import Floats
@@ -27,10 +28,6 @@ from commonlaw.integration.problem import (
 from commonlaw.integration.vector_field import VectorField
 from commonlaw.library import Term
 from commonlaw.library.grammar import SHORT_NAMES, Algebra, evaluate
-from commonlaw.runtime.packages import unimported
-
-with unimported("sympy"):  # For conversions alone, eight times as long as all else
-    import heyoka
 
 _FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "erf", "erfc")
 """Functions that are analytic in their domain, besides inverse functions and other logarithms."""

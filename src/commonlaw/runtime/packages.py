@@ -1,6 +1,5 @@
 """Other packages: optional ones, and warnings of them that say nothing to users."""
 
-import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,19 +24,6 @@ def optional_import(module: str, feature: str, extra: str) -> Any:
         if error.name is None or error.name.split(".")[0] != package:
             raise
         raise CommonlawError("extra-missing", feature=feature, package=package.replace("_", "-"), extra=extra) from None
-
-
-@contextmanager
-def unimported(module: str) -> Iterator[None]:
-    """Let a package do without an optional one that it would import."""
-    is_hidden = module not in sys.modules
-    if is_hidden:
-        sys.modules[module] = None  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        if is_hidden:
-            del sys.modules[module]
 
 
 _ALONE = ProcessLock()
