@@ -12,13 +12,13 @@ which free initial values fit on any scale, do not count.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
-from commonlaw.diagnostics import Outcome, marked, note
+from commonlaw.diagnostics import marked, note
 from commonlaw.discrepancy.residuals import untested
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.verbs.refinement import noted
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.text import with_error
@@ -41,21 +41,17 @@ def likelier_scale(
     try:
         law = on_log_scale()
     except CommonlawError:
-        return _noted(on_own_scale(), note("small-values-without-weight", states=[*over_decades(trials)]))
+        return noted(on_own_scale(), (note("small-values-without-weight", states=[*over_decades(trials)]),))
     states = law.observation.measured.logarithmic
     try:
         linear = reference(law)
         gain = _deviance(linear, trials) - _deviance(law, trials)
     except CommonlawError as error:
-        return _noted(law, note("log-scale-without-comparison", states=states, error=error.sentence(marked)))
+        return noted(law, (note("log-scale-without-comparison", states=states, error=error.sentence(marked)),))
     if not gain > VERY_STRONG:
         return on_own_scale()
     changed = largest_change(law, linear, "on a linear scale")
-    return _noted(law, note("log-scale-chosen", states=states, gain=gain, changed=changed))
-
-
-def _noted(law: Law, outcome: Outcome) -> Law:
-    return replace(law, provenance=replace(law.provenance, outcomes=(*law.provenance.outcomes, outcome)))
+    return noted(law, (note("log-scale-chosen", states=states, gain=gain, changed=changed),))
 
 
 def largest_change(law: Law, reference: Law, how: str) -> str:

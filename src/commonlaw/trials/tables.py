@@ -400,16 +400,16 @@ def unmeasured_in_words(trials: Sequence[Trial], states: Sequence[str]) -> list[
     names, owners = Counter(trial.name for trial in trials), Counter(trial.object for trial in trials)
 
     def called(trial: Trial) -> str:
-        """Return the shortest of the names by which an initial value is that of a trial alone."""
+        """Return, in quotes, the shortest of the names by which an initial value is that of a trial alone."""
         if names[trial.name] == 1:
-            return trial.name
-        return trial.object if owners[trial.object] == 1 else trial.label
+            return f'"{trial.name}"'
+        return f'"{trial.object if owners[trial.object] == 1 else trial.label}"'
 
     places = [[trial for trial, is_empty in zip(trials, column, strict=True) if is_empty] for column in empty.T]
     return [
         f"{_UNMEASURED.format(state=state)}{'; '.join(trial.label for trial in where)}: it is a latent state there, "
         "whose start is estimated where none is given; if it was absent, enter 0 in its column, or write "
-        f"`{state}(0) = 0 @ {', '.join(f'{chr(34)}{called(trial)}{chr(34)}' for trial in where)}`"
+        f"`{state}(0) = 0 @ {', '.join(map(called, where))}`"
         for state, where in zip(states, places, strict=True)
         if 0 < len(where) < len(trials)
     ]

@@ -153,13 +153,13 @@ def refine(
         lost = [*over_decades(trials)] if is_open else []
         notes = (note("small-values-without-weight", states=lost),) if lost else ()
         if law.scheme == "shooting":
-            return _noted(_of_observation(law, trials, known, calls, progress), notes)
+            return noted(_of_observation(law, trials, known, calls, progress), notes)
         result = refined(law, trials, **known, progress=progress)
         if not is_within(result, bounds):
             if refused := refused_settings(changed_settings("refine", known)):
                 refuse_outside(result, bounds, refused)
-            return _of_observation(result, trials, known, calls, progress)
-        result = _noted(replace(result, provenance=replace(result.provenance, calls=calls)), notes)
+            return noted(_of_observation(result, trials, known, calls, progress), notes)
+        result = noted(replace(result, provenance=replace(result.provenance, calls=calls)), notes)
         # Laws of a search have neither
         return with_one_sided_limits(result, trials) if law.provenance.calls or law.provenance.equations else result
 
@@ -176,7 +176,8 @@ def refine(
     return in_memory_or_by_file(trials, client, in_memory, by_file)
 
 
-def _noted(law: Law, outcomes: tuple[Outcome, ...]) -> Law:
+def noted(law: Law, outcomes: tuple[Outcome, ...]) -> Law:
+    """Return a law with more notes, after those that it has."""
     return replace(law, provenance=replace(law.provenance, outcomes=(*law.provenance.outcomes, *outcomes)))
 
 
