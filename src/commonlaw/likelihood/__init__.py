@@ -33,6 +33,7 @@ from commonlaw.likelihood.linearization import (
     Regression as Regression,
     deviations as deviations,
     prior_variances as prior_variances,
+    propagated as propagated,
     whitened_with_initial_states as whitened_with_initial_states,
 )
 from commonlaw.likelihood.mesh import (

@@ -103,21 +103,29 @@ def deviations(
 
 
 def _along(model: TrajectoryModel, mesh: Mesh, states: Floats, coefficients: Floats, free: Bools) -> Floats:
-    """Return the sensitivities of states to initial states and coefficients, (n, D, D + p), by a banded system."""
+    """Return the sensitivities of states to initial states and coefficients, (n, D, D + p)."""
+    width, size, on = model.width, int(free.sum()), mesh.contiguous
+    linear = jacobians(model.field(coefficients, free), mesh, states[:, :width])
+    sources = np.zeros((len(mesh), width, width + size))
+    sources[mesh.first] = np.eye(width, width + size)
+    solved = np.linalg.solve(linear.end[on], np.concatenate([linear.start[on], -linear.coefficients[on]], axis=2))
+    sources[1:][on, :, width:] = solved[:, :, width:]
+    return propagated(mesh, solved[:, :, :width], sources)
+
+
+def propagated(mesh: Mesh, steps: Floats, sources: Floats) -> Floats:
+    """Return x of ``x_n = s_n - A x_(n - 1)`` within segments, and ``x_n = s_n`` where they begin, by a banded system.
+
+    Sources and x have shape (n, D, m), and A of all steps within segments (steps, D, D).
+    """
     from scipy.linalg import lapack
 
-    width, size = model.width, int(free.sum())
-    linear = jacobians(model.field(coefficients, free), mesh, states[:, :width])
-    sensitivities, bands = np.zeros((len(mesh), width, width + size)), np.zeros((2 * width, len(mesh) * width))
-    sensitivities[mesh.first] = np.eye(width, width + size)
-    on = mesh.contiguous
-    solved = np.linalg.solve(linear.end[on], np.concatenate([linear.start[on], -linear.coefficients[on]], axis=2))
-    sensitivities[1:][on, :, width:] = solved[:, :, width:]
+    points, width, columns = sources.shape
+    bands = np.zeros((2 * width, points * width))
     for i, j in np.ndindex(width, width):  # Of the states after a step by those before it
-        bands[width + i - j, j:-width:width][on] = solved[:, i, j]
-    return np.asarray(lapack.dtbtrs(bands, sensitivities.reshape(-1, width + size), uplo="L", diag="U")[0]).reshape(
-        sensitivities.shape
-    )
+        bands[width + i - j, j:-width:width][mesh.contiguous] = steps[:, i, j]
+    solved = lapack.dtbtrs(bands, sources.reshape(-1, columns), uplo="L", diag="U")[0]
+    return np.asarray(solved).reshape(sources.shape)
 
 
 MISSING = 100.0

@@ -11,7 +11,15 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.diagnostics import Outcome
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.fit.lack_of_fit import NO_LAW, Departures, departures, diverges, is_resolved
+from commonlaw.inference.fit.lack_of_fit import (
+    NO_LAW,
+    Departures,
+    DiscretizationErrors,
+    departures,
+    discretization_errors,
+    diverges,
+    is_resolved,
+)
 from commonlaw.inference.fit.latent_initialization import pooled_start
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Part, Score
@@ -114,7 +122,16 @@ class Fit:
 
     def _like(self, **changes: Any) -> Self:
         """Return the fit with other attributes, keeping cached results, which must not depend on these."""
-        changed, of_estimates = replace(self, **changes), ("evidence", "departures", "is_resolved", "diverges")
+        changed, of_estimates = (
+            replace(self, **changes),
+            (
+                "evidence",
+                "departures",
+                "discretization_errors",
+                "is_resolved",
+                "diverges",
+            ),
+        )
         vars(changed).update({name: known for name, known in vars(self).items() if name in of_estimates})
         return changed
 
@@ -212,14 +229,19 @@ class Fit:
         return NO_LAW if self.has_model_error else departures(self.problem, self.estimates)
 
     @cached_property
+    def discretization_errors(self) -> list[DiscretizationErrors]:
+        """The errors of collocation, see `discretization_errors`."""
+        return discretization_errors(self.problem, self.estimates)
+
+    @cached_property
     def is_resolved(self) -> bool:
         """Whether the discretization error is below the noise, see `is_resolved`."""
-        return is_resolved(self.problem, self.estimates)
+        return is_resolved(self.discretization_errors)
 
     @cached_property
     def diverges(self) -> bool:
         """Whether the trajectory of a trial diverges from its fitted initial state, see `diverges`."""
-        return diverges(self.problem, self.estimates)
+        return diverges(self.problem, self.estimates, self.discretization_errors)
 
     @property
     def is_solved(self) -> bool:

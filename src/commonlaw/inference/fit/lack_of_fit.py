@@ -5,7 +5,7 @@ interpret large residuals of large states as lack of fit.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,7 +31,7 @@ from commonlaw.integration import (
     simulate_each,
 )
 from commonlaw.library.grammar import evaluate
-from commonlaw.likelihood import HUBER_THRESHOLD, ErrorModel, Estimate, Mesh, jacobians
+from commonlaw.likelihood import HUBER_THRESHOLD, ErrorModel, Estimate, Mesh, jacobians, propagated
 from commonlaw.likelihood.levels import autocorrelation
 from commonlaw.runtime.progress import unannounced
 
@@ -86,49 +86,82 @@ def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_
     return listed
 
 
-@unannounced()
-def diverges(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
-    """Return whether the trajectory of a training trial diverges from its fitted initial state."""
-    problems = []
-    for i in evenly_spaced(len(problem.models), settings.MAX_CHECKED_OBJECTS):
-        model, estimate = problem.models[i], estimates[i]
-        for mesh, states in zip(model.meshes, estimate.states, strict=True):
-            cuts = [0, *(np.flatnonzero(~mesh.contiguous) + 1).tolist(), len(mesh)]
-            for first, last in pairwise(cuts):
-                times = mesh.times[first:last]
-                inputs = Inputs.of(times, mesh.inputs[first:last], problem.trials.schema.input_interpolation)
-                field = replace(model.field(estimate.coefficients), inputs=inputs)
-                problems.append(InitialValueProblem(field, states[first, : model.width], times, ""))
-    return any(trajectory.outcome for trajectory in simulate_each(problems, OutputOptions(tolerance=1e-6)))
+TOLERANCE = 1e-6
+"""Relative error of solutions that are checked for divergence."""
 
 
-def is_resolved(problem: SearchProblem, estimates: Sequence[Estimate]) -> bool:
-    """Return whether the mean square discretization error of a step is below the noise variance.
+@dataclass(frozen=True, eq=False)
+class DiscretizationErrors:
+    """Errors of collocation on one mesh of an object, in standard deviations of the noise, infinite if unknown.
 
-    Steps of collocation are compared with solutions from the same estimated states: by classical Runge-Kutta steps,
-    halved up to 64 in a step. Errors are infinite where these do not converge.
+    `local` are those of single steps, shape (steps, d). `total` says how far a solution from the first state of a
+    segment may depart from the estimated states, to first order, if that is off by `TOLERANCE`, shape (points, d).
     """
-    squares = list[Floats]()
+
+    object: int
+    mesh: Mesh
+    states: Floats
+    local: Floats
+    total: Floats
+
+
+def discretization_errors(problem: SearchProblem, estimates: Sequence[Estimate]) -> list[DiscretizationErrors]:
+    """Return the errors of steps of collocation, compared with solutions from the same estimated states.
+
+    Solutions are by classical Runge-Kutta steps, halved up to 64 in a step. Errors are infinite where these do not
+    converge.
+    """
+    listed = list[DiscretizationErrors]()
     for i in evenly_spaced(len(estimates), settings.MAX_CHECKED_OBJECTS):
         model = problem.models[i]
         field, d = model.field(estimates[i].coefficients), model.equations
         for mesh, states in zip(model.meshes, estimates[i].states, strict=True):
             z, on = states[:, : model.width], mesh.contiguous
-            std = np.broadcast_to(problem.std_of(mesh), (len(mesh), d))[1:][on]
+            std = np.broadcast_to(problem.std_of(mesh), (len(mesh), d))
             with np.errstate(all="ignore"):
                 linear = jacobians(field, mesh, z)
-                try:  # Where a step without a defect ends, to first order
-                    missed = np.linalg.solve(linear.end[on], linear.defects[on][:, :, np.newaxis])[:, :, 0]
+                right = np.concatenate([linear.defects[on][:, :, np.newaxis], linear.start[on]], axis=2)
+                try:
+                    solved = np.linalg.solve(linear.end[on], right)
                 except np.linalg.LinAlgError:
-                    missed = np.full_like(linear.defects[on], np.inf)
-                ends = np.full_like(missed, np.inf)
+                    solved = np.full_like(right, np.inf)
+                ends = np.full_like(z[1:][on], np.inf)
                 for count in (2, 4, 8, 16, 32, 64):  # Stable where rates are up to 180 in a step
                     ends, before = _followed(field, mesh, z, count)[on], ends
-                    if (np.abs(ends - before)[:, :d] < settings.RESOLVED_NOISE * std).all():
+                    if (np.abs(ends - before)[:, :d] < settings.RESOLVED_NOISE * std[1:][on]).all():
                         break
-                errors = ((ends - z[1:][on] + missed)[:, :d] / std) ** 2
-            squares.append(np.where(np.isfinite(errors), errors, np.inf).ravel())
-    return bool(np.mean(np.concatenate(squares)) < 1)
+                sources = np.zeros((*z.shape, 1 + model.width))
+                sources[1:][on, :, 0] = ends - z[1:][on]
+                sources[mesh.first, :, 1:] = TOLERANCE * np.diag(np.abs(z).max(axis=0))
+                missed = solved[:, :, 0]  # Where a step without a defect ends, to first order
+                local = (sources[1:][on, :, 0] + missed)[:, :d] / std[1:][on]
+                total = np.abs(propagated(mesh, solved[:, :, 1:], sources)[:, :d]).sum(axis=2) / std
+            finite = (np.where(np.isfinite(errors), errors, np.inf) for errors in (local, total))
+            listed.append(DiscretizationErrors(i, mesh, z, *finite))
+    return listed
+
+
+def is_resolved(errors: Sequence[DiscretizationErrors]) -> bool:
+    """Return whether the mean square discretization error of a step is below the noise variance."""
+    return bool(np.mean(np.concatenate([part.local.ravel() ** 2 for part in errors])) < 1)
+
+
+@unannounced()
+def diverges(problem: SearchProblem, estimates: Sequence[Estimate], errors: Sequence[DiscretizationErrors]) -> bool:
+    """Return whether the trajectory of a training trial diverges from its fitted initial state.
+
+    Trials in which it stays within the noise of the estimated states, to first order, are not integrated.
+    """
+    problems = []
+    for part in errors:
+        if (part.total < 1).all():
+            continue
+        mesh, field = part.mesh, problem.models[part.object].field(estimates[part.object].coefficients)
+        for first, last in pairwise([*np.flatnonzero(mesh.first).tolist(), len(mesh)]):
+            times = mesh.times[first:last]
+            inputs = Inputs.of(times, mesh.inputs[first:last], problem.trials.schema.input_interpolation)
+            problems.append(InitialValueProblem(replace(field, inputs=inputs), part.states[first], times, ""))
+    return any(trajectory.outcome for trajectory in simulate_each(problems, OutputOptions(tolerance=TOLERANCE)))
 
 
 def _followed(field: VectorField, mesh: Mesh, states: Floats, count: int) -> Floats:
