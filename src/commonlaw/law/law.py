@@ -5,8 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
-from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Literal, Unpack, cast, get_args
+from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +19,6 @@ from commonlaw.law.observation import STATES, Observation, Scheme, TrialEstimate
 from commonlaw.law.parse import GivenEquations, Names, read_equations, stated_law
 from commonlaw.law.provenance import History, Provenance
 from commonlaw.law.restrictions import Restrictions
-from commonlaw.law.simplification import Simplification
 from commonlaw.law.uncertainty import PlausibleLaw, Uncertainty, check_positive, checked
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import HUBER_THRESHOLD
@@ -40,6 +38,7 @@ if TYPE_CHECKING:
     from commonlaw.discrepancy.residual_tests import Residuals
     from commonlaw.forecast.forecast import Forecast, Metric
     from commonlaw.integration.vector_field import InputFunction
+    from commonlaw.law.simplification import Simplification
     from commonlaw.law.verdict import LawVerdict
     from commonlaw.report.page import Page
 
@@ -198,7 +197,9 @@ class Law(ShownInNotebooks):
 
         Known shared coefficients are numbers: ``x'' = -9.81 + a v``.
         """
-        return tuple(_call("law.printing:structure", self))
+        from commonlaw.law.printing import structure
+
+        return tuple(structure(self))
 
     @checks_types
     def equations(self, name: str | None = None, digits: int = 4, errors: bool | None = None) -> tuple[str, ...]:
@@ -219,7 +220,9 @@ class Law(ShownInNotebooks):
             Whether to show standard errors; None shows them when they are known.
         """
         check_whole_number("digits", digits, 1, 17)
-        return cast(tuple[str, ...], _call("law.printing:equations", self, name, digits, errors))
+        from commonlaw.law.printing import equations
+
+        return equations(self, name, digits, errors)
 
     def __repr__(self) -> str:
         form = self.structure if self._shares_terms else ("each object with its own terms",)
@@ -227,7 +230,9 @@ class Law(ShownInNotebooks):
         return f"<Law of {', '.join(few)}: {'; '.join(form)}>"
 
     def __str__(self) -> str:
-        return cast(str, _call("law.printing:printed", self))
+        from commonlaw.law.printing import printed
+
+        return printed(self)
 
     def summary(self) -> str:
         """Return the law, its `params`, its `quantities` and the best rows of its `comparison` as text.
@@ -249,7 +254,9 @@ class Law(ShownInNotebooks):
         Ball 1 Fall with linear drag terminal speed    v_t     98.4            4.4 90.5 108.2  m/s
         Ball 1 Fall with linear drag  time constant      τ    10.08           0.53 9.13 11.25    s
         """
-        return cast(str, _call("law.tables:summary", self))
+        from commonlaw.law.tables import summary
+
+        return summary(self)
 
     # Parameters and their uncertainty
 
@@ -276,7 +283,9 @@ class Law(ShownInNotebooks):
         0  Ball 1         g     9.769           0.082  m/s²
         1  Ball 1         c     0.099           0.006   1/s
         """
-        return cast("pd.DataFrame", _call("law.tables:parameter_frame", self))
+        from commonlaw.law.tables import parameter_frame
+
+        return parameter_frame(self)
 
     @checks_types
     def conf_int(self, level: float = 0.95, averaged: bool = False) -> "pd.DataFrame":
@@ -290,7 +299,9 @@ class Law(ShownInNotebooks):
         Raises `CommonlawError` if the covariance is not known, or the level is not between 0 and 1.
         """
         self.uncertainty.known_covariance()
-        return cast("pd.DataFrame", _call("law.tables:parameter_frame", self, level, averaged))
+        from commonlaw.law.tables import parameter_frame
+
+        return parameter_frame(self, level, averaged)
 
     @checks_types
     def cov_params(self, name: str | None = None) -> "pd.DataFrame":
@@ -307,7 +318,9 @@ class Law(ShownInNotebooks):
         >>> float(law.cov_params("Ball 1").loc["g", "c"]) > 0
         True
         """
-        return cast("pd.DataFrame", _call("law.tables:covariance_frame", self, name))
+        from commonlaw.law.tables import covariance_frame
+
+        return covariance_frame(self, name)
 
     @checks_types
     def sample(self, n: int = 1000, seed: int = 0, averaged: bool = True) -> "pd.DataFrame":
@@ -343,7 +356,9 @@ class Law(ShownInNotebooks):
         Ball 1  90.5  108.8
         Ball 2  31.7   33.7
         """
-        return cast("pd.DataFrame", _call("law.tables:sample_frame", self, n, seed, averaged))
+        from commonlaw.law.tables import sample_frame
+
+        return sample_frame(self, n, seed, averaged)
 
     @checks_types
     def quantities(self, level: float = 0.95, initial: Mapping[str, float] | None = None) -> "pd.DataFrame":
@@ -374,7 +389,9 @@ class Law(ShownInNotebooks):
         0  terminal speed     32.67  31.70  33.74  m/s
         1   time constant      3.33   3.17   3.50    s
         """
-        return cast("pd.DataFrame", _call("law.quantities:quantity_frame", self, level, initial))
+        from commonlaw.law.quantities import quantity_frame
+
+        return quantity_frame(self, level, initial)
 
     # Comparison with other models, and how the law was found
 
@@ -397,7 +414,9 @@ class Law(ShownInNotebooks):
         weight; ``log score difference`` where forecasts of held-out data chose the law; or the criterion of a
         regression. Empty for a law whose terms were given.
         """
-        return cast("pd.DataFrame", _call("law.tables:comparison_frame", self.provenance.alternatives))
+        from commonlaw.law.tables import comparison_frame
+
+        return comparison_frame(self.provenance.alternatives)
 
     @property
     def diagnostics(self) -> tuple[Outcome, ...]:
@@ -420,7 +439,9 @@ class Law(ShownInNotebooks):
 
         Raises `CommonlawError` if there is no such object, or the values do not match the variables.
         """
-        return cast(Floats, _call("law.parameters:right_hand_side", self, name, values))
+        from commonlaw.law.parameters import right_hand_side
+
+        return right_hand_side(self, name, values)
 
     def simulate(
         self,
@@ -461,12 +482,23 @@ class Law(ShownInNotebooks):
             function of time; or either by name: ``{"voltage": lambda t: np.sin(t), "load": 2.0}``.
         """
         arguments = locals()
-        how = {"tolerance": tolerance, "events": events, "dense": dense, "doses": doses}
-        how |= {"inputs": inputs, "sensitivities": sensitivities}
         OutputOptions(tolerance)
         check_choice("method of integration", method, METHODS)
         check_types(Law.simulate, arguments)
-        return cast(dict[str, Trajectory], _call("forecast:simulate_law", self, times, initial, method=method, **how))
+        from commonlaw.forecast import simulate_law
+
+        return simulate_law(
+            self,
+            times,
+            initial,
+            method=method,
+            tolerance=tolerance,
+            doses=doses,
+            inputs=inputs,
+            events=events,
+            dense=dense,
+            sensitivities=sensitivities,
+        )
 
     def predict(
         self,
@@ -547,10 +579,22 @@ class Law(ShownInNotebooks):
             raise CommonlawError("forecast-times")
         if further.size and self.order == 0:
             raise CommonlawError("forecast-times-discrete")
-        options = {"times": times, "start": start, "from_time": from_time, "return_std": return_std, "seed": seed}
-        options |= {"method": method, "tolerance": tolerance, "input_interpolation": input_interpolation}
-        options |= {"discrepancy": discrepancy, "averaged": averaged}
-        return cast("Forecast", _call("forecast:predict", self, trials, **options))
+        from commonlaw.forecast import predict
+
+        return predict(
+            self,
+            trials,
+            times=times,
+            start=start,
+            from_time=from_time,
+            return_std=return_std,
+            method=method,
+            tolerance=tolerance,
+            seed=seed,
+            input_interpolation=input_interpolation,
+            discrepancy=discrepancy,
+            averaged=averaged,
+        )
 
     # Comparison with measurements
 
@@ -596,7 +640,9 @@ class Law(ShownInNotebooks):
         >>> print(cl.fit("x'' = -g - c v", drops).residuals(drops))
         The residuals look like white noise: no pattern is significant.
         """
-        return cast("Residuals", _call("discrepancy:residuals", self, trials))
+        from commonlaw.discrepancy import residuals
+
+        return residuals(self, trials)
 
     @checks_types
     def assess(self, trials: Trials, learned: Trials | None = None) -> "LawVerdict":
@@ -618,7 +664,9 @@ class Law(ShownInNotebooks):
         >>> print(law.assess(drops, drops.select(trial=1)).sentences[0])
         This law can be used for forecasts up to 2.6 s ahead (longest horizon tested).
         """
-        return cast("LawVerdict", _call("verdict:assess", self, trials, learned))
+        from commonlaw.verdict import assess
+
+        return assess(self, trials, learned)
 
     @checks_types
     def discrepancy(
@@ -676,9 +724,18 @@ class Law(ShownInNotebooks):
             check_choice("zero_at", zero_at, ("auto",))
         if isinstance(zero_at, Real) and not np.isfinite(float(zero_at)):
             raise CommonlawError("finite-number", name="zero_at", value=zero_at)
-        options = {"times": times, "equation": equation, "zero_at": zero_at, "noise": noise}
-        discrepancy = _call("discrepancy:discrepancy", self, trials, of, huber_threshold=huber_threshold, **options)
-        return cast("Discrepancy[Law]", discrepancy)
+        from commonlaw.discrepancy import discrepancy
+
+        return discrepancy(
+            self,
+            trials,
+            of,
+            times=times,
+            equation=equation,
+            zero_at=zero_at,
+            noise=noise,
+            huber_threshold=huber_threshold,
+        )
 
     @checks_types
     def report(
@@ -699,7 +756,9 @@ class Law(ShownInNotebooks):
         >>> cl.fit("x'' = -g - c v", drops).report(drops).html[:15]
         '<!DOCTYPE html>'
         """
-        return cast("Page", _call("report:law_page", self, trials, learned, client))
+        from commonlaw.report import law_page
+
+        return law_page(self, trials, learned, client)
 
     # Laws that follow from this one
 
@@ -729,10 +788,12 @@ class Law(ShownInNotebooks):
         >>> print(law.update(drops.select(object="Ball 5", trial=1).until(2.0)).equations()[0])
         x'' = -9.856 ± 0.046 - (0.714 ± 0.011) v
         """
-        return cast("Law", _call("inference:adapt", self, trials))
+        from commonlaw.inference import adapt
+
+        return adapt(self, trials)
 
     @checks_types
-    def simplify(self, tolerance: float = 2.0) -> "Simplification[Law]":
+    def simplify(self, tolerance: float = 2.0) -> "Simplification":
         """Return the simplest form of the law that is consistent with the coefficients and their errors.
 
         A number is replaced by zero, a ratio of small integers, or plus or minus another number of the law, if that is
@@ -752,7 +813,9 @@ class Law(ShownInNotebooks):
         >>> print(cl.fit("x'' = -g - c v + b v^2", drops).simplify().equations[0])
         x'' = -(c*v + g)
         """
-        return cast("Simplification[Law]", _call("law.simplify:simplified", self, tolerance))
+        from commonlaw.law.simplify import simplified
+
+        return simplified(self, tolerance)
 
     def explain(self, properties: Any = None) -> "Law":
         """Return the law with coefficients that are shared or functions of properties of the objects.
@@ -787,7 +850,9 @@ class Law(ShownInNotebooks):
         <BLANKLINE>
         with v = x'
         """
-        return cast("Law", _call("law.pooling:explained", self, properties))
+        from commonlaw.law.pooling import explained
+
+        return explained(self, properties)
 
     # Files
 
@@ -848,7 +913,9 @@ class Law(ShownInNotebooks):
         initial
             Initial states, then initial rates, of a program; default: the middle of the measured range, or 1.
         """
-        write_whole(path, _call("law.io:file_content", self, path, name, initial))
+        from commonlaw.law.io import file_content
+
+        write_whole(path, file_content(self, path, name, initial))
 
     @classmethod
     @checks_types
@@ -857,9 +924,11 @@ class Law(ShownInNotebooks):
 
         Raises `CommonlawError` if the file cannot be read or is not a law, or if a function is missing.
         """
+        from commonlaw.law.io import decoded_file
+
         content = read_file(path)
         try:
-            return cast("Law", _call("law.io:decoded_file", content, functions))
+            return decoded_file(content, functions)
         except CommonlawError as error:
             raise error.at(str(path)) from None
 
@@ -892,8 +961,3 @@ def shares_terms(law: Law) -> bool:
 def with_other_laws(law: Law, other_laws: tuple[PlausibleLaw[Law], ...]) -> Law:
     """Return a law with these as its plausible other laws."""
     return replace(law, uncertainty=replace(law.uncertainty, other_laws=other_laws))
-
-
-def _call(function: str, *arguments: Any, **settings: Any) -> Any:
-    """Return what a function of a module above this one returns, which imports laws itself."""
-    return resolve_name(f"commonlaw.{function}")(*arguments, **settings)

@@ -1,15 +1,15 @@
 """A law in its simplest form, as it is shown: what was replaced, and whether the measurements bear it."""
 
 from dataclasses import dataclass
-from pkgutil import resolve_name
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from commonlaw.array_types import Floats
 from commonlaw.law.text import coefficient_table, estimate_cells, with_error
 from commonlaw.law.uncertainty import OneSidedLimit
 from commonlaw.trials import Trials
 
-LawType = TypeVar("LawType")
+if TYPE_CHECKING:
+    from commonlaw.law.law import Law
 
 
 class Replacement(NamedTuple):
@@ -30,7 +30,7 @@ class Replacement(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Simplification(Generic[LawType]):
+class Simplification:
     """Simplest form of a law, from `Law.simplify`: equations, replacements and their chi-square test.
 
     Parameters
@@ -65,10 +65,11 @@ class Simplification(Generic[LawType]):
         """P-value of the chi-square test of all replacements."""
         return p_value(self.chi_square, self.degrees_of_freedom)
 
-    def fit(self, trials: Trials, **settings: Any) -> LawType:
+    def fit(self, trials: Trials, **settings: Any) -> "Law":
         """Return this form fitted to trials, see `commonlaw.fit`; refused if no parameter remains."""
-        law: LawType = resolve_name("commonlaw.discovery:fit")(self.equations, trials, **settings)
-        return law
+        from commonlaw.discovery import fit
+
+        return fit(self.equations, trials, **settings)
 
     def __str__(self) -> str:
         lines = [f"replaced: {replacement}" for replacement in self.replaced] or ["nothing could be replaced"]

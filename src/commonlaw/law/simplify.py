@@ -161,7 +161,7 @@ _BIT = 2 * np.log(2)
 """What a bit is worth in squared standard errors."""
 
 
-def simplified(law: Law, tolerance: float) -> Simplification[Law]:
+def simplified(law: Law, tolerance: float) -> Simplification:
     """Return the simplest form of a law, see `Law.simplify`."""
     if not tolerance > 0:
         raise CommonlawError("simplify-tolerance", tolerance=tolerance)

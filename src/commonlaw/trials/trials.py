@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isnan
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Self, Unpack, overload
 
 import numpy as np
@@ -469,7 +468,9 @@ class Trials(ShownInNotebooks):
             Order and library of the laws in which variables may be confounded, see `discover`; order 0 skips this.
             Default: order 2 for a single state, 1 for several; polynomials of degree 3, or lower for few samples.
         """
-        confounded = resolve_name("commonlaw.discovery.hints:confounded_variables")(self, order, library)
+        from commonlaw.discovery.hints import confounded_variables
+
+        confounded = confounded_variables(self, order, library)
         report = check(self._data, tolerance)
         return replace(report, found=(*report.found, *confounded))
 
