@@ -47,8 +47,8 @@ def test_points_between_samples_lie_on_straight_lines_and_are_not_measured():
     np.testing.assert_allclose(mesh.inputs[:9, 0], np.interp(mesh.times[:9], times[0], times[0] ** 2))
     np.testing.assert_array_equal(np.flatnonzero(~mesh.contiguous), [8])
     assert mesh.steps[8] == 0
-    assert mesh.relative_steps[8] == 1
-    np.testing.assert_allclose(mesh.relative_steps[[0, 4]], [1, 2] / np.median(mesh.steps[mesh.contiguous]) / 4)
+    assert mesh.walk[8, 0] == 1
+    np.testing.assert_allclose(mesh.walk[[0, 4], 0], [1, 2] / np.median(mesh.steps[mesh.contiguous]) / 4)
     np.testing.assert_allclose(interpolate([each.states for each in trials], 4)[0][:, 0], 10 * mesh.times)
 
 

@@ -15,7 +15,8 @@ from commonlaw.differentiation.noise import MEDIAN_SIZE, rounding_noise, within_
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.likelihood import ERRORS
-from commonlaw.likelihood.levels import MIN_NOISE, MOVED, likeliest_levels, scales_of
+from commonlaw.likelihood.levels import MOVED, likeliest_levels, scales_of
+from commonlaw.likelihood.mesh import MIN_NOISE
 from commonlaw.likelihood.observation_model import VERY_STRONG
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.text import counted

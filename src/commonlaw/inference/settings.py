@@ -1,7 +1,7 @@
 """Every number by which inference decides, with its unit, its meaning and its source."""
 
 from commonlaw.differentiation.noise import MIN_SAMPLES as MIN_SAMPLES
-from commonlaw.likelihood.levels import MIN_NOISE as MIN_NOISE
+from commonlaw.likelihood.mesh import MIN_NOISE as MIN_NOISE
 from commonlaw.likelihood.observation_model import VERY_STRONG as VERY_STRONG
 
 # Rounding and iterations

@@ -61,7 +61,7 @@ class MeshStructure(ctypes.Structure):
     _fields_ = (
         ("points", _NUMBER),
         ("typical_step", ctypes.c_double),
-        *((name, _ADDRESS) for name in ("times", "middle_times", "steps", "relative_steps")),
+        *((name, _ADDRESS) for name in ("times", "middle_times", "steps", "walk")),
         *((name, _ADDRESS) for name in ("measured", "inputs", "middle_inputs", "contiguous", "std")),
         *((name, _ADDRESS) for name in ("latent_start", "latent_end", "anchors")),
     )

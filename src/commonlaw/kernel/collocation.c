@@ -51,7 +51,12 @@ double defect(const Workspace *work, const Mesh *mesh, const double *states, int
     return states[(i + 1) * W + a] - states[i * W + a] - mesh->steps[i] / 6 * total;
 }
 
-/* The same of one latent process. */
+/* The variance of a random walk of a state, or of a rate as of its state, relative to that in a usual step. */
+double walk(const Workspace *work, const Mesh *mesh, int64_t i, int64_t a) {
+    return mesh->walk[i * work->d + (a < work->d ? a : work->model->second[a - work->d])];
+}
+
+/* The defect of one latent process. */
 double latent_defect(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, int64_t l) {
     const int64_t w = work->w, W = work->W;
     const double *before = mesh->latent_start + (i * w + l) * w, *after = mesh->latent_end + (i * w + l) * w;

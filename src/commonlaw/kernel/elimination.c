@@ -150,7 +150,7 @@ static void fill_step(const Workspace *work, const Mesh *mesh, const double *sta
     step_jacobians(work, mesh, i, own.start, own.end, own.rows, columns);
     for (int64_t a = 0; a < D; ++a) {
         const double allowed = model_error * work->model->unit[a];
-        own.precision[a] = 1 / (allowed * allowed) / mesh->relative_steps[i];
+        own.precision[a] = 1 / (allowed * allowed) / walk(work, mesh, i, a);
         own.rows[a * columns + work->p] = defect(work, mesh, states, i, a);
     }
     for (int64_t l = 0; l < work->w; ++l) {

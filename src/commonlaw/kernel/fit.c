@@ -41,7 +41,7 @@ static double missed_at(const Workspace *work, const Mesh *mesh, int64_t i, cons
     double total = 0;
     for (int64_t a = 0; a < work->D; ++a) {
         const double missed = defect(work, mesh, states, i, a), allowed = model_error * work->model->unit[a];
-        total += missed * missed / (allowed * allowed) / mesh->relative_steps[i];
+        total += missed * missed / (allowed * allowed) / walk(work, mesh, i, a);
     }
     for (int64_t l = 0; l < work->w; ++l) {
         const double missed = latent_defect(work, mesh, states, i, l);

@@ -59,7 +59,8 @@ typedef struct {
 typedef struct {
     int64_t points;
     double typical_step;
-    const double *times, *middle_times, *steps, *relative_steps;
+    const double *times, *middle_times, *steps;
+    const double *walk;                                /* n - 1 x d: variances relative to that in a usual step */
     const double *measured;                            /* n x d; not a number where nothing was measured */
     const double *inputs, *middle_inputs;              /* n x inputs */
     const uint8_t *contiguous;                         /* n - 1 */
@@ -135,6 +136,7 @@ void operate(int64_t operation, const double *x, const double *y, double *restri
 void collocate(Workspace *work, const Mesh *mesh, const double *states, const double *coefficients, bool linear);
 double defect(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, int64_t a);
 double latent_defect(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, int64_t l);
+double walk(const Workspace *work, const Mesh *mesh, int64_t i, int64_t a);
 void step_jacobians(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end, double *border,
                     int64_t stride);
 

@@ -173,7 +173,7 @@ static void covariance_of(const Workspace *work, const Mesh *mesh, int64_t i, co
     add_times_transposed(own.by_end, end, own.block, 1, W);
     for (int64_t a = 0; a < W; ++a) {
         const double allowed = a < D ? model_error * work->model->unit[a] : 1;
-        const double variance = a < D ? allowed * allowed * mesh->relative_steps[i] : 1;
+        const double variance = a < D ? allowed * allowed * walk(work, mesh, i, a) : 1;
         own.block[a * W + a] += mesh->contiguous[i] ? variance : 1;
     }
 }

@@ -18,7 +18,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.integration import VectorField
 from commonlaw.kernel import CONSTANTS
-from commonlaw.library import Order, Terms
+from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood.collocation import Jacobians, defects, jacobians
 from commonlaw.likelihood.mesh import Mesh
 from commonlaw.likelihood.observation_model import NO_PROCESSES, LatentProcesses, LatentSteps, ObservationModel
@@ -205,8 +205,12 @@ class TrajectoryModel:
     def precision(self, mesh: Mesh, model_error: float) -> Floats:
         """Return the precision of each defect, shape (n - 1, D + w), for a random walk of a given model error."""
         on = mesh.contiguous[:, np.newaxis]
-        q = on / (model_error * self.unit) ** 2 / mesh.relative_steps[:, np.newaxis]
+        q = on / (model_error * self.unit) ** 2 / self.walk(mesh)
         return np.column_stack([q, np.repeat(on, self.latent.width, axis=1)]) if self.latent.width else q
+
+    def walk(self, mesh: Mesh) -> Floats:
+        """Return the variance of a random walk in each step, of a rate as of its state, shape (n - 1, D)."""
+        return np.column_stack([mesh.walk, mesh.walk[:, with_rates(self.order, self.equations)]])
 
     @cached_property
     def latent_steps(self) -> tuple[LatentSteps | None, ...]:

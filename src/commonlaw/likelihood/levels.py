@@ -18,12 +18,11 @@ import numpy as np
 from commonlaw.array_types import Bools, Floats
 from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
-from commonlaw.likelihood.errors import AbstractErrors, ErrorModel, Scales
+from commonlaw.likelihood.errors import ERRORS, AbstractErrors, ErrorModel, Scales
+from commonlaw.likelihood.mesh import MIN_NOISE
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
-MIN_NOISE = 1e-4
-"""Smallest noise, in standard deviations of a state, at the size of discretization errors."""
 MOVED = 1e-4
 """Change of the unknowns, in standard errors, at which rounds of levels of errors and unknowns end."""
 _MAX_STEPS = 30
@@ -259,6 +258,14 @@ def scales_of(std: Floats, trials: Sequence[Trial]) -> Scales:
     step = float(np.median(steps)) if len(steps) else 1.0
     duration = max(step, *(float(np.ptp(trial.times)) for trial in trials))
     return Scales(std, np.zeros(len(std)), step, duration, MIN_NOISE, 0.0)
+
+
+def free_levels(errors: ErrorModel, scales: Scales) -> int:
+    """Return the number of levels of errors above their lower bounds, which stand for no such errors, and of times."""
+    values, m = errors.levels, len(scales.states)
+    least = ERRORS[errors.kind].bounds(scales)[0]
+    free = int((values[:m] > 1.001 * least[:m]).sum()) if len(values) else 0
+    return free + (len(values) - m if free else 0)
 
 
 def level_bounds(model: AbstractErrors, scales: Scales, floor: Floats, known: Floats) -> tuple[Floats, Floats]:

@@ -225,7 +225,7 @@ def _whitened(
     basis, triangle = orthogonalized(library, free, model)
     starts = linear.start * mesh.first[:-1, np.newaxis, np.newaxis] if from_starts else np.empty((*defects.shape, 0))
     rows = np.column_stack([starts.reshape(defects.size, -1), basis, target])
-    allowed = (model_error * model.unit) ** 2 * mesh.relative_steps[:, np.newaxis]
+    allowed = (model_error * model.unit) ** 2 * model.walk(mesh)
     allowed = np.column_stack([allowed, np.ones((len(allowed), model.latent.width))])
     bands = _covariance(linear, covariances, allowed, mesh)
     if not (np.isfinite(bands).all() and np.isfinite(rows).all()):

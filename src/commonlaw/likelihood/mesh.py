@@ -14,6 +14,10 @@ from commonlaw.library import Order
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial
 
+MIN_NOISE = 1e-4
+"""Smallest noise, in standard deviations of a state, at the size of discretization errors; that of absent states, in
+the noise of others."""
+
 MAX_MESH_SAMPLES = 4000
 """Points of a mesh; longer segments exceed the cache."""
 
@@ -80,7 +84,7 @@ class Mesh:
 
     def with_scale(self, scale: Floats) -> "Mesh":
         """Return the mesh with other standard deviations, keeping cached properties."""
-        scaled, rest = replace(self, scale=scale), ("still", "moving", "observed", "steps", "relative_steps", "grid")
+        scaled, rest = replace(self, scale=scale), ("still", "moving", "observed", "steps", "walk", "grid")
         scaled.__dict__.update({name: getattr(self, name) for name in (*rest, "typical_step")})
         return scaled
 
@@ -102,9 +106,13 @@ class Mesh:
         return np.where(self.contiguous, np.diff(self.times), 0.0)
 
     @cached_property
-    def relative_steps(self) -> Floats:
-        """Steps relative to the median step, 1 between segments, shape (n - 1,)."""
-        return np.where(self.contiguous, self.steps / self.typical_step, 1.0)
+    def walk(self) -> Floats:
+        """The variance of a random walk of each state in each step, shape (n - 1, d).
+
+        It is in units of that in the median step, 1 between segments. An absent state wanders as little as it is noisy.
+        """
+        relative = np.where(self.contiguous, self.steps / self.typical_step, 1.0)
+        return relative[:, np.newaxis] * np.where(self.absent[1:], MIN_NOISE**2, 1.0)
 
     @cached_property
     def typical_step(self) -> float:
@@ -116,7 +124,7 @@ class Mesh:
         """The arrays of the kernel that do not depend on standard deviations."""
         middle = (self.inputs[:-1] + self.inputs[1:]) / 2 if self.middle is None else self.middle
         middle_times = (self.times[:-1] + self.times[1:]) / 2
-        listed = (self.times, middle_times, self.steps, self.relative_steps, self.measured, self.inputs, middle)
+        listed = (self.times, middle_times, self.steps, self.walk, self.measured, self.inputs, middle)
         arrays = tuple(np.ascontiguousarray(array, dtype=np.float64) for array in listed)
         return Grid(arrays, np.ascontiguousarray(self.contiguous, dtype=np.uint8))
 
