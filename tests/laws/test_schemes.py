@@ -23,12 +23,13 @@ from commonlaw.experiments.experiment import Experiment
 from commonlaw.experiments.predictive import Hypothesis
 from commonlaw.forecast import fitted
 from commonlaw.inference.fit.convergence import converged
+from commonlaw.inference.fit.final_score import score_of_fit
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.score.trajectories import TrajectoryScore
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.setup import FitSetup
-from commonlaw.inference.verbs.comparison import score_of_fit, written_alike
+from commonlaw.inference.verbs.comparison import written_alike
 from commonlaw.law.observation import STATES
 from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.likelihood import ERRORS

@@ -14,8 +14,8 @@ from commonlaw.discovery.method import ModelStructure
 from commonlaw.discovery.orders import is_first_order_possible
 from commonlaw.errors import CommonlawError
 from commonlaw.inference.fit.annealing import fit_with
+from commonlaw.inference.fit.final_score import score_of_order
 from commonlaw.inference.fit.problem import prepare
-from commonlaw.inference.search.pool import score_of_order
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import parse_library
 from tests.refusals import refused

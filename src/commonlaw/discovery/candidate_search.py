@@ -13,6 +13,7 @@ from commonlaw.discovery.regression import DerivativeRegression, suitable_differ
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import known_noise
+from commonlaw.inference.fit.final_score import score_of_order
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.propose.few_measurements import under_proportional_noise, with_ranked_supports
 from commonlaw.inference.propose.latent_states import drives, with_forcing_step, with_latent_state
@@ -32,7 +33,7 @@ from commonlaw.inference.search.law_search import (
     search_on_finer_mesh,
     search_supports,
 )
-from commonlaw.inference.search.pool import Pool, score_of_order
+from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds, transform_trials, with_interpolation
 from commonlaw.law import Step
 from commonlaw.library import Offer, Order, ParametricTerm, SelectedLibrary, Terms, highest_order, order_of_each

@@ -41,15 +41,12 @@ class ErrorModel:
 
     @property
     def levels(self) -> Floats:
-        """Levels of errors of measurements, then times, as `AbstractErrors.model` takes them."""
+        """Levels of errors, then times, as `AbstractErrors.model` takes them."""
         if self.correlated is not None:
             return np.append(self.correlated, self.memory)
+        if self.force is not None:
+            return np.append(self.force, self.force_time)
         return np.concatenate([np.zeros(0), *self.heteroscedastic.values()])
-
-    @property
-    def hyperparameters(self) -> int:
-        """Number of levels and times, without the random walk."""
-        return self.latent.hyperparameters + sum(map(len, self.heteroscedastic.values()))
 
     def __bool__(self) -> bool:
         return self.kind != "white"

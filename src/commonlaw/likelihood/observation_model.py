@@ -46,11 +46,6 @@ class LatentProcesses:
         errors, forces = (0 if level is None else len(level) for level in (self.correlated, self.force))
         return errors + 2 * forces
 
-    @property
-    def hyperparameters(self) -> int:
-        """Number of hyperparameters: a level for each state, and a time for all."""
-        return sum(0 if level is None else len(level) + 1 for level in (self.correlated, self.force))
-
     def along(self, mesh: Mesh) -> LatentSteps:
         """Return the processes along a mesh."""
         starts, ends, deviations = [], [], []

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.differentiation.noise import within_trial_std
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.annealing import FROM_RESIDUALS
@@ -25,7 +24,7 @@ from commonlaw.inference.fit.covariance import (
 from commonlaw.inference.fit.fit import Fit, errors_to_fit
 from commonlaw.inference.fit.shared_coefficients import maximum
 from commonlaw.likelihood import ERRORS, ErrorModel, Estimate, NotPositiveError, deviations, fit_each
-from commonlaw.likelihood.levels import MOVED, Deviations, LinearizedFit, likeliest_levels, scales_of
+from commonlaw.likelihood.levels import MOVED, Deviations, LinearizedFit, likeliest_levels
 from commonlaw.runtime.fit_options import ErrorKind
 
 
@@ -163,7 +162,7 @@ def likeliest_errors(fit: Fit, kind: ErrorKind) -> tuple[Floats, ErrorModel]:
         problem.noise,
         problem.noise_given | latent,
         floor,
-        scales_of(np.where(latent, floor, within_trial_std(trials)), tuple(trials)),
+        problem.scales,
         np.concatenate([problem.noise, errors.levels]) if errors else None,
     )
     return levels[:states], ERRORS[kind].model(levels[states:])

@@ -400,7 +400,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     offsets: dict[Part, float] = {
         "latent states": sum(linearization.log_determinant for linearization in linear),
         "model error": model_error_penalty(model_error, sum(problem.measured)),
-        "error levels": problem.level_penalty(problem.noise, problem.errors, problem.white_std),
+        "error levels": problem.level_penalty,
         "outliers": 0.0 if problem.noise_is_fixed else penalty,
     }
     log_parametrized = None

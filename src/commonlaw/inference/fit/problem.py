@@ -26,7 +26,7 @@ from commonlaw.inference.fit.latent_initialization import (
     pooled_start,
     with_initial_condition_noise,
 )
-from commonlaw.inference.score.evidence import NoiseScale
+from commonlaw.inference.score.evidence import NoisePrior, NoiseScale
 from commonlaw.inference.score.supports import StructurePrior, shifted
 from commonlaw.law import Law, Provenance
 from commonlaw.library import Order, Terms, with_rates
@@ -38,10 +38,12 @@ from commonlaw.likelihood import (
     Mesh,
     ObservationModel,
     Prior,
+    Scales,
     TrajectoryModel,
     interpolate,
     meshes,
 )
+from commonlaw.likelihood.levels import scales_of
 from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.runtime.forking import cached_property
 from commonlaw.solvers import AbstractSolver
@@ -238,60 +240,51 @@ class SearchProblem:
         still = np.where(self._absent, settings.MIN_NOISE * self.noise_estimate, self.noise_estimate)
         return np.where(self._still, with_typical(self._given, still), std) * self._averaging
 
-    def noise_scale_at(self, noise: Floats, errors: ErrorModel, std: Floats) -> NoiseScale:
-        """Return the inverse-gamma posterior of the noise variance at these levels, in units of these.
+    @cached_property
+    def noise_prior(self) -> NoisePrior:
+        """The prior of levels of errors; the variance is at least that of rounding and of the resolved noise."""
+        return NoisePrior(
+            sum(self.measured),
+            float(sum(mesh.degrees_of_freedom(self.order) for mesh in self._meshes)),
+            ~self.trials.schema.is_latent,
+            None if self.noise_is_fixed else self.noise_estimate,
+            settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0,
+            self.pure_error,
+            self._noise_floors[1],
+            self.scales,
+        )
 
-        The prior estimate counts as `PRIOR_OBSERVATIONS` of each state, and replicates add their pure error. The
-        variance is at least that of rounding, and `RESOLVED_NOISE` squared times that of the noise floor.
-        """
-        count = sum(self.measured)
-        if self.noise_is_fixed:
-            return NoiseScale(count)
-        inflation = self._inflation(noise, errors, std)
-        prior, least = self.prior_observations * float(np.sum(1 / inflation)), self._noise_floors[1] / noise
-        squares, repeated = self.pure_error
-        freedom = self._freedom + float(repeated.sum()) + self.prior_observations * len(inflation)
-        prior += float(np.sum(squares / noise**2))
-        return NoiseScale(count, freedom, prior, least=float(np.max(least) ** 2))
+    @cached_property
+    def scales(self) -> Scales:
+        """The scales of levels of errors."""
+        trials, d = self.trials, len(self.noise)
+        in_order = [trial for name in trials.objects for trial in trials.of_object(name)]
+        curves = [curve[:, -d:] for group in self.smoothed for curve in group]
+        rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, in_order, strict=True)]
+        std = np.where(trials.schema.is_latent, noise_floor(trials), within_trial_std(trials))
+        size = np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0))
+        return replace(scales_of(std, in_order), rates=size, least_walk=settings.FINAL_MODEL_ERRORS[0])
+
+    def relative_noise_at(self, noise: Floats, std: Floats) -> Floats:
+        """Return the mean squares of white noise at the measurements in units of that of a state of zero, (d,)."""
+        relative = np.where(self._absent, 1.0, std / (with_typical(self._given, noise) * self._averaging))
+        seen = np.isfinite(self.measurements)
+        return np.asarray(np.sum(np.where(seen, relative, 0.0) ** 2, axis=0) / np.maximum(seen.sum(axis=0), 1))
 
     @cached_property
     def noise_scale(self) -> NoiseScale:
-        return self.noise_scale_at(self.noise, self.errors, self.white_std)
+        return self.noise_prior.posterior(self.noise, self.errors, self.relative_noise_at(self.noise, self.white_std))
+
+    @property
+    def level_penalty(self) -> float:
+        """Minus twice the log prior of the noise and of levels of errors."""
+        prior, relative = self.noise_prior, self.relative_noise_at(self.noise, self.white_std)
+        return prior.penalty(self.noise, self.errors, relative) + prior.of_levels(self.errors)
 
     @property
     def least_variance(self) -> float:
         """The lower bound of the noise variance that laws are fitted under, in units of its present value."""
         return float(np.max(self._noise_floors[0] / self.noise) ** 2)
-
-    def level_penalty(self, noise: Floats, errors: ErrorModel, std: Floats) -> float:
-        """Return minus twice the log prior of error levels: log n each (BIC), inverse gamma for the noise variance.
-
-        With it is the normalization of replicates about their means, of which `noise_scale_at` has the squares.
-        """
-        penalty = errors.hyperparameters * float(np.log(sum(self.measured)))
-        freedom = self.pure_error[1]
-        penalty += 2 * float(np.sum(freedom * np.log(np.where(freedom > 0, noise, 1.0))))
-        if not self.noise_is_fixed:
-            penalty += self.prior_observations * float(np.sum(np.log(self._inflation(noise, errors, std))))
-        return penalty
-
-    def _inflation(self, noise: Floats, errors: ErrorModel, std: Floats) -> Floats:
-        """Return the noise variance over its prior estimate, of each measured state.
-
-        Both are variances of neighbouring differences: of autocorrelated errors of standard deviation sigma and
-        correlation time tau at sampling step h, this is ``sigma^2 tanh(h / (2 tau))``.
-        """
-        relative = np.where(self._absent, 1.0, std / (with_typical(self._given, noise) * self._averaging))
-        variance = noise**2 * np.mean(relative**2, axis=0)
-        if errors.correlated is not None:
-            step = float(np.median(np.concatenate([np.diff(trial.times) for trial in self.trials])))
-            variance = variance + errors.correlated**2 * np.tanh(step / (2 * errors.memory))
-        return np.asarray(variance / self.noise_estimate**2)[~self.trials.schema.is_latent]
-
-    @property
-    def prior_observations(self) -> float:
-        """The observations as which the first estimate of the noise counts."""
-        return settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0
 
     @property
     def _meshes(self) -> list[Mesh]:
@@ -322,10 +315,6 @@ class SearchProblem:
     @cached_property
     def _absent(self) -> Bools:
         return np.concatenate([mesh.absent for mesh in self._meshes])
-
-    @cached_property
-    def _freedom(self) -> int:
-        return sum(mesh.degrees_of_freedom(self.order) for mesh in self._meshes)
 
     @cached_property
     def _noise_floors(self) -> tuple[Floats, Floats]:

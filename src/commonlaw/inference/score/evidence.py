@@ -20,11 +20,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from commonlaw.array_types import Floats, Indices
+from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.formulation import explained
 from commonlaw.hierarchy import LIKELIEST_SWEEPS, WORST_CONDITION, RandomEffects, marginal_deviance, relative_variances
 from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE
 from commonlaw.kernel import CONSTANTS, MeasuredStructure, address, kernel
+from commonlaw.likelihood import ErrorModel, Scales
+from commonlaw.likelihood.levels import free_levels
 
 (_MIN_COLUMN,), (_RIDGE,) = CONSTANTS["MIN_COLUMN"], CONSTANTS["RIDGE"]
 
@@ -75,6 +77,62 @@ class NoiseScale:
 
     def _of_noise(self, squares: Floats | float) -> Floats:
         return np.maximum(squares - self.outliers, 0.0) + self.prior
+
+
+@dataclass(frozen=True, eq=False)
+class NoisePrior:
+    """The prior of the noise and of levels of other errors, which is the same for all laws of some trials.
+
+    Of the variance of each measured quantity it is inverse gamma: the `estimate` before any law, shape (m,), counts as
+    so many `observations`; it is None for known noise. Both are variances of neighbouring differences: of white noise
+    v, and of autocorrelated errors of standard deviation sigma and correlation time tau at sampling step h, they are
+    ``v + sigma^2 tanh(h / (2 tau))``. Repeats add their pure error, squares and degrees of freedom, shape (m,) each.
+    Levels above their lower bounds cost log n each, and so does their time (BIC): at these bounds they stand for no
+    such errors. There are n = `count` measured numbers, with a `freedom` before coefficients are fitted.
+    """
+
+    count: int
+    freedom: float
+    measured: Bools
+    estimate: Floats | None
+    observations: float
+    pure_error: tuple[Floats, Floats]
+    floors: Floats
+    scales: Scales
+
+    def posterior(self, noise: Floats, errors: ErrorModel, relative: Floats) -> NoiseScale:
+        """Return the posterior of the noise variance, in units of that at the present levels.
+
+        White noise has mean squares `relative` in units of that of a state of zero, shape (m,). The variance is at
+        least that of the `floors`, shape (m,).
+        """
+        if self.estimate is None:
+            return NoiseScale(self.count)
+        inflation, (squares, repeated) = self._inflation(noise, errors, relative), self.pure_error
+        prior = self.observations * float(np.sum(1 / inflation)) + float(np.sum(squares / noise**2))
+        freedom = self.freedom + float(repeated.sum()) + self.observations * len(inflation)
+        least = float(np.max((self.floors / noise)[self.measured])) ** 2
+        return NoiseScale(self.count, freedom, prior, least=least)
+
+    def penalty(self, noise: Floats, errors: ErrorModel, relative: Floats) -> float:
+        """Return minus twice the log prior of the noise, with the normalization of repeats about their means."""
+        freedom = self.pure_error[1]
+        penalty = 2 * float(np.sum(freedom * np.log(np.where(freedom > 0, noise, 1.0))))
+        if self.estimate is not None:
+            penalty += self.observations * float(np.log(self._inflation(noise, errors, relative)).sum())
+        return penalty
+
+    def of_levels(self, errors: ErrorModel) -> float:
+        """Return minus twice the log prior of levels and times of errors besides white noise."""
+        return free_levels(errors, self.scales) * float(np.log(max(self.count, 1)))
+
+    def _inflation(self, noise: Floats, errors: ErrorModel, relative: Floats) -> Floats:
+        """Return the noise variance over its prior estimate, of each measured quantity."""
+        assert self.estimate is not None
+        variances = noise**2 * relative
+        if errors.correlated is not None:
+            variances = variances + errors.correlated**2 * np.tanh(self.scales.step / (2 * errors.memory))
+        return np.asarray((variances / self.estimate**2)[self.measured])
 
 
 def minus_twice_log_evidence(

@@ -25,6 +25,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.data.noise import estimated_noise, has_replicates, noise_floor
 from commonlaw.inference.data.smoothing import smooth_curves, start_variances
 from commonlaw.inference.score.evidence import (
+    NoisePrior,
     NoiseScale,
     coefficient_penalty,
     minus_twice_log_evidence,
@@ -36,7 +37,6 @@ from commonlaw.inference.score.supports import random_effect_factors
 from commonlaw.law.parse import GivenEquations, read_equations
 from commonlaw.library import Terms, with_rates
 from commonlaw.library.grammar import columns_in
-from commonlaw.likelihood import ERRORS, ErrorModel
 from commonlaw.likelihood.levels import Deviations, Whitened, scales_of
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
@@ -93,52 +93,6 @@ def score_of_rows(
 def canonical_order(terms: Terms) -> list[int]:
     """Return the order of terms, by index, in which coefficients scatter, whichever way equations are written."""
     return sorted(range(len(terms)), key=lambda k: (not terms.is_factor[k], terms.names[k]))
-
-
-def noise_posterior(
-    trials: Sequence[Trial],
-    latent: Bools,
-    noise: Floats,
-    errors: ErrorModel,
-    white: Sequence[Floats],
-    starts: int,
-    estimate: Floats | None,
-    observations: float,
-) -> tuple[NoiseScale, float]:
-    """Return the posterior of the noise scale after a fit, and minus twice the log prior of levels of errors.
-
-    White noise of trials has shape (n, m) each, and `starts` initial values were fitted. The estimate before any law,
-    shape (m,), counts as so many observations of each quantity; None for known noise. Variances are those of
-    neighbouring differences, see `SearchProblem`.
-    """
-    counts = sum(trial.counts.sum(axis=0) + np.isfinite(trial.below).sum(axis=0) for trial in trials)
-    count = int(counts[~latent].sum())
-    squares, repeated = pure_error([trial.repeats for trial in trials], len(noise))
-    penalty = _free_levels(errors, trials) * float(np.log(max(count, 1))) + 2 * float(repeated @ np.log(noise))
-    if estimate is None:
-        return NoiseScale(count), penalty
-    single = [
-        np.where(np.isfinite(trial.states), std / (with_typical(trial.noise, noise) * trial.averaging), np.nan)
-        for trial, std in zip(trials, white, strict=True)
-    ]
-    variances = noise**2 * np.nanmean(np.concatenate(single) ** 2, axis=0)
-    if errors.correlated is not None:
-        step = float(np.median(np.concatenate([np.diff(trial.times) for trial in trials])))
-        variances = variances + errors.correlated**2 * np.tanh(step / (2 * errors.memory))
-    inflation = (variances / estimate**2)[~latent]
-    freedom = count - starts + len(inflation) * observations
-    prior = observations * float(np.sum(1 / inflation)) + float(np.sum(squares / noise**2))
-    floor = np.maximum(settings.MIN_NOISE * within_trial_std(trials), rounding := rounding_noise(trials))
-    least = float(np.max((np.maximum(settings.RESOLVED_NOISE * floor, rounding) / noise)[~latent])) ** 2
-    return NoiseScale(count, freedom, prior, least=least), penalty + observations * float(np.log(inflation).sum())
-
-
-def _free_levels(errors: ErrorModel, trials: Sequence[Trial]) -> int:
-    """Return the number of levels of errors above their lower bounds, which stand for no such errors, and of times."""
-    std, m = within_trial_std(trials), trials[0].states.shape[1]
-    least = ERRORS[errors.kind].bounds(scales_of(std, trials))[0] if errors else np.empty(0)
-    free = errors.levels[:m] > 1.001 * least[:m]
-    return int(free.sum()) + int(free.any()) * len(least[m:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,8 +274,8 @@ class TrajectoryScore:
         return total
 
     def _noise(self) -> tuple[NoiseScale, float]:
-        problem, trials, optimum = self.fitted.begun.problem, self.trials, self.fitted.optimum
-        white = [self._whitened(data).white for data in problem.trials]
+        """Return the posterior of the noise scale, and minus twice the log prior of levels of errors."""
+        problem, trials, noise = self.fitted.begun.problem, self.trials, self.fitted.optimum.noise
         estimate, observations = None, 0.0
         varying = np.any([np.ptp(np.nan_to_num(trial.states), axis=0) > 0 for trial in trials], axis=0)
         if not problem.known_noise.any() and varying.all():
@@ -331,11 +285,29 @@ class TrajectoryScore:
             is_long = any(np.isfinite(trial.states).sum(axis=0).max() >= settings.MIN_SAMPLES for trial in trials)
             observations = settings.PRIOR_OBSERVATIONS if is_long or has_replicates(measured).any() else 0.0
         elif not problem.known_noise.any():
-            estimate = optimum.noise
-        latent = np.zeros(len(optimum.noise), dtype=np.bool_)
-        return noise_posterior(
-            trials, latent, optimum.noise, problem.errors, white, len(self.starts), estimate, observations
+            estimate = noise
+        squares, repeated = pure_error([trial.repeats for trial in trials], len(noise))
+        count = sum(int(trial.counts.sum()) + int(np.isfinite(trial.below).sum()) for trial in trials)
+        std, rounding = within_trial_std(trials), rounding_noise(trials)
+        floor = np.maximum(settings.MIN_NOISE * std, rounding)
+        prior = NoisePrior(
+            count,
+            count - float(repeated.sum()) - len(self.starts),
+            np.ones(len(noise), dtype=np.bool_),
+            estimate,
+            observations,
+            (squares, repeated),
+            np.maximum(settings.RESOLVED_NOISE * floor, rounding),
+            scales_of(std, trials),
         )
+        white = [self._whitened(data).white for data in problem.trials]
+        single = [
+            np.where(np.isfinite(trial.states), std / (with_typical(trial.noise, noise) * trial.averaging), np.nan)
+            for trial, std in zip(trials, white, strict=True)
+        ]
+        relative = np.nanmean(np.concatenate(single) ** 2, axis=0)
+        penalty = prior.penalty(noise, problem.errors, relative) + prior.of_levels(problem.errors)
+        return prior.posterior(noise, problem.errors, relative), penalty
 
     def _whitened(self, data: TrialData) -> Whitened:
         problem, optimum = self.fitted.begun.problem, self.fitted.optimum

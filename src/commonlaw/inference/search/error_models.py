@@ -6,7 +6,6 @@ from typing import Literal
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
-from commonlaw.differentiation.noise import within_trial_std
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.annealing import (
@@ -17,12 +16,12 @@ from commonlaw.inference.fit.annealing import (
     refine_support,
     rescale_noise,
 )
-from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, errors_to_fit, fitted, model_error_penalty
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, errors_to_fit, fitted
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
-from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError, Scales
+from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError
 from commonlaw.likelihood.levels import level_bounds, level_starts, minimum
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
@@ -187,19 +186,8 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
     Variables are the logarithms of all levels and correlation times: the noise of each state first, times last.
     """
     trials, model, d = problem.trials, ERRORS[kind], len(problem.noise)
-    in_order = [trial for name in trials.objects for trial in trials.of_object(name)]
-    curves = [curve[:, -d:] for group in problem.smoothed for curve in group]
-    rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, in_order, strict=True)]
-    scales = Scales(
-        np.where(trials.schema.is_latent, noise_floor(trials), within_trial_std(trials)),
-        np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0)),
-        float(np.median(np.concatenate([np.diff(trial.times) for trial in in_order]))),
-        max(float(trial.times[-1] - trial.times[0]) for trial in in_order),
-        settings.MIN_NOISE,
-        settings.FINAL_MODEL_ERRORS[0],
-    )
     estimate, fixed = problem.noise_estimate, problem.noise_given | trials.schema.is_latent
-    bounds = level_bounds(model, scales, noise_floor(trials), np.where(fixed, estimate, np.nan))
+    bounds = level_bounds(model, problem.scales, noise_floor(trials), np.where(fixed, estimate, np.nan))
     starts = level_starts(model, problem.noise, *bounds)
 
     def levels(logs: Floats) -> tuple[Floats, ErrorModel, float]:
@@ -219,19 +207,22 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
     about, measured = LinearizedObjects(subset.models, estimates, fit.supports & subset.allowed), sum(subset.measured)
 
     def value(logs: Floats) -> float:
-        """Return minus twice the log-evidence."""
+        """Return minus twice the log-evidence given the number of levels."""
         noise, errors, model_error = levels(logs)
         std = subset.white_std_at(noise, errors)
         try:
             factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
         except NotPositiveError:
             return 1e12
-        prior = subset.noise_scale_at(noise, errors, std).prior
+        relative = subset.relative_noise_at(noise, std)
+        prior = subset.noise_prior.posterior(noise, errors, relative).prior
         evidence = minus_twice_log_evidence(factors, np.arange(factors.shape[2] - 1), NoiseScale(measured))
-        penalty = subset.level_penalty(noise, errors, std) + model_error_penalty(model_error, measured)
-        total = evidence + prior + log_determinant + penalty
+        total = evidence + prior + log_determinant + subset.noise_prior.penalty(noise, errors, relative)
         return total if np.isfinite(total) else 1e12
 
     optimum = minimum(value, min(starts, key=value), *bounds)
+    none = np.append(optimum[:d], bounds[0][d:])
+    if value(none) < value(optimum) + settings.SAME_DEVIANCE:  # Levels without effect stand for no such errors
+        optimum = none
     changed = at(optimum, problem)
     return fitted(changed, changed.padded(fit.estimates), fit.supports, levels(optimum)[2])

@@ -8,13 +8,10 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.data.smoothing import start_variances
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
-from commonlaw.inference.score.score import Kind, Score
+from commonlaw.inference.score.score import Kind
 from commonlaw.law.parameters import standard_errors
-from commonlaw.library import with_rates
-from commonlaw.likelihood import prior_variances
 from commonlaw.runtime.forking import cached_property
 
 
@@ -108,40 +105,3 @@ class Pool:
         squares = np.nan_to_num(ratios.reshape(len(law.objects), -1) ** 2, posinf=np.inf)
         of_terms, of_objects = squares.mean(axis=0), squares.max(axis=1, initial=0.0)
         return not squares.size or bool(min(*of_terms, *of_objects) > 1)
-
-
-def score_of_order(fit: Fit) -> Score:
-    """Return the score of a law in a form that is comparable between orders, and with a law of other starts.
-
-    Initial values of measured states have a flat prior, and those of others, and of rates v0, one that is vague and
-    depends on the mesh. Here they are normal, of variances s^2 that are the same for all laws, see `start_variances`:
-    vague for measured states, and N(0, s^2) for rates. This adds
-
-        sum over trials and states of log(s^2) + v0^2/s^2 - log(s_mesh^2).
-
-    The predicted decrease of the deviance is added, too: a fit of an unsuitable order may end in a stiff law far from
-    the optimum of its linearization.
-    """
-    score = fit.score if "Laplace correction" in fit.score.parts else fit.score_at_estimates
-    return score.plus("initial conditions", initial_conditions(fit, integrated=True))
-
-
-def initial_conditions(fit: Fit, integrated: bool) -> float:
-    """Return minus twice the log prior of initial states and rates, with variances s^2.
-
-    If they are `integrated` under the priors of the mesh, it is relative to these.
-    """
-    problem, states, penalty = fit.problem, len(fit.problem.noise), 0.0
-    variances = start_variances(problem.trials, [curve for of_object in problem.smoothed for curve in of_object])
-    latent = problem.trials.schema.is_latent
-    is_free = ~np.append(latent, latent[with_rates(problem.order, states)])
-    variances = np.where(is_free, variances, 1.0)
-    for model, estimate in zip(problem.models, fit.estimates, strict=True):
-        for mesh, states_of_mesh, _ in model.parts(estimate):
-            starts = states_of_mesh[mesh.first, : model.width]
-            vague = np.append(~mesh.observed[mesh.first], np.ones_like(starts[:, states:], dtype=bool), axis=1)
-            of_mesh = np.log(np.where(vague & integrated, prior_variances(model, mesh), 1.0))
-            logs = np.log(variances) - of_mesh
-            logs[:, states:] += starts[:, states:] ** 2 / variances[states:]
-            penalty += float(np.sum(logs[:, is_free]))
-    return penalty

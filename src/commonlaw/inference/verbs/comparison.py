@@ -13,27 +13,22 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import Fitted, checked_errors, refit
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.convergence import converged, deviations_of
-from commonlaw.inference.fit.covariance import outliers, residual_degrees_of_freedom
+from commonlaw.inference.fit.covariance import residual_degrees_of_freedom
+from commonlaw.inference.fit.final_score import score_of_fit, score_of_order
 from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, Fit
 from commonlaw.inference.score.misfit import FittedResiduals
-from commonlaw.inference.score.score import Part, Score
-from commonlaw.inference.score.trajectories import (
-    Rows,
-    TrajectoryScore,
-    canonical_order,
-    noise_posterior,
-    score_of_rows,
-)
+from commonlaw.inference.score.score import Score
+from commonlaw.inference.score.trajectories import TrajectoryScore, canonical_order
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
-from commonlaw.inference.search.pool import Pool, initial_conditions, score_of_order
+from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, error_kinds, on_log_scale
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.inference.verbs.parameter_bounds import is_within
 from commonlaw.law import Law, Provenance, average_law, select_objects
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import restrictions_of, shared_parameters
-from commonlaw.library import order_of_each, parse_terms
+from commonlaw.library import parse_terms
 from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.levels import Whitened, over_decades, refuse_over_decades
@@ -245,54 +240,6 @@ def _lacking(fits: Sequence[FittedResiduals | None], scores: Sequence[Score]) ->
     """Say which laws lack fit, with the most probable one as the reference; without residuals they do."""
     best = fits[min(range(len(fits)), key=scores.__getitem__)]
     return [fit is None or fit.lacks_fit(best or fit) for fit in fits]
-
-
-def score_of_fit(fit: Fit) -> Score:
-    """Return the score of a converged fit without a prior of its terms.
-
-    Of solutions of the law it is exact in their slopes, as that of fits by shooting; with errors of the law it is that
-    of the linearization.
-    """
-    problem, free = fit.problem, fit.free_coefficients
-    if fit.has_process_noise or any(not np.array_equal(inside, free[0]) for inside in free):
-        score = score_of_order(replace(fit, score=fit.evidence.score(fit.supports)))
-        return score.plus("structure", -score.parts["structure"])
-    rows, white, segments = list[Rows](), list[Floats](), list[Trial]()
-    for deviations, estimate in zip(deviations_of(fit), fit.estimates, strict=True):
-        whitened = [deviation.whitened(problem.noise, problem.errors) for deviation in deviations]
-        pairs = [(deviation.seen, of_trial) for deviation, of_trial in zip(deviations, whitened, strict=True)]
-        slopes = np.concatenate([of_trial.slopes[seen] for seen, of_trial in pairs if of_trial.slopes is not None])
-        residuals = np.concatenate([of_trial.z[seen] for seen, of_trial in pairs])
-        varying = [
-            np.isfinite(deviation.trial.states) & (np.ptp(deviation.trial.states, axis=0) != 0)
-            for deviation in deviations
-        ]
-        logs = sum(np.log(of_trial.std[of]).sum() for of_trial, of in zip(whitened, varying, strict=True))
-        coefficients = estimate.coefficients[free[0]]
-        starts, columns = np.split(slopes, [slopes.shape[1] - len(coefficients)], axis=1)
-        rows.append(Rows(starts, np.empty((len(slopes), 0)), columns, residuals, coefficients, 2 * float(logs)))
-        white += [of_trial.white for of_trial in whitened]
-        segments += [deviation.trial for deviation in deviations]
-    latent, outlying = problem.trials.schema.is_latent, int(outliers(fit).sum())
-    starts_of_trial = int(np.array(order_of_each(problem.order, len(latent)))[~latent].sum())
-    noise_scale, levels = noise_posterior(
-        segments,
-        latent,
-        problem.noise,
-        problem.errors,
-        white,
-        len(segments) * starts_of_trial,
-        None if problem.noise_is_fixed else problem.noise_estimate,
-        problem.prior_observations,
-    )
-    noise_scale = replace(noise_scale, freedom=noise_scale.freedom - outlying)
-    more: dict[Part, float] = {
-        "error levels": levels,
-        "outliers": problem.models[0].observation.huber_threshold ** 2 * outlying if outlying else 0.0,
-        "initial conditions": initial_conditions(fit, integrated=False),
-    }
-    logarithmic = np.broadcast_to(np.array(problem.terms.have_parameters, dtype=bool), free[0].shape)[free[0]]
-    return score_of_rows(rows, logarithmic, noise_scale, more)
 
 
 def _frame(
