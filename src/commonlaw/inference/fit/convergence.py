@@ -62,6 +62,15 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
     return before, is_fitted and before.is_resolved
 
 
+def apart(fit: Fit) -> Fit:
+    """Return the fit of each object by itself, on the mesh of the joint one; the joint one where it has no maximum."""
+    alone = replace(fit, shared=None)
+    try:
+        return _under_residual_noise(alone)
+    except NotPositiveError:
+        return alone
+
+
 def _minus_twice_log_likelihood(fit: Fit) -> float:
     """Return minus twice the log-likelihood, with outliers as likely as a measurement at the Huber threshold."""
     problem = fit.problem

@@ -13,7 +13,7 @@ from commonlaw.estimation.fitting import checked_errors, refit, refused_settings
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.inference import settings
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
-from commonlaw.inference.fit.convergence import converged
+from commonlaw.inference.fit.convergence import apart, converged
 from commonlaw.inference.fit.covariance import (
     fitted_law,
     joint_coefficients,
@@ -284,12 +284,11 @@ class _Fit:
         errors = "white" if self.errors == "auto" and pool.best.has_few_measurements else self.errors
         pool = choose_errors(pool, errors=errors, propose=lambda _: None, progress=progress)
         pool = choose_deterministic(pool, progress)
-        fit, is_converged = converged(pool.best, self.least_squares)
-        apart, shared = fit, shared_coefficients(setup.law)
-        if shared.any() and len(fit.estimates) > 1:
-            fit, is_converged = converged(replace(pool.best, shared=shared), self.least_squares)
-            if not is_converged and fit.shared is not None:
-                raise CommonlawError("parameters-not-identified", names=shared_parameters(law))
+        shared = shared_coefficients(setup.law)
+        is_joint = bool(shared.any()) and len(pool.best.estimates) > 1
+        fit, is_converged = converged(replace(pool.best, shared=shared if is_joint else None), self.least_squares)
+        if not is_converged and fit.shared is not None:
+            raise CommonlawError("parameters-not-identified", names=shared_parameters(law))
         problem = fit.problem
         if (
             not (problem.noise_given or problem.noise_is_identifiable)
@@ -319,8 +318,8 @@ class _Fit:
         if fit.shared is not None:  # Pooling has rounding errors where coefficients are nearly collinear
             coefficients = np.where(shared | (not alike), joint_coefficients(fit), pooled.coefficients)
             pooled = replace(pooled, coefficients=coefficients)
-        if fit is not apart and pooled.uncertainty.unpooled is not None:
-            alone = fitted_law(law, apart, self.covariance, self.seed)
+        if fit.shared is not None and pooled.uncertainty.unpooled is not None:
+            alone = fitted_law(law, apart(fit), self.covariance, self.seed)
             estimates = ObjectEstimates(alone.coefficients[:, alone.support], alone.uncertainty.known_covariance())
             pooled = replace(pooled, uncertainty=replace(pooled.uncertainty, unpooled=estimates))
         refuse_infinite(pooled)
