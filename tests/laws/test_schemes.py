@@ -28,7 +28,7 @@ from commonlaw.inference.score.score import Score
 from commonlaw.inference.score.trajectories import TrajectoryScore
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
-from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.search.setup import FitSetup, RefitOptions
 from commonlaw.inference.verbs.comparison import written_alike
 from commonlaw.law.observation import STATES
 from commonlaw.law.parameters import named_parameters, restrictions_of
@@ -349,6 +349,41 @@ def test_both_schemes_weigh_outliers_alike(options):
         assert np.all(np.abs(named_parameters(shot).values[:, 0] - true) < 3 * named_parameters(shot).errors[:, 0])
 
 
+def test_every_verb_weighs_outliers_alike_in_both_schemes():
+    """Estimates under the Huber loss are those without the outliers, in each verb; its history counts them."""
+    problem = decay._replace(numbers={"a": (0.5,)}, noise=0.02)
+    clean, bump = problem.trials(), np.arange(15)[:, np.newaxis] == 5
+    made = clean.with_trials([replace(trial, states=trial.states + bump) for trial in clean])
+    results = list[dict[str, np.ndarray]]()
+    for scheme in ("collocation", "shooting"):
+        law, of_outliers = (problem.fit(trials, scheme=scheme, errors="auto") for trials in (clean, made))
+        again, updated, bounds = (
+            cl.refine(law, made),
+            law.update(made),
+            cl.bounds(of_outliers, made, ["x^2"]).to_frame(),
+        )
+        assert [step.choice for step in again.history if step.stage == "outliers"] == ["1 measurement"]
+        assert "residuals-exceed-noise" not in {outcome.code for outcome in updated.diagnostics}
+        wider = problem.fit(made, "x' = -k x + c", scheme=scheme, errors="auto")
+        frame = cl.compare([of_outliers, wider], made, errors="auto", n_jobs=1).set_index("law")
+        changed = of_outliers.discrepancy(made, of="x", equation="x")
+        results.append(
+            {
+                "estimates": np.concatenate([named_parameters(each).values[:, 0] for each in (again, updated)]),
+                "errors": np.concatenate([named_parameters(each).errors[:, 0] for each in (again, updated)]),
+                "limits": bounds["limit"].to_numpy(),
+                "evidence": frame["2 log B"].to_numpy(),
+                "shares": np.array([changed.shares["coefficients"]]),
+            }
+        )
+        assert np.all(bounds["standard error"] < 0.02)
+    one, other = results
+    assert largest((other["estimates"] - one["estimates"]) / one["errors"]) < 0.02
+    assert largest(other["limits"] / one["limits"] - 1) < 0.02
+    assert other["evidence"] == pytest.approx(one["evidence"], abs=0.01)
+    assert other["shares"] == pytest.approx(one["shares"], abs=0.01)
+
+
 def _above(laws: Sequence[cl.Law], trials: cl.Trials) -> np.ndarray:
     """Return twice the log-evidence of the best law over that of each."""
     frame = cl.compare({str(i): law for i, law in enumerate(laws)}, trials, errors="white", n_jobs=1)
@@ -422,10 +457,10 @@ def test_spellings_of_one_law_are_one_law(problem, left, tree):
 def score(law: cl.Law, trials: cl.Trials, noise: Mapping[str, float] | None = None) -> Score:
     """Return the score of a law, as `compare` takes it, by the scheme that fitted it."""
     errors = law.uncertainty.error_model.kind
-    if law.observation is not None:
+    if law.scheme == "shooting":
         fitted = refit(law, trials, inputs="any", noise=noise, errors=errors, progress=lambda _: None)
         return TrajectoryScore(fitted).score
-    setup = FitSetup.of(written_alike(law, trials.schema), trials, noise)
+    setup = FitSetup.of(written_alike(law, trials.schema), trials, RefitOptions(noise=noise))
     pool = with_error_models(fit_terms(setup), None, (errors,), lambda _: None)
     return score_of_fit(converged(pool.best, errors == "white")[0])
 

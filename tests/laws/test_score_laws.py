@@ -13,7 +13,7 @@ from commonlaw.inference.result.assembly import assemble
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.error_models import fit_each_kind
 from commonlaw.inference.search.law_search import fit_terms
-from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.search.setup import FitSetup, RefitOptions
 from commonlaw.inference.verbs import comparison
 from commonlaw.likelihood import ERRORS
 
@@ -46,7 +46,7 @@ def test_the_parts_add_up_to_the_evidence(discovered):
 
 def test_discover_and_fit_give_the_same_score_part_by_part(discovered):
     trials, law, fit = discovered
-    again = fit_terms(FitSetup.of(law, trials)).best
+    again = fit_terms(FitSetup.of(law, trials, RefitOptions())).best
     assert again.score.kind is fit.score.kind is Kind.EVIDENCE
     assert dict(again.score.parts) == pytest.approx(dict(fit.score.parts), rel=1e-6, abs=1e-6)
     assert again.model == fit.model

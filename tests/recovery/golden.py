@@ -12,7 +12,7 @@ from unittest.mock import patch
 import commonlaw as cl
 from commonlaw.inference.fit import convergence, fit
 from commonlaw.inference.result import assembly
-from commonlaw.inference.verbs import refinement
+from commonlaw.inference.verbs import collocation
 from commonlaw.law.parameters import standard_errors
 from tests.recovery.problems import PROBLEMS
 
@@ -32,7 +32,7 @@ class Recovered(NamedTuple):
 @cache
 def recovered(name: str) -> tuple[cl.Law, Recovered]:
     """Return the law of a problem as it is found today, and what of it is kept."""
-    with _noted("fitted_law", assembly, refinement) as laws, _noted("fit_each", fit, convergence) as fits:
+    with _noted("fitted_law", assembly, collocation) as laws, _noted("fit_each", fit, convergence) as fits:
         law = PROBLEMS[name]()
     estimates, errors = law.coefficients[:, law.support], standard_errors(law)[:, law.support]
     # The first law is the one that is returned, others are beside it

@@ -14,7 +14,6 @@ import commonlaw as cl
 from commonlaw.estimation import likelihood_profile
 from commonlaw.estimation.search import Bounds, minimum
 from commonlaw.inference import bounds
-from commonlaw.inference.search.setup import FitSetup
 from commonlaw.law import from_json, to_json, to_latex
 from tests.refusals import refused
 from tests.unit.decays import (
@@ -309,7 +308,6 @@ def test_what_laws_with_observations_cannot_do_is_refused(law):
     for code, call in {
         "not-refined-file-by-file": lambda: cl.refine(law, stream),
         "not-with-observation": lambda: cl.refine(law, TRIALS, input_interpolation="auto"),
-        "law-with-observation": lambda: FitSetup.of(law, TRIALS),
         "discrete-not-refined": lambda: cl.compare([stated, law], TRIALS),
         "profile-without-equations": lambda: likelihood_profile(stated, TRIALS, "r"),
         "limits-unsupported": lambda: bounds(stated, TRIALS),

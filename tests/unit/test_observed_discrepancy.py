@@ -83,8 +83,6 @@ def test_a_missing_term_is_found_where_there_is_one_and_only_there(lacking, tmp_
     found.law.save(tmp_path / "better.json")
     forecasts = [each.predict(trials, discrepancy=True) for each in (found.law, cl.Law.load(tmp_path / "better.json"))]
     np.testing.assert_array_equal(forecasts[0].trajectories[0].states, forecasts[1].trajectories[0].states)
-    with refused("not-with-observation", settings=["huber_threshold"]):
-        law.discrepancy(trials, huber_threshold=2.0)
     whole = decays(0, observed=affine, starts=(2.0,))
     law = cl.fit(AFFINE, whole, shared=["s", "b"], noise={"y": NOISE})
     assert not law.discrepancy(whole, noise={"y": NOISE}).claimed

@@ -22,8 +22,9 @@ from commonlaw.estimation.fitting import refused_settings
 from commonlaw.estimation.profile import with_one_sided_limits
 from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
+from commonlaw.inference.search.setup import RefitOptions
+from commonlaw.inference.verbs.collocation import refined
 from commonlaw.inference.verbs.parameter_bounds import is_within, refuse_outside
-from commonlaw.inference.verbs.refinement import refined
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import GivenEquations, read_equations
@@ -158,7 +159,9 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
         equations=given.texts,
         domain=Domain(at_rest=prepared.resting),
     )
+    progress = settings.pop("progress") or on_terminal()
     settings["input_interpolation"] = settings["input_interpolation"] or "auto"
+    options = RefitOptions(**settings, least_squares=settings["errors"] == "white")
     bounds = tuple(bound.text for bound in given.bounds)
     restrictions = Restrictions(dict(request.groups), bounds=bounds)
     start = unfitted(given, trials, provenance, restrictions)
@@ -172,8 +175,8 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
             raise CommonlawError("parameter-is-quotient", parameter=quotients[0])
         return by_shooting(request, f"for {quotients[0]}, a shared quotient")
     try:
-        begun = with_initial_parameters(start, trials, given.bounds, request.guesses, **settings)
-        law = refined(begun, trials, **settings)
+        begun = with_initial_parameters(start, trials, options, given.bounds, request.guesses, progress)
+        law = refined(begun, trials, options, progress)
     except CommonlawError as error:
         return _together(request, names, error)
     if not is_within(law, given.bounds):
@@ -189,9 +192,9 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
             raise
 
     def under_white_noise() -> Law:
-        return refined(begun, trials, **settings | {"errors": "white"})
+        return refined(begun, trials, replace(options, errors="white", least_squares=True), progress)
 
-    chosen_errors = _chosen_errors(law, under_white_noise) if settings["errors"] == "auto" else ()
+    chosen_errors = _chosen_errors(law, under_white_noise) if options.errors == "auto" else ()
     law = law if request.functions else with_one_sided_limits(law, trials)
     # Latent states have a note of their own
     is_vague = not prepared.has_starts and _is_undetermined(law)

@@ -19,6 +19,7 @@ from commonlaw.formulation import law_variables
 from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confounded_sets
 from commonlaw.inference.search.setup import stay_at_levels
 from commonlaw.inference.settings import INDIFFERENT, SIGNIFICANT, STRONG, VERY_STRONG
+from commonlaw.inference.verbs.schemes import fit_of
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.parameters import named_parameters, rate_names, state_rates
@@ -236,7 +237,8 @@ def outcomes_of_inputs(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     variables = law.terms.variables.names
     columns = {column for k in np.flatnonzero(law.support.any(axis=0)) for column in law.terms.terms[k].columns()}
     used = {re.sub(r"\(t - \w+\)$", "", variables[column]) for column in columns}
-    if law.scheme != "shooting":  # Rows of inputs alone have no effect
+    takes_rows = fit_of(law).takes_rows_of_inputs
+    if not takes_rows:
         trials = trials.with_trials([trial.measured() for trial in trials])
     varying = {name: stays for name, stays in stay_at_levels(trials).items() if name in used}
     levels, rest = ([name for name, stays in varying.items() if stays is wanted] for wanted in (True, False))
@@ -244,9 +246,8 @@ def outcomes_of_inputs(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     if trials.schema.doses or not rest or not any(_steps_slowly(trial, columns_of_levels) for trial in trials):
         return ()
     between = law.observation.measured.input_interpolation
-    if law.scheme == "shooting":
-        return (note("inputs-interpolated-together", levels=levels, rest=rest, between=between),)
-    return (note("inputs-interpolated-together-in-collocation", levels=levels, rest=rest, between=between),)
+    code = "inputs-interpolated-together" if takes_rows else "inputs-interpolated-together-in-collocation"
+    return (note(code, levels=levels, rest=rest, between=between),)
 
 
 def _steps_slowly(trial: Trial, columns: Sequence[int]) -> bool:

@@ -19,16 +19,16 @@ from commonlaw.estimation.fitting import Fitted, checked_errors, limited, maximi
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.search import DRAWS, is_solved
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
-from commonlaw.inference.search.setup import supported_interpolation
+from commonlaw.inference.search.setup import RefitOptions, supported_interpolation
 from commonlaw.inference.settings import STRONG
-from commonlaw.inference.verbs.refinement import collocated
+from commonlaw.inference.verbs.collocation import collocated
 from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
 from commonlaw.law.restrictions import Restrictions
 from commonlaw.library.equation import split_equations
-from commonlaw.runtime.progress import on_terminal, silent
+from commonlaw.runtime.progress import on_terminal
 from commonlaw.trials import Trials
 from commonlaw.trials.transformations import (
     objects_at_rest,
@@ -150,10 +150,11 @@ def _by_collocation(text: ModelText, trials: Trials, settings: Mapping[str, Any]
         given = read_equations(text.equations, trials.schema, properties=property_names(trials.properties))
         provenance = Provenance(suitable_differentiation(trials, given.order), equations=given.texts)
         start = unfitted(given, trials, provenance, Restrictions())
-        log_states, between = settings.get("log_states"), trials.schema.input_interpolation
+        between = trials.schema.input_interpolation
+        options = RefitOptions(log_states=settings.get("log_states"))
         inside = {coefficient.name for coefficient in given.coefficients}  # Others are in initial values alone
         bounds = [bound for bound in text.bounds if bound.name in inside]
-        begun = with_initial_parameters(start, trials, bounds, log_states=log_states, progress=silent)
-        return collocated(begun, trials, log_states, between)
+        begun = with_initial_parameters(start, trials, options, bounds)
+        return collocated(begun, trials, replace(options, input_interpolation=between))
     except CommonlawError:
         return None

@@ -17,11 +17,12 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.inference.fit.covariance import errors_of
 from commonlaw.inference.fit.fit import NO_MODEL_ERROR
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.search.setup import FitSetup, RefitOptions
 from commonlaw.inference.settings import FINAL_MODEL_ERRORS, MAX_MESH_POINTS, MODEL_ERRORS
 from commonlaw.inference.verbs.comparison import with_inputs_of
 from commonlaw.law import Law, Provenance, Step, Uncertainty, select_objects
 from commonlaw.law.alignment import TRIALS
+from commonlaw.law.observation import Scheme
 from commonlaw.law.parameters import left_hand_sides
 from commonlaw.law.script import call
 from commonlaw.library import Terms, Variables, highest_columns, parse_terms
@@ -44,13 +45,23 @@ class Setting(AbstractSetting):
 
     @classmethod
     def of(
-        cls, law: Law, trials: Trials, texts: Sequence[str], noise: Mapping[str, float] | None, huber_threshold: float
+        cls,
+        law: Law,
+        trials: Trials,
+        texts: Sequence[str],
+        noise: Mapping[str, float] | None,
+        huber_threshold: float,
+        /,
     ) -> "Setting":
         """Return the setting for functions of some texts, with the properties in these as constant inputs.
 
         Raises `CommonlawError` if a text cannot be read, or names neither a variable nor a property.
         """
-        setup = _with_properties_as_inputs(FitSetup.of(law, trials, noise, huber_threshold))
+        properties = property_names(trials.properties)
+        if inside := [name for name in law.terms.variables.parameters if name not in properties]:
+            raise CommonlawError("discrepancy-with-parameters", parameters=", ".join(inside))
+        options = RefitOptions(noise=noise, huber_threshold=huber_threshold)
+        setup = _with_properties_as_inputs(FitSetup.of(law, trials, options))
         law, trials = setup.law, setup.trials
         known = law.terms.variables.names
         names = [*known, *(name for name in property_names(trials.properties) if name not in known)]
@@ -241,6 +252,9 @@ def _without_error(found: Sequence[FunctionFit]) -> float:
     return min(fitted.deviance for fitted in found if fitted is found[-1] or not fitted.has_model_error)
 
 
+_SETTINGS: Mapping[Scheme, type[AbstractSetting]] = {"collocation": Setting, "shooting": ObservedSetting}
+
+
 def discrepancy(
     law: Law,
     trials: Trials,
@@ -257,16 +271,7 @@ def discrepancy(
     called = call(discrepancy, locals(), "law.discrepancy", "trials") + ".law"
     known = {name: {**law.properties.get(name, {}), **trials.properties.get(name, {})} for name in trials.objects}
     trials, texts = replace(trials, properties=known), [times, *([of] if of else [])]
-    setting: AbstractSetting
-    if law.scheme == "collocation":
-        properties = property_names(known)
-        if inside := [name for name in law.terms.variables.parameters if name not in properties]:
-            raise CommonlawError("discrepancy-with-parameters", parameters=", ".join(inside))
-        setting = Setting.of(law, trials, texts, noise, huber_threshold)
-    else:
-        if huber_threshold != HUBER_THRESHOLD:
-            raise CommonlawError("not-with-observation", settings=["huber_threshold"])
-        setting = ObservedSetting.of(law, trials, noise)
+    setting = _SETTINGS[law.scheme].of(law, trials, texts, noise, huber_threshold)
     names, sides = setting.visited.names, left_hand_sides(law)
     coordinates = [of] if of else [quoted(name) for name in law.terms.variables.measured]
     # As terms are written, so that they can stand in one

@@ -1,13 +1,12 @@
 """The discrepancy of a law with observation equations, by the likelihood of its solutions (single shooting)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.discrepancy.residuals import untested
 from commonlaw.discrepancy.setting import AbstractSetting, Visited
 from commonlaw.discrepancy.trajectories import (
     CONVERGED,
@@ -22,10 +21,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import Beginning, begin
 from commonlaw.estimation.fitting import Fitted, refit
 from commonlaw.estimation.problem import Problem, TrialData
+from commonlaw.estimation.search import Objective, minimum
 from commonlaw.inference.fit.fit import NO_MODEL_ERROR
 from commonlaw.law import Law, select_objects
 from commonlaw.law.parameters import left_hand_sides
-from commonlaw.law.restrictions import ALL
+from commonlaw.law.restrictions import ALL, OBJECT, by_trial
 from commonlaw.library import Variables, highest_columns
 from commonlaw.library.notation import quoted
 from commonlaw.trials import Trials
@@ -48,9 +48,11 @@ class ObservedSetting(AbstractSetting):
     points: Floats
 
     @classmethod
-    def of(cls, law: Law, trials: Trials, noise: Mapping[str, float] | None) -> "ObservedSetting":
+    def of(
+        cls, law: Law, trials: Trials, _: Sequence[str], noise: Mapping[str, float] | None, huber_threshold: float, /
+    ) -> "ObservedSetting":
         """Return the setting, with states at the samples by the fit, and the numeric properties of objects."""
-        fitted = refit(law, trials, noise=noise, progress=lambda _: None)
+        fitted = refit(law, trials, noise=noise, huber_threshold=huber_threshold, progress=lambda _: None)
         problem, unknowns, law = fitted.begun.problem, fitted.optimum.unknowns, select_objects(law, trials.objects)
         names, owners = law.terms.variables.measured, [trials.properties.get(name, {}) for name in trials.objects]
         more = [
@@ -170,8 +172,11 @@ class ObservedSetting(AbstractSetting):
         return self._about(model, problem, np.append(unknowns, np.zeros(problem.unknowns - len(unknowns)))).value
 
     def given_deviance(self) -> float:
-        residuals = untested(self.law, self.trials, self.fitted.law(()).uncertainty.noise)[0]
-        return float(sum(np.nansum(series**2) for series in residuals.standardized))
+        begun, objective = self.fitted.begun, Objective(self.fitted.begun.problem, self.fitted.optimum.noise)
+        shared, names = begun.restrictions.shared, begun.unknowns.names
+        free = np.array([by_trial(shared.get(name, OBJECT), begun.trials.schema) for name in names], dtype=np.bool_)
+        free[[k for indices in begun.unknowns.initial for k in indices if k >= 0]] = True
+        return minimum(objective, begun.first, free, begun.bounds, tolerance=1e-8, steps=100)[1]
 
     def refitted(self, law: Law, found: FunctionFit) -> tuple[Law, Law]:
         begun, known, free, unknowns = self.fitted.begun, found.posterior, self._free, self._mean(found)

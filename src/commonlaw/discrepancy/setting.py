@@ -1,7 +1,7 @@
 """A law and where its trials went: what a discrepancy, a function of the variables there, is looked for about."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
@@ -15,6 +15,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.library import Terms, Variables
 from commonlaw.library.grammar import evaluate, read
+from commonlaw.trials import Trials
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,19 @@ class AbstractSetting(ABC):
 
     law: Law
     visited: Visited
+
+    @classmethod
+    @abstractmethod
+    def of(
+        cls,
+        law: Law,
+        trials: Trials,
+        texts: Sequence[str],
+        noise: Mapping[str, float] | None,
+        huber_threshold: float,
+        /,
+    ) -> Self:
+        """Return the setting for functions of some texts, in which properties of the objects may stand."""
 
     @property
     @abstractmethod

@@ -15,7 +15,7 @@ from commonlaw.estimation.problem import NormalPrior, Problem, TrialData
 from commonlaw.estimation.search import Bounds
 from commonlaw.law import Law
 from commonlaw.law.law import object_index, shares_terms
-from commonlaw.law.parameters import named_parameters, restrictions_of
+from commonlaw.law.parameters import named_parameters, recorded_restrictions
 from commonlaw.law.printing import exact_equations
 from commonlaw.law.restrictions import ALL, OBJECT, TRIAL, Restrictions
 from commonlaw.library.bounds import bounds_in, limits_of
@@ -490,29 +490,21 @@ def beginning_of(
     observation = law.observation
     between = input_interpolation or observation.measured.input_interpolation
     trials = replace(trials, schema=replace(trials.schema, input_interpolation=between))
-    text, free = ModelText.of(equations or exact_equations(law)), list[str]()
-    restrictions = restrictions_of(law)
-    text = replace(text, bounds=bounds_in(restrictions.bounds))
+    restrictions = recorded_restrictions(law)
+    text = replace(ModelText.of(equations or exact_equations(law)), bounds=bounds_in(restrictions.bounds))
     names = {name for trial in trials for name in (trial.object, trial.label)}
-    if law.scheme == "shooting":
-        if law.restrictions is None:
-            raise CommonlawError("restrictions-not-recorded")
-        text = replace(
-            text,
-            observed=observation.equations,
-            initial={
-                name: {where: value for where, value in start.items() if where in names}
-                if isinstance(start, Mapping)
-                else start
-                for name, start in observation.initial.items()
-            },
-            events=observation.events,
-        )
-        free = [name for name in law.terms.variables.states if name not in observation.initial]
+    initial = {
+        name: {where: value for where, value in start.items() if where in names}
+        if isinstance(start, Mapping)
+        else start
+        for name, start in observation.initial.items()
+    }
+    text = replace(text, observed=observation.equations, initial=initial, events=observation.events)
+    free = [name for name in law.terms.variables.states if name not in observation.initial]
     begun = begin(
         text,
         trials,
-        {**law.schema.initial_values, **dict.fromkeys(free)},
+        {**dict.fromkeys(free), **law.schema.initial_values},
         observation.initial_time,
         restrictions.shared,
         priors=restrictions.priors,

@@ -91,7 +91,7 @@ def refit(
     inputs: Literal["same", "any"] = "same",
     noise: Mapping[str, float] | None = None,
     errors: ErrorKind | None = None,
-    huber_threshold: float = np.inf,
+    huber_threshold: float = HUBER_THRESHOLD,
     log_states: Sequence[str] | None = None,
     input_interpolation: str | None = None,
     seed: int = 0,
@@ -101,8 +101,8 @@ def refit(
 
     Observation equations, given initial values and restrictions stay, but for noise of known standard deviation, and so
     do its equations where no other `equations` are given, and the kind of errors by default. A law without observation
-    equations has parameters of each object. By default outliers count as other measurements. Only with `inputs` "any"
-    may the trials have other inputs than the law.
+    equations has parameters of each object. Only with `inputs` "any" may the trials have
+    other inputs than the law.
 
     Raises
     ------
@@ -137,7 +137,8 @@ def updated(law: Law, trials: Trials) -> Law:
     depend = any(by != OBJECT and not by_trial(by, trials.schema) for by in restrictions_of(law).shared.values())
     for owners in [trials.objects] if depend else [(owner,) for owner in trials.objects]:
         begun = beginning_of(law, trials.select(object=owners), levels, errors=law.uncertainty.error_model.kind)
-        parts.append(fit_model(_with_prior(begun, law), 0, lambda _: None).law(()))
+        begun = replace(_with_prior(begun, law), huber_threshold=HUBER_THRESHOLD)
+        parts.append(fit_model(begun, 0, lambda _: None).law(()))
     coefficients, covariance = of_all_objects(parts)
     likelihood = sum(known_log_likelihood(part) for part in parts)
     limits = tuple(limit for part in parts for limit in part.uncertainty.limits)
@@ -306,6 +307,7 @@ def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
     listed, schema, problem, levels = list[str](), begun.trials.schema, begun.problem, _levels(begun.problem, optimum)
     apart = problem.known_noise | bool(problem.errors)
     parts = [*problem.standardized(optimum.unknowns, optimum.noise, False)] if apart.any() else []
+    outliers = problem.outliers(optimum.unknowns, optimum.noise)
     for k, name in enumerate(problem.model.observables):
         if name in begun.logarithmic or name not in schema.states or name in schema.noise_columns:
             continue
@@ -315,7 +317,8 @@ def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
             continue
         residual, least = float(levels[k]), 0.02 * float(np.std(np.concatenate([column for _, column in seen])))
         if apart[k]:
-            seen = _long([(part.trial.times, levels[k] * part.z[:, k]) for part in parts])
+            pairs = zip(parts, outliers, strict=True)
+            seen = _long([(part.trial.times, levels[k] * np.where(far, np.nan, part.z)[:, k]) for part, far in pairs])
         if problem.known_noise[k]:
             residual = float(np.sqrt(np.mean(np.concatenate([column for _, column in seen]) ** 2)))
         level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
@@ -422,14 +425,7 @@ class Fitted:
                 for line in observation.lines(trials.objects, begun.restrictions.shared)[len(model.text.observed) :]
             ),
             *self._zeros_before_doses(),
-            *self._outliers(),
-            *error_steps(problem.errors, schema, "estimates of restricted maximum likelihood"),
-            Step(
-                "fit",
-                f"-log L = {-optimum.log_likelihood:.6g}",
-                f"maximum likelihood of {counted(len(unknowns.names), 'parameter')} by least squares of trajectories"
-                + (f"; {optimum.starts_alike} of the best starts end there" if optimum.starts_alike else ""),
-            ),
+            *self.steps,
         )
         states, second = model.schema.states, with_rates(model.order, len(model.schema.states)).tolist()
         rates = zip((states[j] for j in second), model.variables.states[len(states) :], strict=True)
@@ -474,12 +470,22 @@ class Fitted:
             for owner in dict.fromkeys(trial.object for trial, indices in rows if k in indices):
                 yield OneSidedLimit(owner, unknowns.names[k], limit.limit, limit.is_lower)
 
-    def _outliers(self) -> Iterator[Step]:
-        """Yield how many measurements are outliers, if there are any."""
-        problem, optimum = self.begun.problem, self.optimum
-        if count := int(sum(far.sum() for far in problem.outliers(optimum.unknowns, optimum.noise))):
-            why = f"beyond {problem.huber_threshold:g} standard deviations; they count linearly instead of squared"
-            yield Step("outliers", counted(count, "measurement"), why)
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """What was chosen in the fit: outliers, if there are any, errors, and the maximum."""
+        begun, problem, optimum, alike = self.begun, self.begun.problem, self.optimum, self.optimum.starts_alike
+        schema, unknowns = replace(begun.trials.schema, logarithmic=begun.logarithmic), len(begun.unknowns.names)
+        outlying = int(sum(far.sum() for far in problem.outliers(optimum.unknowns, optimum.noise)))
+        why = "estimates of restricted maximum likelihood"
+        how = f"maximum likelihood of {counted(unknowns, 'parameter')} by least squares of trajectories"
+        return (
+            *error_steps(problem.errors, schema, why, outlying, problem.huber_threshold),
+            Step(
+                "fit",
+                f"-log L = {-optimum.log_likelihood:.6g}",
+                how + (f"; {alike} of the best starts end there" if alike else ""),
+            ),
+        )
 
     def _zeros_before_doses(self) -> Iterator[Step]:
         """Yield the states that are zero before the first dose of some trials, if there are any."""

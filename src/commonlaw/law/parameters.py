@@ -319,6 +319,13 @@ def restrictions_of(law: Law) -> Restrictions:
     return law.restrictions or Restrictions()
 
 
+def recorded_restrictions(law: Law) -> Restrictions:
+    """Return the restrictions of a law that is fitted again; refused if it was saved before these were."""
+    if law.restrictions is None and law.scheme == "shooting":
+        raise CommonlawError("restrictions-not-recorded")
+    return restrictions_of(law)
+
+
 def shared_parameters(law: Law) -> tuple[str, ...]:
     """Return the names of the parameters that all objects of a law have in common."""
     return tuple(name for name, by in restrictions_of(law).shared.items() if by == ALL)

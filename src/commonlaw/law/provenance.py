@@ -16,6 +16,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law.uncertainty import check_positive
 from commonlaw.likelihood import ERRORS, ErrorModel
 from commonlaw.runtime.notebooks import ShownInNotebooks
+from commonlaw.text import counted
 from commonlaw.trials import Schema, Trial, Trials
 from commonlaw.trials.transformations import natural
 from commonlaw.trials.trial import property_names, value_range
@@ -284,10 +285,12 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
     )
 
 
-def error_steps(errors: ErrorModel, schema: Schema, why: str) -> list[Step]:
-    """Return the levels of errors of measurements besides white noise, of the states of a schema."""
+def error_steps(errors: ErrorModel, schema: Schema, why: str, outliers: int, threshold: float) -> list[Step]:
+    """Return how many measurements are outliers, and levels of errors besides white noise, of states of a schema."""
+    beyond = f"beyond {threshold:g} standard deviations; they count linearly instead of squared"
+    result = [Step("outliers", counted(outliers, "measurement"), beyond)] if outliers else []
     grown = errors.heteroscedastic_in_words(schema.states)
-    result = [Step(ERRORS[kind].label, levels, why) for kind, levels in grown.items()]
+    result += [Step(ERRORS[kind].label, levels, why) for kind, levels in grown.items()]
     if errors.correlated is not None:
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, '')}".rstrip()
         levels = levels_in_words(errors.correlated, schema)

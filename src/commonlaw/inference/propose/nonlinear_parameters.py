@@ -12,7 +12,6 @@ import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
-from typing import Any
 
 import numpy as np
 
@@ -35,17 +34,17 @@ from commonlaw.inference.fit.parameter_grid import (
 )
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.structural_identifiability import are_confounded
-from commonlaw.inference.search.setup import FitSetup
+from commonlaw.inference.search.setup import FitSetup, RefitOptions
 from commonlaw.integration import VectorField
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.library import Order, Terms
 from commonlaw.library.bounds import Bound, limits_of
 from commonlaw.library.grammar import columns_in, evaluate, tree_of, with_names, write
-from commonlaw.likelihood import HUBER_THRESHOLD, Estimate, Prior, fit_each
+from commonlaw.likelihood import Estimate, Prior, fit_each
 from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.parallel import in_parallel, threads
-from commonlaw.runtime.progress import ProgressCallback, on_terminal
+from commonlaw.runtime.progress import ProgressCallback, silent
 from commonlaw.trials import Trials
 
 
@@ -171,27 +170,20 @@ class _Profile:
 def with_initial_parameters(
     law: Law,
     trials: Trials,
+    options: RefitOptions,
     bounds: Sequence[Bound] = (),
     guesses: Mapping[str, float] | None = None,
-    *,
-    log_states: Sequence[str] | None = None,
-    input_interpolation: str | None = None,
-    noise: Mapping[str, float] | None = None,
-    huber_threshold: float = HUBER_THRESHOLD,
-    n_jobs: int = -1,
-    progress: ProgressCallback | None = None,
-    **_: Any,
+    progress: ProgressCallback = silent,
 ) -> Law:
     """Return a law with starting values of its nonlinear parameters, within bounds of named coefficients, for `refine`.
 
-    Before, its parameters have arbitrary values. Guesses, by name, take the place of the grid; settings are those of
-    `refine`, of which others have no effect here.
+    Before, its parameters have arbitrary values. Guesses, by name, take the place of the grid.
 
     Raises `CommonlawError` if no values make all terms finite, coefficients are not identifiable, or no fit succeeds.
     """
     if not law.terms.variables.parameters:
         return law
-    setup = FitSetup.of(law, trials, noise, huber_threshold, input_interpolation, log_states)
+    setup = FitSetup.of(law, trials, options)
     setup.check_determined()
     if law.terms.is_factor[np.isnan(setup.known[0]).any(axis=0)].all():
         return law
@@ -199,8 +191,8 @@ def with_initial_parameters(
         unknown = np.full(len(law.terms.variables.measured), np.nan)
         _refuse_combination(law, are_confounded(law.terms, setup.known[0], unknown))
         return law
-    (on_terminal() if progress is None else progress)("looking for nonlinear parameters")
-    with threads(n_jobs):
+    progress("looking for nonlinear parameters")
+    with threads(options.n_jobs):
         rates = _rate_profiles(setup)
         for name, rate in zip(law.objects, rates, strict=True):
             _check_powers(name, rate)

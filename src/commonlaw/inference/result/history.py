@@ -11,6 +11,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast import fitted
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import by_columns, estimated_noise
+from commonlaw.inference.fit.covariance import outliers
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
@@ -242,10 +243,11 @@ def noise_step(problem: SearchProblem) -> Step:
 def fit_steps(fit: Fit) -> tuple[Step, ...]:
     """Return what errors there are besides noise, how the coefficients were found, and what the trajectories leave."""
     problem, schema = fit.problem, fit.problem.trials.schema
+    outlying, threshold = int(outliers(fit).sum()), problem.models[0].observation.huber_threshold
     deviance, count = sum(estimate.deviance for estimate in fit.estimates), sum(problem.measured)
     deviance += float(np.sum(problem.pure_error[0] / problem.noise**2))
     return (
-        *error_steps(problem.errors, schema, problem.noise_reason),
+        *error_steps(problem.errors, schema, problem.noise_reason, outlying, threshold),
         model_error_step(fit),
         Step(
             "coefficients",

@@ -111,6 +111,11 @@ class TrajectoryScore:
         return self.fitted.begun.trials.objects
 
     @cached_property
+    def outliers(self) -> list[Bools]:
+        """Which measurements of each trial are outliers, shape (n, m)."""
+        return self.fitted.begun.problem.outliers(self.fitted.optimum.unknowns, self.fitted.optimum.noise)
+
+    @cached_property
     def owners(self) -> list[set[str]]:
         """The objects whose trials depend on each unknown."""
         unknowns = self.fitted.begun.unknowns
@@ -189,23 +194,25 @@ class TrajectoryScore:
             rows.append(Rows(of_starts, slopes[:, rest], columns, residuals, coefficients, logs))
             others += rest
         noise_scale, levels = self._noise()
+        outlying = int(sum(far.sum() for far in self.outliers))
+        noise_scale = replace(noise_scale, freedom=noise_scale.freedom - outlying)
         priors = {k for prior in self.fitted.begun.problem.priors for k in prior.indices.tolist()}
         others += [k for k in self.held if k not in priors]
         parts: dict[Part, float] = {
             "coefficients": self._unit_information(others) + self._of_priors(),
             "initial conditions": self._initial_conditions(),
             "error levels": levels,
+            "outliers": self.fitted.begun.problem.huber_threshold**2 * outlying if outlying else 0.0,
         }
         return score_of_rows(rows, logarithmic, noise_scale, parts)
 
     @property
     def residuals(self) -> FittedResiduals:
         """Residuals without outliers."""
-        problem, optimum = self.fitted.begun.problem, self.fitted.optimum
-        pairs = zip(problem.trials, problem.outliers(optimum.unknowns, optimum.noise), strict=True)
-        parts = [(self._whitened(data), outlying) for data, outlying in pairs]
+        parts = zip(self._whitened, self.outliers, strict=True)
         whitened = [part._replace(z=np.where(outlying, np.nan, part.z)) for part, outlying in parts]
-        return FittedResiduals(self.trials, whitened, optimum.degrees_of_freedom, problem.known_noise)
+        known = self.fitted.begun.problem.known_noise
+        return FittedResiduals(self.trials, whitened, self.fitted.optimum.degrees_of_freedom, known)
 
     def _coordinates(self, owner: str, free: Sequence[int]) -> tuple[Floats, Floats, Bools]:
         """Return derivatives of unknowns by coefficients, shape (unknowns, k), these, and which scatter by logarithms.
@@ -234,12 +241,18 @@ class TrajectoryScore:
         return mixture, unknowns[np.array(free, dtype=np.int64)[order]], np.zeros(count, dtype=np.bool_)
 
     def _rows(self, owner: str) -> tuple[Floats, Floats, float]:
-        """Return the slopes of the residuals of an object by all unknowns, these, and logarithms of their variances."""
-        problem, optimum, logs = self.fitted.begun.problem, self.fitted.optimum, 0.0
-        datasets = tuple(data for data in problem.trials if data.trial.object == owner)
-        residuals, rows = replace(problem, trials=datasets, priors=()).residuals(optimum.unknowns, optimum.noise)
-        for data in datasets:
-            logs += 2 * float(np.log(self._whitened(data).std[np.isfinite(data.trial.states)]).sum())
+        """Return the slopes of the residuals of an object by all unknowns, these, and logarithms of their variances.
+
+        Outliers have a variance, but no residual.
+        """
+        problem, optimum, logs, inner = self.fitted.begun.problem, self.fitted.optimum, 0.0, list[TrialData]()
+        for data, part, outlying in zip(problem.trials, self._whitened, self.outliers, strict=True):
+            if data.trial.object == owner:
+                logs += 2 * float(np.log(part.std[np.isfinite(data.trial.states)]).sum())
+                states = np.where(outlying, np.nan, data.trial.states)
+                inner.append(replace(data, trial=replace(data.trial, states=states)))
+        problem = replace(problem, trials=tuple(inner), priors=(), huber_threshold=np.inf)
+        residuals, rows = problem.residuals(optimum.unknowns, optimum.noise)
         assert rows is not None
         return np.nan_to_num(rows), residuals, logs
 
@@ -300,21 +313,22 @@ class TrajectoryScore:
             np.maximum(settings.RESOLVED_NOISE * floor, rounding),
             scales_of(std, trials),
         )
-        white = [self._whitened(data).white for data in problem.trials]
         single = [
             np.where(np.isfinite(trial.states), std / (with_typical(trial.noise, noise) * trial.averaging), np.nan)
-            for trial, std in zip(trials, white, strict=True)
+            for trial, std in zip(trials, (part.white for part in self._whitened), strict=True)
         ]
         relative = np.nanmean(np.concatenate(single) ** 2, axis=0)
         penalty = prior.penalty(noise, problem.errors, relative) + prior.of_levels(problem.errors)
         return prior.posterior(noise, problem.errors, relative), penalty
 
-    def _whitened(self, data: TrialData) -> Whitened:
-        problem, optimum = self.fitted.begun.problem, self.fitted.optimum
-        values = problem.predicted(data, optimum.unknowns, False).values
-        reference = values if data.fitted is None else data.fitted
-        deviations = Deviations(data.trial, values, None, reference, np.zeros(values.shape, dtype=np.bool_))
-        return deviations.whitened(optimum.noise, problem.errors)
+    @cached_property
+    def _whitened(self) -> list[Whitened]:
+        problem, optimum, result = self.fitted.begun.problem, self.fitted.optimum, list[Whitened]()
+        for data, outlying in zip(problem.trials, self.outliers, strict=True):
+            values = problem.predicted(data, optimum.unknowns, False).values
+            deviations = Deviations(data.trial, values, None, values if data.fitted is None else data.fitted, outlying)
+            result.append(deviations.whitened(optimum.noise, problem.errors))
+        return result
 
     def _unit_information(self, unknowns: Sequence[int]) -> float:
         counts = np.zeros(len(self.owners))

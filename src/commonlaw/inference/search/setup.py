@@ -6,7 +6,7 @@ States on a logarithmic scale need a law of first order, and noise that is not h
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,8 +20,8 @@ from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import standard_errors
 from commonlaw.library import Terms, order_of_each
-from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, WHITE_NOISE, Heteroscedastic, Prior
-from commonlaw.runtime.fit_options import ErrorKind
+from commonlaw.likelihood import ERRORS, WHITE_NOISE, Heteroscedastic, Prior
+from commonlaw.runtime.fit_options import CovarianceKind, ErrorKind, FitOptions, changed_settings
 from commonlaw.trials import Schema, Trials
 from commonlaw.trials.headers import find_name
 from commonlaw.trials.recognition import is_held
@@ -73,6 +73,29 @@ def stay_at_levels(trials: Trials) -> dict[str, bool]:
     return {name: 2 * sum(map(is_held, runs)) >= len(runs) for name, runs in varying.items() if runs}
 
 
+@dataclass(frozen=True, kw_only=True)
+class RefitOptions:
+    """The `FitOptions` of a law that is fitted again; by least squares, no measurement counts as an outlier."""
+
+    log_states: Sequence[str] | None = None
+    input_interpolation: str | None = None
+    noise: Mapping[str, float] | None = None
+    errors: ErrorKind | Literal["auto"] = "auto"
+    huber_threshold: float = FitOptions.huber_threshold
+    covariance: CovarianceKind = "likelihood"
+    partial_pooling: bool = False
+    seed: int = 0
+    n_jobs: int = -1
+    least_squares: bool = False
+
+    @property
+    def changed(self) -> dict[str, Any]:
+        """Those that are not the default of `refine`."""
+        return changed_settings(
+            "refine", {name: value for name, value in vars(self).items() if name != "least_squares"}
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class FitSetup:
     """A law of given terms, and the trials of its objects that its coefficients are fitted to.
@@ -90,15 +113,7 @@ class FitSetup:
     priors: Sequence[Prior | None] = ()
 
     @classmethod
-    def of(
-        cls,
-        law: Law,
-        trials: Trials,
-        noise: Mapping[str, float] | None = None,
-        huber_threshold: float = HUBER_THRESHOLD,
-        input_interpolation: str | None = None,
-        log_states: Sequence[str] | None = None,
-    ) -> "FitSetup":
+    def of(cls, law: Law, trials: Trials, options: RefitOptions) -> "FitSetup":
         """Return the setup for a law and trials, which may differ in units.
 
         The noise is given by state in the units of the trials. The interpolation of inputs and the states on a
@@ -107,10 +122,9 @@ class FitSetup:
         Raises `CommonlawError` if the law is of discrete time, its objects do not share their terms, or law, trials and
         noise do not match.
         """
-        if law.scheme == "shooting":
-            raise CommonlawError("law-with-observation")
+        log_states, input_interpolation = options.log_states, options.input_interpolation
         law = law if log_states is None else on_log_scale(law, log_states)
-        levels = matched_noise(law, trials, noise)
+        levels = matched_noise(law, trials, options.noise)
         if not law.schema.doses:
             trials = trials.with_trials([trial.measured() for trial in trials])
         trials = with_zeros_before_doses(matched(law, trials))
@@ -122,7 +136,7 @@ class FitSetup:
         law = select_objects(law, trials.objects)
         if not shares_terms(law):
             raise CommonlawError("refine-own-terms")
-        return cls(law, trials, known_noise(levels, trials), huber_threshold, between)
+        return cls(law, trials, known_noise(levels, trials), options.huber_threshold, between)
 
     def check_determined(self) -> None:
         """Raise `CommonlawError` for more coefficients and initial values than measurements, which do not fix them."""

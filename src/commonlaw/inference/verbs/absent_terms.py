@@ -9,7 +9,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
-from commonlaw.inference.verbs.refinement import with_other_equations
+from commonlaw.inference.search.setup import RefitOptions
+from commonlaw.inference.verbs.schemes import fit_of
 from commonlaw.law import Law
 from commonlaw.law.alignment import matched
 from commonlaw.law.law import shares_terms
@@ -27,7 +28,7 @@ from commonlaw.library import Term, parse_term, parse_terms
 from commonlaw.library.notation import quoted
 from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.notebooks import ShownInNotebooks
-from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal
+from commonlaw.runtime.progress import ProgressCallback, Stage, on_terminal, silent
 from commonlaw.trials import Trials
 from commonlaw.trials.trial import property_names
 
@@ -200,7 +201,8 @@ def _of_term(law: Law, trials: Trials, equation: int, term: Term, values: Floats
     (parameter,) = free_parameter_names(1, taken)
     addend = f" + {parameter} {term.text([quoted(variable) for variable in names])}"
     equations = [text + addend if j == equation else text for j, text in enumerate(exact_equations(law))]
-    fitted = with_other_equations(law, matching, equations, _given_noise(law, matching))
+    options = RefitOptions(noise=_given_noise(law, matching) or None, errors=law.uncertainty.error_model.kind)
+    fitted = fit_of(law).refitted(matching, options, silent, equations)
     named = named_parameters(fitted)
     at = named.names.index(parameter)
     coefficients, errors, unit = named.values[:, at], named.errors[:, at], named.units[at] or ""

@@ -3,14 +3,14 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import Fitted, checked_errors, refit
+from commonlaw.estimation.fitting import checked_errors, refit
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.convergence import converged, deviations_of
 from commonlaw.inference.fit.covariance import residual_degrees_of_freedom
@@ -22,19 +22,20 @@ from commonlaw.inference.score.trajectories import TrajectoryScore, canonical_or
 from commonlaw.inference.search.error_models import with_error_models
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.pool import Pool
-from commonlaw.inference.search.setup import FitSetup, error_kinds, on_log_scale
+from commonlaw.inference.search.setup import FitSetup, RefitOptions, error_kinds, on_log_scale
 from commonlaw.inference.verbs.chunks import typical
 from commonlaw.inference.verbs.parameter_bounds import is_within
+from commonlaw.inference.verbs.schemes import fit_of
 from commonlaw.law import Law, Provenance, average_law, select_objects
 from commonlaw.law.alignment import matched
-from commonlaw.law.parameters import restrictions_of, shared_parameters
+from commonlaw.law.parameters import restrictions_of
 from commonlaw.library import parse_terms
 from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.levels import Whitened, over_decades, refuse_over_decades
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import done_in_parts
-from commonlaw.runtime.fit_options import ErrorKind, FitOptions, changed_settings, check_settings
+from commonlaw.runtime.fit_options import ErrorKind, FitOptions, check_settings
 from commonlaw.runtime.parallel import in_parallel, threads
 from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, unannounced
 from commonlaw.trials import Schema, Trial, Trials, TrialStream
@@ -120,8 +121,7 @@ def compare(
     if isinstance(laws, Mapping) and not (laws and all(isinstance(law, Law) for law in laws.values())):
         raise CommonlawError("laws-without-names")
     check_types(compare, arguments)
-    observed = any(law.scheme == "shooting" for law in laws.values())
-    are_joint = observed or any(shared_parameters(law) for law in laws.values())
+    are_joint = any(fit_of(law).has_joint_objects for law in laws.values())
     states = [law.observation.measured.measured if are_joint else law.schema.states for law in laws.values()]
     if len(listed := dict.fromkeys(", ".join(sorted(state)) for state in states)) > 1:
         raise CommonlawError("laws-of-other-states", states=listed)
@@ -131,14 +131,8 @@ def compare(
 
     def in_memory(trials: Trials) -> "pd.DataFrame":
         refuse_over_decades(trials, errors, noise, logarithmic)
-        frame = None if are_joint else _fitted_apart(laws, trials, noise, errors, huber_threshold, n_jobs)
-        if frame is not None:
-            return frame
-        changed = changed_settings("compare", {"errors": errors, "huber_threshold": huber_threshold})
-        if "huber_threshold" in changed:
-            code = "not-with-observation" if observed else "shared-under-white-noise"
-            raise CommonlawError(code, settings=["huber_threshold"])
-        return _fitted_jointly(laws, trials, noise, checked_errors(changed), logarithmic)
+        apart = None if are_joint else _fitted_apart(laws, trials, noise, errors, huber_threshold, n_jobs)
+        return _frame(laws, apart or _fitted_jointly(laws, trials, noise, errors, huber_threshold))
 
     def by_file(stream: TrialStream) -> "pd.DataFrame":
         if are_joint:
@@ -150,6 +144,15 @@ def compare(
     return in_memory_or_by_file(trials, client, in_memory, by_file)
 
 
+class _Compared(NamedTuple):
+    """How many coefficients of an object were fitted, under which errors, residuals of solutions, and the score."""
+
+    size: int
+    errors: str
+    residuals: FittedResiduals | None
+    score: Score
+
+
 def _fitted_apart(
     laws: Mapping[str, Law],
     trials: Trials,
@@ -157,14 +160,15 @@ def _fitted_apart(
     errors: ErrorKind | Literal["auto"],
     huber_threshold: float,
     n_jobs: int,
-) -> "pd.DataFrame | None":
-    """Return the comparison of laws that share no parameter, fitted by collocation; None if one leaves its bounds."""
+) -> "list[_Compared] | None":
+    """Return laws that share no parameter, fitted by collocation; None if one leaves its bounds."""
     logarithmic = logarithmic_in(laws.values())
     same = [on_log_scale(written_alike(law, trials.schema), logarithmic) for law in laws.values()]
     converted = matched(same[0], trials)
     if any(matched(law, converted) is not converted for law in same[1:]):
         raise CommonlawError("laws-in-other-units")
-    setups = [FitSetup.of(law, trials, noise, huber_threshold) for law in same]
+    options = RefitOptions(noise=noise, huber_threshold=huber_threshold)
+    setups = [FitSetup.of(law, trials, options) for law in same]
     for setup in setups:
         setup.check_determined()
     with threads(n_jobs):
@@ -184,13 +188,15 @@ def _fitted_apart(
         if any(_is_outside(law, setup, fit) for law, setup, fit in zip(laws.values(), setups, fits, strict=True)):
             return None
         scores = in_parallel(score_of_fit, fits)
-    return _frame(
-        laws,
-        [fit.size for fit in fits],
-        [ERRORS[fit.errors].label for fit in fits],
-        _lacking([None if fit.has_process_noise or fit.diverges else residuals_of_fit(fit) for fit in fits], scores),
-        np.array([score - min(scores) for score in scores]),
-    )
+    return [
+        _Compared(
+            fit.size,
+            ERRORS[fit.errors].label,
+            None if fit.has_process_noise or fit.diverges else residuals_of_fit(fit),
+            score,
+        )
+        for fit, score in zip(fits, scores, strict=True)
+    ]
 
 
 def outcomes_of_scale(laws: Mapping[str, Law], trials: Trials, is_open: bool = True) -> tuple[Outcome, ...]:
@@ -236,30 +242,22 @@ def residuals_of_fit(fit: Fit) -> FittedResiduals:
     return FittedResiduals(trials, whitened, residual_degrees_of_freedom(fit), known)
 
 
-def _lacking(fits: Sequence[FittedResiduals | None], scores: Sequence[Score]) -> list[bool]:
-    """Say which laws lack fit, with the most probable one as the reference; without residuals they do."""
-    best = fits[min(range(len(fits)), key=scores.__getitem__)]
-    return [fit is None or fit.lacks_fit(best or fit) for fit in fits]
-
-
-def _frame(
-    laws: Mapping[str, Law],
-    coefficients: Sequence[int],
-    errors: Sequence[str],
-    lacking: Sequence[bool],
-    above: Floats,
-) -> "pd.DataFrame":
+def _frame(laws: Mapping[str, Law], compared: Sequence[_Compared]) -> "pd.DataFrame":
     import pandas as pd
 
     lines = [law.observation.lines(law.objects, restrictions_of(law).shared) for law in laws.values()]
     equations = ["; ".join((*law.structure, *line)) for law, line in zip(laws.values(), lines, strict=True)]
+    best = min(compared, key=lambda law: law.score)
+    lacking = [  # Without residuals they do; those of the most probable law are the reference
+        law.residuals is None or law.residuals.lacks_fit(best.residuals or law.residuals) for law in compared
+    ]
     columns = {
         "law": list(laws),
         "equations": equations,
-        "coefficients": coefficients,
-        "errors": errors,
+        "coefficients": [law.size for law in compared],
+        "errors": [law.errors for law in compared],
         "lack of fit": lacking,
-        "2 log B": above,
+        "2 log B": np.array([law.score - best.score for law in compared]),
     }
     return _with_probabilities(pd.DataFrame(columns))
 
@@ -273,30 +271,38 @@ def _fitted_jointly(
     laws: Mapping[str, Law],
     trials: Trials,
     noise: Mapping[str, float] | None,
-    errors: ErrorKind | None,
-    logarithmic: Sequence[str],
-) -> "pd.DataFrame":
+    errors: ErrorKind | Literal["auto"],
+    huber_threshold: float,
+) -> list[_Compared]:
+    """Return laws fitted by shooting, all objects together."""
     units = dict[str, str]()
     for law in laws.values():
         units_of_law = law.observation.measured.units
         if any(units.get(name, unit) != unit for name, unit in units_of_law.items()):
             raise CommonlawError("laws-in-other-units")
         units |= units_of_law
-    progress, fits = on_terminal(), list[Fitted]()
+    kind, logarithmic = checked_errors({"errors": errors}), logarithmic_in(laws.values())
+    progress, result = on_terminal(), list[_Compared]()
     for name, law in laws.items():
-        own_progress = part(progress, len(fits) / len(laws), (len(fits) + 1) / len(laws))
+        own_progress = part(progress, len(result) / len(laws), (len(result) + 1) / len(laws))
         own_progress(f"fitting {name}")
-        # Its errors are those of its scale
-        kind = errors if _is_on_scale(law, logarithmic) else errors or "white"
-        fit_law = partial(refit, law, trials, noise=noise, errors=kind, log_states=logarithmic)
         try:
-            fits.append(fit_law(inputs="any", progress=own_progress))
+            fit = refit(
+                law,
+                trials,
+                inputs="any",
+                noise=noise,
+                # Its errors are those of its scale
+                errors=kind if _is_on_scale(law, logarithmic) else kind or "white",
+                huber_threshold=np.inf if errors == "white" else huber_threshold,
+                log_states=logarithmic,
+                progress=own_progress,
+            )
         except CommonlawError as error:
             raise error.at(name) from error
-    scores = [TrajectoryScore(fit).score for fit in fits]
-    counts, kinds = [fit.parameters for fit in fits], [ERRORS[fit.begun.errors].label for fit in fits]
-    lacking = _lacking([TrajectoryScore(fit).residuals for fit in fits], scores)
-    return _frame(laws, counts, kinds, lacking, np.array([score - min(scores) for score in scores]))
+        scored = TrajectoryScore(fit)
+        result.append(_Compared(fit.parameters, ERRORS[fit.begun.errors].label, scored.residuals, scored.score))
+    return result
 
 
 def compare_by_parts(

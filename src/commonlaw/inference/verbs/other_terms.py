@@ -7,7 +7,8 @@ import numpy as np
 
 from commonlaw.array_types import Bools
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.verbs.refinement import refine
+from commonlaw.inference.search.setup import RefitOptions
+from commonlaw.inference.verbs.schemes import fit_of
 from commonlaw.law import Law, Provenance, Uncertainty
 from commonlaw.law.law import shares_terms
 from commonlaw.law.parameters import left_hand_sides, standard_errors
@@ -126,7 +127,7 @@ def candidate_law(law: Law, trials: Trials, support: Bools) -> CandidateLaw:
         pairs = zip(law.schema.states, levels.tolist(), strict=True)
         noise = {name: level for name, level in pairs if name not in trials.schema.noise_columns}
     try:
-        fitted = refine(template, trials, noise=noise or None, errors=kind, progress=silent)
+        fitted = fit_of(template).refitted(trials, RefitOptions(noise=noise or None, errors=kind), silent)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise CommonlawError("terms-cannot-be-fitted", error=error) from None
     return CandidateLaw(fitted, evidence, False)

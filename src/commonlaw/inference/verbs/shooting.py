@@ -1,0 +1,62 @@
+"""Laws that are fitted by shooting: parameters and initial values of solutions, within bounds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.errors import CommonlawError
+from commonlaw.estimation.fitting import checked_errors, refit, updated
+from commonlaw.inference.search.setup import RefitOptions
+from commonlaw.inference.verbs.scheme import AbstractFit
+from commonlaw.law import Law
+from commonlaw.runtime.progress import ProgressCallback
+from commonlaw.trials import Trials, TrialStream
+
+
+@dataclass(frozen=True, eq=False)
+class ShootingFit(AbstractFit):
+    """A law with observation equations, initial values, or what else collocation does not fit."""
+
+    takes_rows_of_inputs = True
+    law: Law
+
+    @property
+    def has_joint_objects(self) -> bool:
+        return True
+
+    def refitted(
+        self,
+        trials: Trials,
+        options: RefitOptions,
+        progress: ProgressCallback,
+        equations: Sequence[str] | None = None,
+    ) -> Law:
+        if options.input_interpolation == "auto":
+            raise CommonlawError("not-with-observation", settings=["input_interpolation='auto'"])
+        fitted = refit(
+            self.law,
+            trials,
+            equations=equations,
+            log_states=options.log_states,
+            input_interpolation=options.input_interpolation,
+            noise=options.noise,
+            errors=checked_errors(options.changed),
+            huber_threshold=np.inf if options.least_squares else options.huber_threshold,
+            seed=options.seed,
+            progress=progress,
+        )
+        law, before = fitted.law(()), self.law.provenance
+        provenance = replace(
+            law.provenance,
+            differentiation=before.differentiation,
+            history=(*before.history, *fitted.steps),
+            domain=replace(law.provenance.domain, at_rest=before.domain.at_rest, constant=before.domain.constant),
+        )
+        return replace(law, provenance=provenance)
+
+    def by_file(self, stream: TrialStream, options: RefitOptions, progress: ProgressCallback) -> Law:
+        raise CommonlawError("not-refined-file-by-file", what="observation equations")
+
+    def updated(self, trials: Trials) -> Law:
+        return updated(self.law, trials)
