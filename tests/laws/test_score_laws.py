@@ -97,7 +97,7 @@ def _cultures():
 )
 def test_errors_of_size_zero_leave_the_score(table, kinds):
     text, trials = table()
-    fit = fit_terms(FitSetup.of(cl.fit(text, trials, errors="white"), trials)).best
+    fit = fit_terms(FitSetup.of(cl.fit(text, trials, errors="white"), trials, RefitOptions())).best
     white, *others = fit_each_kind(fit.problem, fit.supports, kinds)
     assert {other.errors for other in others} == {*kinds} - {"white"}
     for other in others:
@@ -106,7 +106,7 @@ def test_errors_of_size_zero_leave_the_score(table, kinds):
 
 def test_the_score_of_a_search_is_that_of_solutions_where_a_state_is_absent():
     text, trials = _cultures()
-    fit, _ = converged(fit_terms(FitSetup.of(cl.fit(text, trials, errors="white"), trials)).best)
+    fit, _ = converged(fit_terms(FitSetup.of(cl.fit(text, trials, errors="white"), trials, RefitOptions())).best)
     linearized = score_of_order(replace(fit, score=fit.evidence.score(fit.supports)))
     assert score_of_fit(fit) - linearized.plus("structure", -linearized.parts["structure"]) == pytest.approx(
         0, abs=0.02

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from commonlaw.array_types import Floats
 from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import checked_errors, refit
