@@ -205,8 +205,10 @@ def test_laws_compared_on_a_scale_that_loses_values_are_noted():
     decades = cl.Trials.from_arrays(TIMES, 1e-9 * np.exp(2 * TIMES), names=["w"])
     laws = {"growth": cl.Law.from_text("w' = k w", {"k": 2.0}), "constant": cl.Law.from_text("w' = c", {"c": 1.0})}
     assert [outcome.code for outcome in outcomes_of_scale(laws, decades)] == ["small-values-without-weight"]
-    assert outcomes_of_scale(laws, decades, is_open=False) == ()
+    assert outcomes_of_scale(laws, decades, errors="white") == ()
     assert outcomes_of_scale(laws, growing()) == ()
+    second = {"second": cl.Law.from_text("w'' = k w", {"k": 4.0})}
+    assert outcomes_of_scale(second, decades) == ()  # Of which there is none on a logarithmic scale
 
 
 def test_what_does_not_go_with_it_is_refused(law):
@@ -323,4 +325,6 @@ def test_proportional_errors_over_decades_are_refused_with_the_way_out(equations
     refused("proportional-over-decades", lambda: cl.compare({"a": white}, trials, errors="proportional"))
     method = cl.TrajectoryLikelihood(errors="proportional")
     refused("proportional-over-decades", lambda: cl.discover(trials, method=method, cache=False))
-    assert "small-values-without-weight" in [outcome.code for outcome in cl.refine(white, trials).diagnostics]
+    for chosen, is_noted in ((None, True), ((), False)):
+        again = cl.refine(white, trials, log_states=chosen)
+        assert ("small-values-without-weight" in [outcome.code for outcome in again.diagnostics]) is is_noted

@@ -1,5 +1,7 @@
 """Objects at rest, such as blanks, are named and left out of a law in which each object has its own coefficients."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,16 @@ def test_wells_are_fitted_as_without_the_blanks_which_are_named():
 
 def test_coefficients_that_all_objects_share_are_fitted_to_blanks_too():
     assert cl.fit("x' = a x + b x^2", plate(BLANKS), shared=["a", "b"], errors="white").objects == (*RATES, "B1", "B2")
+
+
+@pytest.mark.parametrize("scheme", ["collocation", "shooting"])
+@pytest.mark.usefixtures("few_starts")
+def test_blanks_stay_out_where_a_law_is_refined_again(scheme):
+    trials = plate(BLANKS).select(object=["A1", "B1"])
+    law = cl.fit("x' = r x (1 - x)", trials.select(object=["A1"]), errors="white", scheme=scheme)
+    law = replace(law, provenance=replace(law.provenance, domain=replace(law.provenance.domain, at_rest=("B1",))))
+    again = cl.refine(cl.refine(law, trials, errors="white"), trials, errors="white")
+    assert (again.objects, again.provenance.domain.at_rest) == (("A1",), ("B1",))
 
 
 @pytest.mark.parametrize(

@@ -245,8 +245,7 @@ def compare(
         for grade, names in against.items():
             say(f"{grade}: {', '.join(names)}.")
         print_compared(frame if any(is_of_kind(law, "law") for law in laws) else frame.drop(columns="equations"))
-    is_open = settings.keys().isdisjoint({"errors", "noise"})
-    later.end((*training.notes, *outcomes_of_scale(fitted, training, is_open)), silent=as_json)
+    later.end((*training.notes, *outcomes_of_scale(fitted, training, **settings)), silent=as_json)
 
 
 @contextmanager

@@ -82,10 +82,9 @@ class _Prepared:
         text = "; ".join((*given.texts, *(bound.text for bound in given.bounds)))
         when = "the first sample of each trial" if request.at is None else f"t = {request.at:g}"
         names = {coefficient.name for coefficient in given.coefficients}
-        is_asked = request.scheme == "collocation"
         history = (
             Step("equations", text, "as given"),
-            Step("scheme", "collocation", "as given" if is_asked else "the equations need nothing else"),
+            Step("scheme", "collocation", request.why_collocation),
             *(
                 Step("start", f"{name} = {start} at {when}", "as given, for a latent state")
                 if start is not None
@@ -171,7 +170,7 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
         check_choice("coefficient", name, names)
     quotients = [entry.name for entry in named_parameters(start).definitions if len(entry.parts) > 1]
     if quotients := [name for name in request.shared if name in quotients]:
-        if not request.may_shoot:
+        if request.refused_by_shooting:
             raise CommonlawError("parameter-is-quotient", parameter=quotients[0])
         return by_shooting(request, f"for {quotients[0]}, a shared quotient")
     try:
@@ -180,9 +179,7 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
     except CommonlawError as error:
         return _together(request, names, error)
     if not is_within(law, given.bounds):
-        asked = ["scheme"] * (request.scheme == "collocation") + [function.text for function in request.functions]
-        refused = [*refused_settings(request.changed), *asked]
-        if refused:
+        if refused := [*refused_settings(request.changed), *request.refused_by_shooting]:
             refuse_outside(law, given.bounds, refused)
         try:
             return by_shooting(_under_errors_of(law, request), "for bounds of parameters")
@@ -198,7 +195,9 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
     law = law if request.functions else with_one_sided_limits(law, trials)
     # Latent states have a note of their own
     is_vague = not prepared.has_starts and _is_undetermined(law)
-    if request.may_shoot and (is_vague or any(_is_misfit(law, limit) for limit in law.uncertainty.limits)):
+    if not request.refused_by_shooting and (
+        is_vague or any(_is_misfit(law, limit) for limit in law.uncertainty.limits)
+    ):
         # Other estimates, and their errors, are those given a value that has no meaning
         try:
             return by_shooting(_under_errors_of(law, request), "for a parameter that has no estimate, but a limit")
@@ -229,7 +228,7 @@ def _check_guesses(guesses: Mapping[str, float], names: Sequence[str], bounds: S
 
 def _together(request: FitRequest, names: Sequence[str], error: CommonlawError) -> Law:
     """Return a fit by shooting, which may give limits, or share parameters, where one of objects apart failed."""
-    if not request.may_shoot:
+    if request.refused_by_shooting:
         raise error
     reason = "objects determine it together"
     if error.code == "state-constant-of-object" and request.shared:

@@ -232,7 +232,7 @@ def _of_textbook(
 
 def _on_likelier_scale(request: FitRequest) -> Law:
     """Return the law with states over decades on their own scale or a logarithmic one, whichever is likelier."""
-    states = request.over_decades
+    states = request.open_scale
     if not states:
         return _of_request(request)
     logarithmic = replace(request, settings={**request.settings, "log_states": states})
@@ -241,12 +241,8 @@ def _on_likelier_scale(request: FitRequest) -> Law:
 
 
 def _of_request(request: FitRequest) -> Law:
-    beyond = request.beyond_collocation
-    if beyond and request.scheme == "collocation":
-        raise CommonlawError("beyond-collocation", reasons=beyond)
-    if beyond or request.scheme == "shooting":
-        return by_shooting(request, "as given" if request.scheme == "shooting" else f"for {', '.join(beyond)}")
-    return by_collocation(request)
+    reason = request.why_shooting
+    return by_shooting(request, reason) if reason else by_collocation(request)
 
 
 def _of_stream(equations: str | Sequence[str], stream: TrialStream, settings: dict[str, Any]) -> Law:

@@ -22,7 +22,7 @@ from commonlaw.estimation.model import ModelText, read_model
 from commonlaw.law.restrictions import ALL
 from commonlaw.library.equation import split_equations
 from commonlaw.library.functions import Function
-from commonlaw.likelihood.levels import over_decades, refuse_over_decades
+from commonlaw.likelihood.levels import states_of_open_scale
 from commonlaw.runtime.fit_options import changed_settings
 from commonlaw.trials import Trials
 from commonlaw.trials.equation_columns import as_named
@@ -106,7 +106,6 @@ class FitRequest:
         initial_time = usual_initial_time(trials) if initial_time is None else initial_time
         at = initial_time_of(dosed, initial_time, written_starts(text, starts))
         _refuse_free_starts(dosed, [name for name, start in starts.items() if start in (None, FREE)])
-        refuse_over_decades(dosed, settings["errors"], settings["noise"], settings["log_states"])
         groups = shared if isinstance(shared, Mapping) else dict.fromkeys(shared, ALL)
         return cls(
             equations,
@@ -150,17 +149,29 @@ class FitRequest:
         return reasons + ["doses"] * bool(self.trials.schema.doses)
 
     @property
-    def over_decades(self) -> tuple[str, ...]:
-        """Measured states whose scale is a choice, see `over_decades`: of first order, with errors of unknown kind."""
-        chosen = (self.settings[name] for name in ("log_states", "noise"))
-        is_open = all(setting is None for setting in chosen) and self.settings["errors"] == "auto"
-        is_first = all(equation.order == 1 for equation in split_equations(self.text.equations))
-        return over_decades(self.dosed) if is_open and is_first else ()
+    def open_scale(self) -> tuple[str, ...]:
+        """Measured states whose scale is a choice, see `states_of_open_scale`."""
+        is_first_order = all(equation.order == 1 for equation in split_equations(self.text.equations))
+        given = {name: self.settings[name] for name in ("errors", "noise", "log_states")}
+        return states_of_open_scale(self.dosed, **given, is_first_order=is_first_order)
 
     @property
-    def may_shoot(self) -> bool:
-        """Whether shooting may fit what collocation does not."""
-        return self.scheme != "collocation" and not self.functions
+    def why_shooting(self) -> str:
+        """Why the request is fitted by shooting, with a comma between reasons; empty if collocation is tried first."""
+        beyond = self.beyond_collocation
+        if beyond and self.scheme == "collocation":
+            raise CommonlawError("beyond-collocation", reasons=beyond)
+        return "as given" if self.scheme == "shooting" else f"for {', '.join(beyond)}" if beyond else ""
+
+    @property
+    def why_collocation(self) -> str:
+        """Why the request is fitted by collocation, where it is."""
+        return "as given" if self.scheme == "collocation" else "the equations need nothing else"
+
+    @property
+    def refused_by_shooting(self) -> list[str]:
+        """The arguments for which shooting does not fit what collocation cannot, settings apart."""
+        return ["scheme"] * (self.scheme == "collocation") + [function.text for function in self.functions]
 
 
 def _refuse_interpolated_amounts(model: ModelText, trials: Trials, doses: Sequence[str]) -> None:

@@ -51,7 +51,7 @@ from commonlaw.law import Law, Step, pool_objects
 from commonlaw.law.population import with_pooled_forecasts
 from commonlaw.law.text import order_in_words
 from commonlaw.library import Order, one_order, order_of_each
-from commonlaw.likelihood.levels import over_decades, refuse_over_decades
+from commonlaw.likelihood.levels import states_of_open_scale
 from commonlaw.runtime.arguments import check_type
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.fit_options import FitOptions, documented
@@ -91,12 +91,16 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
 
     def find(self, trials: Trials, structure: ModelStructure, progress: ProgressCallback) -> Law:
         check_supported(self, trials.schema, structure)
-        refuse_over_decades(trials, self.errors, self.noise, self.log_states)
         orders = structure.possible or [(order,) for order in order_of_each(structure.order, len(trials.schema.states))]
         first = replace(structure, order=1, possible=((1,),) * len(orders))
         is_first = all(1 in of_state for of_state in orders)
-        is_open = self.errors == "auto" and self.noise is None and not (self.log_states or self.latent_states)
-        states = over_decades(trials) if is_first and is_open else ()
+        states = states_of_open_scale(
+            trials,
+            errors=self.errors,
+            noise=self.noise,
+            log_states=self.log_states or None,
+            is_first_order=is_first and not self.latent_states,
+        )
         with threads(self.n_jobs):
             search = CandidateSearch(trials, self, progress)
             if not states:

@@ -246,10 +246,21 @@ def over_decades(trials: Trials) -> tuple[str, ...]:
     return tuple(listed)
 
 
-def refuse_over_decades(trials: Trials, errors: str, noise: object, log_states: object) -> None:
-    """Refuse proportional errors of states over many decades: unless it is given, noise is at least `MIN_NOISE`."""
-    if errors == "proportional" and noise is None and not log_states and (states := over_decades(trials)):
+def states_of_open_scale(
+    trials: Trials, *, errors: str, noise: object, log_states: Sequence[str] | None, is_first_order: bool
+) -> tuple[str, ...]:
+    """Return the states of many decades whose scale is a choice: that of laws of first order, where nothing is given.
+
+    Neither the kind of errors, the noise, nor the states on a logarithmic scale, which are None if they are not given.
+
+    Raises `CommonlawError` for proportional errors of such states: unless it is given, noise is at least `MIN_NOISE`.
+    """
+    if noise is not None or log_states or errors not in ("auto", "proportional"):
+        return ()
+    states = over_decades(trials)
+    if states and errors == "proportional":
         raise CommonlawError("proportional-over-decades", states=[*states])
+    return states if is_first_order and log_states is None else ()
 
 
 def scales_of(std: Floats, trials: Sequence[Trial]) -> Scales:

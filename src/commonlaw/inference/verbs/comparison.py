@@ -31,7 +31,7 @@ from commonlaw.law.parameters import restrictions_of
 from commonlaw.library import parse_terms
 from commonlaw.library.bounds import bounds_in
 from commonlaw.likelihood import ERRORS
-from commonlaw.likelihood.levels import Whitened, over_decades, refuse_over_decades
+from commonlaw.likelihood.levels import Whitened, states_of_open_scale
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.fit_options import ErrorKind, FitOptions, check_settings
@@ -129,7 +129,7 @@ def compare(
         raise CommonlawError("log-states-differ", states=logarithmic, laws=moved)
 
     def in_memory(trials: Trials) -> "pd.DataFrame":
-        refuse_over_decades(trials, errors, noise, logarithmic)
+        _open_scale(laws, trials, errors, noise)
         apart = None if are_joint else _fitted_apart(laws, trials, noise, errors, huber_threshold, n_jobs)
         return _frame(laws, apart or _fitted_jointly(laws, trials, noise, errors, huber_threshold))
 
@@ -198,15 +198,28 @@ def _fitted_apart(
     ]
 
 
-def outcomes_of_scale(laws: Mapping[str, Law], trials: Trials, is_open: bool = True) -> tuple[Outcome, ...]:
-    """Return a note if laws are compared on another scale than they were fitted on, or on one that loses values.
+def _open_scale(
+    laws: Mapping[str, Law], trials: Trials, errors: ErrorKind | Literal["auto"], noise: Mapping[str, float] | None
+) -> tuple[str, ...]:
+    """Return the states whose scale is a choice in a comparison, see `states_of_open_scale`."""
+    is_first_order = all(law.order == 1 for law in laws.values())
+    scale = logarithmic_in(laws.values()) or None
+    return states_of_open_scale(trials, errors=errors, noise=noise, log_states=scale, is_first_order=is_first_order)
 
-    The latter only if neither the errors nor the noise were given, `is_open`.
-    """
+
+def outcomes_of_scale(
+    laws: Mapping[str, Law],
+    trials: Trials,
+    *,
+    errors: ErrorKind | Literal["auto"] = "auto",
+    noise: Mapping[str, float] | None = None,
+    **_: object,
+) -> tuple[Outcome, ...]:
+    """Return a note if laws are compared, with settings of `compare`, on a scale that loses values or is not theirs."""
     logarithmic = logarithmic_in(laws.values())
     if not logarithmic:
-        lost = over_decades(trials) if is_open else ()
-        return (note("small-values-without-weight", states=[*lost]),) if lost else ()
+        states = _open_scale(laws, trials, errors, noise)
+        return (note("small-values-without-weight", states=states),) if states else ()
     names = [name for name, law in laws.items() if _is_on_scale(law, logarithmic)]
     return () if len(names) == len(laws) else (note("scale-of-comparison", states=logarithmic, laws=names),)
 

@@ -12,7 +12,7 @@ from commonlaw.law import Law, Step
 from commonlaw.law.alignment import matched
 from commonlaw.law.population import with_objects_of
 from commonlaw.law.script import call
-from commonlaw.likelihood.levels import over_decades, refuse_over_decades
+from commonlaw.likelihood.levels import states_of_open_scale
 from commonlaw.runtime.arguments import check_types
 from commonlaw.runtime.fit_options import (
     CovarianceKind,
@@ -103,11 +103,11 @@ def refine(
     options, fit = RefitOptions(**known, least_squares=errors == "white"), fit_of(law)
 
     def in_memory(trials: Trials) -> Law:
-        scale = law.observation.measured.logarithmic if log_states is None else log_states
-        refuse_over_decades(trials, errors, noise, scale)
-        is_open = errors == "auto" and noise is None and not scale and law.order == 1
-        lost = [*over_decades(trials)] if is_open else []
-        notes = (note("small-values-without-weight", states=lost),) if lost else ()
+        scale = log_states if log_states is not None else law.observation.measured.logarithmic or None
+        states = states_of_open_scale(
+            trials, errors=errors, noise=noise, log_states=scale, is_first_order=law.order == 1
+        )
+        notes = (note("small-values-without-weight", states=states),) if states else ()
         return noted(fit.refitted(trials, options, progress), notes)
 
     def by_file(stream: TrialStream) -> Law:
