@@ -248,6 +248,11 @@ class Outcome:
         return f"{self.kind}{index}: {self.text}; {self.remedy}" + (f" [{self.code}]" if self.code else "")
 
 
+def is_note(text: str, code: str, where: str) -> bool:
+    """Return whether a text is that of a note of the catalogue on something, see `note`."""
+    return text.startswith(f"{notes()[code]['kind']} ({where}): ") and text.endswith(f" [{code}]")
+
+
 def note(code: str, where: str = "", /, **parameters: object) -> Outcome:
     """Return a note of the catalogue, its sentences filled in; code in them stays between backticks.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from commonlaw.array_types import Bools, Floats
-from commonlaw.diagnostics import Diagnostic
+from commonlaw.diagnostics import Diagnostic, is_note, note
 from commonlaw.errors import CommonlawError
 from commonlaw.text import counted, shown
 from commonlaw.trials.columns import Codes, Column, Table, column_of, stacked_column, with_numbers, with_unit
@@ -370,9 +370,6 @@ def repeats_in_words(trials: Sequence[Trial]) -> list[str]:
     return [f"{rows} measurements {where} are averaged, weighted by their number"]
 
 
-_UNMEASURED = "{state} is never measured in "
-
-
 def unanswered_notes(
     notes: Sequence[str], trials: Sequence[Trial], states: Sequence[str], starts: Mapping[str, Container[str] | None]
 ) -> tuple[str, ...]:
@@ -385,8 +382,8 @@ def unanswered_notes(
         if name in states:
             latent = [trial for trial in trials if _never_measured(trial)[states.index(name)]]
             if owners is None or all(trial.label in owners or trial.object in owners for trial in latent):
-                answered.append(_UNMEASURED.format(state=name))
-    return tuple(line for line in notes if not line.startswith(tuple(answered)))
+                answered.append(name)
+    return tuple(line for line in notes if not any(is_note(line, "state-never-measured", name) for name in answered))
 
 
 def _never_measured(trial: Trial) -> Bools:
@@ -407,9 +404,14 @@ def unmeasured_in_words(trials: Sequence[Trial], states: Sequence[str]) -> list[
 
     places = [[trial for trial, is_empty in zip(trials, column, strict=True) if is_empty] for column in empty.T]
     return [
-        f"{_UNMEASURED.format(state=state)}{'; '.join(trial.label for trial in where)}: it is a latent state there, "
-        "whose start is estimated where none is given; if it was absent, enter 0 in its column, or write "
-        f"`{state}(0) = 0 @ {', '.join(map(called, where))}`"
+        str(
+            note(
+                "state-never-measured",
+                state,
+                trials="; ".join(trial.label for trial in where),
+                start=f"{state}(0) = 0 @ {', '.join(map(called, where))}",
+            )
+        )
         for state, where in zip(states, places, strict=True)
         if 0 < len(where) < len(trials)
     ]
