@@ -53,7 +53,7 @@ LIMITS = {
 class Problem(NamedTuple):
     """Equations, what is added to them for shooting, and trials that follow them.
 
-    What is added is a start, ``x(0) = h``, or nothing.
+    What is added is a start, ``x(0) = h``, or nothing. Tests of one problem share its trials and fits.
     """
 
     equations: str
@@ -68,18 +68,29 @@ class Problem(NamedTuple):
     options: Mapping[str, Any] | None = None
 
     def trials(self) -> cl.Trials:
-        made = simulated(
-            self.rates, self.numbers, self.starts, self.times, self.noise, self.names, seed=1, absolute=True
-        )
-        return self.change(made)
+        if id(self) not in TRIALS:
+            made = simulated(
+                self.rates, self.numbers, self.starts, self.times, self.noise, self.names, seed=1, absolute=True
+            )
+            TRIALS[id(self)] = self, self.change(made)
+        return TRIALS[id(self)][1]
 
     def fit(self, trials: cl.Trials, equations: str = "", **more: Any) -> cl.Law:
         asked = {"errors": "white", "n_jobs": 1} | dict(self.options or {}) | more
-        return cl.fit(equations or self.equations, trials, **asked)
+        text = equations or self.equations
+        key = (text, id(trials), repr(asked))
+        if key not in LAWS:
+            LAWS[key] = trials, cl.fit(text, trials, **asked)
+        return LAWS[key][1]
 
     def shoot(self, trials: cl.Trials, equations: str = "", **more: Any) -> cl.Law:
         equations = equations or self.equations
         return self.fit(trials, f"{equations}; {self.added}".rstrip("; "), **{"scheme": "shooting"} | more)
+
+
+TRIALS = dict[int, tuple[Problem, cl.Trials]]()
+LAWS = dict[tuple[str, int, str], tuple[cl.Trials, cl.Law]]()
+"""Trials by the id of their problem, and laws by equations, id of trials, and settings; with what has the id."""
 
 
 def _drive(times: np.ndarray) -> np.ndarray:
