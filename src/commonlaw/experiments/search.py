@@ -257,7 +257,12 @@ class Search:
             for i in trials
         )
 
-    def _draws(self, count: int, place: int) -> list[Draws]:
+    @cached_property
+    def _draws(self) -> Callable[[int, int], list[Draws]]:
+        """Draws, so many, for every trial of an experiment in a place: the same of all that are compared for it."""
+        return lru_cache(32)(self._draw)
+
+    def _draw(self, count: int, place: int) -> list[Draws]:
         """Return draws for every trial of an experiment, of which each object makes one at most."""
         sizes = [hypothesis.unknowns for hypothesis in self.hypotheses]
         trials, per_law = range(len(self.settings.objects)), -(-count // len(sizes))
