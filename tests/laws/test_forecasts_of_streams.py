@@ -102,7 +102,7 @@ def test_files_without_samples_on_both_sides_of_a_time_are_left_out(tmp_path):
 @pytest.mark.parametrize(
     "part",
     [
-        lambda trials: (trials, trials.until(1.0)),
+        pytest.param(lambda trials: (trials, trials.until(1.0)), marks=pytest.mark.slow),
         lambda trials: trials.split(object=["Ball 1", "Ball 25"], trial=1),
     ],
 )

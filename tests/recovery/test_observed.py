@@ -58,7 +58,7 @@ def test_the_law_of_a_latent_state_is_found_with_the_parameters_of_what_was_meas
 
 
 def test_the_law_is_found_through_a_product():
-    trials, _ = measured(seed=2, observed=lambda x, z: x * z + 0.5 * x)
+    trials, _ = measured(1, seed=2, observed=lambda x, z: x * z + 0.5 * x)
     law = cl.discover(trials, observe={"y": "x z + b x"}, latent_states="z", cache=False)
     assert law.structure[:2] == ("x' = a x - c x z", "z' = -d z + f x z")
     named = named_parameters(law)
@@ -109,8 +109,8 @@ def test_known_physics_are_equations_or_a_law_of_the_states():
         cl.discover(trials, observe=OBSERVE, latent_states="z", known={("z", "x*z"): owners}, cache=False)
 
 
-def test_what_the_law_does_not_determine_is_named(lakes):
-    trials, _ = lakes
+def test_what_the_law_does_not_determine_is_named():
+    trials, _ = measured(1)
     with refused("parameters-not-identified"):
         cl.discover(trials, observe={"y": "s z"}, latent_states="z", library="poly:1", cache=False)
 

@@ -110,7 +110,7 @@ def test_the_chance_is_what_happens_far_from_lines():
     laws = [known("x' = a x", {"a": 0.5}, [[0.36]]), known("x' = a", {"a": 1.0}, [[1.0]])]
     found = cl.design(laws, {"x": 1, "times": [times]})
     unknowns = np.linspace(-5, 5, 201)[:, np.newaxis, np.newaxis]
-    starts, weights = np.linspace(-1, 3, 101)[:, np.newaxis], np.exp(-(unknowns[..., 0] ** 2) / 2)
+    starts, weights = np.linspace(0.4, 1.6, 31)[:, np.newaxis], np.exp(-(unknowns[..., 0] ** 2) / 2)
     curves = [starts * np.exp((0.5 + 0.6 * unknowns) * times), starts + (1 + unknowns) * times]
     chances = []
     for unknown, i in zip(random.normal(size=400), np.arange(400) % 2, strict=True):

@@ -171,10 +171,10 @@ def test_equations_without_parameters_are_fitted_to_several_trials():
 
 @pytest.mark.parametrize("settings", [{}, {"shared": ["c"]}])
 def test_terms_are_limited_within_bounds_and_sharing(settings):
-    drops = cl.datasets.linear_drag(noise=0.05)
+    drops = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), trials=1, noise=0.05)
     laws = [cl.fit("x'' = -g - c v; c > 0", drops, scheme=scheme, **settings) for scheme in ("collocation", "shooting")]
     one, other = (cl.bounds(law, drops, ["v^2"]).to_frame()[["coefficient", "standard error"]] for law in laws)
     assert_allclose(one, other, rtol=1e-4)
     if settings:  # What objects share is the better determined
         apart = cl.bounds(cl.fit("x'' = -g - c v", drops), drops, ["v^2"]).to_frame()
-        assert (one["standard error"] < 0.8 * apart["standard error"]).sum() >= 3
+        assert (one["standard error"] < 0.8 * apart["standard error"]).sum() >= 2
