@@ -9,65 +9,103 @@ import commonlaw as cl
 from commonlaw.discovery import trajectory_likelihood
 from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.final_score import score_of_fit, score_of_order
-from commonlaw.inference.result.assembly import assemble
+from commonlaw.inference.result.assembly import reported
 from commonlaw.inference.score.score import Kind, Score
-from commonlaw.inference.search.error_models import fit_each_kind
+from commonlaw.inference.search.error_models import fit_each_kind, with_error_models
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.setup import FitSetup, RefitOptions
-from commonlaw.inference.verbs import comparison
+from commonlaw.inference.verbs.comparison import written_alike
 from commonlaw.likelihood import ERRORS
 
 PROBLEMS = {
     "order and library to be found": (cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.05), {}),
+    "several plausible laws": (
+        cl.datasets.linear_drag(drag=(-0.1, -0.5), noise=0.3, trials=1),
+        {"order": 2, "library": "poly:2"},
+    ),
     "two equations": (cl.datasets.lotka_volterra(noise=0.05, trials=1), {"order": 1, "library": "poly:2"}),
 }
 
 
 @pytest.fixture(scope="module", params=PROBLEMS.values(), ids=PROBLEMS)
 def discovered(request):
-    """Trials, the law that `discover` finds, and the fit that it comes from."""
+    """Trials, the law that `discover` finds, and its fit in the search and as it is reported."""
     trials, settings = request.param
+    return trials, *recorded(trials, **settings)
+
+
+def recorded(trials, **settings):
     pools = []
 
-    def recorded(pool, **rest):
+    def record(pool):
         pools.append(pool)
-        return assemble(pool, **rest)
+        done = reported(pool)
+        pools.append(done[0])
+        return done
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trajectory_likelihood, "assemble", recorded)
+        patch.setattr(trajectory_likelihood, "reported", record)
         law = cl.discover(trials, cache=False, **settings)
-    return trials, law, pools[-1].best
+    return law, *pools
+
+
+def score_of_given(law, trials):
+    """Return the score of a law as `fit` and `compare` take it."""
+    setup = FitSetup.of(written_alike(law, trials.schema), trials, RefitOptions())
+    pool = with_error_models(fit_terms(setup), None, (law.uncertainty.error_model.kind,), lambda _: None)
+    return score_of_fit(converged(pool.best)[0])
 
 
 def test_the_parts_add_up_to_the_evidence(discovered):
-    *_, fit = discovered
-    assert fit.score.total == pytest.approx(fit.evidence.value(fit.supports), rel=1e-12)
+    *_, search, _ = discovered
+    assert search.best.score.total == pytest.approx(search.best.evidence.value(search.best.supports), rel=1e-12)
 
 
-def test_discover_and_fit_give_the_same_score_part_by_part(discovered):
-    trials, law, fit = discovered
-    again = fit_terms(FitSetup.of(law, trials, RefitOptions())).best
-    assert again.score.kind is fit.score.kind is Kind.EVIDENCE
-    assert dict(again.score.parts) == pytest.approx(dict(fit.score.parts), rel=1e-6, abs=1e-6)
-    assert again.model == fit.model
+def test_discover_reports_the_score_of_its_equations_and_the_prior_of_its_terms(discovered):
+    trials, law, _, pool = discovered
+    score = pool.best.score
+    assert score.kind is Kind.EVIDENCE
+    again = score_of_given(cl.fit("; ".join(law.structure), trials, errors="white"), trials)
+    expected = {part: value for part, value in score.parts.items() if value and part != "structure"}
+    assert {part: value for part, value in again.parts.items() if value} == pytest.approx(expected, abs=0.01)
+    assert score.total - again.total == pytest.approx(score.parts["structure"], abs=0.01)
+    assert score.parts["structure"] > 1
 
 
-def test_compare_gives_the_same_score_but_for_the_terms_that_were_left_out(discovered, monkeypatch):
-    trials, law, fit = discovered
-    scores = []
+def test_plausible_laws_have_the_bayes_factors_of_compare_and_those_of_their_terms(discovered):
+    trials, law, _, pool = discovered
+    chosen, plausible = pool.best, {fit.model.equations: fit for fit in pool.best.alternatives}
+    for model in law.models[1:3]:
+        alternative = plausible[tuple(tuple(np.array(law.terms.names)[row]) for row in model.law.support)]
+        texts = ["; ".join(each.structure) for each in (law, model.law)]
+        above = cl.compare({text: cl.fit(text, trials, errors="white") for text in texts}, trials).set_index("law")
+        terms = alternative.score.parts["structure"] - chosen.score.parts["structure"]
+        factor = above["2 log B"][texts[1]] - above["2 log B"][texts[0]]
+        assert alternative.score - chosen.score - terms == pytest.approx(factor, abs=0.02)
+        odds = law.models[0].probability / model.probability
+        assert 2 * np.log(odds) == pytest.approx(alternative.score - chosen.score, abs=0.01)
 
-    def fitted(setup):
-        pool = fit_terms(setup)
-        scores.append(dict(pool.best.score.parts))
-        return pool
 
-    monkeypatch.setattr(comparison, "fit_terms", fitted)
-    cl.compare({"law": law}, trials)
-    expected = dict(fit.score.parts)
-    assert scores[0].pop("structure") < expected.pop("structure")
-    # Coefficients scatter in the order of their names, whichever way a law is written
-    assert scores[0].pop("scatter") == pytest.approx(expected.pop("scatter"), abs=0.5)
-    assert scores[0] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+def test_an_order_has_the_bayes_factor_of_the_law_that_is_printed():
+    """Solutions of a law replace one with process noise, whose evidence is far larger."""
+    times = np.linspace(0, 10, 80)
+    noise = 0.004 * np.random.default_rng(3).standard_normal(80)
+    trials = cl.Trials.from_arrays([times], [np.exp(-0.3 * times) + 0.1 * np.sin(times**1.3) + noise], names=["x"])
+    law = cl.discover(trials, library="poly:1", cache=False)
+    assert law.structure == ("x' = a x",)
+    assert "order-not-identifiable" not in [diagnostic.code for diagnostic in law.diagnostics]
+
+
+def test_a_random_walk_has_one_score_on_all_meshes():
+    times, random = np.linspace(0, 6, 40), np.random.default_rng(5)
+    walk = 0.02 * np.cumsum(random.standard_normal(40)) + 0.01 * random.standard_normal(40)
+    trials = cl.Trials.from_arrays([times], [np.exp(-0.2 * times) * np.cos(2 * times) + walk], names=["x"])
+    problem = FitSetup.of(cl.fit("x'' = -k x - c v", trials, errors="white"), trials, RefitOptions()).problem()
+    scores = list[float]()
+    for points in (1, 2, 4):
+        (fit,) = fit_each_kind(problem.with_points(points), problem.allowed, ("random-walk",))
+        scores.append(score_of_fit(fit).total)
+    assert np.ptp(scores) < 1.0  # By levels, which are estimated on each mesh
 
 
 def _alternating(values):

@@ -13,7 +13,7 @@ from commonlaw.discovery.regression import DerivativeRegression, suitable_differ
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import known_noise
-from commonlaw.inference.fit.final_score import score_of_order
+from commonlaw.inference.fit.final_score import final, score_of_order
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.propose.few_measurements import under_proportional_noise, with_ranked_supports
 from commonlaw.inference.propose.latent_states import drives, with_forcing_step, with_latent_state
@@ -152,6 +152,11 @@ class Candidate:
     def score(self) -> Score:
         """The score, comparable between orders."""
         return score_of_order(self.pool.best)
+
+    @cached_property
+    def reported_score(self) -> Score:
+        """The score that is reported, on a resolved mesh."""
+        return final(self.pool.best)[0].score
 
 
 @dataclass(frozen=True, eq=False)

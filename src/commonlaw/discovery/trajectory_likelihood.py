@@ -8,7 +8,7 @@ A candidate is the `Pool` of the fits of one order. This is all that is chosen, 
     richer terms      evidence, with the multiplicity of all offers       `with_parametric_terms`
     latent state      evidence, with the multiplicity of its equations    `with_latent_state`
     error model       evidence, if residuals are not white noise          `choose_errors`
-    order             evidence (`score_of_order`), residuals of trials    `_fitting_whole_trials`
+    order             evidence of converged fits, residuals of trials     `_fitting_whole_trials`
     process noise     none if solutions fit whole trials better           `choose_deterministic`
     support           the first by linearized evidence, if it fits best   `with_leading_support`
     forecaster        held-out forecasts, if the errors are too large     `best_forecaster`
@@ -36,13 +36,15 @@ from commonlaw.discovery.orders import (
 )
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import refine, settings
+from commonlaw.inference.fit.final_score import final
 from commonlaw.inference.result.approximation import (
     choose_deterministic,
     fits_whole_trials,
     index_of_best_fit_to_whole_trials,
 )
-from commonlaw.inference.result.assembly import assemble
+from commonlaw.inference.result.assembly import assemble, reported
 from commonlaw.inference.result.held_out_forecasts import best_forecaster
+from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.law_search import with_leading_support
 from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
@@ -203,10 +205,10 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
     candidates = _with_richer_terms(search, candidates)
     candidates, failed = _with_errors(search, candidates)
     candidates, best = _fitting_whole_trials(search, candidates)
-    law = _law(search, best)
+    law, score = _law(search, best)
     if not several:
         return law
-    others = [(candidate.order, candidate.score - best.score) for candidate in candidates if candidate is not best]
+    others = [(candidate.order, candidate.reported_score - score) for candidate in candidates if candidate is not best]
     return with_order_step(law, others, [*refused, *failed])
 
 
@@ -242,7 +244,9 @@ def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[
     if len(candidates) == 1 or not is_auto or best.pool.best.reason_for_error_model:
         candidates, more = apply_to_each(search.with_errors, candidates)
         failed = [*failed, *more]
-    return sorted(candidates), failed
+    if len(candidates) > 1:
+        candidates = sorted(candidates, key=lambda candidate: candidate.reported_score)
+    return candidates, failed
 
 
 def _fitting_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> tuple[list[Candidate], Candidate]:
@@ -258,8 +262,8 @@ def _fitting_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> t
     return ranked, ranked[index_of_best_fit_to_whole_trials([candidate.pool for candidate in ranked])]
 
 
-def _law(search: CandidateSearch, best: Candidate) -> Law:
-    """Return the law of a candidate, or of a deterministic law or a better forecaster from its pool."""
+def _law(search: CandidateSearch, best: Candidate) -> tuple[Law, Score]:
+    """Return the law of a candidate, or of a deterministic law or a better forecaster from its pool, and its score."""
     options, shared, progress = search.options, best.screened.structure.shared_in, part(search.progress, 0.9, 1.0)
     kinds = error_kinds(options.errors, search.trials.schema)
 
@@ -269,8 +273,10 @@ def _law(search: CandidateSearch, best: Candidate) -> Law:
     pool = with_leading_support(choose_deterministic(best.pool, progress, pooled))
     pool, errors = best_forecaster(pool, kinds, pooled, progress)
     progress("computing standard errors and inclusion probabilities")
+    printed, is_converged = reported(pool)
     law = assemble(
-        pool,
+        printed,
+        is_converged,
         errors=errors,
         pooled=lambda law: with_pooled_forecasts(law, shared(law), options.partial_pooling),
         covariance=options.covariance,
@@ -278,4 +284,5 @@ def _law(search: CandidateSearch, best: Candidate) -> Law:
         tried_errors=len(kinds) > 1,
     )
     history = (*best.screened.steps, *best.steps, *law.history)
-    return replace(law, provenance=replace(law.provenance, history=history))
+    score = printed.best.score if printed.best.score.kind is Kind.EVIDENCE else final(pool.best)[0].score
+    return replace(law, provenance=replace(law.provenance, history=history)), score

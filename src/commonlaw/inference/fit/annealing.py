@@ -203,7 +203,7 @@ def _refitted(
     if not fit.has_converged:
         return fit.but(Status.NOT_CONVERGED)
     score = scaled.score if fit.score < scaled.score else fit.score
-    return fit.with_score(score.plus("initial conditions", prior.correction(fit)) if prior else score)
+    return fit.with_score(score.plus("scatter of starts", prior.correction(fit)) if prior else score)
 
 
 def compare_alternatives(fit: Fit) -> Fit:

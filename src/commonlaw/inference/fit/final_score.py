@@ -7,28 +7,50 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import start_variances
-from commonlaw.inference.fit.convergence import deviations_of
+from commonlaw.inference.fit.convergence import converged, deviations_of
 from commonlaw.inference.fit.covariance import outliers
-from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.fit.fit import Fit, fitted
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Part, Score
-from commonlaw.inference.score.trajectories import Rows, score_of_rows
+from commonlaw.inference.score.trajectories import Rows, canonical_order, score_of_rows
 from commonlaw.library import with_rates
 from commonlaw.likelihood import prior_variances
 from commonlaw.trials import Trial
 from commonlaw.trials.trial import with_typical
 
+OF_SEARCH: tuple[Part, ...] = ("multiplicity", "scatter of starts")
+"""Parts of the score of a search, besides that of the structure, which given equations do not have."""
+
+
+def final(fit: Fit) -> tuple[Fit, bool]:
+    """Return the fit of a search as it is reported, with the score of `score_of_fit`, and whether it converged.
+
+    Its mesh is resolved, and its noise is that of its residuals, whatever they were in the search. The prior of its
+    structure and the parts `OF_SEARCH` are added. Latent states, which have a prior, and noise that residuals do not
+    identify stay as they are.
+    """
+    problem, done, is_converged = fit.problem, fit, True
+    is_noise_identified = problem.noise_is_identifiable or problem.is_determined(fit.size * len(problem.models))
+    if is_noise_identified and not problem.trials.schema.is_latent.any():
+        done, is_converged = converged(fit)
+    score = score_of_fit(done)
+    score = score.plus("structure", sum(problem.structure_prior.of(support) for support in fit.supports))
+    for name in OF_SEARCH:
+        score = score.plus(name, fit.score.parts.get(name, 0.0))
+    return done.with_score(score), is_converged
+
 
 def score_of_fit(fit: Fit) -> Score:
     """Return the score of a converged fit without a prior of its terms.
 
-    Of solutions of the law it is exact in their slopes, as that of fits by shooting; with errors of the law it is that
-    of the linearization.
+    Of solutions of the law it is exact in their slopes, as that of fits by shooting; with errors of the law, or where
+    solutions diverge, it is that of the linearization.
     """
     problem, free = fit.problem, fit.free_coefficients
     if fit.has_process_noise or any(not np.array_equal(inside, free[0]) for inside in free):
-        score = score_of_order(replace(fit, score=fit.evidence.score(fit.supports)))
-        return score.plus("structure", -score.parts["structure"])
+        return _of_linearization(fit)
+    order = canonical_order(problem.terms)
+    taken = (np.cumsum(free[0]).reshape(free[0].shape) - 1)[:, order][free[0][:, order]]
     rows = list[Rows]()
     for deviations, estimate in zip(deviations_of(fit), fit.estimates, strict=True):
         slopes, residuals, logs = list[Floats](), list[Floats](), 0.0
@@ -43,9 +65,11 @@ def score_of_fit(fit: Fit) -> Score:
             measured = np.isfinite(deviation.trial.states)
             logs += float(np.log(np.where(still, std, whitened.std)[measured]).sum())
         stacked, coefficients = np.concatenate(slopes), estimate.coefficients[free[0]]
+        if not np.isfinite(stacked).all():  # Solutions diverge
+            return _of_linearization(fit)
         starts, columns = np.split(stacked, [stacked.shape[1] - len(coefficients)], axis=1)
-        others = np.empty((len(stacked), 0))
-        rows.append(Rows(starts, others, columns, np.concatenate(residuals), coefficients, 2 * logs))
+        others, z = np.empty((len(stacked), 0)), np.concatenate(residuals)
+        rows.append(Rows(starts, others, columns[:, taken], z, coefficients[taken], 2 * logs))
     outlying = int(outliers(fit).sum())
     noise_scale = replace(problem.noise_scale, freedom=problem.noise_scale.freedom - outlying)
     more: dict[Part, float] = {
@@ -54,7 +78,20 @@ def score_of_fit(fit: Fit) -> Score:
         "initial conditions": initial_conditions(fit, integrated=False),
     }
     logarithmic = np.broadcast_to(np.array(problem.terms.have_parameters, dtype=bool), free[0].shape)[free[0]]
-    return score_of_rows(rows, logarithmic, noise_scale, more)
+    return score_of_rows(rows, logarithmic[taken], noise_scale, more)
+
+
+def _of_linearization(fit: Fit) -> Score:
+    """Return the score of a linearization, that of a random walk on the finest mesh of searches."""
+    while fit.has_model_error and fit.problem.points < settings.MAX_MESH_POINTS[1]:
+        starts = fit.problem.on_half_steps(fit.estimates)
+        # Twice as many steps of the same variance in time
+        finer = fitted(fit.problem.finer(), starts, fit.supports, fit.model_error / np.sqrt(2))
+        if not finer.is_usable:
+            break
+        fit = finer
+    score = score_of_order(replace(fit, score=fit.evidence.score(fit.supports)))
+    return score.plus("structure", -score.parts["structure"])
 
 
 def _std_of_constant(trial: Trial, problem: SearchProblem) -> Floats:

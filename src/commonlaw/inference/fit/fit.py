@@ -274,7 +274,7 @@ class Fit:
 
     def neighbours(self) -> list[list[tuple[float, Bools]]]:
         """Return the neighbouring supports of each equation, see `SupportEvidence.neighbours`."""
-        exact = [(alternative.score - self.score, alternative.supports) for alternative in self.alternatives]
+        exact = [(max(alternative.score - self.score, 0.0), alternative.supports) for alternative in self.alternatives]
         return self.evidence.neighbours(self.supports, exact)
 
     def predicted_neighbours(self) -> Iterator[tuple[float, Bools]]:
@@ -399,7 +399,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     )
     offsets: dict[Part, float] = {
         "latent states": sum(linearization.log_determinant for linearization in linear),
-        "model error": model_error_penalty(model_error, sum(problem.measured)),
+        "model error": model_error_penalty(model_error * np.sqrt(problem.points), sum(problem.measured)),
         "error levels": problem.level_penalty,
         "outliers": 0.0 if problem.noise_is_fixed else penalty,
     }
@@ -416,5 +416,5 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
 
 
 def model_error_penalty(model_error: float, count: int) -> float:
-    """Return the penalty log n of a model error, one fitted number (BIC)."""
+    """Return the penalty log n of a model error in a sampling step, one fitted number (BIC)."""
     return float(np.log(count)) if model_error > settings.FINAL_MODEL_ERRORS[0] else 0.0

@@ -7,9 +7,9 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.inference import settings
-from commonlaw.inference.fit.convergence import converged
 from commonlaw.inference.fit.covariance import fitted_law
-from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.fit.final_score import final
+from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
 from commonlaw.inference.result.approximation import with_approximation
 from commonlaw.inference.result.held_out_forecasts import StandardizedErrors, interval_inflation
 from commonlaw.inference.result.history import (
@@ -29,8 +29,26 @@ from commonlaw.law.law import with_other_laws
 from commonlaw.runtime.fit_options import CovarianceKind
 
 
+def reported(pool: Pool) -> tuple[Pool, bool]:
+    """Return the pool with the law that is printed and its plausible rivals as they are reported, see `final`.
+
+    Others keep their differences of scores to it; all do if forecasts chose it. With it is whether it converged.
+    """
+    best, is_converged = final(pool.best)
+    if pool.best.score.kind is Kind.FORECASTS:
+        return pool.with_best(best.with_score(pool.best.score)), is_converged
+
+    def of_rival(fit: Fit) -> Fit:
+        above = fit.score - pool.best.score
+        return final(fit)[0] if above < PLAUSIBLE else fit.with_score(best.score.plus("refit", above))
+
+    best = best.with_alternatives([of_rival(fit) for fit in pool.best.alternatives])
+    return replace(pool, fits=(best, *map(of_rival, pool.rivals))), is_converged
+
+
 def assemble(
     pool: Pool,
+    is_converged: bool,
     *,
     errors: Sequence[StandardizedErrors],
     pooled: Callable[[Law], Law],
@@ -38,18 +56,13 @@ def assemble(
     seed: int,
     tried_errors: bool,
 ) -> Law:
-    """Return the law of the best fit: terms, coefficients, covariance, plausible alternatives, and the history.
+    """Return the law of the best `reported` fit: terms, coefficients, covariance, plausible alternatives, history.
 
     Its intervals are inflated by the `errors` of its held-out forecasts, and `pooled` pools the coefficients of the
     objects for forecasts. Remedies depend on whether other error models were tried.
     """
-    compared = compared_terms(pool)
-    fit, is_converged = pool.best, True
-    problem = fit.problem
-    is_noise_identified = problem.noise_is_identifiable or problem.is_determined(fit.size * len(problem.models))
-    if is_noise_identified and not problem.trials.schema.is_latent.any():  # Latent states have a prior
-        fit, is_converged = converged(fit)
-    template = problem.law
+    compared, fit = compared_terms(pool), pool.best
+    template = fit.problem.law
     law = fitted_law(template, fit, covariance, seed)
     law = replace(
         law,
@@ -130,8 +143,7 @@ def plausible_laws(pool: Pool, law: Law) -> tuple[PlausibleLaw[Law], ...]:
         kept = [(share, fit) for share, fit in others if share > settings.MIN_PROBABILITY][: settings.MAX_MODELS - 1]
         total = chosen_share + sum(share for share, _ in kept)
         for share, fit in kept:
-            alternative = fitted_law(law, replace(fit, problem=pool.best.problem))
-            plausible.append(PlausibleLaw(share / total, as_stored(alternative)))
+            plausible.append(PlausibleLaw(share / total, as_stored(fitted_law(law, fit))))
     different = list[Fit]()  # Without reparametrizations of the same law
     for rival in pool.rivals:
         if not any(_is_same(rival, fit) for fit in (pool.best, *different)):

@@ -25,6 +25,7 @@ Part = Literal[
     "error levels",
     "outliers",
     "initial conditions",
+    "scatter of starts",
     "Laplace correction",
     "multiplicity",
     "refit",
@@ -46,7 +47,9 @@ Part = Literal[
 ``outliers``
     Penalty of measurements beyond the Huber threshold.
 ``initial conditions``
-    Normal prior of initial states over trials, see `InitialConditionPrior`, or of initial rates, see `score_of_order`.
+    Normal prior of initial states and rates, see `initial_conditions`.
+``scatter of starts``
+    What a normal distribution of initial states over trials adds, see `InitialConditionPrior`.
 ``Laplace correction``
     Predicted decrease to the maximum of the linearized likelihood.
 ``multiplicity``
