@@ -179,8 +179,8 @@ class Problem:
     max_steps: int = MAX_STEPS
     errors: ErrorModel = WHITE_NOISE
     huber_threshold: float = np.inf
-    _last: "dict[int, tuple[TrialData, Floats, Predicted]]" = field(default_factory=dict, init=False)
-    """What trials should be by the unknowns that were asked for last."""
+    _last: dict[TrialData, tuple[Floats, Predicted]] = field(default_factory=dict, init=False, repr=False)
+    """The unknowns that each trial was predicted by last, and what they predict, as residuals, noise and slopes ask."""
 
     def apart(self) -> list[tuple[Indices, "Problem"]]:
         """Return the problems of trials that have no unknowns in common, each with the indices of its unknowns."""
@@ -219,16 +219,13 @@ class Problem:
 
     def predicted(self, data: TrialData, unknowns: Floats, slopes: bool = True) -> Predicted:
         """Return what a trial should be."""
-        trial, last, known = self._last.get(id(data), (None, unknowns, None))
-        if (
-            trial is not data
-            or known is None
-            or (slopes and known.slopes is None)
-            or not np.array_equal(last, unknowns)
-        ):
-            known = self._solved(data, unknowns, slopes)
-            self._last[id(data)] = data, unknowns.copy(), known
-        return known if slopes else known._replace(slopes=None)
+        if data in self._last:
+            last, known = self._last[data]
+            if np.array_equal(last, unknowns) and not (slopes and known.slopes is None):
+                return known if slopes else known._replace(slopes=None)
+        result = self._solved(data, unknowns, slopes)
+        self._last[data] = unknowns.copy(), result
+        return result
 
     def _solved(self, data: TrialData, unknowns: Floats, slopes: bool) -> Predicted:
         model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter
