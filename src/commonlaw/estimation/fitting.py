@@ -317,8 +317,10 @@ def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
             continue
         residual, least = float(levels[k]), 0.02 * float(np.std(np.concatenate([column for _, column in seen])))
         if apart[k]:
-            pairs = zip(parts, outliers, strict=True)
-            seen = _long([(part.trial.times, levels[k] * np.where(far, np.nan, part.z)[:, k]) for part, far in pairs])
+            whole = [(part.trial.times, levels[k] * part.z[:, k]) for part in parts]
+            pairs = zip(whole, outliers, strict=True)
+            without = [(times, np.where(far[:, k], np.nan, column)) for (times, column), far in pairs]
+            seen = _long(without) or _long(whole)  # Too few values remain if many are far off
         if problem.known_noise[k]:
             residual = float(np.sqrt(np.mean(np.concatenate([column for _, column in seen]) ** 2)))
         level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
