@@ -74,8 +74,9 @@ class Gaussian:
             return np.asarray(values / np.sqrt(self.noise / self.repeats)[:, np.newaxis])
         return np.asarray(np.linalg.solve(self.root, values))
 
+    @cached_property
     def whitened(self) -> "Whitened":
-        """Return what of the measurements does not depend on the start."""
+        """What of the measurements does not depend on the start."""
         turn = self.white(np.eye(len(self.mean)))
         basis, sizes, _ = np.linalg.svd(turn @ self.by_start, full_matrices=True)
         # Of smaller directions of the start the measurements say nothing
@@ -146,7 +147,7 @@ class Evidence:
         for hypothesis in hypotheses:
             values, gradient, known = list[Floats](), list[Floats](), list[Floats]()
             for predicted, rows in zip(hypothesis, np.split(measured, len(hypothesis)), strict=True):
-                whitened = predicted.whitened()
+                whitened = predicted.whitened
                 off = (rows - predicted.mean) @ whitened.contrasts.T
                 values.append(np.sum(off**2, axis=1) + whitened.constant)
                 gradient.append(off @ whitened.slopes)

@@ -263,9 +263,12 @@ class Search:
         return lru_cache(32)(self._draw)
 
     def _draw(self, count: int, place: int) -> list[Draws]:
-        """Return draws for every trial of an experiment, of which each object makes one at most."""
+        """Return draws for every trial of an experiment, of which each object makes one at most.
+
+        One draw does for one law, as its information is the same in all.
+        """
         sizes = [hypothesis.unknowns for hypothesis in self.hypotheses]
-        trials, per_law = range(len(self.settings.objects)), -(-count // len(sizes))
+        trials, per_law = range(len(self.settings.objects)), -(-count // len(sizes)) if len(sizes) > 1 else 1
         return [Draws.of(sizes, MAX_MEASUREMENTS, per_law, (self.seed, count), place * len(trials) + i) for i in trials]
 
     def repeats(self, chosen: Sequence[Candidate]) -> int | None:
