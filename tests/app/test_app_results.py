@@ -215,7 +215,7 @@ def test_of_a_name_only_the_last_part_is_taken():
 @pytest.mark.parametrize(
     "asked",
     [
-        {"hold_out": HoldOut("object", "Ball 2")},
+        pytest.param({"hold_out": HoldOut("object", "Ball 2")}, marks=pytest.mark.slow),
         {"hold_out": HoldOut("after", "0.7"), "settings": {"errors": ["white"]}},
         {"known": {"1": -9.8}, "columns": Columns(states=("x",), properties=("mass",)), "explain": True},
     ],

@@ -169,7 +169,7 @@ def test_equations_without_parameters_are_fitted_to_several_trials():
     assert not estimates(cl.fit("x' = x", trials, initial_values={"x": 1.0}))
 
 
-@pytest.mark.parametrize("settings", [{}, {"shared": ["c"]}])
+@pytest.mark.parametrize("settings", [pytest.param({}, marks=pytest.mark.slow), {"shared": ["c"]}])
 def test_terms_are_limited_within_bounds_and_sharing(settings):
     drops = cl.datasets.linear_drag(drag=(-0.1, -0.3, -0.5), trials=1, noise=0.05)
     laws = [cl.fit("x'' = -g - c v; c > 0", drops, scheme=scheme, **settings) for scheme in ("collocation", "shooting")]
