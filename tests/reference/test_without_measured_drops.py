@@ -75,7 +75,8 @@ def test_without_them_tests_are_skipped_after_one_try_and_one_line_says_how_to_g
 
 
 def test_where_they_are_promised_tests_fail_without_them(run_tests, tmp_path):
-    done = run_tests(FILES[0], "-k", "measured", COMMONLAW_DATA=str(tmp_path))
+    (tmp_path / "checkout" / "test_measured.py").write_text("def test_measured(ball_drops_folder): pass")
+    done = run_tests("test_measured.py", COMMONLAW_DATA=str(tmp_path))
     assert done.returncode == pytest.ExitCode.TESTS_FAILED
-    assert re.search(r"=+ (?:\d+ passed, )?\d+ deselected, 1 error in ", done.stdout), done.stdout + done.stderr
+    assert re.search(r"=+ 1 error in ", done.stdout), done.stdout + done.stderr
     assert len(done.stdout.splitlines()) < 40
