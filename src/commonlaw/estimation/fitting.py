@@ -311,16 +311,14 @@ def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
     for k, name in enumerate(problem.model.observables):
         if name in begun.logarithmic or name not in schema.states or name in schema.noise_columns:
             continue
-        columns = [(trial.times, trial.states[:, schema.states.index(name)]) for trial in begun.trials]
+        columns = [(trial.times, trial.states[:, schema.states.index(name)], np.False_) for trial in begun.trials]
         seen = _long(columns)
         if not seen:
             continue
         residual, least = float(levels[k]), 0.02 * float(np.std(np.concatenate([column for _, column in seen])))
         if apart[k]:
-            whole = [(part.trial.times, levels[k] * part.z[:, k]) for part in parts]
-            pairs = zip(whole, outliers, strict=True)
-            without = [(times, np.where(far[:, k], np.nan, column)) for (times, column), far in pairs]
-            seen = _long(without) or _long(whole)  # Too few values remain if many are far off
+            pairs = zip(parts, outliers, strict=True)
+            seen = _long([(part.trial.times, levels[k] * part.z[:, k], far[:, k]) for part, far in pairs])
         if problem.known_noise[k]:
             residual = float(np.sqrt(np.mean(np.concatenate([column for _, column in seen]) ** 2)))
         level = float(np.sqrt(np.mean([noise_level(times, column[:, np.newaxis]) ** 2 for times, column in seen])))
@@ -329,9 +327,13 @@ def _lack_of_fit(begun: Beginning, optimum: Optimum) -> list[str]:
     return listed
 
 
-def _long(columns: Sequence[tuple[Floats, Floats]]) -> list[tuple[Floats, Floats]]:
-    """Return the times and values of series that have twenty values or more."""
-    return [(times[kept], column[kept]) for times, column in columns if (kept := np.isfinite(column)).sum() >= 20]
+def _long(columns: Sequence[tuple[Floats, Floats, Bools | np.bool_]]) -> list[tuple[Floats, Floats]]:
+    """Return the times and values of series that have twenty values or more, without their outliers."""
+    return [
+        (times[seen & ~outlying], values[seen & ~outlying])
+        for times, values, outlying in columns
+        if (seen := np.isfinite(values)).sum() >= 20
+    ]
 
 
 def _levels(problem: Problem, optimum: Optimum) -> Floats:
