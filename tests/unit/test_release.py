@@ -139,9 +139,21 @@ def reached(imports, start):
     return found
 
 
+VALUES = "commonlaw.law.law", "commonlaw.law.simplification", "commonlaw.trials.trials"
+"""Values with methods that call what is built on these values, and import it only then."""
+
+
 def test_no_files_import_each_other_in_a_circle():
     graph = grimp.build_graph("commonlaw", cache_dir=None)
     imports = {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
+    for module in VALUES:
+        tree = ast.parse((SOURCES.parent / f"{module.replace('.', '/')}.py").read_text())
+        first = {node.lineno for node in tree.body}
+        imports[module] = {
+            name
+            for name in imports[module]
+            if any(detail["line_number"] in first for detail in graph.get_import_details(importer=module, imported=name))
+        }
     reach = {module: reached(imports, module) for module in imports}
     circles = {frozenset(other for other in reach[module] if module in reach[other]) for module in reach}
     named = [" <-> ".join(sorted(circle)) for circle in circles if circle]
