@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"\n{time.perf_counter() - begun:.0f} s in {chosen.jobs} process(es).")
     if chosen.out:
         chosen.out.write_text(json.dumps([asdict(score) for score in scores], indent=1))
-    if chosen.parameters:
+    if chosen.constants:
         print("\n| constant | value | laws that change, a fifth less | a fifth more |\n|---|---|---|---|")
         for line in _by_constants(scores, cases, chosen.jobs):
             print(line, flush=True)

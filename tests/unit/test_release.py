@@ -149,11 +149,8 @@ def test_no_files_import_each_other_in_a_circle():
     for module in VALUES:
         tree = ast.parse((SOURCES.parent / f"{module.replace('.', '/')}.py").read_text())
         first = {node.lineno for node in tree.body}
-        imports[module] = {
-            name
-            for name in imports[module]
-            if any(detail["line_number"] in first for detail in graph.get_import_details(importer=module, imported=name))
-        }
+        lines = {name: graph.get_import_details(importer=module, imported=name) for name in imports[module]}
+        imports[module] = {name for name, of in lines.items() if any(one["line_number"] in first for one in of)}
     reach = {module: reached(imports, module) for module in imports}
     circles = {frozenset(other for other in reach[module] if module in reach[other]) for module in reach}
     named = [" <-> ".join(sorted(circle)) for circle in circles if circle]
