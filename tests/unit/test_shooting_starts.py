@@ -80,3 +80,13 @@ def test_an_oscillation_of_each_object_has_its_own_frequency():
     trials = cl.Trials.from_arrays([times] * 4, list(x), names=["x"], object=names)
     law = cl.fit("x'' = -k x", trials, scheme="shooting")
     assert law.params["estimate"].to_numpy() == pytest.approx(rates**2, rel=0.01)
+
+
+@pytest.mark.parametrize("text", ["x' = r x (1 - x/K); x(0) = s", "x' = r x (1 - x/K); x(0) = s; s > 0"])
+def test_a_first_measurement_below_zero_does_not_decide_the_sign_of_the_start(text):
+    """SciPy's least squares has r = 3.04919, K = 9.81582; from a negative start growth runs away."""
+    sizes = [-0.096, 0.642, 4.054, 8.227, 9.186, 9.954, 9.807, 10.044, 9.517, 10.073]
+    trials = cl.Trials.from_arrays([np.linspace(0, 6, 10)], [np.array(sizes)], names=["x"])
+    estimates = cl.fit(text, trials).params.set_index("parameter")["estimate"]
+    assert estimates[["r", "K"]].tolist() == pytest.approx([3.0492, 9.8158], rel=1e-3)
+    assert estimates["s"] > 0

@@ -36,6 +36,9 @@ from commonlaw.trials.trial import Start, has_sparse_states, property_names
 FREE = "free"
 """The initial value of each trial that the measurements determine."""
 
+NEAR_ZERO = 0.1
+"""Size of a first measurement, in standard deviations of its trial, below which its sign may be that of its noise."""
+
 NoiseGiven = float | str | Mapping[str, float]
 """The noise of a quantity: a standard deviation, of all objects or by object, or a property with one for each value."""
 InitialGiven = Start | tuple[float, float] | Mapping[str, float | None]
@@ -457,6 +460,8 @@ def _sizes(
                 seen = seen[np.isfinite(seen)]
                 if len(seen) and seen[0] != 0:  # Measured states begin at their first measurements
                     sizes[k], guessed[k] = seen[0], True
+                    if abs(seen[0]) < (scatter := NEAR_ZERO * float(np.std(seen))):  # Of either sign
+                        sizes[k], guessed[k] = scatter, False
     return sizes, likely[: model.width], guessed
 
 
