@@ -179,6 +179,14 @@ def test_what_a_law_errs_by_in_each_step_is_no_error_of_the_step():
     assert stated("terms:x", [-0.5], wandering, model_error=1.0).is_resolved
 
 
+def test_departures_from_the_estimated_states_are_those_of_the_solution():
+    """A linear law has no terms beyond the first order; solutions of the other rate depart by four levels of noise."""
+    (errors,) = stated("terms:x", [-0.6], 3 * np.exp(-0.5 * TIMES)).discretization_errors
+    exact = 3 * (np.exp(-0.5 * TIMES) - np.exp(-0.6 * TIMES)) / 0.05
+    np.testing.assert_allclose(errors.total[:, 0], exact, atol=1e-3)
+    assert exact.max() > 4
+
+
 def test_a_law_whose_trajectories_diverge_is_not_solved():
     fit = stated("terms:x^2", [1.0], np.full(len(TIMES), 1.0))
     assert fit.diverges

@@ -101,8 +101,7 @@ def refit(
 
     Observation equations, given initial values and restrictions stay, but for noise of known standard deviation, and so
     do its equations where no other `equations` are given, and the kind of errors by default. A law without observation
-    equations has parameters of each object. Only with `inputs` "any" may the trials have
-    other inputs than the law.
+    equations has parameters of each object. Only with `inputs` "any" may the trials have other inputs than the law.
 
     Raises
     ------
