@@ -1,5 +1,7 @@
 """Laws of the objects of many files: proposed by groups, judged by all, fitted file by file."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -75,6 +77,18 @@ def test_an_object_in_two_files_is_refused(tmp_path, whole):
         whole.select(object=["Ball 1", "Ball 2"], trial=trial).to_parquet(tmp_path / f"{trial}.parquet")
     with refused("object-in-two-files", object="Ball 1"):
         cl.discover(cl.TrialStream.from_parquet(tmp_path, **ROLES), order=2, library="poly:1", method=METHOD)
+
+
+def test_an_object_in_two_files_is_refused_before_a_fit(tmp_path):
+    resting = cl.Trials.from_arrays(np.arange(9.0), np.ones(9), names=["x"])
+    for number in ("1", "2"):
+        resting.to_parquet(tmp_path / f"{number}.parquet")
+    stream = cl.TrialStream.from_parquet(tmp_path)
+    for learn in (partial(cl.fit, "x' = -k x"), partial(cl.refine, cl.Law.from_text("x' = -0.5 x"))):
+        with refused("object-in-two-files", object=resting.objects[0]):
+            learn(stream)
+    with refused("object-in-two-files", object=resting.objects[0]):
+        cl.discover(stream, order=1, library="poly:1", method=METHOD)
 
 
 def test_what_does_not_go_with_files_is_refused(stream, folder):

@@ -11,7 +11,7 @@ from commonlaw.discovery.request import FitRequest
 from commonlaw.discovery.shooting import by_shooting
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.beginning import InitialGiven
-from commonlaw.inference.verbs.chunks import fitted_by_parts
+from commonlaw.inference.verbs.chunks import fitted_by_parts, objects_apart
 from commonlaw.law import Law, pool_objects
 from commonlaw.law.models import model_named
 from commonlaw.law.parse import read_equations
@@ -26,7 +26,7 @@ from commonlaw.runtime.fit_options import (
     check_settings,
     settings_of,
 )
-from commonlaw.runtime.progress import ProgressCallback, on_terminal, silent
+from commonlaw.runtime.progress import ProgressCallback, on_terminal, part, silent
 from commonlaw.trials import Schema, Trials, TrialStream
 from commonlaw.trials.stream import in_memory_or_by_file, measured
 from commonlaw.trials.trial import property_names
@@ -253,7 +253,9 @@ def _of_stream(equations: str | Sequence[str], stream: TrialStream, settings: di
     errors = "white" if settings["errors"] == "auto" else settings["errors"]
     of_part = settings | {"errors": errors, "partial_pooling": False, "progress": silent, "scheme": "collocation"}
     one, parts = partial(fit, equations, **of_part), stream.files
-    law = fitted_by_parts([one] * len(parts), parts, settings["progress"] or on_terminal())
+    progress = settings["progress"] or on_terminal()
+    objects_apart(parts, part(progress, 0.0, 0.1))
+    law = fitted_by_parts([one] * len(parts), parts, part(progress, 0.1, 1.0))
     made = (call(fit, settings, "cl.fit", repr(equations), "trials"),)
     provenance = replace(law.provenance, calls=made)
     return pool_objects(replace(law, provenance=provenance), None, settings["partial_pooling"])

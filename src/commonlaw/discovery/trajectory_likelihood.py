@@ -47,7 +47,7 @@ from commonlaw.inference.result.held_out_forecasts import best_forecaster
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.law_search import with_leading_support
 from commonlaw.inference.search.setup import error_kinds
-from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
+from commonlaw.inference.verbs.chunks import fitted_by_parts, objects_apart, typical
 from commonlaw.inference.verbs.comparison import compare_by_parts, written_alike
 from commonlaw.law import Law, Step, pool_objects
 from commonlaw.law.population import with_pooled_forecasts
@@ -128,9 +128,10 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         weighing = {"noise": self.noise, "errors": errors, "huber_threshold": self.huber_threshold}
         alone = replace(self, errors=errors, covariance="likelihood", partial_pooling=False)
         parts = stream.files
+        objects_apart(parts, part(progress, 0.0, 0.05))
         some = [parts[i] for i in evenly_spaced(len(parts), settings.MAX_WINDOWS)]
         laws = done_in_parts(
-            partial(_proposed, alone, structure), some, "seeking laws of groups of objects", part(progress, 0.0, 0.2)
+            partial(_proposed, alone, structure), some, "seeking laws of groups of objects", part(progress, 0.05, 0.2)
         )
         proposed = {"; ".join(law.structure): law for law in reversed(laws)}
         groups = f"{counted(len(some), 'group')} of at most {settings.OBJECT_GROUPS[0]} objects"

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.cluster import done_in_parts
 from commonlaw.runtime.progress import ProgressCallback, unannounced
 from commonlaw.trials import Trials, TrialStream
+from commonlaw.trials.stream import objects_of_parts
 
 
 def typical(law: Law, objects: tuple[str, ...]) -> Law:
@@ -30,21 +32,29 @@ def typical(law: Law, objects: tuple[str, ...]) -> Law:
     )
 
 
+def objects_apart(parts: Sequence[TrialStream], progress: ProgressCallback) -> list[tuple[str, ...]]:
+    """Return the names of the objects of each part.
+
+    Raises `CommonlawError` if an object is in two parts.
+    """
+    names = objects_of_parts(parts, progress)
+    twice = [name for name, count in Counter(chain.from_iterable(names)).items() if count > 1]
+    if twice:
+        raise CommonlawError("object-in-two-files", object=twice[0])
+    return names
+
+
 def fitted_by_parts(
     fits: Sequence[Callable[[Trials], Law]], parts: Sequence[TrialStream], progress: ProgressCallback
 ) -> Law:
     """Return the law of the objects of all parts; each part has a function that fits its trials, and can be pickled.
 
-    Noise and other errors are root mean squares over parts, weighted by their samples.
-
-    Raises `CommonlawError` if an object is in two parts.
+    Objects are those of `objects_apart`. Noise and other errors are root mean squares over parts, weighted by their
+    samples.
     """
     fitted = done_in_parts(_fitted, list(zip(fits, parts, strict=True)), "fitting objects", progress)
     laws = [law for law, _ in fitted]
     objects = tuple(name for law in laws for name in law.objects)
-    twice = [name for name, count in Counter(objects).items() if count > 1]
-    if twice:
-        raise CommonlawError("object-in-two-files", object=twice[0])
     coefficients, covariance = of_all_objects(laws)
     weights, known = np.array([samples for _, samples in fitted], dtype=np.float64), [law.uncertainty for law in laws]
     degrees = [uncertainty.degrees_of_freedom for uncertainty in known if uncertainty.degrees_of_freedom is not None]

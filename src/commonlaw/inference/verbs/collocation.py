@@ -33,7 +33,7 @@ from commonlaw.inference.result.history import (
 from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import choose_interpolation, fit_terms
 from commonlaw.inference.search.setup import FitSetup, RefitOptions, error_kinds
-from commonlaw.inference.verbs.chunks import fitted_by_parts, typical
+from commonlaw.inference.verbs.chunks import fitted_by_parts, objects_apart, typical
 from commonlaw.inference.verbs.parameter_bounds import is_within, refuse_outside
 from commonlaw.inference.verbs.scheme import AbstractFit
 from commonlaw.inference.verbs.shooting import ShootingFit
@@ -54,7 +54,6 @@ from commonlaw.runtime.parallel import threads
 from commonlaw.runtime.progress import ProgressCallback, part, silent
 from commonlaw.text import counted
 from commonlaw.trials import Trials, TrialStream
-from commonlaw.trials.stream import objects_of_parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ class CollocationFit(AbstractFit):
             raise CommonlawError("not-refined-file-by-file", what=what)
         parts, known = stream.files, {*law.objects}
         light = replace(law, uncertainty=replace(law.uncertainty, shared_factor=None, unpooled=None, pooled=None))
-        names = objects_of_parts(parts, part(progress, 0.0, 0.1))
+        names = objects_apart(parts, part(progress, 0.0, 0.1))
         laws = [select_objects(light, name) if known.issuperset(name) else typical(law, name) for name in names]
         of_part = replace(options, partial_pooling=False)
         fits = [partial(refined, law_of_part, options=of_part, progress=silent) for law_of_part in laws]
