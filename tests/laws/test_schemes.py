@@ -377,6 +377,15 @@ def test_outliers_are_weighed_alike_where_laws_are_fitted_again():
     assert "residuals-exceed-noise" not in {outcome.code for outcome in laws[1].update(made).diagnostics}
 
 
+def test_laws_that_are_fitted_again_keep_notes_that_are_not_of_a_fit():
+    problem = decay._replace(numbers={"a": (0.3,), "b": (0.3,), "c": (3.0,)}, noise=0.01)
+    trials = problem.trials()
+    for fit in (COLLOCATION, SHOOTING):
+        law = fit(problem, trials)
+        for made in (law, cl.refine(law, trials, errors="white")):
+            assert [outcome.code for outcome in made.diagnostics] == ["object-in-other-units"]
+
+
 @pytest.mark.slow
 def test_every_verb_weighs_outliers_alike_in_both_schemes():
     problem = decay._replace(numbers={"a": (0.5,), "b": (0.8,)}, noise=0.02)

@@ -56,6 +56,17 @@ _SETTINGS = ("log_states", "input_interpolation", "noise", "errors", "huber_thre
 """Settings of fits that may be made here."""
 _OF_ESTIMATES = ("estimate-at-bound", "one-sided-limit")
 """Notes on estimates, which new trials decide anew."""
+OF_FIT = (
+    *_OF_ESTIMATES,
+    "dead-time-at-bound-of-misfit",
+    "latent-state-ambiguous",
+    "parameters-without-limits",
+    "residuals-autocorrelated",
+    "residuals-exceed-noise",
+    "starts-in-steady-state",
+    "trials-differ",
+)
+"""Notes on a fit, which another one decides anew."""
 
 
 def checked_errors(changed: Mapping[str, Any]) -> ErrorKind | None:

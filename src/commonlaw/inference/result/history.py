@@ -189,7 +189,8 @@ def p_value_of_trials(fit: Fit, name: str) -> float:
 
 def without_outcomes_of_fit(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
     """Return outcomes of a law without those that a fit to other measurements decides anew."""
-    kinds = {*LACKS_OF_FIT, *WITHOUT_QUANTITIES, OutcomeKind.BOUND, OutcomeKind.SAMPLES, OutcomeKind.AMBIGUOUS}
+    of_fit = OutcomeKind.AMBIGUOUS, OutcomeKind.BOUND, OutcomeKind.ERRORS, OutcomeKind.SAMPLES
+    kinds = {*LACKS_OF_FIT, *WITHOUT_QUANTITIES, *of_fit}
     return tuple(outcome for outcome in outcomes if outcome.kind not in kinds)
 
 

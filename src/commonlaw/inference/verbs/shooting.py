@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import checked_errors, refit, updated
+from commonlaw.estimation.fitting import OF_FIT, checked_errors, refit, updated
+from commonlaw.inference.result.history import without_outcomes_of_fit
 from commonlaw.inference.search.setup import RefitOptions
 from commonlaw.inference.verbs.scheme import AbstractFit
 from commonlaw.law import Law
@@ -47,9 +48,11 @@ class ShootingFit(AbstractFit):
             progress=progress,
         )
         law, before = fitted.law(()), self.law.provenance
+        kept = (outcome for outcome in without_outcomes_of_fit(before.outcomes) if outcome.code not in OF_FIT)
         provenance = replace(
             law.provenance,
             differentiation=before.differentiation,
+            outcomes=(*kept, *law.provenance.outcomes),
             history=(*before.history, *fitted.steps),
             domain=replace(law.provenance.domain, at_rest=before.domain.at_rest, constant=before.domain.constant),
         )
