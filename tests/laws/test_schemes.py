@@ -655,6 +655,13 @@ def test_a_written_start_leaves_the_score():
     trials = decay.trials()
     laws = [decay.fit(trials), decay.shoot(trials)]
     laws += [cl.fit(f"x' = -k x; x(0) = {start}", trials) for start in ("100/V", "q^2")]
+    laws += [cl.fit(text, trials) for text in ("z' = -k z; x = z", "z' = -k z; x = 2 z; z(0) = s")]
+    assert np.ptp(_above(laws, trials)) < 0.01
+
+
+def test_the_observation_of_a_state_by_a_known_factor_leaves_the_score_of_its_rate():
+    trials = falling.trials()
+    laws = [falling.fit(trials), cl.fit("z'' = -g - c v; x = 2 z", trials)]
     assert np.ptp(_above(laws, trials)) < 0.01
 
 

@@ -230,18 +230,7 @@ class Problem:
     def _solved(self, data: TrialData, unknowns: Floats, slopes: bool) -> Predicted:
         model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter
         width, count = model.width, len(parameters)
-        initial = np.where(data.initial < 0, data.fixed, np.append(unknowns, np.nan)[data.initial])
-        follows, start_by = (data.initial < 0) & np.isnan(data.fixed), None
-        if slopes and not follows.any():
-            start_by = np.eye(width, count + width, count)
-        elif follows.any():
-            unit = self.starting_point(data, parameters)
-            initial = np.where(follows, model.starts.evaluate(unit)[0], initial)
-            start_by = np.hstack([model.starts.jacobian(unit)[0][:, first:], np.eye(width)]) if slopes else None
-        if model.steady:
-            initial, start_by = self._steady(data, parameters, initial, start_by)
-        if data.cycle:
-            initial, start_by = self._periodic(data, parameters)
+        initial, start_by = self.initial(data, unknowns, slopes)
         if np.isfinite(initial).all() and np.isfinite(parameters).all():
             solution = shoot(
                 model.switched,
@@ -285,6 +274,24 @@ class Problem:
         with np.errstate(all="ignore"):
             by_unknowns /= np.where(self.logarithmic, values, 1.0)[:, :, np.newaxis]
         return Predicted(shown, by_unknowns, states, solution.is_endless)
+
+    def initial(self, data: TrialData, unknowns: Floats, slopes: bool = True) -> tuple[Floats, Floats | None]:
+        """Return the initial values of a trial, shape (D,), and their derivatives by its parameters and by these."""
+        model, parameters, first = self.model, data.parameters(unknowns), self.model.first_parameter
+        width, count = model.width, len(parameters)
+        initial = np.where(data.initial < 0, data.fixed, np.append(unknowns, np.nan)[data.initial])
+        follows, start_by = (data.initial < 0) & np.isnan(data.fixed), None
+        if slopes and not follows.any():
+            start_by = np.eye(width, count + width, count)
+        elif follows.any():
+            unit = self.starting_point(data, parameters)
+            initial = np.where(follows, model.starts.evaluate(unit)[0], initial)
+            start_by = np.hstack([model.starts.jacobian(unit)[0][:, first:], np.eye(width)]) if slopes else None
+        if model.steady:
+            initial, start_by = self._steady(data, parameters, initial, start_by)
+        if data.cycle:
+            initial, start_by = self._periodic(data, parameters)
+        return initial, start_by
 
     def starting_point(self, data: TrialData, parameters: Floats) -> Floats:
         """Return the variables at the beginning of a trial, of which written initial values are functions."""

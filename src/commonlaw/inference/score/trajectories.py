@@ -153,14 +153,28 @@ class TrajectoryScore:
         )
 
     @cached_property
+    def measured(self) -> dict[int, tuple[int, int]]:
+        """The measured quantity h that is a function of each state z alone, and this state, by index.
+
+        Rates that are not measured themselves have those of their states: what starts with them is ``h'(z) z'``.
+        """
+        model, result = self.fitted.begun.model, dict[int, tuple[int, int]]()
+        for measured, output in enumerate(model.expressions[model.width :]):
+            column, *others = columns_in(output)
+            if not others:
+                result.setdefault(column, (measured, column))
+        states = len(model.schema.states)
+        rates = dict(enumerate(with_rates(model.order, states).tolist(), start=states))
+        return {**{rate: result[state] for rate, state in rates.items() if state in result}, **result}
+
+    @cached_property
     def starts(self) -> dict[int, list[tuple[int, int]]]:
         """Unknown initial values of measured states, and their rates: the trial and the state, by index, of each.
 
         An unknown that is in no equation, and determines one alone, ``x0 = g(p)``, stands for that.
         """
         model, unknowns = self.fitted.begun.model, self.fitted.begun.unknowns
-        states, result = len(model.schema.states), dict[int, list[tuple[int, int]]]()
-        rates = dict(enumerate(with_rates(model.order, states).tolist(), start=states))
+        result = dict[int, list[tuple[int, int]]]()
         of_equations = {coefficient.name for coefficient in self.equations.coefficients}
         for i, (data, parameters) in enumerate(zip(self.fitted.begun.problem.trials, unknowns.parameters, strict=True)):
             indices = {model.first_parameter + p: k for p, k in enumerate(parameters) if k >= 0}
@@ -171,8 +185,7 @@ class TrajectoryScore:
                     k = inside.pop() if len(inside) == 1 else -1
                     is_function = k >= 0 and text != f"+v{model.first_parameter + parameters.index(k)}"
                     k = -1 if is_function and unknowns.names[k] in of_equations else k
-                name = model.schema.states[rates.get(j, j)]
-                if k >= 0 and k not in self.held and name in self.fitted.begun.trials.schema.states:
+                if k >= 0 and k not in self.held and j in self.measured:
                     result.setdefault(k, []).append((i, j))
         return {k: places for k, places in result.items() if len(self.owners[k]) == 1}
 
@@ -257,33 +270,38 @@ class TrajectoryScore:
         return np.nan_to_num(rows), residuals, logs
 
     def _units(self, starts: Sequence[int]) -> Floats:
-        """Return the derivatives of unknowns by the initial values that they determine, on their scale."""
-        schema, logarithmic = self.fitted.begun.model.schema, self.fitted.begun.logarithmic
-        states = [self.starts[k][0][1] for k in starts]
-        is_log = [j < len(schema.states) and schema.states[j] in logarithmic for j in states]
-        values, slopes = np.array([self._start(k) for k in starts]).reshape(-1, 2).T
-        return np.where(is_log, values, 1.0) / np.where(slopes, slopes, 1.0)
+        """Return the derivatives of unknowns by the measured initial values that they determine, on their scale."""
+        slopes = np.array([self._start(k)[1] for k in starts])
+        return np.asarray(1 / np.where(slopes, slopes, 1.0))
 
     def _start(self, k: int) -> tuple[float, float]:
-        """Return the initial value that an unknown determines, and its derivative by this."""
+        """Return the measured initial value that an unknown determines, on its scale, and its derivative by this."""
         problem, unknowns, (i, j) = self.fitted.begun.problem, self.fitted.optimum.unknowns, self.starts[k][0]
-        data, starts = problem.trials[i], problem.model.starts
-        if data.initial[j] >= 0:
-            return float(unknowns[k]), 1.0
+        data, model, (measured, state) = problem.trials[i], problem.model, self.measured[j]
+        initial, start_by = problem.initial(data, unknowns)
+        assert start_by is not None
         point = problem.starting_point(data, data.parameters(unknowns))
-        slopes = starts.jacobian(point)[0][j, problem.model.first_parameter :]
-        return float(starts.evaluate(point)[0, j]), float(slopes[data.parameter == k].sum())
+        point[0, : model.width] = initial
+        value, slope = model.outputs.evaluate(point)[0, measured], model.outputs.jacobian(point)[0, measured, state]
+        slope /= value if problem.logarithmic[measured] else 1.0
+        by_unknown = float(start_by[j, np.append(data.parameter, data.initial) == k].sum())
+        return float(value if j == state else slope * initial[j]), float(slope * by_unknown)
 
     def _initial_conditions(self) -> float:
-        model = self.fitted.begun.model
-        states, total = len(model.schema.states), 0.0
+        """Return minus twice the log prior of measured initial values, and of their rates."""
         if not self.starts:
-            return total
-        variances = start_variances(self.trials, [smooth_curves(trial, model.order)[0] for trial in self.trials])
+            return 0.0
+        count, total = len(self.fitted.begun.model.observables), 0.0
+        second = sorted({measured for j, (measured, state) in self.measured.items() if j != state})
+        order = tuple(2 if k in second else 1 for k in range(count))
+        pairs = ((trial, np.isfinite(trial.states).sum(axis=0) < 2) for trial in self.trials)
+        variances = start_variances(self.trials, [smooth_curves(trial, order, few)[0] for trial, few in pairs])
         for k, places in self.starts.items():
             j = places[0][1]
-            name = model.schema.states[j] if j < states else ""
-            total += float(np.log(variances[j]) + (0.0 if name else self._start(k)[0] ** 2 / variances[j]))
+            measured, state = self.measured[j]
+            is_rate = j != state
+            variance = variances[count + second.index(measured) if is_rate else measured]
+            total += float(np.log(variance) + (self._start(k)[0] ** 2 / variance if is_rate else 0.0))
         return total
 
     def _noise(self) -> tuple[NoiseScale, float]:
