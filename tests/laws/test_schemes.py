@@ -360,6 +360,18 @@ def test_both_schemes_weigh_outliers_alike(options):
         assert np.all(np.abs(named_parameters(shot).values[:, 0] - true) < 3 * named_parameters(shot).errors[:, 0])
 
 
+def test_the_noise_without_outliers_is_the_same_fixed_point_in_both_schemes():
+    """With a low threshold there are several: less noise has more outliers, which are left out of it."""
+    clean = decay._replace(numbers={"a": (1.2,), "b": (0.7,)}, times=line(0, 5, 14), noise=0.04).trials()
+    bump = np.arange(14)[:, np.newaxis] == 5
+    made = clean.with_trials([replace(trial, states=trial.states + bump) for trial in clean])
+    for threshold in (1.7, 2.0):
+        options = {"errors": "auto", "huber_threshold": threshold}
+        one, other = (cl.fit("x' = -k x", made, scheme=name, **options) for name in ("collocation", "shooting"))
+        assert one.uncertainty.noise == pytest.approx(other.uncertainty.noise, rel=1e-3)
+        assert max(differences_of_parameters(one, other).values()) < 0.005
+
+
 def with_outliers(problem: Problem) -> tuple[cl.Trials, cl.Trials]:
     """Return trials, and the same with an outlier in each."""
     clean, bump = problem.trials(), np.arange(15)[:, np.newaxis] == 5

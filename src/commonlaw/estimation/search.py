@@ -5,19 +5,19 @@ logarithmic scale, on which parameters of all sizes move alike, then as they are
 PLOS ONE 8, e74335).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.differentiation.noise import MEDIAN_SIZE, rounding_noise, within_trial_std
+from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
 from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.levels import MOVED, likeliest_levels, scales_of
 from commonlaw.likelihood.mesh import MIN_NOISE
-from commonlaw.likelihood.observation_model import VERY_STRONG
+from commonlaw.likelihood.outliers import capped, likelier_loss, median_noise
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.text import counted
 
@@ -337,8 +337,7 @@ def maximize(
             score, unknowns, noise = end, values, levels
     alike = sum(end - score < 0.01 for end in ends) if draws > 1 else 0
     if not given and not problem.censored.any() and _noise_matters(problem):
-        unknowns = _under_restricted_noise(problem, unknowns, noise, bounds)
-        noise = _not_zero(problem.noise_levels(unknowns, noise), problem)
+        unknowns, noise = _under_restricted_noise(problem, unknowns, noise, bounds)
     return _summary(problem, unknowns, noise, bounds, given, alike)
 
 
@@ -519,8 +518,8 @@ def _noise_matters(problem: Problem) -> bool:
     return unknown > 1 or (unknown == 1 and (bool(problem.known_noise.any()) or bool(problem.priors)))
 
 
-def _under_restricted_noise(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds) -> Floats:
-    """Return estimates under the noise of restricted maximum likelihood, by fixed-point iteration.
+def _under_restricted_noise(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds) -> tuple[Floats, Floats]:
+    """Return estimates under the noise of restricted maximum likelihood, and this, by fixed-point iteration.
 
     That of maximum likelihood is too small, the more so the more unknowns an observable determines, whose measurements
     would then weigh too much (Harville 1977, J. Am. Stat. Assoc. 72, 320).
@@ -532,7 +531,7 @@ def _under_restricted_noise(problem: Problem, unknowns: Floats, noise: Floats, b
         unknowns = _polished(problem, unknowns, noise, bounds, is_near=True)
         if np.allclose(noise, before, rtol=1e-6):
             break
-    return unknowns
+    return unknowns, noise
 
 
 def _score(problem: Problem, unknowns: Floats, noise: Floats, fixed: bool) -> tuple[float, Floats]:
@@ -557,20 +556,17 @@ def under_huber_loss(
     The search begins from the optimum of least squares and from first values, with the noise of median residuals there.
     The evidence is that of likelihoods in which outliers are as likely as a measurement at the threshold.
     """
-    robust, squares = replace(problem, huber_threshold=threshold), optimum
-    best = _capped_deviance(problem, squares.unknowns, _not_zero(squares.noise, problem), threshold) - VERY_STRONG
-    for start in (squares.unknowns, first):
+    robust = replace(problem, huber_threshold=threshold)
+
+    def under_loss(start: Floats) -> Iterator[tuple[Problem, Optimum]]:
         noise = _median_noise(problem, start)
         if noise is None or not any(far.any() for far in robust.outliers(start, noise)):
-            continue
-        unknowns = _under_restricted_noise(robust, start, noise, bounds)
-        noise = _not_zero(robust.restricted_noise(unknowns, noise, np.ones(len(start), dtype=np.bool_))[0], robust)
-        deviance = _capped_deviance(robust, unknowns, noise, threshold)
-        if deviance < best:
-            best = deviance
-            levels = _not_zero(robust.noise_levels(unknowns, noise), robust)
-            problem, optimum = robust, _summary(robust, unknowns, levels, bounds, False, squares.starts_alike)
-    return problem, optimum
+            return
+        unknowns, noise = _under_restricted_noise(robust, start, noise, bounds)
+        yield robust, _summary(robust, unknowns, noise, bounds, given=False, alike=optimum.starts_alike)
+
+    fits = (fit for start in (optimum.unknowns, first) for fit in under_loss(start))
+    return likelier_loss((problem, optimum), fits, _capped_deviance)
 
 
 def _median_noise(problem: Problem, unknowns: Floats) -> Floats | None:
@@ -579,17 +575,18 @@ def _median_noise(problem: Problem, unknowns: Floats) -> Floats | None:
         (problem.predicted(data, unknowns, False).values - data.trial.states) / data.trial.averaging
         for data in problem.trials
     ]
-    sizes = np.abs(np.concatenate(residuals))
-    if np.isinf(sizes).any() or not np.isfinite(sizes).any(axis=0).all():
+    whole = np.concatenate(residuals)
+    if np.isinf(whole).any() or not np.isfinite(whole).any(axis=0).all():
         return None
     # Residuals of exact measurements are errors of solutions, which are not normal
-    return np.maximum(np.nanmedian(sizes, axis=0) / MEDIAN_SIZE, rough_noise(problem, MIN_NOISE))
+    return np.maximum(median_noise(whole), rough_noise(problem, MIN_NOISE))
 
 
-def _capped_deviance(problem: Problem, unknowns: Floats, noise: Floats, threshold: float) -> float:
-    """Return minus twice the log-likelihood with outliers as likely as a measurement at the threshold."""
-    parts = problem.standardized(unknowns, noise, False)
-    return sum(part.deviance + float(np.sum(np.minimum(np.abs(part.z[part.seen]), threshold) ** 2)) for part in parts)
+def _capped_deviance(fit: tuple[Problem, Optimum]) -> float:
+    """Return minus twice the log-likelihood of a fit, see `capped`."""
+    problem, optimum = fit
+    parts = problem.standardized(optimum.unknowns, optimum.noise, False)
+    return sum(part.deviance + float(capped(part.z[part.seen], problem.huber_threshold).sum()) for part in parts)
 
 
 def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bounds) -> tuple[Problem, Optimum]:
@@ -638,11 +635,10 @@ def _levels(
 def summarized(
     problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, alike: int, held: Sequence[int] = ()
 ) -> Optimum:
-    """Return the optimum at given unknowns, under the noise of maximum likelihood where it is not known.
+    """Return the optimum at given unknowns, near a noise that is not known.
 
     The covariance is that given the unknowns that are held, whose variances are zero.
     """
-    noise = _not_zero(problem.noise_levels(unknowns, noise), problem)
     return _summary(problem, unknowns, noise, bounds, given=False, alike=alike, held=held)
 
 
@@ -656,12 +652,12 @@ def _summary(
     held: Sequence[int] = (),
 ) -> Optimum:
     """Return what is known where the likelihood is largest; what `_polished` left at a bound is exactly there."""
-    log_likelihood = problem.log_likelihood(unknowns, noise)
     at_bound = (unknowns == bounds.low) | (unknowns == bounds.high)
     unbiased, degrees = noise, np.full(len(noise), np.inf)
     if not given:
         unbiased, degrees = problem.restricted_noise(unknowns, _not_zero(noise, problem), ~at_bound)
     unbiased = _not_zero(unbiased, problem)
+    likeliest = noise if given else _not_zero(problem.noise_levels(unknowns, unbiased), problem)
     rows = problem.information(unknowns, unbiased)
     covariance = np.zeros((len(unknowns), len(unknowns)))
     inner = np.setdiff1d(np.flatnonzero(~at_bound), held)
@@ -673,6 +669,7 @@ def _summary(
         levels = noise if given else problem.restricted_noise(beyond, unbiased, free)[0]
         whole = _inverse(problem.information(beyond, _not_zero(levels, problem)))
         errors = np.sqrt(np.maximum(np.diagonal(whole), 0.0))
+    log_likelihood = problem.log_likelihood(unknowns, likeliest)
     return Optimum(unknowns, unbiased, degrees, log_likelihood, covariance, at_bound, (beyond, errors), alike)
 
 

@@ -4,7 +4,7 @@ Coefficients of the selected law are converged to `CONVERGED` standard errors, w
 the search, meshes are refined until the evidence does not depend on them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -25,6 +25,7 @@ from commonlaw.inference.fit.fit import Fit, errors_to_fit
 from commonlaw.inference.fit.shared_coefficients import maximum
 from commonlaw.likelihood import ERRORS, ErrorModel, Estimate, NotPositiveError, deviations, fit_each
 from commonlaw.likelihood.levels import MOVED, Deviations, LinearizedFit, likeliest_levels
+from commonlaw.likelihood.outliers import capped, likelier_loss, median_noise
 from commonlaw.runtime.fit_options import ErrorKind
 
 
@@ -45,11 +46,10 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         if ERRORS[kind].group == "measurement":
             white = fit.problem.under_white_noise
             fit = replace(fit, problem=white, estimates=white.padded(fit.estimates))
-        fit = _under_residual_noise(fit)
-        if np.any(relative_residuals(fit) > fit.problem.models[0].observation.huber_threshold):
-            squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
-            worse = _minus_twice_log_likelihood(squares) - _minus_twice_log_likelihood(fit)
-            fit = squares if least_squares or worse < settings.VERY_STRONG else fit
+        squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
+        threshold = np.inf if least_squares else fit.problem.models[0].observation.huber_threshold
+        robust = (robust for start in (squares, fit) for robust in _under_huber_loss(start, threshold))
+        fit = likelier_loss(squares, robust, _minus_twice_log_likelihood)
         if ERRORS[kind].group == "measurement":
             fit = _under_likeliest_levels(fit, kind)
         is_fitted = True
@@ -71,11 +71,24 @@ def apart(fit: Fit) -> Fit:
         return alone
 
 
+def _under_huber_loss(start: Fit, threshold: float) -> Iterator[Fit]:
+    """Yield the converged fit under the Huber loss, if there are outliers under the noise of median residuals."""
+    problem, sizes = start.problem.with_huber_threshold(threshold), relative_residuals(start)
+    if not _keeps_noise(start):
+        floor, latent = noise_floor(problem.trials) / problem.noise, problem.trials.schema.is_latent
+        scale = np.where(latent, 1.0, np.maximum(median_noise(sizes), floor))
+        problem = problem.with_scaled_noise(scale, FROM_RESIDUALS)
+    robust = replace(start, problem=problem)
+    if outliers(robust).any():
+        with suppress(NotPositiveError):
+            yield _under_residual_noise(robust)
+
+
 def _minus_twice_log_likelihood(fit: Fit) -> float:
-    """Return minus twice the log-likelihood, with outliers as likely as a measurement at the Huber threshold."""
+    """Return minus twice the log-likelihood, see `capped`."""
     problem = fit.problem
     sizes, (squares, repeated) = relative_residuals(fit), problem.pure_error
-    deviance = np.nansum(np.minimum(sizes, problem.models[0].observation.huber_threshold) ** 2, axis=0)
+    deviance = np.nansum(capped(sizes, problem.models[0].observation.huber_threshold), axis=0)
     deviance += squares / problem.noise**2
     return float(np.sum(deviance + 2 * (np.isfinite(sizes).sum(axis=0) + repeated) * np.log(problem.noise)))
 
