@@ -182,6 +182,13 @@ def test_powers_of_parameters_that_are_not_determined_are_refused_as_such():
         cl.fit(f"{HILL} + c", _hill(8, 2, 2), errors="white")
 
 
+def test_factors_that_errors_of_integration_alone_separate_are_refused():
+    times = np.linspace(0, 3, 16)
+    values = 2 * np.exp(-0.96 * times) + 0.1 + 0.02 * np.cos(7 * np.arange(16.0))
+    with refused("parameters-not-identified", names=["k", "p"]):
+        cl.fit("x' = -k x; y = c x^p; x(0) = 1", cl.Trials.from_arrays(times, values, names=["y"]))
+
+
 def test_a_power_of_zero_whose_exponent_vanishes_has_no_derivative_by_it():
     times = np.arange(6.0)
     made = [

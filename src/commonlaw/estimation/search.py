@@ -44,6 +44,8 @@ STEPS_PER_SAMPLE, ROUGH_SHARE = 500, 5
 oscillates, or has events, so often between samples is not estimated by these."""
 LACK_OF_FIT = 3.0
 """Times the noise that residuals are where solutions do not fit."""
+MAX_SLOPE_ERROR = 0.1
+"""Relative error of the slope of solutions along a direction of the unknowns that measurements determine."""
 _TINY = float(np.finfo(np.float64).tiny)
 """In place of zero, whose logarithm and inverse are infinite."""
 
@@ -658,36 +660,46 @@ def _summary(
         unbiased, degrees = problem.restricted_noise(unknowns, _not_zero(noise, problem), ~at_bound)
     unbiased = _not_zero(unbiased, problem)
     likeliest = noise if given else _not_zero(problem.noise_levels(unknowns, unbiased), problem)
-    rows = problem.information(unknowns, unbiased)
     covariance = np.zeros((len(unknowns), len(unknowns)))
     inner = np.setdiff1d(np.flatnonzero(~at_bound), held)
-    covariance[np.ix_(inner, inner)] = _inverse(rows[:, inner])
+    covariance[np.ix_(inner, inner)] = _covariance(problem, unknowns, unbiased, inner)
     beyond, errors = unknowns.copy(), np.zeros(len(unknowns))
     if at_bound.any():
         free = np.ones(len(unknowns), dtype=np.bool_)
         beyond = _by_levenberg_marquardt(Objective(problem, unbiased), unknowns, free)
         levels = noise if given else problem.restricted_noise(beyond, unbiased, free)[0]
-        whole = _inverse(problem.information(beyond, _not_zero(levels, problem)))
+        whole = _covariance(problem, beyond, _not_zero(levels, problem), np.arange(len(unknowns)))
         errors = np.sqrt(np.maximum(np.diagonal(whole), 0.0))
     log_likelihood = problem.log_likelihood(unknowns, likeliest)
     return Optimum(unknowns, unbiased, degrees, log_likelihood, covariance, at_bound, (beyond, errors), alike)
 
 
-def _inverse(slopes: Floats) -> Floats:
-    """Return the inverse of the information of rows, with infinite variances where these do not determine a number."""
-    if not slopes.shape[1]:
+def _covariance(problem: Problem, unknowns: Floats, noise: Floats, inner: Indices) -> Floats:
+    """Return the covariance of some unknowns given the others, infinite for those that are not determined.
+
+    With the rows R of the information and their errors E, by solutions of a hundredth of the tolerance, a direction v
+    of scaled unknowns is not determined if ``|R v|`` is rounding, or ``|E v|`` more than a tenth of it. At switches,
+    where rows jump, E is not estimated.
+    """
+    if not len(inner):
         return np.zeros((0, 0))
-    scale = np.sqrt(np.sum(slopes**2, axis=0))
+    rows = problem.information(unknowns, noise)[:, inner]
+    finer, errors = replace(problem, tolerance=problem.tolerance / 100), np.zeros_like(rows)
+    has_switches = len(problem.model.switched.outputs) > problem.model.width
+    if not has_switches and np.isfinite(finer.residuals(unknowns, noise)[0]).all():
+        errors = finer.information(unknowns, noise)[:, inner] - rows
+    scale = np.sqrt(np.sum(rows**2, axis=0))
     scale = np.where(scale == 0, 1.0, scale)
-    missing = max(0, len(scale) - len(slopes))
-    _, sizes, turned = np.linalg.svd(np.pad(slopes / scale, ((0, missing), (0, 0))), full_matrices=False)
-    least = np.finfo(float).eps * len(slopes) * 10
-    with np.errstate(divide="ignore"):
-        inverse = np.where(sizes > least * sizes.max(initial=0.0), 1 / sizes**2, np.inf)
-    directions = turned.T
-    finite = np.isfinite(inverse)
-    result = (directions[:, finite] * inverse[finite]) @ directions[:, finite].T
-    lost = (directions[:, ~finite] ** 2).sum(axis=1) > 1e-6
+    missing = max(0, len(scale) - len(rows))
+    _, sizes, turned = np.linalg.svd(np.pad(rows / scale, ((0, missing), (0, 0))), full_matrices=False)
+    directions, rounding = turned.T, np.finfo(float).eps * len(rows) * 10 * sizes.max(initial=0.0)
+    errors = np.linalg.norm(errors / scale @ directions, axis=0)
+    finite = sizes > np.maximum(rounding, errors / MAX_SLOPE_ERROR)
+    result = (directions[:, finite] / sizes[finite] ** 2) @ directions[:, finite].T
+    shares = np.sum(directions[:, ~finite] ** 2, axis=1)
+    # Errors turn directions by their share of the least size of the determined ones
+    turn = np.linalg.norm(errors) / np.min(sizes[finite], initial=np.inf)
+    lost = shares > min(max(1e-6, turn**2), 0.1 * shares.max())
     result = result / scale / scale[:, np.newaxis]
     result[lost, lost] = np.inf
     return np.asarray(result)
