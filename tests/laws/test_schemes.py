@@ -773,6 +773,14 @@ def test_parameters_at_a_bound_are_updated_as_without_a_prior():
     assert 0 < error < 0.1
 
 
+def test_laws_with_a_parameter_of_zero_at_the_bound_of_some_objects_are_refined():
+    trials = decay.trials()
+    law = decay.fit(trials, "x' = -k x + b; b > 0")
+    before, after = (named_parameters(of).values for of in (law, cl.refine(law, trials, errors="white")))
+    assert 0 < np.count_nonzero(before[:, 1]) < 3
+    np.testing.assert_allclose(before, after, rtol=1e-6)
+
+
 def test_forecasts_beyond_the_training_data_are_noted_in_both_schemes():
     trials = falling._replace(numbers={"a": (0.2,)}).trials()
     laws = in_both_schemes(falling.fit(trials))

@@ -182,7 +182,8 @@ class Law(ShownInNotebooks):
 
     @cached_property
     def _shares_terms(self) -> bool:
-        return bool(np.all((self.coefficients != 0) == self.support))
+        # A parameter of given equations may be zero, as at its bound
+        return bool(self.provenance.equations) or bool(np.all((self.coefficients != 0) == self.support))
 
     # Structure and text
 
