@@ -32,7 +32,8 @@ from commonlaw.inference.search.setup import FitSetup, RefitOptions
 from commonlaw.inference.verbs.comparison import written_alike
 from commonlaw.law.observation import STATES
 from commonlaw.law.parameters import named_parameters, restrictions_of
-from commonlaw.likelihood import ERRORS
+from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel
+from commonlaw.likelihood.levels import Deviations
 from tests.refusals import refused
 from tests.simulations import simulated
 
@@ -612,6 +613,42 @@ def test_levels_of_errors_are_those_of_restricted_likelihood(kind):
     assert _levels(law) == pytest.approx(np.exp(logs), rel=1e-3)
     assert parameters.values[0] == pytest.approx(point, rel=1e-4)
     assert parameters.errors[0] == pytest.approx(np.sqrt(np.diagonal(errors)), rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", COVARIANCES)
+def test_weights_of_outliers_are_those_of_white_noise_and_autocorrelated_errors_of_least_loss(kind):
+    """By SciPy, over the autocorrelated errors e: ``sum of rho((r - e)/s) + e' E^-1 e``."""
+    random, times = np.random.default_rng(2), np.linspace(0, 4, 12)
+    errors = ErrorModel(correlated=np.array([0.4]), memory=1.5) if kind == "autocorrelated" else WHITE_NOISE
+    residuals, noise = 0.3 * random.standard_normal((12, 1)), np.array([0.2])
+    residuals[[3, 8]] += 3.0
+    trial = replace(decay.trials()[0], times=times, states=np.zeros((12, 1)), inputs=np.zeros((12, 0)))
+    made = Deviations(trial, residuals, None, residuals, np.zeros((12, 1), dtype=bool)).reweighted(noise, errors, 2.0)
+    precision = np.linalg.inv(0.16 * np.exp(-np.abs(times[:, np.newaxis] - times) / 1.5))
+
+    def loss(e: np.ndarray) -> float:
+        sizes = np.abs(residuals[:, 0] - e) / 0.2
+        return float(np.sum(np.where(sizes > 2, 4 * sizes - 4, sizes**2)) + e @ precision @ e)
+
+    e = optimize.minimize(loss, np.zeros(12), options={"gtol": 1e-8}).x if errors else np.zeros(12)
+    expected = np.minimum(1, 2 * 0.2 / np.abs(residuals[:, 0] - e))
+    assert made.weights[:, 0] == pytest.approx(expected, rel=1e-3)
+    whitened = made.whitened(noise, errors)
+    total = float(np.sum(whitened.z**2) + np.sum(4 * (1 / made.weights - 1)))
+    assert total == pytest.approx(loss(e), rel=1e-5)
+
+
+def test_outliers_among_autocorrelated_errors_are_those_of_white_noise_in_both_schemes():
+    random, times = np.random.default_rng(2), line(0, 4, 24)
+    covariance = 0.15**2 * np.exp(-np.abs(times[:, np.newaxis] - times)) + 0.1**2 * np.eye(24)
+    x = random.multivariate_normal(4 * np.exp(-0.7 * times), covariance)
+    x[[5, 15]] += 1.5, -1.5
+    trials = cl.Trials.from_arrays([times], [x], names=["x"])
+    laws = [cl.fit("x' = -k x", trials, errors="autocorrelated", scheme=name) for name in ("collocation", "shooting")]
+    for law in laws:
+        assert [step.choice for step in law.history if step.stage == "outliers"] == ["2 measurements"]
+    assert _levels(laws[0]) == pytest.approx(_levels(laws[1]), rel=1e-3)
+    assert max(differences_of_parameters(*laws).values()) < 0.005
 
 
 @pytest.mark.parametrize("kind", COVARIANCES)

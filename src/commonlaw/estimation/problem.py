@@ -39,6 +39,8 @@ class TrialData:
         The period after which the solution returns to its initial values, which follow from this; 0 without one.
     fitted
         Observables of an earlier fit at the samples, about which errors hold, shape (n, m); None before there is one.
+    weights
+        Of white noise about these, see `Deviations.reweighted`; None for equal ones.
     """
 
     trial: Trial
@@ -51,6 +53,7 @@ class TrialData:
     fixed: Floats
     cycle: float = 0.0
     fitted: Floats | None = None
+    weights: Floats | None = None
 
     @classmethod
     def of(
@@ -79,8 +82,8 @@ class TrialData:
 
     def seen(self, rows: Bools | slice) -> "TrialData":
         """Return the trial with some of its samples, the inputs being those of all of them."""
-        fitted = None if self.fitted is None else self.fitted[rows]
-        return replace(self, trial=self.trial.rows(rows), rows=self.rows[rows], fitted=fitted)
+        fitted, weights = (None if values is None else values[rows] for values in (self.fitted, self.weights))
+        return replace(self, trial=self.trial.rows(rows), rows=self.rows[rows], fitted=fitted, weights=weights)
 
     def parameters(self, unknowns: Floats) -> Floats:
         """Return the values of all parameters."""
@@ -103,7 +106,8 @@ class _Standardized(NamedTuple):
     """A trial with its measurements about its solution, and which of them are seen, or under a limit, shape (n, m).
 
     Where they are, z is ``(h - y) / sigma`` and u is ``(L - h) / sigma``; h / sigma has the derivatives `by`, shape
-    (n, m, p). The rest of minus twice the log-likelihood beyond the squares of z is the `deviance`.
+    (n, m, p). Beyond the threshold z counts by the Huber loss; it is infinite where weights stand for that. The rest of
+    minus twice the log-likelihood beyond the losses of z is the `deviance`.
     """
 
     trial: Trial
@@ -113,6 +117,7 @@ class _Standardized(NamedTuple):
     u: Floats
     by: Floats | None
     deviance: float
+    threshold: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +171,8 @@ class Problem:
         values of an earlier fit, see `about`.
     huber_threshold
         Standardized residual c beyond which a measurement counts by ``2 c |z| - c^2`` instead of the square (Huber
-        1964). These outliers are left out of estimates of the noise, unless most measurements of a quantity are.
+        1964), under errors the white noise in it. These outliers are left out of estimates of the noise, unless most
+        measurements of a quantity are.
     """
 
     model: Model
@@ -432,10 +438,16 @@ class Problem:
         """Which observables have censored measurements, shape (m,)."""
         return np.asarray(np.any([np.isfinite(trial.trial.below).any(axis=0) for trial in self.trials], axis=0))
 
-    def about(self, unknowns: Floats, errors: ErrorModel) -> "Problem":
+    def about(self, unknowns: Floats, noise: Floats, errors: ErrorModel) -> "Problem":
         """Return the problem under other errors than white noise, evaluated at what the trials are at unknowns."""
-        trials = tuple(replace(data, fitted=self.predicted(data, unknowns, False).values) for data in self.trials)
-        return replace(self, trials=trials, errors=errors)
+        trials = list[TrialData]()
+        for data in self.trials:
+            values = self.predicted(data, unknowns, False).values
+            none_omitted = np.zeros(values.shape, dtype=np.bool_)
+            deviations = Deviations(data.trial, values, None, values, none_omitted, data.weights)
+            weights = deviations.reweighted(noise, errors, self.huber_threshold).weights
+            trials.append(replace(data, fitted=values, weights=weights))
+        return replace(self, trials=tuple(trials), errors=errors)
 
     def linearized(self, unknowns: Floats, noise: Floats, free: Bools) -> LinearizedFit:
         """Return measurements, and priors, about what the trials are at unknowns, of which some are free.
@@ -459,11 +471,14 @@ class Problem:
             predicted, trial = self.predicted(data, unknowns, slopes), data.trial
             values, is_first = predicted.values, data.fitted is None
             seen, reference = np.isfinite(trial.states), values if data.fitted is None else data.fitted
-            deviations = Deviations(trial, values, predicted.slopes, reference, np.zeros_like(seen))
+            deviations = Deviations(trial, values, predicted.slopes, reference, np.zeros_like(seen), data.weights)
             whitened = deviations.whitened(noise, WHITE_NOISE if is_first else self.errors)
-            under = np.isfinite(trial.below)
+            under, deviance = np.isfinite(trial.below), deviations.deviance(whitened)
             u = (trial.below - values) / whitened.std
-            yield _Standardized(trial, seen, under, whitened.z, u, whitened.slopes, deviations.deviance(whitened))
+            threshold = self.huber_threshold if data.weights is None else np.inf
+            if data.weights is not None:  # The Huber loss beyond the weighted squares
+                deviance += float(np.sum(self.huber_threshold**2 * (1 / data.weights[seen] - 1)))
+            yield _Standardized(trial, seen, under, whitened.z, u, whitened.slopes, deviance, threshold)
 
     def residuals(self, unknowns: Floats, noise: Floats, slopes: bool = True) -> tuple[Floats, Floats | None]:
         """Return standardized residuals, shape (r,), and their derivatives, shape (r, p).
@@ -473,9 +488,9 @@ class Problem:
         its constants; a prior is ``(p - mean) / std``.
         """
         parts, rows = list[Floats](), list[Floats]()
-        for _, seen, under, z, u, by, _ in self.standardized(unknowns, noise, slopes):
+        for _, seen, under, z, u, by, _, threshold in self.standardized(unknowns, noise, slopes):
             root = np.sqrt(np.maximum(-2 * log_ndtr(u[under]), np.finfo(np.float64).tiny))
-            loss, slope = self._loss(z[seen])
+            loss, slope = _huber_loss(z[seen], threshold)
             parts += [loss, root]
             if by is not None:
                 rows += [by[seen] * slope[:, np.newaxis], by[under] * (_mills(u[under]) / root)[:, np.newaxis]]
@@ -484,23 +499,16 @@ class Problem:
             rows.append(prior.root @ np.eye(self.unknowns)[prior.indices])
         return np.concatenate(parts), np.concatenate(rows) if slopes else None
 
-    def _loss(self, z: Floats) -> tuple[Floats, Floats]:
-        """Return the roots of the losses of standardized residuals, with the sign of these, and their derivatives."""
-        threshold, loss, slope = self.huber_threshold, z.copy(), np.ones_like(z)
-        far = np.abs(z) > threshold
-        loss[far] = np.sqrt(2 * threshold * np.abs(z[far]) - threshold**2)
-        slope[far] = threshold / loss[far]
-        loss[far] *= np.sign(z[far])
-        return loss, slope
-
     def outliers(self, unknowns: Floats, noise: Floats) -> list[Bools]:
         """Return which measurements of each trial are outliers, shape (n, m), unless most of a quantity are."""
-        trials = self.trials if np.isfinite(self.huber_threshold) else ()
-        if not trials:
+        if not np.isfinite(self.huber_threshold):
             return [np.zeros(data.trial.states.shape, dtype=np.bool_) for data in self.trials]
-        sizes = [np.abs(part.z) for part in self.standardized(unknowns, noise, False)]
-        far = [size > self.huber_threshold for size in sizes]
-        measured = np.sum([np.isfinite(size).sum(axis=0) for size in sizes], axis=0)
+        parts = zip(self.trials, self.standardized(unknowns, noise, False), strict=True)
+        far = [
+            np.abs(part.z) > self.huber_threshold if data.weights is None else part.seen & (data.weights < 1)
+            for data, part in parts
+        ]
+        measured = np.sum([np.isfinite(data.trial.states).sum(axis=0) for data in self.trials], axis=0)
         rare = 2 * np.sum([outlying.sum(axis=0) for outlying in far], axis=0) < measured
         return [outlying & rare for outlying in far]
 
@@ -515,7 +523,7 @@ class Problem:
             return self._weighted(unknowns, noise)
         count, quantities = self.unknowns, len(noise)
         total, mixed, by_noise = np.zeros((count, count)), np.zeros((quantities, count)), np.zeros(quantities)
-        for trial, measured, limited, residuals, tails, by, _ in self.standardized(unknowns, noise, True):
+        for trial, measured, limited, residuals, tails, by, *_ in self.standardized(unknowns, noise, True):
             assert by is not None
             for k in range(quantities):
                 seen, under = measured[:, k], limited[:, k]
@@ -540,8 +548,8 @@ class Problem:
         rows = np.where(np.isfinite(rows), rows, 0.0)
         if np.isfinite(self.huber_threshold):
             parts = list[Floats]()
-            for _, seen, under, z, *_ in self.standardized(unknowns, noise, False):
-                size = np.abs(z[seen]) / self.huber_threshold
+            for _, seen, under, z, *_, threshold in self.standardized(unknowns, noise, False):
+                size = np.abs(z[seen]) / threshold
                 parts += [np.where(size > 1, np.sqrt(2 - 1 / np.maximum(size, 1.0)), 1.0), np.ones(under.sum())]
             weights = np.concatenate(parts)
             rows[: len(weights)] *= weights[:, np.newaxis]
@@ -610,10 +618,19 @@ class Problem:
     def log_likelihood(self, unknowns: Floats, noise: Floats) -> float:
         """Return the log-likelihood of the measurements, without priors."""
         total = 0.0
-        for _, seen, _, z, _, _, deviance in self.standardized(unknowns, noise, False):
-            loss, _ = self._loss(z[seen])
+        for _, seen, _, z, _, _, deviance, threshold in self.standardized(unknowns, noise, False):
+            loss, _ = _huber_loss(z[seen], threshold)
             total -= 0.5 * (float(loss @ loss) + deviance)
         return float(total - 0.5 * self.counts.sum() * np.log(2 * np.pi))
+
+
+def _huber_loss(z: Floats, threshold: float) -> tuple[Floats, Floats]:
+    """Return the roots of the losses of standardized residuals, with the sign of these, and their derivatives."""
+    loss, slope, far = z.copy(), np.ones_like(z), np.abs(z) > threshold
+    loss[far] = np.sqrt(2 * threshold * np.abs(z[far]) - threshold**2)
+    slope[far] = threshold / loss[far]
+    loss[far] *= np.sign(z[far])
+    return loss, slope
 
 
 def _mills(u: Floats) -> Floats:

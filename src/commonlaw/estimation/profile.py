@@ -116,7 +116,7 @@ def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginn
     known = None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
     errors = law.uncertainty.error_model
     if known is not None and errors and not errors.of_law:
-        begun = replace(begun, problem=begun.problem.about(begun.first, errors))
+        begun = replace(begun, problem=begun.problem.about(begun.first, known, errors))
     return begun, index, known
 
 

@@ -603,7 +603,7 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
         if not is_known:
             levels = _levels(problem, kind, unknowns, noise, bounds, levels)
             noise, errors = levels[:m], model.model(levels[m:])
-        problem, before = problem.about(unknowns, errors), unknowns
+        problem, before = problem.about(unknowns, noise, errors), unknowns
         unknowns = _polished(problem, before, noise, bounds, is_near=True)
         if np.linalg.norm(problem.information(unknowns, noise) @ (unknowns - before)) < MOVED:
             break
@@ -611,8 +611,8 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     if is_known:
         return problem, optimum
     levels = _levels(problem, kind, unknowns, noise, bounds, levels, restricted=False)
-    log_likelihood = problem.about(unknowns, model.model(levels[m:])).log_likelihood(unknowns, levels[:m])
-    return problem, replace(optimum, log_likelihood=log_likelihood)
+    at_levels = problem.about(unknowns, levels[:m], model.model(levels[m:]))
+    return problem, replace(optimum, log_likelihood=at_levels.log_likelihood(unknowns, levels[:m]))
 
 
 def _levels(

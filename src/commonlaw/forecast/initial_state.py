@@ -245,11 +245,10 @@ class FittedInitialState(_AtFirstSample):
         samples = np.searchsorted(trajectory.times, self.trial.times)
         values, slopes = trajectory.states[samples, :states], trajectory.sensitivities[samples, :states]
         deviations = Deviations(self.trial, values, slopes, values, np.zeros(values.shape, dtype=np.bool_))
-        z, whitened, *_ = deviations.whitened(self.noise, self.errors)
-        assert whitened is not None
-        weights = ObservationModel(np.ones(states), HUBER_THRESHOLD).weights(z, 1.0)
-        rows = np.sqrt(weights)[:, :, np.newaxis] * whitened
-        rows = rows[np.isfinite(rows).all(axis=2)]
+        deviations = deviations.reweighted(self.noise, self.errors, HUBER_THRESHOLD)
+        _, rows, *_ = deviations.whitened(self.noise, self.errors)
+        assert rows is not None
+        rows = rows[deviations.seen & np.isfinite(rows).all(axis=2)]
         # With Q R = rows of the start, the information is R' R
         basis, factor = np.linalg.qr(rows[:, -width:])
         try:

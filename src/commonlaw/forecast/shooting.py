@@ -330,7 +330,7 @@ class _Curve:
         initial = np.where(seen.initial < 0, -1, np.arange(model.width) + count)
         both = replace(seen, parameter=np.arange(count), initial=initial)
         problem = replace(scheme.problem((both,), len(unknowns), shifted), tolerance=tolerance)
-        rows = problem.about(unknowns, scheme.law.uncertainty.error_model).information(unknowns, noise)
+        rows = problem.about(unknowns, noise, scheme.law.uncertainty.error_model).information(unknowns, noise)
         inverse = inverse_information(rows[:, free])
         sensitivity = -inverse @ rows[:, free].T @ rows[:, fixed]
         until = float(trial.times[used][-1]) if used.any() else float(whole.times[0])

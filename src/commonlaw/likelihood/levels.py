@@ -29,7 +29,8 @@ _MAX_STEPS = 30
 """Newton steps of a minimization."""
 _SAME_LOGARITHM = 1e-6
 """Change of logarithms of levels at which it ends, and the smallest eigenvalue of a Hessian relative to the largest."""
-
+_MAX_REWEIGHTINGS = 100
+"""Rounds of weights of outliers and autocorrelated errors."""
 _TAIL = 0.25
 """Newton step of logarithms of levels above which longer ones are tried: near a minimum steps are short."""
 
@@ -84,12 +85,24 @@ class Innovations(NamedTuple):
         expected = lapack.dtbtrs(bands, right.reshape(len(errors), -1), uplo="L", diag="U")[0]
         return np.asarray(errors - np.asarray(expected).reshape(errors.shape))
 
+    def transposed(self, innovations: Floats) -> Floats:
+        """Return the transposed map of `of_errors` of values, shape (n,)."""
+        from scipy.linalg import lapack
+
+        if len(innovations) < 2:
+            return innovations
+        bands = np.ones((2, len(innovations)))
+        bands[1] = -self.carried
+        expected = np.asarray(lapack.dtbtrs(bands, innovations[:, np.newaxis], uplo="L", trans="T", diag="U")[0])[:, 0]
+        return np.asarray(innovations - self.gained * np.append(expected[1:], 0.0))
+
 
 @dataclass(frozen=True, eq=False)
 class Deviations:
     """Measurements of a trial about the values h of a fit, shape (n, m), with derivatives of these, shape (n, m, k).
 
     Heteroscedastic noise is that at `reference` values of an earlier fit, and outliers are left out, shape (n, m) each.
+    Variances of white noise are divided by `weights`, shape (n, m), None for equal ones, see `reweighted`.
     """
 
     trial: Trial
@@ -97,6 +110,7 @@ class Deviations:
     slopes: Floats | None
     reference: Floats
     outliers: Bools
+    weights: Floats | None = None
 
     @property
     def jacobian(self) -> Floats:
@@ -113,27 +127,62 @@ class Deviations:
         """Return the residuals under white noise, shape (m,), and other errors."""
         trial = self.trial
         white = errors.white_std(self.reference, with_typical(trial.noise, noise)) * trial.averaging
-        z, slopes, std = self.values - trial.states, self.slopes, white.copy()
+        std = white if self.weights is None else white / np.sqrt(self.weights)
+        z, slopes = self.values - trial.states, self.slopes
         if errors.correlated is not None:
-            slopes = None if slopes is None else slopes.copy()
-            for k, level in enumerate(errors.correlated.tolist()):
+            slopes, std = None if slopes is None else slopes.copy(), std.copy()
+            for k, innovations in enumerate(self._innovations(std, errors)):
                 seen = self.seen[:, k]
-                innovations = Innovations.of(trial.times[seen], white[seen, k], level, errors.memory)
                 z[seen, k], std[seen, k] = innovations.of_errors(z[seen, k]), innovations.std
                 if slopes is not None:
                     slopes[seen, k] = innovations.of_errors(slopes[seen, k])
         return Whitened(z / std, None if slopes is None else slopes / std[:, :, np.newaxis], std, white)
 
+    def _innovations(self, white: Floats, errors: ErrorModel) -> list[Innovations]:
+        """Return the innovations of each quantity under white standard deviations, shape (n, m)."""
+        levels, seen = () if errors.correlated is None else errors.correlated.tolist(), self.seen
+        return [
+            Innovations.of(self.trial.times[seen[:, k]], white[seen[:, k], k], level, errors.memory)
+            for k, level in enumerate(levels)
+        ]
+
+    def reweighted(self, noise: Floats, errors: ErrorModel, threshold: float) -> "Deviations":
+        """Return the same with the weights of the Huber loss of white noise, where autocorrelated errors have theirs.
+
+        With residuals r of covariance R, which has the variances ``s^2 / w``, white noise is ``e = s^2 / w R^-1 r``,
+        and the weights are ``w = min(1, c s / |e|)`` for the threshold c (Huber 1964): at their fixed point the loss of
+        e and the squares of the autocorrelated errors have the least sum.
+        """
+        if not np.isfinite(threshold):
+            return replace(self, weights=None)
+        result = self if self.weights is not None else replace(self, weights=np.ones(self.values.shape))
+        for _ in range(_MAX_REWEIGHTINGS):
+            z, _, std, white = result.whitened(noise, errors)
+            weights = np.ones_like(z) if result.weights is None else result.weights
+            precise = z / std
+            for k, innovations in enumerate(result._innovations(white / np.sqrt(weights), errors)):
+                seen = self.seen[:, k]
+                precise[seen, k] = innovations.transposed(precise[seen, k])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                after = np.nan_to_num(np.minimum(1.0, threshold * weights / np.abs(white * precise)), nan=1.0)
+            result = replace(result, weights=after)
+            if np.allclose(after, weights, rtol=_SAME_LOGARITHM, atol=0.0):
+                break
+        return result
+
     def deviance(self, whitened: Whitened) -> float:
         """Return minus twice the log-likelihood beyond the squares of z, without constants.
 
-        Repeated measurements vary about their means, and values below limits are in the tails.
+        Repeated measurements vary about their means, and values below limits are in the tails. Weights do not change
+        the density of white noise.
         """
         from scipy.special import log_ndtr
 
         trial, (_, _, std, white) = self.trial, whitened
         seen, under = self.seen, np.isfinite(trial.below)
         result = 2 * float(np.log(std[seen]).sum() - log_ndtr(((trial.below - self.values) / std)[under]).sum())
+        if self.weights is not None:
+            result += float(np.log(self.weights[seen]).sum())
         if trial.repeats is not None:
             counts, squares = trial.repeats.counts[seen], trial.repeats.squares[seen]
             single = white[seen] * np.sqrt(counts)  # The mean has the noise of one over the root of their number
