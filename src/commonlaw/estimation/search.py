@@ -223,7 +223,10 @@ def _by_levenberg_marquardt(objective: Objective, start: Floats, free: Bools, lo
 
 
 def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Floats:
-    """Return first values, shape (draws, p), the likely ones first; those that were guessed are the same in all."""
+    """Return first values, shape (draws, p), the likely ones first; those that were guessed are the same in all.
+
+    Likely ones that are out of bounds are at these, unless they would be zero.
+    """
     from scipy.special import ndtri
     from scipy.stats import qmc
 
@@ -238,7 +241,10 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
     outside = (starts < low) | (starts > high)
     inner = np.where(both, low + draws[:, :count] * np.where(both, high - low, 0.0), starts)
     one = np.where(np.isfinite(low), low + np.abs(starts), high - np.abs(starts))
-    return np.asarray(np.where(outside, np.where(both, inner, one), starts))
+    inside = np.where(outside, np.where(both, inner, one), starts)
+    nearest = np.clip(sizes, low, high)
+    inside[0] = np.where(nearest == 0, inside[0], nearest)
+    return np.asarray(inside)
 
 
 def rough_noise(problem: Problem, share: float = 0.1) -> Floats:
