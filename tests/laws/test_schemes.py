@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from scipy import integrate, optimize
+from scipy import integrate, optimize, stats
 
 import commonlaw as cl
 from commonlaw.discrepancy.residuals import fitted_parameters
@@ -810,11 +810,43 @@ def test_parameters_at_a_bound_are_updated_as_without_a_prior():
     assert 0 < error < 0.1
 
 
+def test_a_parameter_has_one_interval_in_all_objects_and_wherever_it_stands():
+    trials, tables = growth.trials(), list[Any]()
+    for options in ({"shared": "K"}, {}, {"scheme": "shooting"}):
+        law = growth.fit(trials, **options)
+        quantities = law.quantities()
+        of_k, at_rest = law.params.query("parameter == 'K'"), quantities.query("quantity == 'equilibrium 2, stable'")
+        capacity = quantities.query("symbol == 'K'")
+        tables.append(of_k[["low", "high"]].to_numpy())
+        for table in (capacity, at_rest):
+            np.testing.assert_array_equal(table[["low", "high"]], tables[-1])
+    assert np.ptp(tables[0], axis=0) == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(tables[1], tables[2], rtol=1e-5)
+
+
+def test_a_parameter_at_its_bound_has_the_interval_from_there_to_its_limit(tmp_path):
+    trials = growth._replace(numbers={"a": (0.8, 50.0)}).trials()
+    free, law = (growth.fit(trials, f"x' = r x (1 - x/K){bound}") for bound in ("", "; K < 49"))
+    value, error = free.params[["estimate", "standard error"]].to_numpy()[1]
+    freedom = float(law.uncertainty.degrees_of_freedom[0])
+    law.save(tmp_path / "law.json")
+    read = cl.Law.load(tmp_path / "law.json")
+    for table in (law.params, law.update(trials).params, read.params, law.quantities()):
+        k = table.set_index("parameter" if "parameter" in table else "symbol").loc["K"]
+        assert np.isnan(k["standard error"])
+        assert (k["estimate"], k["high"]) == (pytest.approx(49), 49)
+    low = law.params["low"][1]
+    share = stats.t.cdf((low - value) / error, freedom) / stats.t.cdf((49 - value) / error, freedom)
+    assert share == pytest.approx(0.05, rel=1e-2)
+    assert law.conf_int(0.9)["low"][1] > low
+
+
 def test_laws_with_a_parameter_of_zero_at_the_bound_of_some_objects_are_refined():
-    trials = decay.trials()
-    law = decay.fit(trials, "x' = -k x + b; b > 0")
+    problem = decay._replace(times=np.linspace(0, 4, 20))
+    trials = problem.trials()
+    law = problem.fit(trials, "x' = -k x + b; b > 0")
     before, after = (named_parameters(of).values for of in (law, cl.refine(law, trials, errors="white")))
-    assert 0 < np.count_nonzero(before[:, 1]) < 3
+    assert np.count_nonzero(before[:, 1]) == 1
     np.testing.assert_allclose(before, after, rtol=1e-6)
 
 

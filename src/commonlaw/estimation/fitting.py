@@ -40,7 +40,7 @@ from commonlaw.law.parse import Product, read_equations
 from commonlaw.law.provenance import Domain, error_steps
 from commonlaw.law.restrictions import OBJECT, by_trial
 from commonlaw.law.text import with_error
-from commonlaw.law.uncertainty import OneSidedLimit
+from commonlaw.law.uncertainty import AtBound, OneSidedLimit
 from commonlaw.library import Term, Terms, with_rates
 from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.levels import autocorrelation
@@ -168,6 +168,7 @@ def updated(law: Law, trials: Trials) -> Law:
             error_model=law.uncertainty.error_model,
             degrees_of_freedom=law.uncertainty.degrees_of_freedom,
             limits=limits,
+            at_bounds=tuple(estimate for part in parts for estimate in part.uncertainty.at_bounds),
         ),
         properties={owner: attribute for part in parts for owner, attribute in part.properties.items()},
         provenance=replace(
@@ -467,6 +468,7 @@ class Fitted:
                 error_model=problem.errors,
                 degrees_of_freedom=np.array(degrees) if estimated_noise else None,
                 limits=tuple(self._limits()),
+                at_bounds=tuple(self._at_bounds()),
             ),
             provenance=provenance,
             properties=properties,
@@ -483,6 +485,20 @@ class Fitted:
             rows = zip(trials, unknowns.parameters, strict=True)
             for owner in dict.fromkeys(trial.object for trial, indices in rows if k in indices):
                 yield OneSidedLimit(owner, unknowns.names[k], limit.limit, limit.is_lower)
+
+    def _at_bounds(self) -> Iterator[AtBound]:
+        """Yield the parameters at bounds, of each object that they are of."""
+        trials, unknowns = self.begun.trials, self.begun.unknowns
+        for k in np.flatnonzero(self.optimum.at_bound).tolist():
+            rows = zip(trials, unknowns.parameters, strict=True)
+            for owner in dict.fromkeys(trial.object for trial, indices in rows if k in indices):
+                yield self._at_bound(owner, k)
+
+    def _at_bound(self, owner: str, k: int) -> AtBound:
+        end = float(self.optimum.unknowns[k])
+        value, error = (float(column[k]) for column in self.optimum.beyond)
+        is_low, name = end == self.begun.bounds.low[k], self.begun.unknowns.names[k]
+        return AtBound(owner, name, end, is_low, value, error if 0 < error < np.inf else None)
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -515,12 +531,11 @@ class Fitted:
         if self.lack_of_fit:
             yield note("residuals-exceed-noise", residuals=self.lack_of_fit)
         for i in np.flatnonzero(optimum.at_bound):
-            name, end = begun.unknowns.names[i], float(optimum.unknowns[i])
-            value, error = (float(column[i]) for column in optimum.beyond)
+            name, estimate = begun.unknowns.names[i], self._at_bound("", int(i))
             text = next((bound.text for bound in begun.model.text.bounds if bound.name == name), name)
             where = labels[i].removeprefix(f"{name} of ") if labels[i] != name else ""
             degrees = float(np.min(optimum.degrees_of_freedom))
-            result = estimate_at_bound(where, name, end, end == begun.bounds.low[i], value, error, text, degrees)
+            result = _note_at_bound(estimate, where, text, degrees)
             # A written bound may cause the misfit; that of a dead time, which is never negative, does not
             is_dead_time = text == name and self.lack_of_fit
             yield note("dead-time-at-bound-of-misfit", where, estimate=result.text) if is_dead_time else result
@@ -631,18 +646,17 @@ def notes_of_limits(limits: Sequence[OneSidedLimit], objects: Sequence[str]) -> 
         yield note("one-sided-limit", where, name=name, limit=text)
 
 
-def estimate_at_bound(
-    where: str, name: str, end: float, is_low: bool, value: float, error: float, bound: str, degrees: float
-) -> Outcome:
-    """Return that a parameter is at an end of its bound, with the 95 % interval on the other side.
-
-    The interval is of Student's t distribution about the estimate without the bound, as far as it is within.
-    """
-    from scipy.stats import t as student
-
-    side, reach = 1 if is_low else -1, np.nan
-    if 0 < error < np.inf:
-        reach = side * error * student.isf(0.05 * student.sf(side * (end - value) / error, degrees), degrees)
-    within = f"; 95 %: {'up' if is_low else 'down'} to {value + reach:.4g}" if np.isfinite(reach) else ""
-    estimate = with_error(value, error) if np.isfinite(error) else f"{value:.4g}"
-    return note("estimate-at-bound", where, name=name, end=end, estimate=estimate, within=within, bound=bound)
+def _note_at_bound(estimate: AtBound, where: str, bound: str, degrees: float) -> Outcome:
+    """Return that a parameter is at an end of its bound, with the 95 % interval on the other side."""
+    limit, value, error = estimate.limit(0.95, degrees), estimate.value, estimate.error
+    within = f"; 95 %: {'up' if estimate.is_low else 'down'} to {limit:.4g}" if np.isfinite(limit) else ""
+    text = f"{value:.4g}" if error is None else with_error(value, error)
+    return note(
+        "estimate-at-bound",
+        where,
+        name=estimate.parameter,
+        end=estimate.bound,
+        estimate=text,
+        within=within,
+        bound=bound,
+    )

@@ -27,6 +27,7 @@ from commonlaw.law.parse import read_equations
 from commonlaw.law.provenance import Alternative, Domain, Provenance, Step
 from commonlaw.law.restrictions import ALL, Restrictions
 from commonlaw.law.uncertainty import (
+    AtBound,
     Explanation,
     IntervalInflation,
     ObjectEstimates,
@@ -95,6 +96,7 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
     degrees_of_freedom: Floats | None = None
     interval_inflation: IntervalInflation | None = None
     limits: tuple[OneSidedLimit, ...] = ()
+    at_bounds: tuple[AtBound, ...] = ()
 
 
 class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -354,6 +356,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         degrees_of_freedom=uncertainty.degrees_of_freedom,
         interval_inflation=uncertainty.interval_inflation,
         limits=uncertainty.limits,
+        at_bounds=uncertainty.at_bounds,
     )
 
 
@@ -561,6 +564,7 @@ def _read_uncertainty(
         saved.interval_inflation,
         document.explanation,
         saved.limits,
+        saved.at_bounds,
     )
 
 

@@ -18,9 +18,9 @@ from commonlaw.law import text
 from commonlaw.law.law import Law, given_equations, object_index, shares_terms
 from commonlaw.law.parse import Coefficient, Part, Product, read_equations
 from commonlaw.law.quantiles import mixture_interval, propagated, two_sided
-from commonlaw.law.restrictions import ALL, Restrictions
+from commonlaw.law.restrictions import ALL, OBJECT, Restrictions
 from commonlaw.law.text import free_parameter_names
-from commonlaw.law.uncertainty import OneSidedLimit, PlausibleLaw, Uncertainty
+from commonlaw.law.uncertainty import AtBound, OneSidedLimit, PlausibleLaw, Uncertainty
 from commonlaw.library import with_rates
 from commonlaw.library.bounds import bounds_in
 from commonlaw.runtime.arguments import numbers_of
@@ -84,6 +84,14 @@ class Parameters:
         errors.flags.writeable = False
         return errors
 
+    @property
+    def tabulated_errors(self) -> Floats:
+        """Standard errors, NaN also for parameters that have only a limit, or are at a bound."""
+        errors = np.where(self.limited, np.nan, self.errors)
+        for place in self.at_bounds:
+            errors[place] = np.nan
+        return errors
+
     @cached_property
     def limits(self) -> dict[tuple[int, int], OneSidedLimit]:
         """The only limits of parameters, by the indices of object and parameter; see `Uncertainty.limits`."""
@@ -92,6 +100,16 @@ class Parameters:
             (object_index(self.law, limit.object), indices[limit.parameter]): limit
             for limit in self.law.uncertainty.limits
             if limit.parameter in indices
+        }
+
+    @cached_property
+    def at_bounds(self) -> dict[tuple[int, int], AtBound]:
+        """The parameters at bounds, by the indices of object and parameter; see `Uncertainty.at_bounds`."""
+        indices = {name: i for i, name in enumerate(self.names)}
+        return {
+            (object_index(self.law, estimate.object), indices[estimate.parameter]): estimate
+            for estimate in self.law.uncertainty.at_bounds
+            if estimate.parameter in indices
         }
 
     @cached_property
@@ -221,7 +239,9 @@ class Parameters:
         """Return the ends of intervals given the terms, each of shape (objects, parameters); NaN where unknown.
 
         Those of ratios are Fieller's, see `propagated`; averaged ones are those of `coefficient_intervals`. They end at
-        the bounds of parameters. Those with a limit on one side only have that of 95 % up to this level, none beyond.
+        the bounds of parameters; of those at a bound they are one-sided, see `AtBound`. Those with a limit on one side
+        only have that of 95 % up to this level, none beyond. Parameters that objects share have the same interval in
+        all, that of their standard error.
         """
         j, k = self.places
         if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
@@ -231,14 +251,16 @@ class Parameters:
         low, high = self.values - self.errors * reach, self.values + self.errors * reach
         support, known = self.law.support, self.covariance_given_limits
         covariances = () if known is None else known
+        shared = restrictions_of(self.law).shared if len(self.law.objects) > 1 else {}
         for i, definition in enumerate(self.definitions):
+            is_alone = len(definition.parts) == 1 or shared.get(definition.name, OBJECT) != OBJECT
 
             def value(free: Floats, definition: Coefficient = definition) -> Floats:
                 coefficients = np.zeros((len(free), *support.shape))
                 coefficients[:, support] = free
                 return definition.of(coefficients)
 
-            for o, covariance in enumerate(covariances if len(definition.parts) > 1 else ()):
+            for o, covariance in enumerate(() if is_alone else covariances):
                 interval = propagated(value, self.law.coefficients[o, support], covariance, float(reach[o, i]))
                 low[o, i], high[o, i] = interval.low, interval.high
         for bound in bounds_in(restrictions_of(self.law).bounds):
@@ -249,6 +271,10 @@ class Parameters:
         return self._with_limits(low, high, level)
 
     def _with_limits(self, low: Floats, high: Floats, level: float) -> tuple[Floats, Floats]:
+        known = self.law.uncertainty.degrees_of_freedom
+        degrees = np.inf if known is None else float(known.min())
+        for place, estimate in self.at_bounds.items():
+            low[place], high[place] = estimate.interval(level, degrees)
         for place, limit in self.limits.items():
             low[place], high[place] = limit.interval if level <= 0.95 else (np.nan, np.nan)
         return low, high

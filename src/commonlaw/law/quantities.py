@@ -443,6 +443,14 @@ def _differs(quantity: Quantity, parameters: Parameters, o: int) -> bool:
     return not np.isclose(value, parameters.values[o, parameters.names.index(quantity.symbol)], rtol=1e-6, atol=0.0)
 
 
+def _as_parameter(parameters: Parameters, named: Sequence[Estimate], o: int, state: Estimate) -> Estimate:
+    """Return the estimate of a state of rest of an object, that of the parameter that it is, as a carrying capacity."""
+    values, errors = parameters.values[o], parameters.errors[o]
+    same = np.isclose(values, state.value, rtol=1e-6, atol=0.0) & np.isclose(errors, state.error, rtol=1e-3, atol=0.0)
+    places = np.flatnonzero(same & ~parameters.limited[o] & (values != 0))
+    return named[places[0]] if len(places) else state
+
+
 def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) -> "pd.DataFrame":
     """Return what is quoted of the forms that a law has, and its equilibria, see `Law.quantities`."""
     import pandas as pd
@@ -451,10 +459,11 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
         check_choice("state", name, law.schema.states)
     reach = float(reach_of_equations(law, level).max())
     matches, known = _matches(law) if law.order != 0 else [], named_parameters(law)
-    rows, named = list[tuple[object, ...]](), (known.values, known.errors, *known.intervals(level))
+    rows, tabulated = list[tuple[object, ...]](), (known.values, known.tabulated_errors, *known.intervals(level))
     is_solved = WITHOUT_QUANTITIES.isdisjoint(outcome.kind for outcome in law.diagnostics)
     for i, owner in enumerate(law.objects if law.order != 0 and is_solved else ()):
         parameters = law.coefficients[i, law.support]
+        named = [Estimate(*row) for row in np.stack([numbers[i] for numbers in tabulated], axis=1).tolist()]
         covariance = None if known.covariance_given_limits is None else known.covariance_given_limits[i]
         specific = _most_specific([match for match in matches if match.holds(law.coefficients[[i]])])
         quantities = list[tuple[str, Quantity]]()
@@ -473,7 +482,7 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
                 quantity.function, parameters, covariance, reach
             )
             if quantity.symbol in known.names and not known.limited[i, p := known.names.index(quantity.symbol)]:
-                estimate = Estimate(*(float(numbers[i, p]) for numbers in named))
+                estimate = named[p]
             if np.isfinite(estimate.value):
                 rows.append((owner, title, quantity.name, quantity.symbol, *estimate, quantity.unit))
         points = [*equilibria(law, parameters, covariance, reach)]
@@ -482,10 +491,9 @@ def quantity_frame(law: Law, level: float, initial: Mapping[str, float] | None) 
         for number, point in enumerate(points, 1):
             name = f"equilibrium {number}, {point.kind}" if len(points) > 1 else f"equilibrium, {point.kind}"
             for state, value, error in zip(law.schema.states, point.states, point.errors, strict=True):
-                ends = value - reach * error, value + reach * error
+                ends = float(value - reach * error), float(value + reach * error)
+                estimate = _as_parameter(known, named, i, Estimate(float(value), float(error), *ends))
                 unit = law.schema.units.get(state, "")
-                rows.append(
-                    (owner, "Equilibria", name, f"{state}*", float(value), float(error), *map(float, ends), unit)
-                )
+                rows.append((owner, "Equilibria", name, f"{state}*", *estimate, unit))
     columns = ["object", "form", "quantity", "symbol", "estimate", "standard error", "low", "high", "unit"]
     return pd.DataFrame(rows, columns=columns)

@@ -84,7 +84,7 @@ def parameter_frame(law: Law, level: float = 0.95, averaged: bool = False) -> pd
             "term": [law.terms.names[place.term] for place in places],
             "parameter": [parameters.names[i] for i in columns],
             "estimate": parameters.values[rows, columns],
-            "standard error": np.where(parameters.limited, np.nan, parameters.errors)[rows, columns],
+            "standard error": parameters.tabulated_errors[rows, columns],
             "low": low[rows, columns],
             "high": high[rows, columns],
             "unit": [parameters.units[i] or "" for i in columns],

@@ -143,6 +143,43 @@ class OneSidedLimit:
         return self.value * (1e3 if (self.value > 0) == self.is_lower else 1e-3)
 
 
+@dataclass(frozen=True)
+class AtBound:
+    """An object's parameter at its lower (`is_low`) or upper bound, and its estimate without this bound.
+
+    The error of that is None where measurements do not determine it.
+    """
+
+    object: str
+    parameter: str
+    bound: float
+    is_low: bool
+    value: float
+    error: float | None
+
+    def limit(self, level: float, degrees_of_freedom: float) -> float:
+        """Return the end of the interval of a level on the other side of the bound, NaN if it is not determined.
+
+        The interval is of Student's t distribution about the estimate without the bound, as far as it is within.
+
+        >>> round(AtBound("cup", "b", 0.0, True, -1.0, 1.0).limit(0.95, np.inf), 3)
+        1.412
+        """
+        from scipy.stats import t as student
+
+        side = 1 if self.is_low else -1
+        if self.error is None:
+            return np.nan
+        inside = student.sf(side * (self.bound - self.value) / self.error, degrees_of_freedom)
+        reach = self.error * student.isf((1 - level) * inside, degrees_of_freedom)
+        return float(self.value + side * reach) if np.isfinite(reach) else np.nan
+
+    def interval(self, level: float, degrees_of_freedom: float) -> tuple[float, float]:
+        """Return the ends of the interval of a level, of which one is the bound."""
+        limit = self.limit(level, degrees_of_freedom)
+        return (self.bound, limit) if self.is_low else (limit, self.bound)
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectEstimates:
     """Parameters of each object, shape (objects, parameters), and their covariances."""
@@ -213,6 +250,8 @@ class Uncertainty:
     limits
         Of parameters that have a limit on one side only, such as rates too fast to be measured: forecasts hold these at
         their estimates, of which errors have no meaning.
+    at_bounds
+        Parameters at their bounds, where their errors are zero, with what limits them on the other side.
     other_laws
         Plausible laws besides this one, with posterior probabilities, see `Law.models`.
     """
@@ -229,6 +268,7 @@ class Uncertainty:
     interval_inflation: IntervalInflation | None = None
     explanation: Explanation | None = None
     limits: tuple[OneSidedLimit, ...] = ()
+    at_bounds: tuple[AtBound, ...] = ()
     other_laws: tuple[PlausibleLaw[Any], ...] = ()
 
     def checked(self, objects: tuple[str, ...], support: Bools, measured: Sequence[str]) -> "Uncertainty":
@@ -264,6 +304,7 @@ class Uncertainty:
             interval_inflation=self.interval_inflation and self.interval_inflation.checked(),
             explanation=self.explanation and _checked_explanation(self.explanation, size),
             limits=limits,
+            at_bounds=tuple(estimate for estimate in self.at_bounds if estimate.object in objects),
         )
 
     @property
@@ -340,7 +381,7 @@ class Uncertainty:
             lambda values: values[:, parameters], lambda matrices: matrices[:, parameters][:, :, parameters]
         )
         # Names of parameters are those of terms
-        return restricted if parameters.all() else replace(restricted, explanation=None, limits=())
+        return restricted if parameters.all() else replace(restricted, explanation=None, limits=(), at_bounds=())
 
     def with_known(self, estimated: Bools) -> "Uncertainty":
         """Return that of more parameters, shape (parameters,), of which those that are not estimated are known."""

@@ -267,6 +267,7 @@ def coefficients(case: Summary) -> Iterator[Block]:
     yield Text(text)
     parameters = named_parameters(law)
     free = ((parameters.errors != 0) | parameters.limited).any(axis=0)
+    free[[p for _, p in parameters.at_bounds]] = True
     if given := [
         name for (name, _), is_free in zip(coefficient_names(law), free, strict=True) if known and not is_free
     ]:
