@@ -154,7 +154,8 @@ clean: ## Remove the environment, caches and products
 	find src studies tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMP): pyproject.toml constraints.txt $(KERNEL) | $(BIN)/python
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,all]'
+	# Most of what is installed is never imported: what is, is compiled then
+	$(BIN)/python -m pip install --quiet --no-compile -c constraints.txt -e '.[dev,all]'
 	@touch $@
 
 $(DOCS_STAMP): $(STAMP)

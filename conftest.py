@@ -16,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from matplotlib.figure import Figure
 from selenium.webdriver import Chrome, ChromeOptions, ChromeService
+from xdist.scheduler import LoadGroupScheduling
 
 import commonlaw as cl
 from commonlaw.cli import main
@@ -136,6 +137,19 @@ def _measured_drops() -> tuple[str, str]:
     except cl.CommonlawError as error:
         return "", str(error)
     return str(named or pooch.os_cache("commonlaw")), ""
+
+
+class _LoadTestScheduling(LoadGroupScheduling):
+    """Schedules the cases of one test together: this takes time in proportion to the square of the number of pieces."""
+
+    def _split_scope(self, nodeid):
+        return super()._split_scope(nodeid).partition("[")[0]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log) -> LoadGroupScheduling | None:
+    """Schedule by groups and tests, in place of groups and cases."""
+    return _LoadTestScheduling(config, log) if config.getoption("dist") == "loadgroup" else None
 
 
 @pytest.hookimpl(optionalhook=True)
