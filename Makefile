@@ -154,8 +154,9 @@ clean: ## Remove the environment, caches and products
 	find src studies tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMP): pyproject.toml constraints.txt $(KERNEL) | $(BIN)/python
-	# Most of what is installed is never imported: what is, is compiled then
+	# pip would compile with one core, and tests of packages too
 	$(BIN)/python -m pip install --quiet --no-compile -c constraints.txt -e '.[dev,all]'
+	-$(BIN)/python -m compileall -qq -j 0 -x '/tests/' .venv/lib
 	@touch $@
 
 $(DOCS_STAMP): $(STAMP)

@@ -63,6 +63,7 @@ def test_errors_against_least_squares_on_all_rows_of_a_badly_scaled_library_are_
     assert max(errors(columns * scales, columns @ np.ones((5, 1)))) < 1e-12
 
 
+@pytest.mark.slow
 def test_the_benchmarks_run_and_find_the_same_law(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["", "--quick", "--case", "trials"])
     main()

@@ -121,6 +121,7 @@ def test_the_verdicts_hold(section):
     assert "−0.00067" in section.verdicts[2].text
 
 
+@pytest.mark.slow
 def test_the_verdicts_follow_the_numbers(drops, monkeypatch):
     room = "studies.falling_balls"
     monkeypatch.setattr(import_module(f"{room}.model_error"), "SIMILAR", 0.01)

@@ -43,7 +43,10 @@ def faulty(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("name", "word"),
-    [("raises", "planted"), pytest.param("unreadable", "planted", marks=pytest.mark.slow), ("dies", "code -9")],
+    [
+        ("raises", "planted"),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("unreadable", "planted"), ("dies", "code -9"))),
+    ],
 )
 def test_a_fault_of_a_search_is_on_the_page_within_two_seconds(page: Page, faulty, tmp_path, name, word):
     table = tmp_path / f"{name}.csv"

@@ -27,6 +27,7 @@ def found(table):
     return last, question.source(Table(table.name, table.read_bytes()))
 
 
+@pytest.mark.slow
 def test_every_picture_of_a_law_is_drawn_and_its_program_draws_the_same(found, table, monkeypatch, tmp_path):
     made, source = found
     monkeypatch.chdir(tmp_path)

@@ -39,6 +39,7 @@ def saving(table: Table) -> tuple[Sessions, Named]:
     return sessions, Named("mine", sessions.open_table(table), {})
 
 
+@pytest.mark.slow
 def test_a_session_of_the_largest_table_that_the_app_takes_is_listed_and_opened(saved: SavedSessions) -> None:
     content = np.random.default_rng(0).bytes(64 * 2**20)
     sessions, asked = saving(named("large.csv", content))

@@ -73,6 +73,7 @@ def test_objects_of_many_files_are_shown_by_their_spread_and_written_as_a_table(
     assert float(medians[2]) == pytest.approx(table[table["term"] == "v"]["value"].median(), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_law_of_each_file_is_found_by_workers(run, done, tmp_path):
     cl.datasets.linear_drag(drag=(-0.2,), noise=0.01, trials=2).to_csv(tmp_path / "0.csv")
     (tmp_path / "bad.csv").write_text("t,x\n0,1\n1,two\n")

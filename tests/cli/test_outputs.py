@@ -33,6 +33,7 @@ def test_a_table_that_is_wider_than_the_terminal_has_a_row_for_each_column_and_n
     assert f"7{'x' * 17}" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_table_becomes_a_page_that_opens_by_itself(run, tmp_path, check_page):
     cl.datasets.linear_drag(drag=-0.3, noise=0.05).to_csv(tmp_path / "drops.csv")
     arguments = ("drops.csv", "--order", 2, "--library", "poly:1", "--set", "errors=white", "--hold-out", "trial=2")

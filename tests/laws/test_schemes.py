@@ -171,13 +171,11 @@ turning = Problem(
 
 FAST = {
     "decay": decay,
-    "decay, two trials": decay._replace(added="", numbers={"a": (0.5,), "b": (0.8,)}, starts=[(4.0,), (6.0,)]),
     "decay, shared k": decay._replace(options={"shared": "k"}),
     "fall, shared g": falling._replace(options={"shared": "g"}),
     "decay, known noise": decay._replace(options={"noise": {"x": 0.12}}),
     "decay, logarithms": decay._replace(noise=0.0, change=_scattered, options={"log_states": ["x"]}),
     "decay, a volume": decay._replace(equations="x' = -CL/V x", change=_with_volumes),
-    "fall": falling,
     "predation, missing values": predation._replace(change=_with_gaps, added="y(0) = l"),
     "Michaelis and Menten": enzyme._replace(numbers={"a": (1.0, 2.0)}),
     "relaxation, an input": Problem(
@@ -186,6 +184,8 @@ FAST = {
     ),
 }  # fmt: skip
 SLOW = {
+    "decay, two trials": decay._replace(added="", numbers={"a": (0.5,), "b": (0.8,)}, starts=[(4.0,), (6.0,)]),
+    "fall": falling,
     "logistic growth": growth,
     "van der Pol": turning,
     "reaction": Problem(
@@ -473,7 +473,7 @@ def spelled(tree: Any, random: Random) -> str:
 
 SPELLINGS = [
     (relaxation, "x' = ", ("*", "k", ("-", "a", "x"))),
-    (growth, "x' = ", ("*", "r", "x", ("-", "1", ("/", "x", "K")))),
+    pytest.param(growth, "x' = ", ("*", "r", "x", ("-", "1", ("/", "x", "K"))), marks=pytest.mark.slow),
     pytest.param(
         enzyme._replace(numbers={"a": (1.0, 2.0)}), "S' = -", ("*", "Vm", ("/", "S", ("+", "Km", "S"))),
         marks=pytest.mark.slow,

@@ -35,6 +35,9 @@ _SLOW = (
     "lorenz",
     "lorenz, screened terms",
     "measured drops, linear drag",
+    "missing values",
+    "no outliers",
+    "noise columns",
     "power, auto",
     "predators, defaults",
     "predators, many terms",
@@ -46,8 +49,11 @@ _SLOW = (
     "spring, proportional",
     "spring, random-walk",
     "spring, white",
+    "swung, cubic",
     "van der Pol",
     "van der Pol, many samples",
+    "vials",
+    "with a blank",
 )
 
 

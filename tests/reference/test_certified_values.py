@@ -230,8 +230,9 @@ def expected(name: str) -> dict[str, tuple[float, float]]:
 # Their residuals are autocorrelated or grow with y, so that `auto` chooses errors of which nothing is certified
 OTHER_ERRORS = ("Eckerle4", "Bennett5", "Chwirut2")
 FITS = [(name, "white") for name in ("Rat42", *OTHER_ERRORS)] + [
-    pytest.param(name, "auto", marks=[pytest.mark.slow] * (name == "ENSO")) for name in SETS if name not in OTHER_ERRORS
+    (name, "auto") for name in SETS if name not in OTHER_ERRORS
 ]
+SLOW = {("Bennett5", "white"), *((name, "auto") for name in ("ENSO", "Lanczos2", "Misra1b", "Misra1c", "Rat42"))}
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -243,7 +244,9 @@ def test_the_closed_form_has_the_certified_standard_errors(name):
     assert np.sqrt(np.diag(covariance(certified, times))) == pytest.approx(certified.deviations, rel=1e-4)
 
 
-@pytest.mark.parametrize(("name", "errors"), FITS)
+@pytest.mark.parametrize(
+    ("name", "errors"), [pytest.param(*case, marks=[pytest.mark.slow] * (case in SLOW)) for case in FITS]
+)
 def test_a_fit_from_a_free_start_gives_the_certified_estimates_and_standard_errors(name, errors):
     certified, (times, states) = SETS[name], data(name)
     trials = cl.Trials.from_arrays([times], [states], names=["y"])

@@ -12,8 +12,8 @@ from commonlaw.inference.fit.problem import prepare
 from tests.refusals import message, refused
 
 RNG_SEED = 0
-LEVELS = (0.001, 0.1)
-"""Of the noise, in standard deviations of the signal."""
+LEVELS = (0.001, pytest.param(0.1, marks=pytest.mark.slow))
+"""Of the noise, in standard deviations of the signal: what is small is more easily taken for a part of this."""
 
 
 def _sine(samples_a_period, count=150):

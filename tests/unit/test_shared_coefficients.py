@@ -110,11 +110,14 @@ def test_the_law_is_written_saved_and_forecast_with_as_it_was_stated():
 
 
 def test_the_command_line_takes_the_time_of_the_starts(tmp_path):
-    *_, trials, _ = of_persons("microconstants")
-    trials[:1].to_frame().to_csv(tmp_path / "injected.csv", index=False)
-    options = ["--initial-value", "tissue=0", "--initial-time", "0", "--set", "errors=white"]
+    times = np.linspace(0.25, 4, 12)
+    measured = 10 * (np.exp(-0.5 * times) - np.exp(-times)) + 0.01 * np.random.default_rng(0).standard_normal(12)
+    cl.Trials.from_arrays([times], [measured], names=["conc"]).to_csv(tmp_path / "injected.csv")
+    options = ["--initial-value", "tissue=5", "--initial-time", "0", "--set", "errors=white"]
     table, saved = str(tmp_path / "injected.csv"), ["--save", str(tmp_path / "law.json")]
-    done = CliRunner().invoke(commonlaw, ["fit", table, MICROCONSTANTS, *saved, *options])
+    done = CliRunner().invoke(
+        commonlaw, ["fit", table, "conc' = k tissue - m conc; tissue' = -k tissue", *saved, *options]
+    )
     assert done.exit_code == 0, done.output
     assert cl.Law.load(tmp_path / "law.json").schema.initial_time == 0.0
 

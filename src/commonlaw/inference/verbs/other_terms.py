@@ -62,7 +62,7 @@ def candidate_laws(
     Examples
     --------
     >>> import commonlaw as cl
-    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> drops = cl.datasets.linear_drag(drag=(-0.3, -0.5), noise=0.05)
     >>> law = cl.discover(drops, order=2, library="poly:1")
     >>> [each.law.structure[0] for each in candidate_laws(law, drops, most=3)]
     ["x'' = a", "x'' = a + b v", "x'' = a + b x + c v"]
@@ -103,7 +103,7 @@ def candidate_law(law: Law, trials: Trials, support: Bools) -> CandidateLaw:
     Examples
     --------
     >>> import commonlaw as cl
-    >>> drops = cl.datasets.linear_drag(noise=0.05)
+    >>> drops = cl.datasets.linear_drag(drag=(-0.3, -0.5), noise=0.05)
     >>> law = cl.discover(drops, order=2, library="poly:1")
     >>> law.terms.names
     ('1', 'x', 'v')
