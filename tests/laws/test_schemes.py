@@ -660,7 +660,7 @@ def test_every_verb_takes_errors_of_measurements(kind):
     assert model.kind == kind
     assert cl.law.from_json(cl.law.to_json(law)) == law
     assert [step.reason for step in law.history].count("estimates of restricted maximum likelihood") == 1
-    again = cl.refine(law, trials)
+    again = cl.refine(law, trials, errors=kind)
     assert _levels(again) == pytest.approx(_levels(law), rel=0.01)
     forecast = law.predict(trials, return_std=True)
     states = forecast.trajectories[0].states
@@ -674,17 +674,43 @@ def test_every_verb_takes_errors_of_measurements(kind):
     updated = law.update(trials)
     assert named_parameters(updated).errors == pytest.approx(named_parameters(law).errors / np.sqrt(2), rel=0.02)
     assert updated.uncertainty.error_model.kind == kind
-    frame = cl.compare({"white": problem.shoot(trials, errors="white"), kind: law}, trials)
-    assert frame["law"].tolist() == [kind, "white"]
-    assert frame["errors"].tolist() == [ERRORS[kind].label, "white noise"]
+
+
+def test_proportional_errors_are_chosen_in_both_schemes():
+    problem = UNDER_ERRORS["decay, proportional"]
+    trials = problem.trials()
+    for fit in (COLLOCATION, SHOOTING):
+        law, named, white = (fit(problem, trials, errors=errors) for errors in ("auto", "proportional", "white"))
+        assert [outcome.code for outcome in law.diagnostics] == ["errors-chosen"]
+        assert [outcome.code for outcome in white.diagnostics] == ["residuals-under-white-noise"]
+        for made in (law, cl.refine(white, trials, n_jobs=1)):
+            assert made.uncertainty.error_model.kind == "proportional"
+            assert max(differences_of_parameters(named, made).values()) < 0.01
 
 
 def test_autocorrelated_residuals_are_noted_where_shooting_takes_white_noise():
     problem = UNDER_ERRORS["decay, autocorrelated"]
     trials = problem.trials()
-    codes = [outcome.code for outcome in problem.shoot(trials, errors="auto").diagnostics]
-    assert "residuals-autocorrelated" in codes
-    assert "residuals-autocorrelated" not in [outcome.code for outcome in problem.shoot(trials).diagnostics]
+    codes = [[outcome.code for outcome in problem.shoot(trials, errors=kind).diagnostics] for kind in ("auto", "white")]
+    assert codes == [["residuals"], ["residuals-under-white-noise"]]
+    assert problem.shoot(trials).diagnostics == ()
+
+
+def test_laws_are_compared_under_one_kind_of_errors_whichever_they_were_fitted_under():
+    problem = UNDER_ERRORS["decay, proportional"]
+    trials = problem.trials()
+    laws = {errors: problem.shoot(trials, errors=errors) for errors in ("white", "proportional")}
+    frame = cl.compare(laws | {"plain": problem.fit(trials)}, trials)
+    assert {*frame["errors"]} == {ERRORS["proportional"].label}
+    assert frame["2 log B"].to_numpy() == pytest.approx(0.0, abs=1e-6)
+
+
+def test_white_noise_is_kept_where_residuals_are_no_reason_for_other_errors():
+    problem = decay._replace(noise=0.02, times=line(0, 4, 30))
+    for fit in (COLLOCATION, SHOOTING):
+        law = fit(problem, problem.trials(), errors="auto")
+        assert law.uncertainty.error_model.kind == "white"
+        assert law.diagnostics == ()
 
 
 @pytest.mark.parametrize(

@@ -42,10 +42,10 @@ def test_the_function_is_that_of_a_law_whose_states_are_measured(missing):
     """The states are fitted by collocation there, and by shooting here."""
     plain = cl.fit("x' = -k x", decays(1, missing, "x"), noise={"x": NOISE}, errors="white")
     one = plain.discrepancy(decays(1, missing, "x"), "x", noise={"x": NOISE})
-    seen = cl.fit("x' = -k x; y = x", decays(1, missing), noise={"y": NOISE})
+    seen = cl.fit("x' = -k x; y = x", decays(1, missing), noise={"y": NOISE}, errors="white")
     other = seen.discrepancy(decays(1, missing), "x", noise={"y": NOISE})
     grid = np.linspace(0.1, 2.0, 6)
-    assert (np.abs(other(grid) - one(grid)) < 0.2 * one.std(grid)).all()
+    assert (np.abs(other(grid) - one(grid)) < 0.25 * one.std(grid)).all()
     assert other.std(grid) == pytest.approx(one.std(grid), rel=0.2)
     assert one.claimed == other.claimed == bool(missing)
     if not missing:  # Else random forces explain some of it where states are measured
@@ -140,7 +140,7 @@ def test_residuals_are_those_of_the_measured_quantities_by_their_logarithms():
 )
 def test_patterns_of_residuals_are_found_through_observations(noise, pattern):
     trials = decays(5, observed=lambda x: 3 * x + 0.2, noise=noise)
-    law = cl.fit("x' = -k x; y = 3 x + b", trials, shared=["b"])
+    law = cl.fit("x' = -k x; y = 3 x + b", trials, shared=["b"], errors="white")
     assert pattern in {each.pattern for each in law.residuals(trials).significant}
 
 

@@ -1,16 +1,15 @@
 """Given equations that are fitted by collocation, each object by itself but for what all share; or in discrete time."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Any, cast
 
 import numpy as np
 
-from commonlaw.diagnostics import Outcome, OutcomeKind, marked, note
-from commonlaw.discovery.hints import outcomes_of_inputs, outcomes_of_units
+from commonlaw.diagnostics import Outcome, OutcomeKind
+from commonlaw.discovery.hints import outcomes_of_errors, outcomes_of_inputs, outcomes_of_units
 from commonlaw.discovery.known_physics import known_coefficients, unfitted
-from commonlaw.discovery.log_scale import largest_change
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
 from commonlaw.discovery.regression import DiscreteTimeRegression, suitable_differentiation
@@ -47,9 +46,6 @@ from commonlaw.trials.transformations import (
     without_objects,
 )
 from commonlaw.trials.trial import Start, property_names
-
-_OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
-"""Stages of a history that say which errors a law has besides white noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +187,7 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
     def under_white_noise() -> Law:
         return refined(begun, trials, replace(options, errors="white", least_squares=True), progress)
 
-    chosen_errors = _chosen_errors(law, under_white_noise) if options.errors == "auto" else ()
+    chosen_errors = outcomes_of_errors(law, under_white_noise) if options.errors == "auto" else ()
     law = law if request.functions else with_one_sided_limits(law, trials)
     # Latent states have a note of their own
     is_vague = not prepared.has_starts and _is_undetermined(law)
@@ -261,20 +257,6 @@ def _is_undetermined(law: Law) -> bool:
     vague = np.all(parameters.errors > np.abs(parameters.values), axis=0).tolist()
     names = {*compress(parameters.names, vague)}
     return len(names) > 1 and not names.isdisjoint(law.terms.variables.parameters)
-
-
-def _chosen_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
-    """Return which errors were chosen in place of white noise, and what they change, if there are any."""
-    steps = {step.stage: step.choice for step in law.history if step.choice != "none"}
-    chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
-    if not chosen or not named_parameters(law).names:
-        return ()
-    try:
-        white = under_white_noise()
-    except CommonlawError as error:
-        return (note("errors-without-comparison", errors=chosen, error=error.sentence(marked)),)
-    changed = largest_change(law, white, "under white noise")
-    return (note("errors-chosen", errors=chosen, changed=changed),)
 
 
 def _next_samples(given: GivenEquations, trials: Trials, settings: dict[str, Any]) -> Law:

@@ -68,9 +68,10 @@ def fit(
     Models with observation equations, initial values of measured states, priors, parameters shared by property, inputs
     with a dead time ``u(t - d)``, switches, events, or values below a limit of quantification are fitted by nonlinear
     least squares from the fit without these, or from many initial guesses (multi-start): exact maximum likelihood
-    estimates within bounds, jointly over all objects. Noise is that of restricted maximum likelihood, white unless
-    ``errors`` names another kind of measurement errors; see `commonlaw.estimation`. So are parameters of quotients that
-    are shared, such as K in ``r x (1 - x/K)``.
+    estimates within bounds, jointly over all objects. Noise is that of restricted maximum likelihood. By default it is
+    white, or grows with the states if residuals are very strong evidence for it; a lack of fit is noted, and
+    autocorrelated errors are taken where ``errors`` has their name, see `commonlaw.estimation`. So are parameters of
+    quotients that are shared, such as K in ``r x (1 - x/K)``.
 
     Parameters
     ----------

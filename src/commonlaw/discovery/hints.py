@@ -1,7 +1,7 @@
 """Notes on alternatives to a law: rivals and discriminating experiments, confounded variables, discrete time."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import product
 from typing import NamedTuple
@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, Indices
-from commonlaw.diagnostics import Outcome, note
+from commonlaw.diagnostics import Outcome, marked, note
+from commonlaw.discovery.log_scale import largest_change
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import with_properties_in
 from commonlaw.errors import CommonlawError
@@ -32,6 +33,9 @@ from commonlaw.trials.check import Finding
 
 _MAX_EXCESS_SHARE = 0.1
 """Share of a range: margin around visited states, and spread of similar initial values."""
+
+_OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "model error")
+"""Stages of a history that say which errors a law has besides white noise."""
 
 _Found = tuple[Floats, Forecast, Forecast, tuple[int, int]]
 """An initial state, the forecasts of two laws from there, and the row and the state in which they differ most."""
@@ -384,3 +388,17 @@ def _and(parts: Sequence[str]) -> str:
     """Return words with commas between them, and ``and`` before the last."""
     *first, last = parts
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def outcomes_of_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
+    """Return which errors were chosen in place of white noise, and what they change, if there are any."""
+    steps = {step.stage: step.choice for step in law.history if step.choice != "none"}
+    chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
+    if not chosen or not named_parameters(law).names:
+        return ()
+    try:
+        white = under_white_noise()
+    except CommonlawError as error:
+        return (note("errors-without-comparison", errors=chosen, error=error.sentence(marked)),)
+    changed = largest_change(law, white, "under white noise")
+    return (note("errors-chosen", errors=chosen, changed=changed),)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from commonlaw.diagnostics import note
-from commonlaw.discovery.hints import outcomes_of_inputs, outcomes_of_units
+from commonlaw.discovery.hints import outcomes_of_errors, outcomes_of_inputs, outcomes_of_units
 from commonlaw.discovery.known_physics import unfitted
 from commonlaw.discovery.regression import suitable_differentiation
 from commonlaw.discovery.request import FitRequest
@@ -19,6 +19,7 @@ from commonlaw.estimation.fitting import Fitted, checked_errors, limited, maximi
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.search import DRAWS, is_solved
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
+from commonlaw.inference.search.error_models import outcomes_of_departures, under_likeliest_errors
 from commonlaw.inference.search.setup import RefitOptions, supported_interpolation
 from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.collocation import collocated
@@ -54,8 +55,8 @@ def by_shooting(request: FitRequest, reason: str, resting: tuple[str, ...] = ())
     outcomes = (*law.diagnostics, *outcome_of_undosed(request.undosed), *outcome_of_rest(resting))
     domain, history = replace(law.provenance.domain, at_rest=resting), list(law.history)
     history.insert(1, Step("scheme", "shooting", reason))
-    if checked_errors(request.changed) is None:
-        why = "by default; others are compared by collocation alone, and taken where `errors` has their name"
+    if checked_errors(request.changed) is None and not law.uncertainty.error_model:
+        why = "by default: no evidence for noise that grows with states; autocorrelated errors are taken by name"
         history.insert(2, Step("errors", "white noise", why))
     rates = suitable_differentiation(moving, law.order)
     provenance = replace(
@@ -67,7 +68,7 @@ def by_shooting(request: FitRequest, reason: str, resting: tuple[str, ...] = ())
 def _of_model(request: FitRequest, trials: Trials) -> Law:
     """Return the law of all trials, under the interpolation of inputs of largest likelihood."""
     settings = request.changed
-    errors = checked_errors(settings) or "white"
+    errors = checked_errors(settings)
     between = settings.get("input_interpolation") or ("linear" if trials.schema.doses else "auto")
     if between != "auto" or not any(np.ptp(trial.inputs, axis=0).any() for trial in trials):
         tried = [between.replace("auto", trials.schema.input_interpolation)]
@@ -89,7 +90,7 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
             request.priors,
             log_states=log_states,
             noise=noise,
-            errors=errors,
+            errors=errors or "white",
         )
         begun = replace(begun, huber_threshold=threshold_of(settings))
         if fits:
@@ -104,8 +105,18 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
     likelihoods = np.array([fitted.optimum.log_likelihood for fitted in fits])
     gains = 2 * (likelihoods - likelihoods[0])
     best = int(np.argmax(gains)) if max(gains) > STRONG else 0
-    law = (limited(search(_near(begins[best], fits[best]))) if best else fits[best]).law(request.calls)
-    outcomes = [*law.provenance.outcomes, *outcomes_of_parameters(law), *outcomes_of_units(law)]
+    chosen = limited(search(_near(begins[best], fits[best]))) if best else fits[best]
+    white, chosen = chosen, chosen if errors else under_likeliest_errors(chosen)
+    law = chosen.law(request.calls)
+    of_errors = outcomes_of_errors(law, lambda: white.law(())) if chosen is not white else ()
+    departures = outcomes_of_departures(chosen, tried_errors=errors is None)
+    outcomes = [
+        *law.provenance.outcomes,
+        *departures,
+        *outcomes_of_parameters(law),
+        *of_errors,
+        *outcomes_of_units(law),
+    ]
     outcomes += outcomes_of_inputs(law, trials)
     if len(tried) == 1:
         return replace(law, provenance=replace(law.provenance, outcomes=tuple(outcomes)))

@@ -52,7 +52,9 @@ class ObservedSetting(AbstractSetting):
         cls, law: Law, trials: Trials, _: Sequence[str], noise: Mapping[str, float] | None, huber_threshold: float, /
     ) -> "ObservedSetting":
         """Return the setting, with states at the samples by the fit, and the numeric properties of objects."""
-        fitted = refit(law, trials, noise=noise, huber_threshold=huber_threshold, progress=lambda _: None)
+        fitted = refit(
+            law, trials, noise=noise, errors="white", huber_threshold=huber_threshold, progress=lambda _: None
+        )
         problem, unknowns, law = fitted.begun.problem, fitted.optimum.unknowns, select_objects(law, trials.objects)
         names, owners = law.terms.variables.measured, [trials.properties.get(name, {}) for name in trials.objects]
         more = [

@@ -43,7 +43,6 @@ from commonlaw.law.text import with_error
 from commonlaw.law.uncertainty import AtBound, OneSidedLimit
 from commonlaw.library import Term, Terms, with_rates
 from commonlaw.likelihood import ERRORS
-from commonlaw.likelihood.levels import autocorrelation
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD
 from commonlaw.runtime.fit_options import ErrorKind
@@ -61,7 +60,6 @@ OF_FIT = (
     "dead-time-at-bound-of-misfit",
     "latent-state-ambiguous",
     "parameters-without-limits",
-    "residuals-autocorrelated",
     "residuals-exceed-noise",
     "starts-in-steady-state",
     "trials-differ",
@@ -244,12 +242,11 @@ def maximized(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     is_determined = not len(_lost(optimum)) and not len(_vague(begun, optimum))
     if np.isfinite(threshold) and not problem.censored.any() and is_determined:
         problem, optimum = under_huber_loss(problem, threshold, optimum, begun.first, begun.bounds)
-    if begun.errors != "white":
-        problem, optimum = under_errors(problem, begun.errors, optimum, begun.bounds)
     if problem is not begun.problem:
         begun = replace(begun, problem=problem)
         lack_of_fit = _lack_of_fit(begun, optimum)
-    return Fitted(begun, optimum, lack_of_fit, others)
+    fitted = Fitted(begun, optimum, lack_of_fit, others)
+    return fitted if begun.errors == "white" else fitted.under(begun.errors)
 
 
 def limited(fitted: "Fitted") -> "Fitted":
@@ -369,6 +366,12 @@ class Fitted:
     lack_of_fit: Sequence[str]
     equal: Sequence[EqualMaximum] = ()
     limits: Mapping[int, OneSided] = field(default_factory=dict)
+
+    def under(self, kind: ErrorKind) -> "Fitted":
+        """Return the fit under errors of measurements, from this one under white noise."""
+        problem, optimum = under_errors(self.begun.problem, kind, self.optimum, self.begun.bounds)
+        begun = replace(self.begun, problem=problem, errors=kind)
+        return replace(self, begun=begun, optimum=optimum, lack_of_fit=_lack_of_fit(begun, optimum))
 
     @property
     def parameters(self) -> int:
@@ -551,24 +554,8 @@ class Fitted:
             states = [begun.model.variables.states[j] for j in latent_states(begun.model) or [0]]
             others = "; ".join(map(str, self.equal[:5]))
             yield note("latent-state-ambiguous", object=shown([*names]), others=others, states=", ".join(states))
-        if not self.lack_of_fit and (correlated := [*self._autocorrelations()]):
-            yield note("residuals-autocorrelated", residuals=correlated)
         if differing := _differing_trials(self):
             yield note("trials-differ", objects=shown(differing))
-
-    def _autocorrelations(self) -> Iterator[str]:
-        """Yield quantities whose residuals are autocorrelated under white noise, in words."""
-        problem, optimum = self.begun.problem, self.optimum
-        parts = [] if problem.errors else [*problem.standardized(optimum.unknowns, optimum.noise, False)]
-        for k, name in enumerate(problem.model.observables):
-            squares, products = list[Floats](), list[Floats]()
-            for part in parts:
-                z = part.z[:, k][part.seen[:, k]]
-                usual = np.abs(z) <= HUBER_THRESHOLD
-                squares.append(z[usual] ** 2)
-                products.append((z[1:] * z[:-1])[usual[1:] & usual[:-1]])
-            if parts and (memory := autocorrelation(np.concatenate(squares), np.concatenate(products))):
-                yield f"{name}: {memory:.2f} from one sample to the next"
 
     def values(self, owner: str) -> dict[str, Floats]:
         """Return the value of each parameter of an object, the mean over its trials."""

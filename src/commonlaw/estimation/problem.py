@@ -41,6 +41,8 @@ class TrialData:
         Observables of an earlier fit at the samples, about which errors hold, shape (n, m); None before there is one.
     weights
         Of white noise about these, see `Deviations.reweighted`; None for equal ones.
+    omitted
+        Which measurements are left out, shape (n, m); None for none.
     """
 
     trial: Trial
@@ -54,6 +56,7 @@ class TrialData:
     cycle: float = 0.0
     fitted: Floats | None = None
     weights: Floats | None = None
+    omitted: Bools | None = None
 
     @classmethod
     def of(
@@ -470,13 +473,15 @@ class Problem:
         for data in self.trials:
             predicted, trial = self.predicted(data, unknowns, slopes), data.trial
             values, is_first = predicted.values, data.fitted is None
-            seen, reference = np.isfinite(trial.states), values if data.fitted is None else data.fitted
-            deviations = Deviations(trial, values, predicted.slopes, reference, np.zeros_like(seen), data.weights)
+            reference = values if data.fitted is None else data.fitted
+            omitted = np.zeros(values.shape, dtype=np.bool_) if data.omitted is None else data.omitted
+            deviations = Deviations(trial, values, predicted.slopes, reference, omitted, data.weights)
+            seen = deviations.seen
             whitened = deviations.whitened(noise, WHITE_NOISE if is_first else self.errors)
             under, deviance = np.isfinite(trial.below), deviations.deviance(whitened)
             u = (trial.below - values) / whitened.std
             threshold = self.huber_threshold if data.weights is None else np.inf
-            if data.weights is not None:  # The Huber loss beyond the weighted squares
+            if data.weights is not None and np.isfinite(self.huber_threshold):  # The loss beyond the weighted squares
                 deviance += float(np.sum(self.huber_threshold**2 * (1 / data.weights[seen] - 1)))
             yield _Standardized(trial, seen, under, whitened.z, u, whitened.slopes, deviance, threshold)
 

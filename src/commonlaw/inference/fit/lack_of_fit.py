@@ -38,6 +38,9 @@ from commonlaw.runtime.progress import unannounced
 Departures = Mapping[str, bool]
 """Departures of residuals from white noise in words, and whether each is of the noise; others are lack of fit."""
 
+HETEROSCEDASTIC = "heteroscedastic"
+"""The departure that is of the noise."""
+
 NO_LAW: Departures = {"lack of fit: no law of this library fits the measurements within their noise": False}
 """The departure of a fit with a model error."""
 
@@ -51,7 +54,7 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> Departu
     # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
     return {
-        f"residuals of {name} are {words}": words == "heteroscedastic"
+        f"residuals of {name} are {words}": words == HETEROSCEDASTIC
         for j, name in enumerate(problem.trials.schema.states)
         if name not in problem.trials.schema.initial_values
         for words in _of_state(problem, estimates, j, bool(measured[j]))
@@ -59,28 +62,41 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> Departu
 
 
 def _of_state(problem: SearchProblem, estimates: Sequence[Estimate], j: int, is_measured: bool) -> list[str]:
-    """Return the departures of the residuals of one state; their pattern is tested above the noise floor only."""
-    squares, sizes, lags, count, whole = [], [], [], 0, 0
+    """Return the departures of the residuals of one state, see `departures_of_series`."""
+    series = list[tuple[Floats, Floats]]()
     for model, estimate in zip(problem.models, estimates, strict=True):
         for mesh, states in zip(model.meshes, estimate.states, strict=True):
             segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
             seen = (mesh.observed & ~mesh.still)[:, j]
             standard = (model.residuals(mesh, states) / problem.std_of(mesh))[seen, j]
-            usual = np.abs(standard) <= HUBER_THRESHOLD
-            whole += len(usual)
-            seen[seen], standard = usual, standard[usual]
-            squares.append(standard**2)
-            sizes.append(np.abs(states[seen, j]))
-            lags.append((standard[1:] * standard[:-1])[np.diff(segments[seen]) == 0])
-            count += len(standard)
-    if 2 * count < whole:
-        return [f"mostly larger than {HUBER_THRESHOLD:g} noise standard deviations"]
-    if not is_measured:
-        return []
-    squared, listed, penalty = np.concatenate(squares), list[str](), np.log(max(count, 2))
+            ends = np.flatnonzero(np.diff(segments[seen])) + 1
+            columns = np.split(standard, ends), np.split(np.abs(states[seen, j]), ends)
+            series += zip(*columns, strict=True)
     is_logarithmic = problem.trials.schema.states[j] in problem.trials.schema.logarithmic
+    return departures_of_series(series, is_measured, is_logarithmic)
+
+
+def departures_of_series(series: Sequence[tuple[Floats, Floats]], is_measured: bool, is_logarithmic: bool) -> list[str]:
+    """Return the departures from white noise of series of standardized residuals, with sizes of the state, (n,) each.
+
+    Their pattern is tested above the noise floor only, where noise is measured, and noise of logarithms for
+    autocorrelation alone.
+    """
+    squares, sizes, lags, whole = list[Floats](), list[Floats](), list[Floats](), 0
+    for standard, states in series:
+        usual = np.abs(standard) <= HUBER_THRESHOLD
+        kept, whole = standard[usual], whole + len(usual)
+        squares.append(kept**2)
+        sizes.append(states[usual])
+        lags.append(kept[1:] * kept[:-1])
+    squared, listed = np.concatenate([np.zeros(0), *squares]), list[str]()
+    if 2 * len(squared) < whole:
+        return [f"mostly larger than {HUBER_THRESHOLD:g} noise standard deviations"]
+    if not is_measured or not whole:
+        return []
+    penalty = np.log(max(len(squared), 2))
     if not is_logarithmic and proportional_noise_gain(squared, np.concatenate(sizes))[0] > penalty:
-        listed.append("heteroscedastic")
+        listed.append(HETEROSCEDASTIC)
     if autocorrelation(squared, np.concatenate(lags)):
         listed.append("autocorrelated")
     return listed

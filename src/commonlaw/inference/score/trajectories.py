@@ -227,6 +227,27 @@ class TrajectoryScore:
         known = self.fitted.begun.problem.known_noise
         return FittedResiduals(self.trials, whitened, self.fitted.optimum.degrees_of_freedom, known)
 
+    @property
+    def has_few_measurements(self) -> bool:
+        """Whether there are fewer than `MIN_SAMPLES_PER_TERM` measurements for each unknown."""
+        problem = self.fitted.begun.problem
+        return bool(problem.counts.sum() < settings.MIN_SAMPLES_PER_TERM * problem.unknowns)
+
+    @property
+    def noise_floor(self) -> Floats:
+        """The smallest noise of each quantity, shape (m,)."""
+        return np.asarray(np.maximum(settings.MIN_NOISE * within_trial_std(self.trials), rounding_noise(self.trials)))
+
+    def standardized(self, k: int) -> list[tuple[Floats, Floats]]:
+        """Return standardized residuals of a quantity in each trial, outliers included, and sizes of its values."""
+        problem, unknowns = self.fitted.begun.problem, self.fitted.optimum.unknowns
+        result = list[tuple[Floats, Floats]]()
+        for data, part in zip(problem.trials, self._whitened, strict=True):
+            seen = np.isfinite(data.trial.states[:, k])
+            values = problem.predicted(data, unknowns, False).values
+            result.append((part.z[seen, k], np.abs(values[seen, k])))
+        return result
+
     def _coordinates(self, owner: str, free: Sequence[int]) -> tuple[Floats, Floats, Bools]:
         """Return derivatives of unknowns by coefficients, shape (unknowns, k), these, and which scatter by logarithms.
 
@@ -262,8 +283,7 @@ class TrajectoryScore:
         for data, part, outlying in zip(problem.trials, self._whitened, self.outliers, strict=True):
             if data.trial.object == owner:
                 logs += 2 * float(np.log(part.std[np.isfinite(data.trial.states)]).sum())
-                states = np.where(outlying, np.nan, data.trial.states)
-                inner.append(replace(data, trial=replace(data.trial, states=states)))
+                inner.append(replace(data, omitted=outlying))
         problem = replace(problem, trials=tuple(inner), priors=(), huber_threshold=np.inf)
         residuals, rows = problem.residuals(optimum.unknowns, optimum.noise)
         assert rows is not None
@@ -320,7 +340,6 @@ class TrajectoryScore:
         squares, repeated = pure_error([trial.repeats for trial in trials], len(noise))
         count = sum(int(trial.counts.sum()) + int(np.isfinite(trial.below).sum()) for trial in trials)
         std, rounding = within_trial_std(trials), rounding_noise(trials)
-        floor = np.maximum(settings.MIN_NOISE * std, rounding)
         prior = NoisePrior(
             count,
             count - float(repeated.sum()) - len(self.starts),
@@ -328,7 +347,7 @@ class TrajectoryScore:
             estimate,
             observations,
             (squares, repeated),
-            np.maximum(settings.RESOLVED_NOISE * floor, rounding),
+            np.maximum(settings.RESOLVED_NOISE * self.noise_floor, rounding),
             scales_of(std, trials),
         )
         single = [

@@ -1,11 +1,14 @@
 """The choice among error models, each with its supports and its levels by maximum marginal likelihood."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from commonlaw.array_types import Bools, Floats, evenly_spaced
+from commonlaw.diagnostics import Outcome, note
+from commonlaw.estimation.fitting import Fitted, limited
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.annealing import (
@@ -17,14 +20,17 @@ from commonlaw.inference.fit.annealing import (
     rescale_noise,
 )
 from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, errors_to_fit, fitted
+from commonlaw.inference.fit.lack_of_fit import HETEROSCEDASTIC, Departures, departures_of_series
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence
+from commonlaw.inference.score.trajectories import TrajectoryScore
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
 from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError
 from commonlaw.likelihood.levels import level_bounds, level_starts, minimum
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
+from commonlaw.trials import Schema
 
 GROUPS = ("white", "measurement", "law")
 """White noise, other measurement errors, and model errors: supports are searched for under the best of each group."""
@@ -42,16 +48,70 @@ def choose_errors(
     With ``"auto"`` it is that of largest evidence if the residuals are not white noise. Compared are the supports of
     the pool, and that which `propose` returns for the best fit among plain terms, shape (equations, terms).
     """
-    reason = pool.best.reason_for_error_model if errors == "auto" else "as asked for"
+    best, schema = pool.best, pool.best.problem.trials.schema
+    reason = best.reason_for_error_model if errors == "auto" else "as asked for"
     if not reason:
         return pool
     progress(Stage(f"{reason}: estimating errors jointly with the law", 0.2))
-    kinds = error_kinds(errors, pool.best.problem.trials.schema)
-    if errors == "auto" and not pool.best.lack_of_fit:
-        known = pool.best.problem.errors.kind if pool.best.problem.errors else "proportional"
-        kinds = tuple(kind for kind in kinds if kind in ("white", known))
+    known = best.problem.errors.kind if best.problem.errors else "proportional"
+    kinds = error_kinds(errors, schema) if errors != "auto" else kinds_for(best.lack_of_fit, schema, known)
     proposed = None if pool.plain is None else propose(pool.plain)
     return with_error_models(pool, proposed, kinds, part(progress, 0.2, 0.9))
+
+
+def kinds_for(lack_of_fit: str, schema: Schema, of_noise: ErrorKind = "proportional") -> tuple[ErrorKind, ...]:
+    """Return the error models that residuals are a reason for: those of the noise, and others of a lack of fit."""
+    return tuple(kind for kind in error_kinds("auto", schema) if lack_of_fit or kind in ("white", of_noise))
+
+
+def under_likeliest_errors(fitted: Fitted) -> Fitted:
+    """Return a fit by shooting under white noise, or under errors of measurements that its residuals are evidence for.
+
+    Of a lack of fit it stays under white noise: autocorrelated errors would hide it, as shooting has no process noise
+    to compare them with.
+    """
+    scored = TrajectoryScore(fitted)
+    departures = departures_of(scored)
+    if not departures or fitted.lack_of_fit or not all(departures.values()) or scored.has_few_measurements:
+        return fitted
+    return among_errors(fitted, kinds_for("", _schema(fitted)))
+
+
+def among_errors(fitted: Fitted, kinds: Sequence[ErrorKind]) -> Fitted:
+    """Return the fit under the error model of largest evidence, from one under white noise, see `most_probable`.
+
+    Those of noise by property are white, and of values below limits they are not autocorrelated.
+    """
+    begun, refused = fitted.begun, {"white"}
+    refused |= {"autocorrelated"} if begun.problem.censored.any() else set()
+    possible = () if begun.groups else kinds
+    others = [kind for kind in possible if kind not in refused and ERRORS[kind].group == "measurement"]
+    compared = [fitted, *(fitted.under(kind) for kind in others)]
+    scores = [TrajectoryScore(fit).score.total for fit in compared]
+    best = compared[_order([fit.begun.errors for fit in compared], scores, settings.VERY_STRONG)[0]]
+    return fitted if best is fitted else limited(best)
+
+
+def departures_of(scored: TrajectoryScore) -> Departures:
+    """Return the departures of residuals of a fit by shooting from white noise, see `departures`."""
+    noise, schema = scored.fitted.optimum.noise, _schema(scored.fitted)
+    is_measured = (noise > 1.001 * scored.noise_floor).tolist()
+    return {
+        f"residuals of {name} are {words}": words == HETEROSCEDASTIC
+        for k, name in enumerate(scored.fitted.begun.problem.model.observables)
+        for words in departures_of_series(scored.standardized(k), is_measured[k], name in schema.logarithmic)
+    }
+
+
+def outcomes_of_departures(fitted: Fitted, *, tried_errors: bool) -> tuple[Outcome, ...]:
+    """Return a note on departures of residuals from white noise, if nothing else explains them."""
+    departures = {} if fitted.begun.problem.errors or fitted.lack_of_fit else departures_of(TrajectoryScore(fitted))
+    code = "residuals" if tried_errors else "residuals-under-white-noise"
+    return (note(code, residuals="; ".join(departures)),) if departures else ()
+
+
+def _schema(fitted: Fitted) -> Schema:
+    return replace(fitted.begun.trials.schema, logarithmic=fitted.begun.logarithmic)
 
 
 def with_error_models(
@@ -160,8 +220,14 @@ def most_probable(fits: Sequence[Fit], needed: float = 0.0) -> Fit:
 
     Error models other than white noise must exceed its evidence by 2 log B = `needed`.
     """
-    ranked = sorted(fits, key=lambda fit: fit.score.total + (0.0 if fit.errors == "white" else needed))
-    return next((fit for fit in ranked if fit.is_solved), ranked[0])
+    order = _order([fit.errors for fit in fits], [fit.score.total for fit in fits], needed)
+    return next((fits[i] for i in order if fits[i].is_solved), fits[order[0]])
+
+
+def _order(kinds: Sequence[ErrorKind], scores: Sequence[float], needed: float) -> list[int]:
+    """Return the order of fits by their evidence, which must exceed that of white noise by 2 log B = `needed`."""
+    values = [score + (0.0 if kind == "white" else needed) for kind, score in zip(kinds, scores, strict=True)]
+    return [int(i) for i in np.argsort(values, kind="stable")]
 
 
 def estimate_error_model(fit: Fit, kind: ErrorKind) -> Fit:

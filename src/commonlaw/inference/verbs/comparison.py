@@ -9,7 +9,7 @@ import numpy as np
 
 from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError
-from commonlaw.estimation.fitting import checked_errors, refit
+from commonlaw.estimation.fitting import Fitted, checked_errors, refit
 from commonlaw.inference.fit.annealing import fit_supports
 from commonlaw.inference.fit.convergence import converged, deviations_of
 from commonlaw.inference.fit.covariance import residual_degrees_of_freedom
@@ -18,7 +18,7 @@ from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, Fit
 from commonlaw.inference.score.misfit import FittedResiduals
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.score.trajectories import TrajectoryScore, canonical_order
-from commonlaw.inference.search.error_models import with_error_models
+from commonlaw.inference.search.error_models import among_errors, departures_of, kinds_for, with_error_models
 from commonlaw.inference.search.law_search import fit_terms
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, RefitOptions, error_kinds, on_log_scale
@@ -66,8 +66,8 @@ def compare(
     of repeated measurements, known noise, or that by the most probable law (F-tests at 0.1 %).
 
     If one of the laws has observation equations, known initial values, shared parameters or estimates at bounds, all
-    are fitted as by `cl.fit` with these, each with its own observation equations, shared parameters, priors, bounds
-    and, by default, kind of measurement errors; laws without observation equations are laws of the measured states.
+    are fitted as by `cl.fit` with these, each with its own observation equations, shared parameters, priors and bounds;
+    laws without observation equations are laws of the measured states.
     Their evidence is the same number, whichever way a law is fitted and written: with the likelihood linearized about
     the converged fit, initial values, the noise and scattering coefficients are integrated out. Other unknowns, as of
     an observation equation or at a bound, cost ``log n``, where n is the number of measurements that depend on one, or
@@ -294,27 +294,34 @@ def _fitted_jointly(
             raise CommonlawError("laws-in-other-units")
         units |= units_of_law
     kind, logarithmic = checked_errors({"errors": errors}), logarithmic_in(laws.values())
-    progress, result = on_terminal(), list[_Compared]()
+    progress, fits = on_terminal(), list[Fitted]()
     for name, law in laws.items():
-        own_progress = part(progress, len(result) / len(laws), (len(result) + 1) / len(laws))
+        own_progress = part(progress, len(fits) / len(laws), (len(fits) + 1) / len(laws))
         own_progress(f"fitting {name}")
         try:
-            fit = refit(
+            fitted = refit(
                 law,
                 trials,
                 inputs="any",
                 noise=noise,
-                # Its errors are those of its scale
-                errors=kind if _is_on_scale(law, logarithmic) else kind or "white",
+                errors=kind or "white",
                 huber_threshold=np.inf if errors == "white" else huber_threshold,
                 log_states=logarithmic,
                 progress=own_progress,
             )
         except CommonlawError as error:
             raise error.at(name) from error
-        scored = TrajectoryScore(fit)
-        result.append(_Compared(fit.parameters, ERRORS[fit.begun.errors].label, scored.residuals, scored.score))
-    return result
+        fits.append(fitted)
+    scored = [TrajectoryScore(fit) for fit in fits]
+    best = min(scored, key=lambda of_law: of_law.score)
+    departures = departures_of(best) if kind is None else {}
+    if departures and all(departures.values()):
+        kinds = kinds_for("", replace(trials.schema, logarithmic=logarithmic))
+        scored = [TrajectoryScore(among_errors(fit, kinds)) for fit in fits]
+    return [
+        _Compared(of_law.fitted.parameters, ERRORS[of_law.fitted.begun.errors].label, of_law.residuals, of_law.score)
+        for of_law in scored
+    ]
 
 
 def compare_by_parts(

@@ -8,6 +8,7 @@ import numpy as np
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import OF_FIT, checked_errors, refit, updated
 from commonlaw.inference.result.history import without_outcomes_of_fit
+from commonlaw.inference.search.error_models import outcomes_of_departures, under_likeliest_errors
 from commonlaw.inference.search.setup import RefitOptions
 from commonlaw.inference.verbs.scheme import AbstractFit
 from commonlaw.law import Law
@@ -35,6 +36,7 @@ class ShootingFit(AbstractFit):
     ) -> Law:
         if options.input_interpolation == "auto":
             raise CommonlawError("not-with-observation", settings=["input_interpolation='auto'"])
+        errors = checked_errors(options.changed)
         fitted = refit(
             self.law,
             trials,
@@ -42,17 +44,22 @@ class ShootingFit(AbstractFit):
             log_states=options.log_states,
             input_interpolation=options.input_interpolation,
             noise=options.noise,
-            errors=checked_errors(options.changed),
+            errors=errors or "white",
             huber_threshold=np.inf if options.least_squares else options.huber_threshold,
             seed=options.seed,
             progress=progress,
         )
+        fitted = fitted if errors else under_likeliest_errors(fitted)
         law, before = fitted.law(()), self.law.provenance
         kept = (outcome for outcome in without_outcomes_of_fit(before.outcomes) if outcome.code not in OF_FIT)
         provenance = replace(
             law.provenance,
             differentiation=before.differentiation,
-            outcomes=(*kept, *law.provenance.outcomes),
+            outcomes=(
+                *kept,
+                *law.provenance.outcomes,
+                *outcomes_of_departures(fitted, tried_errors=errors is None),
+            ),
             history=(*before.history, *fitted.steps),
             domain=replace(law.provenance.domain, at_rest=before.domain.at_rest, constant=before.domain.constant),
         )
