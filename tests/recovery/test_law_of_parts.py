@@ -64,6 +64,7 @@ def test_what_decides_the_coefficients_is_found_by_the_properties_of_files(law):
     assert drag.factors[0] == pytest.approx(-0.3, rel=0.05)
 
 
+@pytest.mark.slow
 def test_errors_by_the_bootstrap_are_those_of_all_trials_together(stream, whole):
     settings = {"covariance": "bootstrap", "noise": {"x": 0.01}, "errors": "white", "partial_pooling": False, "seed": 3}
     law = cl.discover(stream, order=2, library="poly:1", method=cl.TrajectoryLikelihood(**settings))
@@ -151,6 +152,7 @@ def test_what_is_not_fitted_file_by_file_is_refused(stream, whole):
             use()
 
 
+@pytest.mark.slow
 def test_evidences_of_files_add_up_to_nearly_those_of_all_trials(stream, whole):
     laws = {text: cl.fit(text, whole, **SETTINGS) for text in ("x'' = a + b v", "x'' = a + b v^2", "x'' = a")}
     found, together = (cl.compare(laws, each, **SETTINGS) for each in (stream, whole))

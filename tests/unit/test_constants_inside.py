@@ -54,7 +54,7 @@ def by_parameter(law):
     [(SATURATING, michaelis_menten, (3.0, 1.0, 0.5)), ("s' = -r s log(s/K)", gompertz, (0.3, 0.8, 5.0))],
     ids=["Michaelis-Menten by Lambert's W", "Gompertz"],
 )
-@pytest.mark.parametrize("noise", [0.01, 0.1])
+@pytest.mark.parametrize("noise", [pytest.param(0.01, marks=pytest.mark.slow), 0.1])
 def test_constants_are_those_of_least_squares_on_the_solution_in_closed_form(text, solution, values, noise):
     times = np.linspace(0, 6, 81)
     measured = solution(times, *values) + noise * np.random.default_rng(1).standard_normal(81)
@@ -100,7 +100,7 @@ LAWS: dict[str, tuple[Any, ...]] = {
         ("S", "I"),
     ),
 }
-SLOW = ("a driver of unknown frequency", "Hill")
+SLOW = ("a driver of unknown frequency", "an unknown power of the speed", "Hill")
 
 
 @pytest.mark.parametrize("law", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in LAWS])

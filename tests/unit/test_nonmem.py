@@ -240,7 +240,10 @@ def modelled(times: np.ndarray, doses: list[tuple[float, ...]], k: float, volume
     return np.sum([part(times) for part in parts], axis=0)
 
 
-@pytest.mark.parametrize(("kind", "equation"), [("neonates", ONE), ("infusions", "DV' = -k DV + RATE/V")])
+@pytest.mark.parametrize(
+    ("kind", "equation"),
+    [pytest.param("neonates", ONE, marks=pytest.mark.slow), ("infusions", "DV' = -k DV + RATE/V")],
+)
 def test_estimates_are_those_of_least_squares(kind: str, equation: str) -> None:
     table, subjects = five(kind)
     law = cl.fit(equation, cl.Trials.from_frame(table), errors="white")

@@ -300,7 +300,9 @@ FUNCTIONS = {
 }
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize(
+    "name", ["ratio", "period", *(pytest.param(name, marks=pytest.mark.slow) for name in ("half-life", "exponential"))]
+)
 def test_intervals_cover_the_truth_as_often_as_they_say(name):
     function, center, matrix = FUNCTIONS[name]
     truth, covariance = np.array(center), np.array(matrix)

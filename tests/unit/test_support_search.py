@@ -191,7 +191,7 @@ MEASURED = (NoiseScale(77), NoiseScale(77, 77.0, 2.0, least=0.5), NoiseScale(77,
 
 
 @pytest.mark.parametrize("measured", MEASURED)
-@pytest.mark.parametrize("scatter", [0.0, 0.3, 3.0])
+@pytest.mark.parametrize("scatter", [0.0, pytest.param(0.3, marks=pytest.mark.slow), 3.0])
 @pytest.mark.parametrize(("objects", "terms"), [(1, 3), (2, 1), (7, 3), (12, 6)])
 def test_evidence_is_the_same_compiled(monkeypatch, objects, terms, scatter, measured):
     generator = np.random.default_rng(objects + terms)
