@@ -726,6 +726,13 @@ def test_laws_under_errors_of_measurements_are_those_of_both_schemes(name):
     np.testing.assert_allclose(np.concatenate(one), np.concatenate(other), rtol=2e-3)
 
 
+def test_estimates_from_coarse_samples_are_those_of_exact_solutions():
+    problem = relaxation._replace(times=np.linspace(0, 5, 11))
+    trials = problem.trials()
+    result = differences_of_parameters(problem.fit(trials), problem.shoot(trials))
+    assert max(result["estimates"], result["standard errors"]) < 1e-4
+
+
 def test_a_written_start_leaves_the_score():
     trials = decay.trials()
     laws = [decay.fit(trials), decay.shoot(trials)]

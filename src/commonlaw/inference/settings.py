@@ -151,6 +151,9 @@ MIN_GAIN = 0.1
 its maximum."""
 CONVERGED = 0.01
 """Standard errors by which a converged estimate moves with another mesh or iteration."""
+RESOLVED = 1.5e-3
+"""Standard errors by which an estimate that is reported moves on half the steps: Hermite-Simpson collocation, of order
+4, then has a fifteenth of it left."""
 CONVERGED_NOISE = 1e-3
 """Relative change of the noise, and change of estimates in standard errors, at which their iteration ends."""
 

@@ -52,14 +52,25 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         fit = likelier_loss(squares, robust, _minus_twice_log_likelihood)
         if ERRORS[kind].group == "measurement":
             fit = _under_likeliest_levels(fit, kind)
-        is_fitted = True
+        is_fitted, resolved = True, _resolved(fit)
+        if resolved is not None:
+            return _rescaled(resolved), True  # What is left of the change of the noise is a small share of it
+    return before, is_fitted and before.is_resolved
+
+
+def _resolved(fit: Fit) -> Fit | None:
+    """Return the fit on a mesh that moved it by less than `CONVERGED` standard errors, `RESOLVED` if there is one."""
+    resolved = None
+    with suppress(NotPositiveError):
         while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
             estimates = fit.problem.on_half_steps(fit.estimates)
             finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
-            if _moved(finer, fit.estimates, _metric(finer)) < settings.CONVERGED:
-                return _rescaled(finer), True  # What is left of the change of the noise is a small share of it
+            moved = _moved(finer, fit.estimates, _metric(finer))
+            resolved = finer if moved < settings.CONVERGED else None
+            if moved < settings.RESOLVED:
+                break
             fit = finer
-    return before, is_fitted and before.is_resolved
+    return resolved
 
 
 def apart(fit: Fit) -> Fit:
