@@ -939,7 +939,7 @@ def test_known_coefficients_stay_known_in_comparisons_whatever_the_order_of_term
 
 @pytest.mark.parametrize("name", ["decay, logarithms", "decay, autocorrelated", "fall"])
 def test_experiments_are_predicted_the_same_in_both_schemes(name):
-    problem = (FAST | UNDER_ERRORS)[name]
+    problem = (FAST | UNDER_ERRORS | {"fall": falling})[name]
     laws = in_both_schemes(problem.fit(problem.trials()))
     settings = {"x": 3.0, "v": 1.0, "object": "b", "duration": 1.0, "samples": 6.0}
     settings = {key: value for key, value in settings.items() if key != "v" or name == "fall"}

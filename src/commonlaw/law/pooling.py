@@ -89,7 +89,11 @@ def pool_objects(law: Law, shared: Bools | None = None, others: bool = True) -> 
         diagnostics = (*law.diagnostics, note("not-pooled", objects=shown(apart, "object")))
         law = replace(law, provenance=replace(law.provenance, outcomes=diagnostics))
     if shared is not None:
-        names = [entry.name for entry in named_parameters(law).definitions if shared[entry.equation, entry.term]]
+        names = [
+            entry.name
+            for entry in named_parameters(law).definitions
+            if all(shared[part.equation, part.term] for part in entry.parts)
+        ]
         restrictions = restrictions_of(law)
         restrictions = replace(restrictions, shared={**restrictions.shared, **dict.fromkeys(names, ALL)})
         law = replace(law, restrictions=restrictions)
