@@ -373,6 +373,38 @@ def test_the_noise_without_outliers_is_the_same_fixed_point_in_both_schemes():
         assert max(differences_of_parameters(one, other).values()) < 0.005
 
 
+@pytest.mark.parametrize("options", [{}, {"errors": "white"}, {"huber_threshold": 2.0}])
+def test_starts_and_profiles_take_the_huber_threshold_of_the_law(options):
+    """By SciPy's Huber loss: initial values of a new trial by eight samples, and the profile of the rate."""
+    clean = decay._replace(numbers={"a": (0.7,)}, noise=0.05).trials()
+    threshold = np.inf if "errors" in options else options.get("huber_threshold", 4.0)
+    laws = [cl.fit("x' = -k x", clean, scheme=name, **options) for name in ("collocation", "shooting")]
+    assert [law.uncertainty.huber_threshold for law in laws] == [threshold] * 2
+    bump = np.arange(15)[:, np.newaxis] == 3
+    made = clean.with_trials([replace(trial, states=trial.states + bump) for trial in clean])
+    times, x = made[0].times[:8], made[0].states[:8, 0]
+
+    def all_residuals(unknowns, scale):
+        return (unknowns[0] * np.exp(-unknowns[1] * made[0].times) - made[0].states[:, 0]) / scale
+
+    for law in laws:
+        assert cl.law.from_json(cl.law.to_json(law)) == law
+        k, noise = named_parameters(law).values[0, 0], law.uncertainty.noise[0]
+        scale = noise * min(threshold, 1e3)
+
+        def residuals(h, k=k, scale=scale):
+            return (h * np.exp(-k * times) - x) / scale
+
+        start = optimize.least_squares(residuals, [3.0], loss="huber", xtol=1e-14, ftol=1e-14).x[0]
+        weights = 1 / np.maximum(np.abs(residuals(start)), 1.0)
+        error = noise / np.sqrt(np.sum(weights * np.exp(-2 * k * times)))
+        forecast = law.predict(made, start=8, return_std=True)
+        assert forecast.trajectories[0].states[0, 0] == pytest.approx(start, abs=2e-3 * error)
+        best = optimize.least_squares(all_residuals, [3.0, 0.5], args=(scale,), loss="huber", xtol=1e-14).x
+        profile = likelihood_profile(law, made, "k")
+        assert profile.estimate == pytest.approx(best[1], abs=2e-3 * profile.error)
+
+
 def with_outliers(problem: Problem) -> tuple[cl.Trials, cl.Trials]:
     """Return trials, and the same with an outlier in each."""
     clean, bump = problem.trials(), np.arange(15)[:, np.newaxis] == 5
@@ -381,7 +413,7 @@ def with_outliers(problem: Problem) -> tuple[cl.Trials, cl.Trials]:
 
 def test_outliers_are_weighed_alike_where_laws_are_fitted_again():
     clean, made = with_outliers(decay._replace(numbers={"a": (0.5,)}, noise=0.02))
-    laws = [decay.fit(clean, scheme=scheme) for scheme in ("collocation", "shooting")]
+    laws = [decay.fit(clean, scheme=scheme, errors="auto") for scheme in ("collocation", "shooting")]
     for fit_again in (lambda law: cl.refine(law, made, n_jobs=1), lambda law: law.update(made)):
         one, other = (named_parameters(again) for again in map(fit_again, laws))
         assert largest((other.values - one.values) / one.errors) < 0.02

@@ -333,6 +333,7 @@ def _whole(law: Law, setting: Setting, found: FunctionFit) -> Law:
         shared_factor=shared[:, kept],
         noise=posterior.noise_factor * problem.noise,
         error_model=errors_of(problem, posterior.noise_factor * found.model_error if found.has_model_error else 0.0),
+        huber_threshold=problem.huber_threshold,
     )
     schema, provenance = setting.law.schema, Provenance(law.provenance.differentiation, domain=law.provenance.domain)
     return Law(terms, schema, law.order, objects, coefficients, uncertainty, provenance, setting.law.properties)

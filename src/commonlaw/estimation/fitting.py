@@ -145,7 +145,7 @@ def updated(law: Law, trials: Trials) -> Law:
     depend = any(by != OBJECT and not by_trial(by, trials.schema) for by in restrictions_of(law).shared.values())
     for owners in [trials.objects] if depend else [(owner,) for owner in trials.objects]:
         begun = beginning_of(law, trials.select(object=owners), levels, errors=law.uncertainty.error_model.kind)
-        begun = replace(_with_prior(begun, law), huber_threshold=HUBER_THRESHOLD)
+        begun = replace(_with_prior(begun, law), huber_threshold=law.uncertainty.huber_threshold)
         parts.append(fit_model(begun, 0, lambda _: None).law(()))
     coefficients, covariance = of_all_objects(parts)
     likelihood = sum(known_log_likelihood(part) for part in parts)
@@ -164,6 +164,7 @@ def updated(law: Law, trials: Trials) -> Law:
             noise=known_noise,
             noise_of=law.uncertainty.noise_of,
             error_model=law.uncertainty.error_model,
+            huber_threshold=law.uncertainty.huber_threshold,
             degrees_of_freedom=law.uncertainty.degrees_of_freedom,
             limits=limits,
             at_bounds=tuple(estimate for part in parts for estimate in part.uncertainty.at_bounds),
@@ -469,6 +470,7 @@ class Fitted:
                 noise=np.array([noise[name] for name in trials.schema.states]),
                 noise_of=noise_of,
                 error_model=problem.errors,
+                huber_threshold=begun.huber_threshold,
                 degrees_of_freedom=np.array(degrees) if estimated_noise else None,
                 limits=tuple(self._limits()),
                 at_bounds=tuple(self._at_bounds()),

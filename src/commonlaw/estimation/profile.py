@@ -78,9 +78,9 @@ def likelihood_profile(law: Law, trials: Trials, parameter: str, name: str | Non
     """Return the profile likelihood of a parameter of one object.
 
     ``2 (log L(best) - log L(k)) = min over the others of sum_i ((y_i - h(x(t_i; k, others)))/sigma)^2``, less its least
-    value, with the noise sigma of the law, or if that is not known of what is left, and other measurement errors of the
-    law as they are about its solutions. The trials are those of the object,
-    or of all objects where these share parameters; priors and bounds are those of the law.
+    value, with the noise sigma of the law, or if that is not known of what is left, its Huber threshold, and other
+    measurement errors of the law as they are about its solutions. The trials are those of the object, or of all objects
+    where these share parameters; priors and bounds are those of the law.
 
     Raises
     ------
@@ -114,6 +114,8 @@ def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginn
     index = unknown_indices[begun.model.parameters.index(parameter)]
     noise = law.uncertainty.noise
     known = None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
+    if not begun.problem.censored.any():
+        begun = replace(begun, problem=replace(begun.problem, huber_threshold=law.uncertainty.huber_threshold))
     errors = law.uncertainty.error_model
     if known is not None and errors and not errors.of_law:
         begun = replace(begun, problem=begun.problem.about(begun.first, known, errors))

@@ -13,7 +13,6 @@ from commonlaw.law.law import object_index
 from commonlaw.law.parameters import rate_names, vector_field
 from commonlaw.library import order_of_each, with_rates
 from commonlaw.likelihood import (
-    HUBER_THRESHOLD,
     ErrorModel,
     Estimate,
     LatentProcesses,
@@ -223,6 +222,7 @@ class FittedInitialState(_AtFirstSample):
     trial: Trial
     noise: Floats
     errors: ErrorModel
+    huber_threshold: float
 
     @property
     def begins(self) -> float:
@@ -245,7 +245,7 @@ class FittedInitialState(_AtFirstSample):
         samples = np.searchsorted(trajectory.times, self.trial.times)
         values, slopes = trajectory.states[samples, :states], trajectory.sensitivities[samples, :states]
         deviations = Deviations(self.trial, values, slopes, values, np.zeros(values.shape, dtype=np.bool_))
-        deviations = deviations.reweighted(self.noise, self.errors, HUBER_THRESHOLD)
+        deviations = deviations.reweighted(self.noise, self.errors, self.huber_threshold)
         _, rows, *_ = deviations.whitened(self.noise, self.errors)
         assert rows is not None
         rows = rows[deviations.seen & np.isfinite(rows).all(axis=2)]
@@ -273,7 +273,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     if law.uncertainty.noise is None or not can_fit_initial_state(law):
         lacks = "has no noise estimate" if law.uncertainty.noise is None else "has zero noise for a state"
         raise CommonlawError("initial-values-without-noise", lacking=lacks)
-    noise = law.uncertainty.noise
+    noise, threshold = law.uncertainty.noise, law.uncertainty.huber_threshold
     measured = np.isfinite(trial.states).any(axis=0)
     # States that were never measured where others were follow from the law
     unmeasured = [law.schema.states[j] for j in np.flatnonzero(~measured)] if measured.any() else []
@@ -305,7 +305,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     for _ in range(errors.rounds):
         white = errors.white_std(estimate.states[0][:, : len(noise)], with_typical(mesh.noise, noise)) * mesh.averaging
         mesh = replace(mesh, scale=white / noise)
-        model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, HUBER_THRESHOLD), unit)
+        model = TrajectoryModel(law.terms, (mesh,), ObservationModel(noise, threshold), unit)
         model, begun = model.with_latent(errors.latent, replace(estimate, states=(estimate.states[0][:, : len(unit)],)))
         estimate = fit(model, begun, np.zeros(coefficients.shape, dtype=np.bool_), model_errors)
     if not np.isfinite(estimate.objective):
@@ -314,7 +314,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         start = estimate.states[0][0, : model.width]
         # At rest, with no scale of its own
         start = np.where(np.abs(start) < np.finfo(float).eps * unit, 0.0, start)
-        return FittedInitialState(start, trial, noise, errors)
+        return FittedInitialState(start, trial, noise, errors, threshold)
     try:
         (reduced,) = eliminate_states_of_meshes(model, estimate, law.support, model_errors[-1])
         variances, last = reduced.state_covariances()

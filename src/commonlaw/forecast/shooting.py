@@ -37,6 +37,7 @@ from commonlaw.law.parameters import Parameters, named_parameters, restrictions_
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.restrictions import OBJECT, Restrictions, by_trial
 from commonlaw.library.bounds import bounds_in, limits_of
+from commonlaw.likelihood.outliers import capped
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import number_of, starts_by, with_logarithms, with_noise
@@ -308,6 +309,8 @@ class _Curve:
             raise CommonlawError("start-undetermined", trial=trial.label, unknown=unknown, measurements=measurements)
         priors = tuple(NormalPrior.of(place[index], *prior) for index, prior in known.items())
         problem = scheme.problem((seen,), len(free), priors)
+        threshold = np.inf if problem.censored.any() else scheme.law.uncertainty.huber_threshold
+        problem = replace(problem, huber_threshold=threshold)
         rough = rough_noise(problem)
         noise = np.array([scheme.levels.get(n, r) for n, r in zip(model.observables, rough, strict=True)])
         unknowns = np.concatenate([values, np.zeros(model.width)])
@@ -329,7 +332,8 @@ class _Curve:
         shifted = tuple(NormalPrior.of(index, *prior) for index, prior in known.items())
         initial = np.where(seen.initial < 0, -1, np.arange(model.width) + count)
         both = replace(seen, parameter=np.arange(count), initial=initial)
-        problem = replace(scheme.problem((both,), len(unknowns), shifted), tolerance=tolerance)
+        problem = scheme.problem((both,), len(unknowns), shifted)
+        problem = replace(problem, tolerance=tolerance, huber_threshold=threshold)
         rows = problem.about(unknowns, noise, scheme.law.uncertainty.error_model).information(unknowns, noise)
         inverse = inverse_information(rows[:, free])
         sensitivity = -inverse @ rows[:, free].T @ rows[:, fixed]
@@ -399,7 +403,8 @@ def _near_optimum(problem: Problem, near: Floats, bounds: Bounds, noise: Floats)
         return None
     known = np.ones(len(near), dtype=np.bool_)
     optimum = maximize(problem, near, known, bounds, noise, 0, lambda _: None, draws=1)
-    squares = np.concatenate([part.z[part.seen] for part in problem.standardized(optimum.unknowns, noise, False)]) ** 2
+    parts = problem.standardized(optimum.unknowns, noise, False)
+    squares = np.concatenate([capped(part.z[part.seen], problem.huber_threshold) for part in parts])
     return optimum if len(squares) and np.mean(squares) < LACK_OF_FIT**2 else None
 
 

@@ -38,7 +38,7 @@ from commonlaw.law.uncertainty import (
 from commonlaw.library import Terms, Variables, parse_terms
 from commonlaw.library.functions import Function, functions_in
 from commonlaw.library.grammar import FUNCTIONS
-from commonlaw.likelihood import ErrorModel
+from commonlaw.likelihood import HUBER_THRESHOLD, ErrorModel
 from commonlaw.runtime.arguments import checks_types
 from commonlaw.runtime.files import LARGEST_JSON, MOST_CELLS, MOST_COLUMNS, check_size, path_of, read_json
 from commonlaw.trials import Schema
@@ -83,7 +83,10 @@ class EstimatesDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True
 
 
 class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """Matrices by object; of a covariance the rows of its lower triangle, one after the other."""
+    """Matrices by object; of a covariance the rows of its lower triangle, one after the other.
+
+    The Huber threshold is null for least squares.
+    """
 
     covariance: dict[str, list[float]] | None = None
     shared_factor: dict[str, list[list[float]]] | None = None
@@ -91,6 +94,7 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
     noise_of: dict[str, dict[str, float]] = {}
     inclusion_probabilities: Floats | None = None
     error_model: ErrorsDocument | None = None
+    huber_threshold: float | None = HUBER_THRESHOLD
     unpooled: EstimatesDocument | None = None
     pooled: EstimatesDocument | None = None
     degrees_of_freedom: Floats | None = None
@@ -351,6 +355,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         noise_of={name: {**levels} for name, levels in uncertainty.noise_of.items()},
         inclusion_probabilities=uncertainty.inclusion_probabilities,
         error_model=ErrorsDocument(**errors) if errors else None,
+        huber_threshold=uncertainty.huber_threshold if np.isfinite(uncertainty.huber_threshold) else None,
         unpooled=estimates(uncertainty.unpooled),
         pooled=estimates(uncertainty.pooled),
         degrees_of_freedom=uncertainty.degrees_of_freedom,
@@ -558,6 +563,7 @@ def _read_uncertainty(
         saved.noise_of,
         inclusion,
         ErrorModel(grown, **levels),
+        np.inf if saved.huber_threshold is None else saved.huber_threshold,
         estimates(saved.unpooled),
         estimates(saved.pooled),
         saved.degrees_of_freedom,

@@ -153,7 +153,10 @@ def _without(law: Law, part: _VanishingPart, estimates: "_Estimates") -> Law:
             slope = product.value(by_name) * power / by_name[name]
             slopes[:, indices[product.equation, product.term], names.index(name)] = slope
     covariance = slopes @ covariances @ slopes.transpose(0, 2, 1)
-    uncertainty = Uncertainty(covariance=covariance, noise=law.uncertainty.noise, limits=law.uncertainty.limits)
+    before = law.uncertainty
+    uncertainty = Uncertainty(
+        covariance=covariance, noise=before.noise, huber_threshold=before.huber_threshold, limits=before.limits
+    )
     return replace(result, uncertainty=uncertainty)
 
 

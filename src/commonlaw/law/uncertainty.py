@@ -12,7 +12,7 @@ from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import symmetric_root
 from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.law.text import one_sided_text
-from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Heteroscedastic
+from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, WHITE_NOISE, ErrorModel, Heteroscedastic
 from commonlaw.runtime.arguments import check_whole_number
 
 
@@ -236,6 +236,9 @@ class Uncertainty:
         Posterior probability of each term, shape (equations, terms).
     error_model
         Errors besides white noise, of the measurements and of the law itself; levels are by measured quantity.
+    huber_threshold
+        Residual, in standard deviations of noise, beyond which measurements count linearly instead of squared, in the
+        fit and in estimates of initial values; infinite for least squares.
     unpooled
         Estimates from each object's own trials, if the coefficients are pooled or from `Law.explain`.
     pooled
@@ -262,6 +265,7 @@ class Uncertainty:
     noise_of: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     inclusion_probabilities: Floats | None = None
     error_model: ErrorModel = WHITE_NOISE
+    huber_threshold: float = HUBER_THRESHOLD
     unpooled: ObjectEstimates | None = None
     pooled: ObjectEstimates | None = None
     degrees_of_freedom: Floats | None = None
@@ -287,6 +291,8 @@ class Uncertainty:
         known: dict[str, Any] = {
             name: checked(getattr(self, name), *how) for name, *how in arrays if getattr(self, name) is not None
         }
+        if not self.huber_threshold > 0:
+            raise CommonlawError("huber-threshold", value=self.huber_threshold)
         limits = tuple(limit for limit in self.limits if limit.object in objects)
         checked([limit.value for limit in limits], "array of limits", "parameters", (len(limits),))
         if self.covariance is not None:

@@ -29,6 +29,7 @@ from commonlaw.inference.fit.latent_initialization import (
 from commonlaw.inference.score.evidence import NoisePrior, NoiseScale
 from commonlaw.inference.score.supports import StructurePrior, shifted
 from commonlaw.law import Law, Provenance
+from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Terms, with_rates
 from commonlaw.likelihood import (
     HUBER_THRESHOLD,
@@ -63,6 +64,7 @@ class SearchProblem:
     object about as well as its initial estimate, each of shape (equations, terms). `excluded_terms` candidates were
     screened out before. With `residuals_estimate_noise`, residuals estimate the noise of trials that are too short for
     differences. The solver lists candidate supports, None for given terms; the differentiation is that of forecasts.
+    The Huber threshold is that of laws, also where a fit is by least squares for want of outliers.
     """
 
     trials: Trials
@@ -83,6 +85,7 @@ class SearchProblem:
     residuals_estimate_noise: bool = False
     solver: AbstractSolver | None = None
     differentiation: AbstractDifferentiator | None = None
+    huber_threshold: float = HUBER_THRESHOLD
 
     @property
     def terms(self) -> Terms:
@@ -96,8 +99,15 @@ class SearchProblem:
     @property
     def law(self) -> Law:
         """The law of these trials with the fixed coefficients alone."""
-        known, provenance = np.nan_to_num(self.known), Provenance(self.differentiation)
-        return Law(self.terms, self.trials.schema, self.order, self.trials.objects, known, provenance=provenance)
+        return Law(
+            self.terms,
+            self.trials.schema,
+            self.order,
+            self.trials.objects,
+            np.nan_to_num(self.known),
+            Uncertainty(huber_threshold=self.huber_threshold),
+            Provenance(self.differentiation),
+        )
 
     @property
     def allowed(self) -> Bools:
@@ -466,5 +476,6 @@ def prepare(
         given,
         samples=subsampled,
         equivalent_optima=tuple(equivalent_optima),
+        huber_threshold=huber_threshold,
     )
     return problem.with_errors(levels, WHITE_NOISE, reason + by_columns(trials.schema))

@@ -89,6 +89,11 @@ class RefitOptions:
     least_squares: bool = False
 
     @property
+    def threshold(self) -> float:
+        """The Huber threshold, infinite for least squares."""
+        return np.inf if self.least_squares else self.huber_threshold
+
+    @property
     def changed(self) -> dict[str, Any]:
         """Those that are not the default of `refine`."""
         return changed_settings(
@@ -136,6 +141,7 @@ class FitSetup:
         law = select_objects(law, trials.objects)
         if not shares_terms(law):
             raise CommonlawError("refine-own-terms")
+        law = replace(law, uncertainty=replace(law.uncertainty, huber_threshold=options.threshold))
         return cls(law, trials, known_noise(levels, trials), options.huber_threshold, between)
 
     def check_determined(self) -> None:

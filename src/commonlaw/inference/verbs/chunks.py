@@ -74,6 +74,7 @@ def fitted_by_parts(
                 weights, [unknown if uncertainty.noise is None else uncertainty.noise for uncertainty in known]
             ),
             error_model=_errors(weights, [uncertainty.error_model for uncertainty in known]),
+            huber_threshold=known[0].huber_threshold,
             degrees_of_freedom=np.sum(degrees, axis=0) if len(degrees) == len(laws) else None,
         ),
         provenance=replace(laws[0].provenance, domain=Domain(visited), outcomes=(), alternatives=()),
@@ -91,6 +92,7 @@ def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> tuple[Law, in
         known.known_covariance(),
         noise=known.noise,
         error_model=known.error_model,
+        huber_threshold=known.huber_threshold,
         degrees_of_freedom=known.degrees_of_freedom,
     )
     return replace(law, uncertainty=uncertainty, properties=trials.properties), sum(map(len, trials))

@@ -192,9 +192,10 @@ def _refined(law: Law, trials: Trials, options: RefitOptions, progress: Progress
 
 def _updated(law: Law, trials: Trials) -> Law:
     """Return a law of white noise updated by trials of its objects, which may be chaotic."""
-    setup = FitSetup.of(law, trials, RefitOptions())
+    threshold = law.uncertainty.huber_threshold
+    setup = FitSetup.of(law, trials, RefitOptions(huber_threshold=threshold))
     before, trials = setup.law, setup.trials
-    problem = prepare(trials, law.terms, before.coefficients, noise=law.uncertainty.noise)
+    problem = prepare(trials, law.terms, before.coefficients, noise=law.uncertainty.noise, huber_threshold=threshold)
     covariances, coefficients = before.uncertainty.known_covariance().copy(), before.coefficients.copy()
     support, last = before.support, settings.FINAL_MODEL_ERRORS[-1]
     fixed = np.zeros(support.shape, dtype=np.bool_)

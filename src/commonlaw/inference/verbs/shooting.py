@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import OF_FIT, checked_errors, refit, updated
 from commonlaw.inference.result.history import without_outcomes_of_fit
@@ -45,7 +43,7 @@ class ShootingFit(AbstractFit):
             input_interpolation=options.input_interpolation,
             noise=options.noise,
             errors=errors or "white",
-            huber_threshold=np.inf if options.least_squares else options.huber_threshold,
+            huber_threshold=options.threshold,
             seed=options.seed,
             progress=progress,
         )
