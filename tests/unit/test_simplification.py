@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 
 import commonlaw as cl
+from commonlaw.law import Provenance
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.uncertainty import Uncertainty
@@ -144,12 +145,15 @@ def test_the_form_is_fitted_again_to_what_follows_by_covariance():
     np.testing.assert_allclose(parameters.errors, found.errors, rtol=0.05)
 
 
+OWN_TERMS = replace(cl.Law.from_text("x' = a x", {"a": {"one": 1.0, "other": 0.0}}), provenance=Provenance())
+
+
 @pytest.mark.parametrize(
     ("law", "tolerance", "expected"),
     [
         (cl.Law.from_text("x' = a x", {"a": 1.0}), 2.0, "uncertainty-unknown"),
         (law_of("x' = a x", {"a": 1.0}, [0.1]), 0.0, message("simplify-tolerance", tolerance=0.0)),
-        (cl.Law.from_text("x' = a x", {"a": {"one": 1.0, "other": 0.0}}), 2.0, "simplify-own-terms"),
+        (OWN_TERMS, 2.0, "simplify-own-terms"),
     ],
 )
 def test_what_cannot_be_simplified_is_refused(law, tolerance, expected):

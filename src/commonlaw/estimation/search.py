@@ -690,10 +690,11 @@ def _covariance(problem: Problem, unknowns: Floats, noise: Floats, inner: Indice
     if not len(inner):
         return np.zeros((0, 0))
     rows = problem.information(unknowns, noise)[:, inner]
-    finer, errors = replace(problem, tolerance=problem.tolerance / 100), np.zeros_like(rows)
+    squares = replace(problem, huber_threshold=np.inf)  # Without weights, which depend on errors of residuals
+    finer, errors = replace(squares, tolerance=problem.tolerance / 100), np.zeros_like(rows)
     has_switches = len(problem.model.switched.outputs) > problem.model.width
     if not has_switches and np.isfinite(finer.residuals(unknowns, noise)[0]).all():
-        errors = finer.information(unknowns, noise)[:, inner] - rows
+        errors = finer.information(unknowns, noise)[:, inner] - squares.information(unknowns, noise)[:, inner]
     scale = np.sqrt(np.sum(rows**2, axis=0))
     scale = np.where(scale == 0, 1.0, scale)
     missing = max(0, len(scale) - len(rows))
