@@ -161,3 +161,28 @@ def test_evidences_of_files_add_up_to_nearly_those_of_all_trials(stream, whole):
     # What objects have in common beforehand is found in each file by itself
     np.testing.assert_allclose(found["2 log B"], together["2 log B"], rtol=3e-3)
     assert found["probability"].sum() == pytest.approx(1.0)
+
+
+def test_outliers_in_files_count_linearly_by_default(tmp_path):
+    random, times, trials = np.random.default_rng(3), np.linspace(0.0, 4.0, 25), list[np.ndarray]()
+    for rate in (0.5, 0.9):
+        x = 4 * np.exp(-rate * times) + 0.05 * random.standard_normal(25)
+        x[8] += 2.0
+        trials.append(x)
+    names, parts = ["a", "b"], list[cl.Trials]()
+    for name, x in zip(names, trials, strict=True):
+        parts.append(cl.Trials.from_arrays([times], [x], names=["x"], object=name))
+        parts[-1].to_parquet(tmp_path / f"{name}.parquet")
+    stream, table = cl.TrialStream.from_parquet(tmp_path), parts[0].with_trials([*parts[0], *parts[1]])
+    alone = cl.fit("x' = -k x", table)
+    laws = [cl.fit("x' = -k x", stream), cl.refine(alone, stream)]
+    laws.append(cl.discover(stream, order=1, library="terms:x", method=cl.TrajectoryLikelihood(n_jobs=1)))
+    for law in laws:
+        assert law.uncertainty.huber_threshold == 4.0
+        np.testing.assert_allclose(law.coefficients, alone.coefficients, rtol=2e-3)
+    squares = cl.fit("x' = -k x", stream, errors="white")
+    assert squares.uncertainty.huber_threshold == np.inf
+    assert np.all(abs(squares.coefficients / alone.coefficients - 1) > 0.01)
+    rivals = {text: cl.fit(text, table) for text in ("x' = -k x", "x' = -k x + b")}
+    apart = sum(cl.compare(rivals, part, n_jobs=1)["2 log B"][1] for part in parts)
+    assert cl.compare(rivals, stream)["2 log B"][1] == pytest.approx(apart, abs=0.01)

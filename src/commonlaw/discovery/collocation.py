@@ -156,7 +156,7 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
     )
     progress = settings.pop("progress") or on_terminal()
     settings["input_interpolation"] = settings["input_interpolation"] or "auto"
-    options = RefitOptions(**settings, least_squares=settings["errors"] == "white")
+    options = RefitOptions(**settings, least_squares=request.least_squares)
     bounds = tuple(bound.text for bound in given.bounds)
     restrictions = Restrictions(dict(request.groups), bounds=bounds)
     start = unfitted(given, trials, provenance, restrictions)

@@ -246,14 +246,32 @@ def _of_request(request: FitRequest) -> Law:
     return by_shooting(request, reason) if reason else by_collocation(request)
 
 
+def _of_part(equations: str | Sequence[str], settings: dict[str, Any], trials: Trials) -> Law:
+    """Return the law of a part of a stream, by default under white noise, whose outliers count linearly."""
+    errors = "white" if settings["errors"] == "auto" else settings["errors"]
+    request = FitRequest.of(
+        equations,
+        trials,
+        initial_values=None,
+        initial_time=None,
+        doses=(),
+        shared=(),
+        guesses=None,
+        observe=None,
+        priors=None,
+        functions=(),
+        scheme="collocation",
+        settings=settings | {"errors": errors},
+    )
+    return _on_likelier_scale(replace(request, least_squares=settings["errors"] == "white"))
+
+
 def _of_stream(equations: str | Sequence[str], stream: TrialStream, settings: dict[str, Any]) -> Law:
     given = read_equations(equations, stream.schema)
     if given.terms.parameters or given.order == 0:
         what = "a discrete-time law is" if given.order == 0 else "nonlinear parameters are"
         raise CommonlawError("not-file-by-file", what=what)
-    errors = "white" if settings["errors"] == "auto" else settings["errors"]
-    of_part = settings | {"errors": errors, "partial_pooling": False, "progress": silent, "scheme": "collocation"}
-    one, parts = partial(fit, equations, **of_part), stream.files
+    one, parts = partial(_of_part, equations, settings | {"partial_pooling": False, "progress": silent}), stream.files
     progress = settings["progress"] or on_terminal()
     objects_apart(parts, part(progress, 0.0, 0.1))
     law = fitted_by_parts([one] * len(parts), parts, part(progress, 0.1, 1.0))

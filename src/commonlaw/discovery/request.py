@@ -48,6 +48,8 @@ class FitRequest:
         Of Python, that the equations call.
     settings
         Of `FitOptions`, by name.
+    least_squares
+        Whether no measurement counts as an outlier.
     undosed
         Objects that were left out, as they have no dose.
     calls
@@ -68,6 +70,7 @@ class FitRequest:
     functions: tuple[Function, ...]
     scheme: Literal["auto", "collocation", "shooting"]
     settings: Mapping[str, Any]
+    least_squares: bool
     undosed: tuple[str, ...]
     calls: tuple[str, ...] = ()
 
@@ -122,6 +125,7 @@ class FitRequest:
             functions,
             scheme,
             settings,
+            settings["errors"] == "white",
             tuple(name for name in owners if name not in dosed.objects),
         )
 

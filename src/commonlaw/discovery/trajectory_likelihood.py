@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from commonlaw.array_types import evenly_spaced
 from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
@@ -46,8 +46,9 @@ from commonlaw.inference.result.assembly import assemble, reported
 from commonlaw.inference.result.held_out_forecasts import best_forecaster
 from commonlaw.inference.score.score import Kind, Score
 from commonlaw.inference.search.law_search import with_leading_support
-from commonlaw.inference.search.setup import error_kinds
+from commonlaw.inference.search.setup import RefitOptions, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, objects_apart, typical
+from commonlaw.inference.verbs.collocation import refined
 from commonlaw.inference.verbs.comparison import compare_by_parts, written_alike
 from commonlaw.law import Law, Step, pool_objects
 from commonlaw.law.population import with_pooled_forecasts
@@ -125,7 +126,6 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
             what = "latent_states=1" if self.latent_states else "a term with nonlinear parameters"
             raise CommonlawError("stream-with-option", what=what)
         errors = "white" if self.errors == "auto" else self.errors
-        weighing = {"noise": self.noise, "errors": errors, "huber_threshold": self.huber_threshold}
         alone = replace(self, errors=errors, covariance="likelihood", partial_pooling=False)
         parts = stream.files
         objects_apart(parts, part(progress, 0.0, 0.05))
@@ -139,12 +139,20 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
         steps = [Step("proposals", what, "terms proposed by a search among few objects")]
         best = next(iter(proposed.values()))
         if len(proposed) > 1:
+            weighing = {"noise": self.noise, "errors": errors, "threshold": self.huber_threshold, "n_jobs": self.n_jobs}
             frame = compare_by_parts(proposed, parts, weighing, part(progress, 0.2, 0.4))
             (first, second), evidence = frame["law"][:2], frame["2 log B"][1]
             reason = f"2 log B = {evidence:.4g} for it over {second}, summed over {counted(len(parts), 'part')}"
             best = proposed[first]
             steps.append(Step("support", first, reason))
-        fit = partial(_fitted, best, {**weighing, "covariance": self.covariance, "seed": self.seed})
+        options = RefitOptions(
+            noise=self.noise,
+            errors=errors,
+            huber_threshold=self.huber_threshold,
+            covariance=self.covariance,
+            seed=self.seed,
+        )
+        fit = partial(_fitted, best, options)
         law = fitted_by_parts([fit] * len(parts), parts, part(progress, 0.4, 1.0))
         provenance = replace(
             best.provenance,
@@ -166,9 +174,9 @@ def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: Tri
     return replace(written_alike(law, law.schema), provenance=law.provenance)
 
 
-def _fitted(law: Law, options: dict[str, Any], trials: Trials) -> Law:
+def _fitted(law: Law, options: RefitOptions, trials: Trials) -> Law:
     """Return a law fitted to the objects of a part, each starting from the average coefficients."""
-    return refine(typical(law, trials.objects), trials, **options, partial_pooling=False, progress=silent)
+    return refined(typical(law, trials.objects), trials, options, silent)
 
 
 def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law:

@@ -128,22 +128,37 @@ def compare(
     if moved := [name for name, law in laws.items() if not _is_on_scale(law, logarithmic) and law.order != 1]:
         raise CommonlawError("log-states-differ", states=logarithmic, laws=moved)
 
+    threshold = np.inf if errors == "white" else huber_threshold
+
     def in_memory(trials: Trials) -> "pd.DataFrame":
-        _open_scale(laws, trials, errors, noise)
-        apart = None if are_joint else _fitted_apart(laws, trials, noise, errors, huber_threshold, n_jobs)
-        return _frame(laws, apart or _fitted_jointly(laws, trials, noise, errors, huber_threshold))
+        return _compared(laws, trials, noise, errors, threshold, n_jobs)
 
     def by_file(stream: TrialStream) -> "pd.DataFrame":
         if are_joint:
             raise CommonlawError("not-refined-file-by-file", what="observation equations or shared parameters")
         kind = "white" if errors == "auto" else errors
-        settings = {"noise": noise, "errors": kind, "huber_threshold": huber_threshold, "n_jobs": n_jobs}
+        settings = {"noise": noise, "errors": kind, "threshold": threshold, "n_jobs": n_jobs}
         return compare_by_parts(laws, stream.files, settings, on_terminal())
 
     return in_memory_or_by_file(trials, client, in_memory, by_file)
 
 
-class _Compared(NamedTuple):
+def _compared(
+    laws: Mapping[str, Law],
+    trials: Trials,
+    noise: Mapping[str, float] | None,
+    errors: ErrorKind | Literal["auto"],
+    threshold: float,
+    n_jobs: int,
+) -> "pd.DataFrame":
+    """Return what `compare` does of trials in memory; the Huber threshold is infinite for least squares."""
+    _open_scale(laws, trials, errors, noise)
+    are_joint = any(fit_of(law).has_joint_objects for law in laws.values())
+    apart = None if are_joint else _fitted_apart(laws, trials, noise, errors, threshold, n_jobs)
+    return _frame(laws, apart or _fitted_jointly(laws, trials, noise, errors, threshold))
+
+
+class _FittedLaw(NamedTuple):
     """How many coefficients of an object were fitted, under which errors, residuals of solutions, and the score."""
 
     size: int
@@ -159,7 +174,7 @@ def _fitted_apart(
     errors: ErrorKind | Literal["auto"],
     huber_threshold: float,
     n_jobs: int,
-) -> "list[_Compared] | None":
+) -> "list[_FittedLaw] | None":
     """Return laws that share no parameter, fitted by collocation; None if one leaves its bounds."""
     logarithmic = logarithmic_in(laws.values())
     same = [on_log_scale(written_alike(law, trials.schema), logarithmic) for law in laws.values()]
@@ -183,12 +198,12 @@ def _fitted_apart(
         if errors != "auto" or best.departures or best.lack_of_fit:
             kinds = error_kinds(errors, setups[0].trials.schema)
             pools = in_parallel(lambda pool: with_error_models(pool, None, kinds, lambda _: None), pools)
-        fits = in_parallel(lambda pool: converged(pool.best, errors == "white")[0], pools)
+        fits = in_parallel(lambda pool: converged(pool.best)[0], pools)
         if any(_is_outside(law, setup, fit) for law, setup, fit in zip(laws.values(), setups, fits, strict=True)):
             return None
         scores = in_parallel(score_of_fit, fits)
     return [
-        _Compared(
+        _FittedLaw(
             fit.size,
             ERRORS[fit.errors].label,
             None if fit.has_process_noise or fit.diverges else residuals_of_fit(fit),
@@ -254,7 +269,7 @@ def residuals_of_fit(fit: Fit) -> FittedResiduals:
     return FittedResiduals(trials, whitened, residual_degrees_of_freedom(fit), known)
 
 
-def _frame(laws: Mapping[str, Law], compared: Sequence[_Compared]) -> "pd.DataFrame":
+def _frame(laws: Mapping[str, Law], compared: Sequence[_FittedLaw]) -> "pd.DataFrame":
     import pandas as pd
 
     lines = [law.observation.lines(law.objects, restrictions_of(law).shared) for law in laws.values()]
@@ -285,7 +300,7 @@ def _fitted_jointly(
     noise: Mapping[str, float] | None,
     errors: ErrorKind | Literal["auto"],
     huber_threshold: float,
-) -> list[_Compared]:
+) -> list[_FittedLaw]:
     """Return laws fitted by shooting, all objects together."""
     units = dict[str, str]()
     for law in laws.values():
@@ -305,7 +320,7 @@ def _fitted_jointly(
                 inputs="any",
                 noise=noise,
                 errors=kind or "white",
-                huber_threshold=np.inf if errors == "white" else huber_threshold,
+                huber_threshold=huber_threshold,
                 log_states=logarithmic,
                 progress=own_progress,
             )
@@ -319,7 +334,7 @@ def _fitted_jointly(
         kinds = kinds_for("", replace(trials.schema, logarithmic=logarithmic))
         scored = [TrajectoryScore(among_errors(fit, kinds)) for fit in fits]
     return [
-        _Compared(of_law.fitted.parameters, ERRORS[of_law.fitted.begun.errors].label, of_law.residuals, of_law.score)
+        _FittedLaw(of_law.fitted.parameters, ERRORS[of_law.fitted.begun.errors].label, of_law.residuals, of_law.score)
         for of_law in scored
     ]
 
@@ -327,7 +342,7 @@ def _fitted_jointly(
 def compare_by_parts(
     laws: Mapping[str, Law], parts: Sequence[TrialStream], settings: Mapping[str, Any], progress: ProgressCallback
 ) -> "pd.DataFrame":
-    """Return what `compare` says of laws and the parts of a stream; `settings` are its arguments."""
+    """Return what `compare` says of laws and the parts of a stream; `settings` are those of `_compared`."""
     import pandas as pd
 
     light = {name: average_law(law) for name, law in laws.items()}
@@ -343,7 +358,7 @@ def compare_by_parts(
 def _of_part(laws: Mapping[str, Law], settings: Mapping[str, Any], part: TrialStream) -> "pd.DataFrame":
     trials = part.read()
     with unannounced():
-        return compare({name: typical(law, trials.objects) for name, law in laws.items()}, trials, **settings)
+        return _compared({name: typical(law, trials.objects) for name, law in laws.items()}, trials, **settings)
 
 
 def written_alike(law: Law, schema: Schema) -> Law:
