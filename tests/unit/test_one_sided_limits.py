@@ -302,6 +302,14 @@ def test_a_time_constant_of_a_fast_decay_has_an_upper_limit(equation):
     assert f"tau < {limit.value:.3g} (95 %)" in str(law)
 
 
+def test_a_limit_is_within_the_bounds_of_its_parameter():
+    law = cl.fit("T' = -(T - c)/tau; 0 < tau < 0.1", _trials(), noise={"T": NOISE})
+    (limit,) = law.uncertainty.limits
+    assert (limit.value, limit.is_lower) == (0.1, False)
+    row = law.params.set_index("parameter").loc["tau"]
+    assert (row["low"], row["high"]) == (0.0, 0.1)
+
+
 @pytest.mark.parametrize("size", [1e-300, 1e292])
 def test_numbers_whose_multiples_overflow_have_no_limit(size):
     problem = Mock(max_steps=1)

@@ -83,6 +83,19 @@ def test_intervals_end_at_the_bounds_of_parameters():
     assert (row["low"], row["high"]) == pytest.approx((low, high), rel=1e-12)
 
 
+@pytest.mark.parametrize("settings", [{}, {"scheme": "shooting"}])
+def test_a_likelihood_cut_by_a_bound_is_not_flat_beyond_it(settings):
+    y = 1 + np.exp(-T) + 0.05 * np.random.default_rng(6).standard_normal(len(T))
+    trials = trials_of({"A": (T, y)}, ["x"])
+    free = cl.fit("x' = -k (x - c)", trials, **settings)
+    value, error = estimates(free)["k"]
+    law = cl.fit(f"x' = -k (x - c); k < {value + 0.1 * error}", trials, **settings)
+    assert law.uncertainty.limits == ()
+    assert estimates(law)["c"] == pytest.approx(estimates(free)["c"], rel=1e-3)
+    row, wide = (fit.params.set_index("parameter").loc["k"] for fit in (law, free))
+    assert (row["low"], row["high"]) == pytest.approx((wide["low"], value + 0.1 * error), rel=1e-3)
+
+
 class Linear:
     """Residuals ``matrix @ unknowns - target`` in place of those of a model."""
 

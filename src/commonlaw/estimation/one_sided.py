@@ -65,6 +65,9 @@ def one_sided(
     quantile down to a thousandth of the estimate, and is above it at the limit, farther from zero, and on the other
     side of zero. A deviance that is above it at four standard errors on both sides, or next to zero, as that of most
     unknowns, is not followed further.
+
+    The bound of the unknown on its side of zero, beyond which its likelihood may well be low, does not count for the
+    profile. The limit is within it: a flat part that is all beyond it has none.
     """
     indices, part = next(pair for pair in problem.apart() if index in pair[0])
     if len(indices) < len(unknowns):  # Other trials have the same likelihood everywhere
@@ -81,10 +84,12 @@ def one_sided(
     quantile = float(two_sided(0.90, degrees_of_freedom)) ** 2
     objective = Objective(replace(problem, max_steps=min(problem.max_steps, _MAX_STEPS)), noise)
     free = np.arange(len(unknowns)) != index
-    costs = dict[float, tuple[float, Floats]]()
+    costs, estimate = dict[float, tuple[float, Floats]](), float(unknowns[index])
+    low, high = float(bounds.low[index]), float(bounds.high[index])
+    ends = (min(low, 0.0), np.inf) if estimate > 0 else (-np.inf, max(high, 0.0))
 
     def cost(value: float, start: Floats) -> float:
-        value = float(np.clip(value, bounds.low[index], bounds.high[index]))
+        value = float(np.clip(value, *ends))
         if value not in costs:
             start = np.where(free, start, value)
             reached, squares = minimum(objective, start, free, bounds, tolerance=1e-8, steps=_MAX_EVALUATIONS)
@@ -99,7 +104,7 @@ def one_sided(
         """Return the limit from a flat part, of this sign, towards zero (-1) or away from it (1)."""
 
         def at(value: float) -> Floats:
-            return costs[float(np.clip(side * value, bounds.low[index], bounds.high[index]))][1]
+            return costs[float(np.clip(side * value, *ends))][1]
 
         inside, outside, flat = start, np.nan, at(start)
         for power in _DECADES:
@@ -118,17 +123,20 @@ def one_sided(
                 outside = middle
         if not np.isfinite(cost(side * outside, flat)):  # Too stiff to be solved, which excludes nothing
             return None
+        is_lower, limit = (side > 0) == (direction < 0), float(np.clip(side * inside, low, high))
+        if limit == (high if is_lower else low):
+            return None
         back = 10.0**-direction
         if any(is_likely(-side * value, flat) for value in (outside, back * outside, start / back)):
             return None
         held = direction * max(direction * back * inside, direction * start)
-        is_lower = (side > 0) == (direction < 0)
-        return OneSided(side * inside, is_lower, at(held)) if is_likely(side * held, flat) else None
+        if not low < side * held < high:
+            held = size
+        return OneSided(limit, is_lower, at(held)) if is_likely(side * held, flat) else None
 
     def is_flat(value: float) -> bool:
         return cost(value, unknowns) - best <= quantile
 
-    estimate = float(unknowns[index])
     best, near, sign = cost(estimate, unknowns), min(_NEAR_ERRORS * error, _FAR * size), float(np.sign(estimate))
     if not any(is_flat(sign * value) for value in (size + near, max(size - near, size / _FAR))):
         return None

@@ -246,7 +246,7 @@ class Parameters:
         j, k = self.places
         if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
             low, high = (ends[:, j, k] for ends in coefficient_intervals(self.law, level, averaged))
-            return self._with_limits(low, high, level)
+            return self._within_limits(low, high, level)
         reach = two_sided(level, self.degrees_of_freedom)
         low, high = self.values - self.errors * reach, self.values + self.errors * reach
         support, known = self.law.support, self.covariance_given_limits
@@ -263,20 +263,20 @@ class Parameters:
             for o, covariance in enumerate(() if is_alone else covariances):
                 interval = propagated(value, self.law.coefficients[o, support], covariance, float(reach[o, i]))
                 low[o, i], high[o, i] = interval.low, interval.high
-        for bound in bounds_in(restrictions_of(self.law).bounds):
-            if bound.name in self.names:
-                column = self.names.index(bound.name)
-                low[:, column] = np.maximum(low[:, column], bound.low)
-                high[:, column] = np.minimum(high[:, column], bound.high)
-        return self._with_limits(low, high, level)
+        return self._within_limits(low, high, level)
 
-    def _with_limits(self, low: Floats, high: Floats, level: float) -> tuple[Floats, Floats]:
+    def _within_limits(self, low: Floats, high: Floats, level: float) -> tuple[Floats, Floats]:
         known = self.law.uncertainty.degrees_of_freedom
         degrees = np.inf if known is None else float(known.min())
         for place, estimate in self.at_bounds.items():
             low[place], high[place] = estimate.interval(level, degrees)
         for place, limit in self.limits.items():
             low[place], high[place] = limit.interval if level <= 0.95 else (np.nan, np.nan)
+        for bound in bounds_in(restrictions_of(self.law).bounds):
+            if bound.name in self.names:
+                column = self.names.index(bound.name)
+                low[:, column] = np.maximum(low[:, column], bound.low)
+                high[:, column] = np.minimum(high[:, column], bound.high)
         return low, high
 
     def draws(self, n: int, seed: int, averaged: bool) -> Floats:
