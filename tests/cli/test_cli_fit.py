@@ -107,13 +107,6 @@ def test_noise_may_be_that_of_each_value_of_a_property(run, done, tmp_path):
     assert run("discover", "cells.csv", "--noise", "s=lab")[0] == 2
 
 
-def test_a_threshold_that_leaves_no_likelihood_is_refused_in_words(run):
-    code, _, err = run("fit", "dataset:linear-drag:trials=1", "x'' = -9.8 - c v", "--set", "huber_threshold=1e-100")
-    assert (code, err.count("\n")) == (1, 1)
-    assert "the likelihood of this law cannot be computed" in err
-    assert "--set huber_threshold=..." in err
-
-
 def test_a_state_without_a_column_starts_at_a_dose(done, tmp_path):
     times, rates, doses = np.arange(0.0, 12.0, 0.75), (1.5, 0.3), {"a": 80.0, "b": 120.0}
     decay = np.exp(-np.outer(rates, times))

@@ -182,8 +182,9 @@ def test_texts_that_are_no_settings_are_refused(texts, code):
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_function_refuses_a_setting_that_does_not_fit(name):
     drops = cl.datasets.linear_drag(drag=(-0.1,), trials=1, noise=0.05)
-    with refused("huber-threshold"):
-        FUNCTIONS[name]("x'' = -g", drops, huber_threshold=0.0)
+    for threshold in (0.0, 1.345, np.nan):
+        with refused("huber-threshold"):
+            FUNCTIONS[name]("x'' = -g", drops, huber_threshold=threshold)
     with refused("noise-not-by-state", value=0.05):
         FUNCTIONS[name]("x'' = -g", drops, noise=0.05)
 

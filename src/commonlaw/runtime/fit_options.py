@@ -163,8 +163,12 @@ def shown_value(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
+MIN_HUBER_THRESHOLD = 2.0
+"""Below, many measurements without fault are outliers, and standard errors, which leave these out, are too small."""
+
+
 def _check_huber_threshold(_: str, value: object) -> None:
-    if not isinstance(value, Real) or not float(value) > 0:
+    if not isinstance(value, Real) or not float(value) >= MIN_HUBER_THRESHOLD:
         raise CommonlawError("huber-threshold", value=value)
 
 
@@ -224,7 +228,7 @@ class FitOptions:
         functions=FUNCTIONS,
         choices={
             "auto": "white noise, unless 2 log B > 10 for another kind",
-            "white": "white noise only; with an infinite `huber_threshold`, least squares",
+            "white": "white noise by least squares, without outliers whatever `huber_threshold`",
             "proportional": "heteroscedastic noise, which grows with the state",
             "autocorrelated": "autocorrelated measurement errors",
             "random-walk": "process noise, a random walk of the law",
@@ -239,7 +243,7 @@ class FitOptions:
         functions=FUNCTIONS,
         check=_check_huber_threshold,
         text="Residual, in standard deviations of noise, beyond which a measurement counts linearly instead of "
-        "squared (Huber 1964); inf for no outliers.",
+        "squared (Huber 1964), at least 2; inf for no outliers.",
     )
     covariance: CovarianceKind = setting(
         default="likelihood",
