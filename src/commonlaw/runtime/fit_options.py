@@ -228,7 +228,7 @@ class FitOptions:
         functions=FUNCTIONS,
         choices={
             "auto": "white noise, unless 2 log B > 10 for another kind",
-            "white": "white noise by least squares, without outliers whatever `huber_threshold`",
+            "white": "white noise only; in `fit`, `refine` and `compare` by least squares",
             "proportional": "heteroscedastic noise, which grows with the state",
             "autocorrelated": "autocorrelated measurement errors",
             "random-walk": "process noise, a random walk of the law",
