@@ -889,6 +889,27 @@ def test_a_parameter_has_one_interval_in_all_objects_and_wherever_it_stands():
     np.testing.assert_allclose(tables[1], tables[2], rtol=1e-5)
 
 
+@pytest.mark.parametrize("shared", ["k", ("k", "a")], ids=["denominator", "both"])
+def test_shared_ratios_have_the_interval_of_their_profile_in_both_schemes(shared):
+    """Fieller's, which is not symmetric, as the same trials of one object have it."""
+    trials = relaxation._replace(numbers={"a": (0.4, 2.0), "b": (0.4, 2.0)}, noise=0.4, times=line(0, 6, 20)).trials()
+    laws = [
+        relaxation.fit(trials, text, shared=shared, scheme=scheme)
+        for text, scheme in (("x' = k (a - x)", "auto"), ("x' = k (a - x)", "shooting"), ("x' = k a - k x", "auto"))
+    ]
+    ends = [law.params.query("parameter == 'a'")[["low", "high"]].to_numpy() for law in laws]
+    for other in ends[1:]:
+        np.testing.assert_allclose(other, ends[0], rtol=1e-4)
+    profile = likelihood_profile(laws[1], trials, "a", "a")
+    low, high = ends[0][0]
+    assert (profile.estimate - low) / (high - profile.estimate) > 1.1
+    assert (low, high) == pytest.approx(profile.interval, abs=0.2 * profile.error)
+    if "a" in shared:
+        together = trials.with_trials([replace(trial, object="a", name=trial.object) for trial in trials])
+        alone = relaxation.fit(together).params.query("parameter == 'a'")[["low", "high"]]
+        np.testing.assert_allclose(ends[0], np.repeat(alone, 2, axis=0), rtol=1e-4)
+
+
 def test_a_parameter_at_its_bound_has_the_interval_from_there_to_its_limit(tmp_path):
     trials = growth._replace(numbers={"a": (0.8, 50.0)}).trials()
     free, law = (growth.fit(trials, f"x' = r x (1 - x/K){bound}") for bound in ("", "; K < 49"))

@@ -240,8 +240,8 @@ class Parameters:
 
         Those of ratios are Fieller's, see `propagated`; averaged ones are those of `coefficient_intervals`. They end at
         the bounds of parameters; of those at a bound they are one-sided, see `AtBound`. Those with a limit on one side
-        only have that of 95 % up to this level, none beyond. Parameters that objects share have the same interval in
-        all, that of their standard error.
+        only have that of 95 % up to this level, none beyond. A ratio that objects share, of coefficients that differ
+        between them, has the same interval in all, that of its standard error.
         """
         j, k = self.places
         if self.law.uncertainty.other_laws and averaged and self.law.uncertainty.covariance is not None:
@@ -251,19 +251,31 @@ class Parameters:
         low, high = self.values - self.errors * reach, self.values + self.errors * reach
         support, known = self.law.support, self.covariance_given_limits
         covariances = () if known is None else known
-        shared = restrictions_of(self.law).shared if len(self.law.objects) > 1 else {}
         for i, definition in enumerate(self.definitions):
-            is_alone = len(definition.parts) == 1 or shared.get(definition.name, OBJECT) != OBJECT
 
             def value(free: Floats, definition: Coefficient = definition) -> Floats:
                 coefficients = np.zeros((len(free), *support.shape))
                 coefficients[:, support] = free
                 return definition.of(coefficients)
 
-            for o, covariance in enumerate(() if is_alone else covariances):
+            for o, covariance in enumerate(covariances if self._is_ratio_of_objects(definition) else ()):
                 interval = propagated(value, self.law.coefficients[o, support], covariance, float(reach[o, i]))
                 low[o, i], high[o, i] = interval.low, interval.high
         return self._within_limits(low, high, level)
+
+    def _is_ratio_of_objects(self, definition: Coefficient) -> bool:
+        """Return whether a parameter is a ratio of coefficients that have one value where it has one."""
+        if len(definition.parts) == 1 or len(self.law.objects) == 1:
+            return len(definition.parts) > 1
+        shared = restrictions_of(self.law).shared
+        by, places = shared.get(definition.name, OBJECT), {(part.equation, part.term) for part in definition.parts}
+        factors = {
+            name
+            for product in self.products
+            if (product.equation, product.term) in places
+            for name, _ in product.coefficients
+        }
+        return by == OBJECT or {shared.get(name, OBJECT) for name in factors} <= {ALL, by}
 
     def _within_limits(self, low: Floats, high: Floats, level: float) -> tuple[Floats, Floats]:
         known = self.law.uncertainty.degrees_of_freedom
