@@ -467,6 +467,18 @@ REFUSED = {
     "smooth force": (decay, SHOOTING, {"errors": "gp-forcing"}, "process-noise-with-observation"),
     "partial pooling": (decay, SHOOTING, {"partial_pooling": True}, "not-with-observation"),
     "bootstrap": (decay, SHOOTING, {"covariance": "bootstrap"}, "not-with-observation"),
+    "random walk, by scheme": (
+        decay, COLLOCATION, {"scheme": "shooting", "errors": "random-walk"}, "beyond-shooting"
+    ),
+    "partial pooling, by scheme": (
+        decay, COLLOCATION, {"scheme": "shooting", "partial_pooling": True}, "beyond-shooting"
+    ),
+    "bootstrap, a shared quotient": (
+        growth, COLLOCATION, {"shared": "K", "covariance": "bootstrap"}, "beyond-shooting"
+    ),
+    "a shared quotient, by scheme": (
+        growth, COLLOCATION, {"scheme": "collocation", "shared": "K"}, "beyond-collocation"
+    ),
 }  # fmt: skip
 """What one of the schemes, or both, refuses: collocation has coefficients, and shooting white noise alone."""
 

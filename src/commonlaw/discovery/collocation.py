@@ -166,8 +166,10 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
         check_choice("coefficient", name, names)
     quotients = [entry.name for entry in named_parameters(start).definitions if len(entry.parts) > 1]
     if quotients := [name for name in request.shared if name in quotients]:
-        if request.refused_by_shooting:
+        if request.functions:
             raise CommonlawError("parameter-is-quotient", parameter=quotients[0])
+        if request.scheme == "collocation":
+            raise CommonlawError("beyond-collocation", reasons=[f"{quotients[0]}, a shared quotient"])
         return by_shooting(request, f"for {quotients[0]}, a shared quotient")
     try:
         begun = with_initial_parameters(start, trials, options, given.bounds, request.guesses, progress)

@@ -15,7 +15,7 @@ from commonlaw.discovery.regression import suitable_differentiation
 from commonlaw.discovery.request import FitRequest
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.beginning import Beginning, begin, with_values_of
-from commonlaw.estimation.fitting import Fitted, checked_errors, limited, maximized, threshold_of
+from commonlaw.estimation.fitting import Fitted, checked_errors, limited, maximized, refused_settings, threshold_of
 from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.search import DRAWS, is_solved
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
@@ -44,6 +44,11 @@ def by_shooting(request: FitRequest, reason: str, resting: tuple[str, ...] = ())
     """Return the law of a request; without objects at rest, where these do not determine a parameter."""
     if request.functions:
         raise CommonlawError("function-with-observation", function=request.functions[0].text)
+    if (refused := refused_settings(request.changed)) and not request.beyond_collocation:
+        settings = [f"{name}={request.changed[name]!r}" for name in refused]
+        is_asked = request.scheme == "shooting"
+        why, omitted = "`scheme='shooting'`" if is_asked else reason, [*refused, *["the scheme"] * is_asked]
+        raise CommonlawError("beyond-shooting", settings=settings, reason=why, omitted=omitted)
     moving = without_objects(request.dosed, resting)
     try:
         law = _of_model(request, moving)
