@@ -491,6 +491,12 @@ def test_what_one_scheme_lacks_is_refused(name):
     assert refusal.value.code == code
 
 
+@pytest.mark.parametrize("errors", ["random-walk", "gp-forcing"])
+def test_process_noise_by_name_is_no_lack_of_fit(errors):
+    law = decay.fit(decay.trials(), errors=errors)
+    assert [outcome.code for outcome in law.diagnostics] == ["process-noise-by-name"]
+
+
 def spelled(tree: Any, random: Random) -> str:
     """Return an expression in one of its spellings: a name, or an operator with its operands.
 

@@ -113,7 +113,10 @@ def outcomes_of_fit(
         result.append(note("fit-diverges"))
     if fit.has_process_noise:
         of = ", the best in its library," if chosen else ""
-        result.append(note("model-error", library=of, error=model_error_step(fit).choice))
+        error = model_error_step(fit).choice
+        # A lack of fit is by the evidence against white noise, which process noise by name is not compared with
+        by_evidence = note("model-error", library=of, error=error)
+        result.append(by_evidence if tried_errors else note("process-noise-by-name", error=error))
     elif lack := _left(fit):
         result.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=lack))
     if fit.problem.samples:
