@@ -5,11 +5,10 @@ A candidate is the `Pool` of the fits of one order. This is all that is chosen, 
     plain terms       evidence of supports on the path of a solver        `search_supports`, `search_on_finer_mesh`
     interpolation     strong evidence, given the terms                    `choose_interpolation`
     orders to try     lack of fit or many coefficients of the best        `search_orders`, `_with_richer_terms`
+    error model       evidence, if residuals are not white noise          `choose_errors`
     richer terms      evidence, with the multiplicity of all offers       `with_parametric_terms`
     latent state      evidence, with the multiplicity of its equations    `with_latent_state`
-    error model       evidence, if residuals are not white noise          `choose_errors`
-    order             evidence of converged fits, residuals of trials     `_fitting_whole_trials`
-    process noise     none if solutions fit whole trials better           `choose_deterministic`
+    order             evidence of converged fits                          `law_of_best_order`
     support           the first by linearized evidence, if it fits best   `with_leading_support`
     forecaster        held-out forecasts, if the errors are too large     `best_forecaster`
 
@@ -37,11 +36,6 @@ from commonlaw.discovery.orders import (
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import refine, settings
 from commonlaw.inference.fit.final_score import final
-from commonlaw.inference.result.approximation import (
-    choose_deterministic,
-    fits_whole_trials,
-    index_of_best_fit_to_whole_trials,
-)
 from commonlaw.inference.result.assembly import assemble, reported
 from commonlaw.inference.result.held_out_forecasts import best_forecaster
 from commonlaw.inference.score.score import Kind, Score
@@ -211,9 +205,13 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
     best = min(candidates)
     if several and (not best.is_simple or is_implied_by_lower_order(best.pool)):
         candidates, _ = apply_to_each(search.finer, candidates)
+    if search.options.errors == "auto" and min(candidates).pool.best.reason_for_error_model:
+        # Before richer terms, which would explain the errors of measurements
+        candidates, _ = apply_to_each(search.finer, candidates)
+        candidates, _ = apply_to_each(search.with_errors, candidates)
     candidates = _with_richer_terms(search, candidates)
     candidates, failed = _with_errors(search, candidates)
-    candidates, best = _fitting_whole_trials(search, candidates)
+    best = candidates[0]
     law, score = _law(search, best)
     if not several:
         return law
@@ -258,29 +256,15 @@ def _with_errors(search: CandidateSearch, candidates: list[Candidate]) -> tuple[
     return candidates, failed
 
 
-def _fitting_whole_trials(search: CandidateSearch, ranked: list[Candidate]) -> tuple[list[Candidate], Candidate]:
-    """Return candidates, and the chosen one: the best, or another one if only its solutions fit whole trials."""
-    best, *others = ranked
-    if not others or search.options.errors != "auto" or fits_whole_trials(best.pool.best):
-        return ranked, best
-    without_deterministic = [
-        candidate for candidate in others if candidate.pool.best.has_model_error and not candidate.pool.approximations
-    ]
-    with_errors, _ = attempt_each(search.with_errors, without_deterministic)
-    ranked = [best, *(candidate for candidate in others if candidate not in without_deterministic), *with_errors]
-    return ranked, ranked[index_of_best_fit_to_whole_trials([candidate.pool for candidate in ranked])]
-
-
 def _law(search: CandidateSearch, best: Candidate) -> tuple[Law, Score]:
-    """Return the law of a candidate, or of a deterministic law or a better forecaster from its pool, and its score."""
+    """Return the law of a candidate, or of a better forecaster from its pool, and its score."""
     options, shared, progress = search.options, best.screened.structure.shared_in, part(search.progress, 0.9, 1.0)
     kinds = error_kinds(options.errors, search.trials.schema)
 
     def pooled(law: Law) -> Law:
         return pool_objects(law, shared(law), options.partial_pooling)
 
-    pool = with_leading_support(choose_deterministic(best.pool, progress, pooled))
-    pool, errors = best_forecaster(pool, kinds, pooled, progress)
+    pool, errors = best_forecaster(with_leading_support(best.pool), kinds, pooled, progress)
     progress("computing standard errors and inclusion probabilities")
     printed, is_converged = reported(pool)
     law = assemble(

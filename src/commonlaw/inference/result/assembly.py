@@ -10,7 +10,6 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.final_score import final
 from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
-from commonlaw.inference.result.approximation import with_approximation
 from commonlaw.inference.result.held_out_forecasts import StandardizedErrors, interval_inflation
 from commonlaw.inference.result.history import (
     Compared,
@@ -77,7 +76,7 @@ def assemble(
             template.provenance,
             outcomes=(
                 *fit.outcomes,
-                *with_approximation(pool, outcomes(law, fit, is_converged, tried_errors=tried_errors)),
+                *outcomes(law, fit, is_converged, tried_errors=tried_errors),
                 *differing_trials(fit),
             ),
             alternatives=alternatives(template, compared, pool.chosen_by),

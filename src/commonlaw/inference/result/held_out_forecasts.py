@@ -202,12 +202,12 @@ def best_forecaster(
 ) -> tuple[Pool, list[StandardizedErrors]]:
     """Return a pool whose best has the best forecasts of held-out data, and the errors of its forecasts.
 
-    It remains that of largest evidence if its standardized errors are as expected, or if a deterministic law explains
-    many measurements. If another one is chosen, laws of larger evidence under the same errors become its rivals.
+    It remains that of largest evidence if its standardized errors are as expected. If another one is chosen, laws of
+    larger evidence under the same errors become its rivals.
     `pooled` pools the coefficients of the objects.
     """
     errors_of_best = standardized_errors(pool.best, pooled)
-    if pool.is_approximation or not _are_forecasts_off(pool.best, errors_of_best):
+    if not _are_forecasts_off(pool.best, errors_of_best):
         return pool, errors_of_best
     progress("comparing forecasts of held-out data")
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))

@@ -121,7 +121,7 @@ def with_error_models(
     near = [*pool.fits[: 1 + settings.MAX_RIVALS]]
     if pool.plain is not None and pool.plain not in near and not any(fit.problem.solver for fit in near):
         near.append(pool.plain)
-    fits, approximations = list[Fit](), list[Fit]()
+    fits = list[Fit]()
     for fit in near:
         problem = fit.problem
         if problem.solver is None:
@@ -140,14 +140,12 @@ def with_error_models(
             continue
         # Given terms are fitted by least squares unless the evidence against it is very strong
         best = most_probable(compared, settings.VERY_STRONG if problem.solver is None else 0.0)
-        kind, white = best.errors, [alternative for alternative in compared if alternative.errors == "white"]
+        kind = best.errors
         # Levels at the optimum of the chosen law, so that the result does not depend on units and origins
         exact = best if kind == "white" else estimate_error_model(best, kind)
         alternatives = [alternative for alternative in compared if alternative.errors == kind]
         fits.append((exact if exact.is_usable else best).with_alternatives(alternatives))
-        if white and best.has_process_noise:
-            approximations.append(most_probable(white).with_alternatives(white))
-    return Pool.of(fits, pool.explored, approximations)
+    return Pool.of(fits, pool.explored)
 
 
 def search_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> list[Pool]:

@@ -10,7 +10,6 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
-from commonlaw.inference.score.score import Kind
 from commonlaw.law.parameters import standard_errors
 from commonlaw.runtime.forking import cached_property
 
@@ -20,24 +19,20 @@ class Pool:
     """Fits of different models to the same trials, the best first, then its rivals.
 
     Those whose problem has a solver were selected among plain terms; `explored` are all fits of that search, the
-    largest evidence first. If the best has process noise, `approximations` are fits of largest evidence under white
-    noise. The best `is_approximation` if it replaces a law with process noise because its solutions fit whole trials
-    better.
+    largest evidence first.
 
     Raises `CommonlawError` if the best fit failed.
     """
 
     fits: tuple[Fit, ...]
     explored: Sequence[Fit] = ()
-    approximations: tuple[Fit, ...] = ()
-    is_approximation: bool = False
 
     def __post_init__(self) -> None:
         if not self.best.is_usable:
             raise CommonlawError("no-law-near-measurements")
 
     @classmethod
-    def of(cls, fits: Sequence[Fit], explored: Sequence[Fit] = (), approximations: Sequence[Fit] = ()) -> "Pool":
+    def of(cls, fits: Sequence[Fit], explored: Sequence[Fit] = ()) -> "Pool":
         """Return the pool of fits, the largest evidence first.
 
         Plausible laws too stiff for their mesh come last.
@@ -46,10 +41,10 @@ class Pool:
         for fit in sorted(fits):
             near = len(fits) > 1 and (not first or fit.score - first[0].score < PLAUSIBLE)
             (last if near and not fit.is_resolved else first).append(fit)
-        return cls((*first, *last), explored, tuple(approximations))
+        return cls((*first, *last), explored)
 
-    def joined(self, others: Sequence[Fit] = (), approximations: Sequence[Fit] = ()) -> "Pool":
-        return Pool.of((*self.fits, *others), self.explored, (*self.approximations, *approximations))
+    def joined(self, others: Sequence[Fit] = ()) -> "Pool":
+        return Pool.of((*self.fits, *others), self.explored)
 
     def with_best(self, fit: Fit) -> "Pool":
         """Return the pool with the best fit replaced: the same law on a finer mesh, or with supports selected again."""
@@ -71,10 +66,7 @@ class Pool:
     @property
     def chosen_by(self) -> str:
         """The criterion by which the best was chosen, as recorded in the history."""
-        kind = self.best.score.kind
-        if self.is_approximation and kind is Kind.EVIDENCE:
-            return f"{kind} without process noise: solutions of the law with it explain whole trials less well"
-        return kind
+        return self.best.score.kind
 
     def proposals(self) -> Iterator[Bools]:
         """Yield supports of large evidence under the error model of the best, and those on the path of the solver."""
