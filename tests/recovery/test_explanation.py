@@ -5,10 +5,7 @@ import pytest
 
 import commonlaw as cl
 from commonlaw.diagnostics import OutcomeKind
-from commonlaw.inference.result import approximation
-from commonlaw.inference.result.approximation import effective_count, log_likelihood_gain
 from commonlaw.law.parameters import named_parameters
-from commonlaw.trials.transformations import with_starts
 
 GAIN, TIME, DELAY = 0.6, 150.0, 20.0
 
@@ -70,42 +67,3 @@ def test_process_noise_stays_where_solutions_explain_as_much_with_it():
         states.append((np.array(path[::20]) + 0.002 * generator.standard_normal(61))[:, np.newaxis])
     law = cl.discover(cl.Trials.from_arrays([times] * 4, states, names=["x"]), order=1, library="poly:3")
     assert OutcomeKind.APPROXIMATION not in {diagnostic.kind for diagnostic in law.diagnostics}
-
-
-def test_the_gain_counts_independent_residuals_as_a_likelihood_does():
-    generator = np.random.default_rng(1)
-    small, large = generator.standard_normal(2000), 3 * generator.standard_normal(2000)
-    assert effective_count(small) == pytest.approx(2000, rel=0.05)
-    expected = effective_count(small) * np.log(np.mean(large**2) / np.mean(small**2))
-    assert log_likelihood_gain([[small]], [[large]]) == pytest.approx(expected)
-
-
-def test_the_effective_sample_size_is_that_of_the_formula():
-    residuals = np.random.default_rng(4).standard_normal(30).cumsum() + 2.0
-    count, total, squares = len(residuals), sum(x * x for x in residuals), 0.0
-    for lag in range(1, count):
-        correlation = sum(residuals[i] * residuals[i + lag] for i in range(count - lag)) / total
-        if correlation <= 0:
-            break
-        squares += correlation**2
-    assert lag < count - 1
-    assert effective_count(residuals) == pytest.approx(count / (1 + 2 * squares), rel=1e-12)
-    assert effective_count(np.array([2.0, 1.0, 0.5])) == pytest.approx(3 / (1 + 2 * (2.5**2 + 1) / 5.25**2))
-    assert effective_count(np.zeros(7)) == 7
-
-
-def test_autocorrelated_residuals_count_as_the_variance_of_their_mean_square_says():
-    kept, generator = 0.9, np.random.default_rng(2)
-    series = np.zeros((400, 500))
-    for k in range(1, 500):
-        series[:, k] = kept * series[:, k - 1] + np.sqrt(1 - kept**2) * generator.standard_normal(400)
-    series = series[:, 100:]
-    worth = 2 / np.var(np.mean(series**2, axis=1))  # Of independent ones the mean square has the variance 2/n
-    assert np.median([effective_count(each) for each in series]) == pytest.approx(worth, rel=0.25)
-
-
-@pytest.mark.parametrize("starts", [{"w": 0.0}, {"w": None}])
-def test_what_laws_leave_is_compared_in_measured_states_whatever_latent_states_they_have(delayed, starts):
-    plain, latent = (approximation._constants(each) for each in (delayed, with_starts(delayed, starts)))
-    assert len(latent) == len(plain) == 1
-    np.testing.assert_array_equal(np.concatenate(latent[0]), np.concatenate(plain[0]))

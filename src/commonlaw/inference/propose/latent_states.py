@@ -95,7 +95,7 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
         more = [fit.score - best.score for fit in others]
         why = f"laws with one have at least {min(more):.3g} more of -2 log evidence" if more else "no law with one fits"
         step = Step(LATENT_STATE, "none", why)
-        return pool.with_best(replace(without, steps=(step,))).joined(others)
+        return pool.with_best(replace(without, steps=(step,))).joined(*others)
     (model, chosen), *same = equivalent
     why = f"{model.description}; without it -2 log evidence is {without.score - best.score:.3g} more"
     alternatives = "; or ".join(
@@ -106,7 +106,7 @@ def with_latent_state(pool: Pool, trials: Trials, *, most_samples: int, progress
         steps=(Step(LATENT_STATE, _structure(chosen)[-1], why),),
         outcomes=(note("latent-state-not-identifiable", name=model.name, others=alternatives),) if same else (),
     )
-    return pool.with_best(without).joined([chosen, *others])
+    return pool.with_best(without).joined(chosen, *others)
 
 
 def _structure(fit: Fit) -> tuple[str, ...]:

@@ -75,7 +75,7 @@ def with_parametric_terms_under_errors(
         return pool
     again = with_parametric_terms(Pool((plain,), pool.explored), offers, progress)
     again = with_error_models(again, None, (errors.kind,), progress)
-    return pool.joined(again.fits)
+    return pool.joined(*again.fits, deterministic=again.deterministic)
 
 
 def is_truncated_series(fit: Fit) -> bool:

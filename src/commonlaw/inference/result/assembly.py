@@ -19,6 +19,7 @@ from commonlaw.inference.result.history import (
     inclusion_probabilities,
     names_in,
     outcomes,
+    with_approximation,
 )
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
@@ -76,7 +77,7 @@ def assemble(
             template.provenance,
             outcomes=(
                 *fit.outcomes,
-                *outcomes(law, fit, is_converged, tried_errors=tried_errors),
+                *with_approximation(pool, outcomes(law, fit, is_converged, tried_errors=tried_errors)),
                 *differing_trials(fit),
             ),
             alternatives=alternatives(template, compared, pool.chosen_by),

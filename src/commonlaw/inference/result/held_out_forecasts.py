@@ -12,6 +12,7 @@ ranked by the log predictive density of held-out data (Dawid 1984), in which eac
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -202,26 +203,32 @@ def best_forecaster(
 ) -> tuple[Pool, list[StandardizedErrors]]:
     """Return a pool whose best has the best forecasts of held-out data, and the errors of its forecasts.
 
-    It remains that of largest evidence if its standardized errors are as expected. If another one is chosen, laws of
-    larger evidence under the same errors become its rivals.
-    `pooled` pools the coefficients of the objects.
+    It remains that of largest evidence if its standardized errors are as expected, but process noise lets a law fit any
+    measurements: one with it gives way to a deterministic law, too, if the evidence of forecasts for this is strong. If
+    another one is chosen, laws of larger evidence under the same errors become its rivals. `pooled` pools the
+    coefficients of the objects.
     """
     errors_of_best = standardized_errors(pool.best, pooled)
-    if not _are_forecasts_off(pool.best, errors_of_best):
+    is_off = _are_forecasts_off(pool.best, errors_of_best)
+    if not (is_off or pool.best.has_process_noise):
         return pool, errors_of_best
     progress("comparing forecasts of held-out data")
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))
     scored = [(_score(errors_of(pool.best)), pool.best)]
-    for fit in _others(pool, kinds, progress):
+    for fit in chain(_deterministic(pool), _others(pool, kinds, progress) if is_off else ()):
         errors = errors_of(fit)
         if len(errors) == len(errors_of_best):
             scored.append((_score(errors), fit))
     most, best = max(scored, key=lambda pair: pair[0])
-    if best is pool.best:
+    import os
+    if os.environ.get('SHOWF'): print('forecasts', is_off, [(round(s,2), f.errors, f.model.equations) for s,f in scored], flush=True)
+    if best is pool.best or not (is_off or 2 * (most - scored[0][0]) > settings.STRONG):
         return pool, errors_of_best
     preferred = [(score, fit) for score, fit in scored if fit.errors == best.errors and fit < best]
     others = [scored_by_forecasts(fit, most - score) for score, fit in sorted(preferred, key=lambda pair: -pair[0])]
-    return replace(pool, fits=(scored_by_forecasts(best, 0.0), *others)), standardized_errors(best, pooled)
+    is_approximation = pool.best.has_process_noise and not best.has_process_noise
+    chosen = replace(pool, fits=(scored_by_forecasts(best, 0.0), *others), is_approximation=is_approximation)
+    return chosen, standardized_errors(best, pooled)
 
 
 def scored_by_forecasts(fit: Fit, less: float) -> Fit:
@@ -274,6 +281,10 @@ def _score(errors: Sequence[StandardizedErrors]) -> float:
     widths = [float(np.nanmean(np.log(error.std))) for error in errors]
     scale = max(1.0, float(np.mean(squares)))
     return -sum(widths) - len(errors) * float(np.log(scale)) / 2 - sum(squares) / scale / 2
+
+
+def _deterministic(pool: Pool) -> list[Fit]:
+    return [*pool.deterministic, *(fit for fit in pool.rivals if not fit.has_process_noise)]
 
 
 @unannounced()

@@ -11,10 +11,11 @@ from commonlaw.errors import CommonlawError
 from commonlaw.forecast import fitted
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import by_columns, estimated_noise
-from commonlaw.inference.fit.covariance import outliers
+from commonlaw.inference.fit.covariance import outliers, relative_residuals
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
+from commonlaw.inference.search.pool import Pool
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.provenance import WITHOUT_QUANTITIES, error_steps, levels_in_words
@@ -127,6 +128,28 @@ def outcomes_of_fit(
         levels = levels_in_words(problem.noise, schema)
         result.append(note("noise-assumed", levels=levels, name=schema.measured[0]))
     return tuple(result)
+
+
+def with_approximation(pool: Pool, outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
+    """Return the outcomes of a law; if it `is_approximation`, with the size of its lack of fit."""
+    if not pool.is_approximation:
+        return tuple(outcomes)
+    problem, schema = pool.best.problem, pool.best.problem.trials.schema
+    squares = (relative_residuals(pool.best) * problem.white_std) ** 2
+    parts = [
+        f"{value:.3g} {schema.units.get(name, '')}".rstrip() + f" in {name} (noise {level:.2g})"
+        for name, value, level, is_latent in zip(
+            schema.states,
+            np.sqrt(np.nanmean(squares, axis=0)),
+            problem.noise_estimate,
+            schema.is_latent,
+            strict=True,
+        )
+        if not is_latent
+    ]
+    of = "this law" if problem.solver is None else "this law, the best of its library,"
+    lack = note("lack-of-fit", law=of, residuals=parts)
+    return (lack, *(outcome for outcome in outcomes if outcome.kind not in LACKS_OF_FIT))
 
 
 def _has_no_solution(law: Law, trials: Trials) -> bool:

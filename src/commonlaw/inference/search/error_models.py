@@ -121,7 +121,7 @@ def with_error_models(
     near = [*pool.fits[: 1 + settings.MAX_RIVALS]]
     if pool.plain is not None and pool.plain not in near and not any(fit.problem.solver for fit in near):
         near.append(pool.plain)
-    fits = list[Fit]()
+    fits, deterministic = list[Fit](), list[Fit]()
     for fit in near:
         problem = fit.problem
         if problem.solver is None:
@@ -145,7 +145,10 @@ def with_error_models(
         exact = best if kind == "white" else estimate_error_model(best, kind)
         alternatives = [alternative for alternative in compared if alternative.errors == kind]
         fits.append((exact if exact.is_usable else best).with_alternatives(alternatives))
-    return Pool.of(fits, pool.explored)
+        if best.has_process_noise:
+            groups = ([fit for fit in compared if ERRORS[fit.errors].group == group] for group in GROUPS[:2])
+            deterministic += [min(of_group) for of_group in groups if of_group]
+    return Pool.of(fits, pool.explored, deterministic)
 
 
 def search_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> list[Pool]:
@@ -203,7 +206,7 @@ def _fit_all_pairs(pools: Sequence[Pool], others: Sequence[Bools]) -> list[Fit]:
     distinct = list(
         {proposed.tobytes(): proposed for proposed in listed if proposed.sum(axis=1).max() <= most}.values()
     )
-    fits = list[Fit]()
+    fits, deterministic = list[Fit](), list[Fit]()
     for pool in pools:
         best = pool.best
         values = [best.evidence.value(proposed) for proposed in distinct]

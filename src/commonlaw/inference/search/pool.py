@@ -19,20 +19,23 @@ class Pool:
     """Fits of different models to the same trials, the best first, then its rivals.
 
     Those whose problem has a solver were selected among plain terms; `explored` are all fits of that search, the
-    largest evidence first.
+    largest evidence first. If the best has process noise, `deterministic` are those of largest evidence without.
+    The best `is_approximation` if it is one of these, as it forecasts better.
 
     Raises `CommonlawError` if the best fit failed.
     """
 
     fits: tuple[Fit, ...]
     explored: Sequence[Fit] = ()
+    deterministic: tuple[Fit, ...] = ()
+    is_approximation: bool = False
 
     def __post_init__(self) -> None:
         if not self.best.is_usable:
             raise CommonlawError("no-law-near-measurements")
 
     @classmethod
-    def of(cls, fits: Sequence[Fit], explored: Sequence[Fit] = ()) -> "Pool":
+    def of(cls, fits: Sequence[Fit], explored: Sequence[Fit] = (), deterministic: Sequence[Fit] = ()) -> "Pool":
         """Return the pool of fits, the largest evidence first.
 
         Plausible laws too stiff for their mesh come last.
@@ -41,10 +44,10 @@ class Pool:
         for fit in sorted(fits):
             near = len(fits) > 1 and (not first or fit.score - first[0].score < PLAUSIBLE)
             (last if near and not fit.is_resolved else first).append(fit)
-        return cls((*first, *last), explored)
+        return cls((*first, *last), explored, tuple(deterministic))
 
-    def joined(self, others: Sequence[Fit] = ()) -> "Pool":
-        return Pool.of((*self.fits, *others), self.explored)
+    def joined(self, *fits: Fit, deterministic: Sequence[Fit] = ()) -> "Pool":
+        return Pool.of((*self.fits, *fits), self.explored, (*self.deterministic, *deterministic))
 
     def with_best(self, fit: Fit) -> "Pool":
         """Return the pool with the best fit replaced: the same law on a finer mesh, or with supports selected again."""

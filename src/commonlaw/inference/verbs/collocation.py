@@ -21,12 +21,14 @@ from commonlaw.inference.fit.covariance import (
 from commonlaw.inference.fit.latent_initialization import latent_state_ranges
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.nonlinear_parameters import empirical_priors
+from commonlaw.inference.result.held_out_forecasts import best_forecaster
 from commonlaw.inference.result.history import (
     fit_steps,
     noise_step,
     outcomes_of_fit,
     outcomes_of_unmeasured,
     sample_steps,
+    with_approximation,
     without_outcomes_of_fit,
 )
 from commonlaw.inference.search.error_models import choose_errors
@@ -146,6 +148,8 @@ def _refined(law: Law, trials: Trials, options: RefitOptions, progress: Progress
     # Of few measurements the residuals do not show what kind of errors they have
     errors = "white" if options.errors == "auto" and pool.best.has_few_measurements else options.errors
     pool = choose_errors(pool, errors=errors, propose=lambda _: None, progress=progress)
+    if pool.deterministic:
+        pool, _ = best_forecaster(pool, (), lambda law: law, progress)
     shared = shared_coefficients(setup.law)
     is_joint = bool(shared.any()) and len(pool.best.estimates) > 1
     fit, is_converged = converged(replace(pool.best, shared=shared if is_joint else None), options.least_squares)
@@ -168,7 +172,9 @@ def _refined(law: Law, trials: Trials, options: RefitOptions, progress: Progress
         law.provenance,
         outcomes=(
             *with_origin_outcomes(without_outcomes_of_fit(law.diagnostics), result, trials),
-            *outcomes_of_fit(result, fit, is_converged, tried_errors=options.errors == "auto"),
+            *with_approximation(
+                pool, outcomes_of_fit(result, fit, is_converged, tried_errors=options.errors == "auto")
+            ),
             *outcomes_of_unmeasured(result, problem),
         ),
         history=(*law.history, *chosen),
