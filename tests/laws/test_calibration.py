@@ -21,7 +21,7 @@ def trial(ahead: np.ndarray, growth: float, seed: int) -> StandardizedErrors:
 
 
 def errors(ahead: np.ndarray, sizes: np.ndarray) -> StandardizedErrors:
-    return StandardizedErrors(ahead, norm.ppf(0.975) * sizes, np.ones_like(sizes))
+    return StandardizedErrors(ahead, norm.ppf(0.975) * sizes, np.ones_like(sizes), np.full_like(sizes, np.nan))
 
 
 AHEAD = np.linspace(0.05, 6.0, 30)

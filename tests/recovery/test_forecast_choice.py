@@ -65,7 +65,9 @@ def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(se
 
 def errors(sizes: np.ndarray, reach: float) -> StandardizedErrors:
     half, ahead = norm.ppf(0.975), np.arange(1.0, len(sizes) + 1)
-    return StandardizedErrors(ahead, half * sizes[:, np.newaxis], np.full((len(sizes), 1), reach / half))
+    return StandardizedErrors(
+        ahead, half * sizes[:, np.newaxis], np.full((len(sizes), 1), reach / half), np.full((len(sizes), 1), np.nan)
+    )
 
 
 def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():

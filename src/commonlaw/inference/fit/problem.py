@@ -340,7 +340,10 @@ class SearchProblem:
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
                 origins.append(shifted(terms, j) & ~given)
-        bits, penalty = 2 * float(__import__('os').environ.get('BITS','2')) * np.log(2) * terms.complexities, float(np.log(sum(self.measured)))
+        bits, penalty = (
+            2 * float(__import__("os").environ.get("BITS", "2")) * np.log(2) * terms.complexities,
+            float(np.log(sum(self.measured))),
+        )
         return StructurePrior(bits, tuple(origins), penalty, self.excluded_terms)
 
     def std_of(self, mesh: Mesh) -> Floats:

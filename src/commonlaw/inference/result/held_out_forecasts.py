@@ -42,12 +42,14 @@ class StandardizedErrors:
 
     Horizons `ahead` are times since the last sample used for the initial state, shape (n,). Sizes are absolute errors
     in standard deviations of the normal distribution with the 95 % intervals, `std`, both of shape (n, states): NaN for
-    missing values, and for all of a forecast without intervals; sizes are infinite for all of one that diverges.
+    missing values, and for all of a forecast without intervals; sizes are infinite for all of one that diverges. Those
+    of `persistence` are of the last value before.
     """
 
     ahead: Floats
     sizes: Floats
     std: Floats
+    persistence: Floats
 
 
 def interval_inflation(found: Sequence[StandardizedErrors], horizons: int = 6) -> IntervalInflation | None:
@@ -195,7 +197,10 @@ def _standardized_errors(
             sizes = np.full_like(sizes, np.nan)
         std[np.isnan(sizes)] = np.nan
         later = ahead > 0
-        yield (trial.object, trial.name), StandardizedErrors(ahead[later], sizes[later], std[later])
+        before = [column[np.isfinite(column)] for column in trial.states[~later].T]
+        last = np.array([column[-1] if len(column) else np.nan for column in before])
+        parts = (errors[later] for errors in (ahead, sizes, std, abs(trial.states - last) / std))
+        yield (trial.object, trial.name), StandardizedErrors(*parts)
 
 
 def best_forecaster(
@@ -221,7 +226,9 @@ def best_forecaster(
             scored.append((_score(errors), fit))
     most, best = max(scored, key=lambda pair: pair[0])
     import os
-    if os.environ.get('SHOWF'): print('forecasts', is_off, [(round(s,2), f.errors, f.model.equations) for s,f in scored], flush=True)
+
+    if os.environ.get("SHOWF"):
+        print("forecasts", is_off, [(round(s, 2), f.errors, f.model.equations) for s, f in scored], flush=True)
     if best is pool.best or not (is_off or 2 * (most - scored[0][0]) > settings.STRONG):
         return pool, errors_of_best
     preferred = [(score, fit) for score, fit in scored if fit.errors == best.errors and fit < best]
@@ -248,13 +255,20 @@ def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
 
     Such a law may overfit. The test uses the mean over trials of the median squared error, which exceeds one by more
     than `SIGNIFICANT` standard errors sqrt(2/n). Forecasts that diverge are enough: one of a law with process noise, or
-    most of another one.
+    most of another one; and so are, with process noise, forecasts that are no better than the last value before.
     """
     if not (fit.has_process_noise or fit.has_few_measurements):
         return False
     diverged = [bool(np.isinf(error.sizes).any()) for error in errors]
     if any(diverged) if fit.has_process_noise else 2 * sum(diverged) > len(diverged):
         return True
+    if fit.has_process_noise:
+        squares_of_law, of_last = (
+            sum(float(np.nansum(size**2)) for size in sizes)
+            for sizes in ([error.sizes for error in errors], [error.persistence for error in errors])
+        )
+        if squares_of_law >= of_last > 0:
+            return True
     count = len(fit.problem.trials.objects)
     finite = [known for error in errors if len(known := error.sizes[np.isfinite(error.sizes)])]
     if min(count, len(finite)) < 2:
