@@ -206,7 +206,7 @@ def _fit_all_pairs(pools: Sequence[Pool], others: Sequence[Bools]) -> list[Fit]:
     distinct = list(
         {proposed.tobytes(): proposed for proposed in listed if proposed.sum(axis=1).max() <= most}.values()
     )
-    fits, deterministic = list[Fit](), list[Fit]()
+    fits = list[Fit]()
     for pool in pools:
         best = pool.best
         values = [best.evidence.value(proposed) for proposed in distinct]
