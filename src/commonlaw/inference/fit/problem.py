@@ -27,7 +27,7 @@ from commonlaw.inference.fit.latent_initialization import (
     with_initial_condition_noise,
 )
 from commonlaw.inference.score.evidence import NoisePrior, NoiseScale
-from commonlaw.inference.score.supports import StructurePrior, shifted
+from commonlaw.inference.score.supports import BITS, StructurePrior, shifted
 from commonlaw.law import Law, Provenance
 from commonlaw.law.uncertainty import Uncertainty
 from commonlaw.library import Order, Terms, with_rates
@@ -340,10 +340,8 @@ class SearchProblem:
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
                 origins.append(shifted(terms, j) & ~given)
-        bits, penalty = (
-            2 * float(__import__("os").environ.get("BITS", "2")) * np.log(2) * terms.complexities,
-            float(np.log(sum(self.measured))),
-        )
+        bits = 2 * np.log(2) * BITS * np.maximum(terms.complexities, 1)
+        penalty = float(np.log(sum(self.measured)))
         return StructurePrior(bits, tuple(origins), penalty, self.excluded_terms)
 
     def std_of(self, mesh: Mesh) -> Floats:
