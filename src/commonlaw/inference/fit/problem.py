@@ -340,8 +340,7 @@ class SearchProblem:
             seen = np.concatenate([trial.states[:, j] for trial in self.trials])
             if not np.nanmin(seen) <= 0 <= np.nanmax(seen):
                 origins.append(shifted(terms, j) & ~given)
-        bits = 2 * np.log(2) * BITS * np.maximum(terms.complexities, 1)
-        penalty = float(np.log(sum(self.measured)))
+        bits, penalty = 2 * np.log(2) * BITS * terms.complexities, float(np.log(sum(self.measured)))
         return StructurePrior(bits, tuple(origins), penalty, self.excluded_terms)
 
     def std_of(self, mesh: Mesh) -> Floats:

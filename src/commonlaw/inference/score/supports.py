@@ -24,11 +24,12 @@ from commonlaw.library import Terms
 from commonlaw.runtime.forking import cached_property
 from commonlaw.solvers import AbstractSolver
 
-BITS = 2.6
-"""Penalty of a factor of a term, in bits; a constant counts as one factor.
 
-It is the most probable one of the 40 polynomial equations of degree 3 or less among `commonlaw.named_models`, between
-2.0 and 3.2 at 95 %.
+BITS = 2.0
+"""Description length of a factor of a term, in bits.
+
+Among supports of one size, the 40 polynomial equations of degree 3 or less of `commonlaw.named_models` are most probable
+with 2.6 bits, between 2.0 and 3.2 at 95 %, if a constant counts as one factor.
 """
 
 
@@ -38,18 +39,16 @@ class StructurePrior:
 
     A support S of s out of N terms has minus twice the log prior
 
-        -2 log [C(N, s) B(1 + s, 2 N - s) / B(1, N)] + sum of w_k over S + 2 log e_s + c z(S).
+        -2 log [B(1 + s, 2 N - s) / B(1, N)] + sum of w_k over S + c z(S).
 
     The first part is beta-binomial: each term is included with a probability that has the beta distribution of
-    parameters 1 and N, so that one term is expected (Castillo, Schmidt-Hieber and van der Vaart 2015). Among supports
-    of one size, terms have the penalties w_k, `BITS` for each factor; e_s, the sum of ``exp(-sum of w_k / 2)`` over all
-    supports of s terms, normalizes their probabilities. z(S) counts the states with an arbitrary origin of which S
-    fixes the origin.
+    parameters 1 and N, so that one term is expected (Castillo, Schmidt-Hieber and van der Vaart 2015). w_k is the
+    description length of term k, `BITS` for each factor, and z(S) counts the states with an arbitrary origin
+    of which S fixes the origin.
 
     The penalties w_k of terms have shape (terms,); `zero` is the penalty c of a fixed origin, that of one fitted
     number. `shifted` has for each state with an arbitrary origin which terms each term needs to be invariant to a shift
-    of the origin, shape (terms, terms). N includes `excluded_terms`, those that were screened out before, which are as
-    improbable as any other.
+    of the origin, shape (terms, terms). N includes `excluded_terms`, those that were screened out before.
     """
 
     terms: Floats
@@ -64,23 +63,9 @@ class StructurePrior:
             return lgamma(a) + lgamma(b) - lgamma(a + b)
 
         count, size = len(support) + self.excluded_terms, int(support.sum())
-        log_prior = betaln(1 + size, 2 * count - size) - betaln(1, count) - self._log_sums[size]
-        log_prior += lgamma(count + 1) - lgamma(size + 1) - lgamma(count - size + 1)
+        log_prior = betaln(1 + size, 2 * count - size) - betaln(1, count)
         fixed_origins = sum(bool((needed[support] & ~support).any()) for needed in self.shifted)
         return -2 * log_prior + float(self.terms[support].sum()) + fixed_origins * self.zero
-
-    @cached_property
-    def _log_sums(self) -> Floats:
-        """The logarithms of e_0, e_1, ..., shape (terms + 1,)."""
-        weights, counts = np.unique(self.terms, return_counts=True)
-        counts[-1] += self.excluded_terms
-        result, size = np.append(0.0, np.full(len(self.terms), -np.inf)), len(self.terms) + 1
-        for weight, count in zip(weights.tolist(), counts.tolist(), strict=True):
-            chosen = np.arange(min(size, count + 1))
-            logs = np.append(0.0, np.cumsum(np.log(np.arange(count, 0, -1) / np.arange(1, count + 1))))
-            alike = logs[chosen] - chosen * weight / 2  # C(count, s) exp(-s weight / 2)
-            result = np.array([np.logaddexp.reduce(alike[: s + 1] + result[s::-1][: len(alike)]) for s in range(size)])
-        return result
 
 
 def shifted(terms: Terms, column: int) -> Bools:
