@@ -24,7 +24,6 @@ from commonlaw.library import Terms
 from commonlaw.runtime.forking import cached_property
 from commonlaw.solvers import AbstractSolver
 
-
 BITS = 2.0
 """Description length of a factor of a term, in bits.
 
