@@ -223,13 +223,15 @@ def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate])
     """Offer richer terms to one order after the other while the best law has a lack of fit or many coefficients.
 
     The best law comes first; but that of the lowest order if it implies the best law, or if rates may be a function of
-    the states.
+    the states. They end where process noise explains more than richer terms of the same order.
     """
     offered = [attempt_each(search.with_first_offer, [candidate])[0] or [candidate] for candidate in candidates]
     waiting, done = sorted(chain.from_iterable(offered)), list[Candidate]()
     while waiting:
         best = min([*done, *waiting])
         lowest = min(waiting, key=lambda candidate: candidate.total_order)
+        if best.has_richer and best.pool.best.has_process_noise:
+            break
         is_lower = lowest.total_order < best.total_order
         may_be_lower = is_lower and is_first_order_possible(best.pool.best)
         implied = is_lower and is_implied_by_lower_order(best.pool)
