@@ -225,10 +225,6 @@ def best_forecaster(
         if len(errors) == len(errors_of_best):
             scored.append((_score(errors), fit))
     most, best = max(scored, key=lambda pair: pair[0])
-    import os
-
-    if os.environ.get("SHOWF"):
-        print("forecasts", is_off, [(round(s, 2), f.errors, f.model.equations) for s, f in scored], flush=True)
     if best is pool.best or not (is_off or 2 * (most - scored[0][0]) > settings.STRONG):
         return pool, errors_of_best
     preferred = [(score, fit) for score, fit in scored if fit.errors == best.errors and fit < best]
