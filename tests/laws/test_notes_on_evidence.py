@@ -52,7 +52,7 @@ def test_a_choice_that_other_units_may_change_says_so(solver, is_said):
     assert any("the candidates depend on the units of measurement" in outcome for outcome in outcomes) == is_said
 
 
-@pytest.mark.parametrize(("noise", "seed", "is_said"), [(1.0, 2, True), (2.0, 0, False)])
+@pytest.mark.parametrize(("noise", "seed", "is_said"), [(2.0, 2, True), (1.0, 0, False)])
 def test_a_law_with_rivals_about_as_probable_says_so(noise, seed, is_said):
     times = np.linspace(0, 30, 10)
     measured = 20 + 70 * np.exp(-times / 8) + noise * np.random.default_rng(seed).standard_normal(10)

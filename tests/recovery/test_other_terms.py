@@ -45,7 +45,7 @@ def test_a_law_in_other_words_is_not_counted_twice(law):
 
 def test_intervals_and_draws_are_of_the_same_terms_and_constants(law):
     with_it = sum(model.probability for model in law.models if "s/(K + s)" in model.law.terms.names)
-    drawn = law.sample(20_000)
+    drawn = law.sample(200_000)
     assert np.mean(drawn["K"] == 0) == pytest.approx(1 - with_it, abs=0.01)
     (low,), (high,) = (ends[:, 0, law.terms.index("K")] for ends in coefficient_intervals(law, averaged=True))
     assert np.quantile(drawn["K"], [0.025, 0.975]) == pytest.approx([low, high], abs=0.03)

@@ -100,7 +100,7 @@ def test_a_pool_begins_with_the_best_and_keeps_the_rest_in_order(fits):
     pool = Pool.of(fits)
     assert pool.best is fits[1]
     assert [pool.best, *pool.rivals] == sorted(fits)
-    assert Pool.of(fits[:1]).joined(fits[1:]).best is fits[1]
+    assert Pool.of(fits[:1]).joined(*fits[1:]).best is fits[1]
 
 
 def test_scores_of_another_kind_are_not_compared(fits):

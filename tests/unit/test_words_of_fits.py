@@ -48,8 +48,8 @@ def test_white_noise_that_does_not_explain_what_a_law_leaves_is_said_to_fail(whi
 
 def test_a_fit_that_departs_from_the_measurements_says_so_as_a_discovery_does(swayed):
     given = cl.fit("x' = -k x", swayed)
-    assert OutcomeKind.APPROXIMATION in kinds(given)
-    assert "lack of fit: this law leaves a residual RMS" in str(given)
+    assert OutcomeKind.MODEL_ERROR in kinds(given)
+    assert "lack of fit: this law does not fit the data within the measurement noise" in str(given)
     verdict = given.assess(swayed)
     assert (verdict.exact, verdict.none_exact) == (False, False)
 

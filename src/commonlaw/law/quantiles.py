@@ -65,7 +65,8 @@ def mixture_interval(
         wanted = (1 + sign * level) / 2
         quantile = high if alone.all() else np.where(alone, high, _bisected(below, low, high, wanted))
         certain = np.where(scale > 0, np.nan, center)
-        near = abs(certain - quantile) <= 1e-9 * (high - low)
+        with np.errstate(invalid="ignore"):  # Infinite where a forecast diverges
+            near = abs(certain - quantile) <= 1e-9 * (high - low)
         with np.errstate(invalid="ignore"):
             ends.append(np.where(near.any(axis=0), np.nansum(np.where(near, certain, 0.0), axis=0), quantile))
     return ends[0], ends[1]
