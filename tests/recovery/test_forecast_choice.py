@@ -63,11 +63,10 @@ def test_a_law_that_imitates_what_was_visited_gives_way_to_one_that_forecasts(se
     assert np.mean(inside) > 0.85
 
 
-def errors(sizes: np.ndarray, reach: float) -> StandardizedErrors:
+def errors(sizes: np.ndarray, reach: float, of_last: float = np.nan) -> StandardizedErrors:
     half, ahead = norm.ppf(0.975), np.arange(1.0, len(sizes) + 1)
-    return StandardizedErrors(
-        ahead, half * sizes[:, np.newaxis], np.full((len(sizes), 1), reach / half), np.full((len(sizes), 1), np.nan)
-    )
+    std, persistence = np.full((len(sizes), 1), reach / half), np.full((len(sizes), 1), of_last)
+    return StandardizedErrors(ahead, half * sizes[:, np.newaxis], std, persistence)
 
 
 def test_forecasts_are_weighed_with_bands_as_wide_as_they_should_be():
@@ -93,3 +92,15 @@ def test_forecasts_that_diverge_show_that_a_law_may_overfit(few, process_noise, 
     small, infinite = errors(np.full(8, 0.5), 1.0), errors(np.full(8, np.inf), 1.0)
     assert held_out_forecasts._are_forecasts_off(fit, [small] * 3) is False
     assert held_out_forecasts._are_forecasts_off(fit, [small] * (3 - diverged) + [infinite] * diverged) is off
+
+
+@pytest.mark.parametrize(
+    ("process_noise", "of_last", "off"), [(True, 0.4, True), (True, 2.0, False), (False, 0.4, False)]
+)
+def test_process_noise_that_forecasts_no_better_than_the_last_value_is_too_wide(process_noise, of_last, off):
+    fit = SimpleNamespace(
+        problem=SimpleNamespace(trials=SimpleNamespace(objects=tuple("abc"))),
+        has_few_measurements=True,
+        has_process_noise=process_noise,
+    )
+    assert held_out_forecasts._are_forecasts_off(fit, [errors(np.full(8, 0.5), 1.0, of_last)] * 3) is off

@@ -168,7 +168,7 @@ def with_order_step(law: Law, others: Sequence[tuple[Order, float]], failures: S
     against = [
         f"2 log B is {evidence:.3g} against the best law of order {order}"
         if evidence >= 0
-        else f"solutions fit whole trials, unlike those of order {order}, of larger evidence (2 log B {evidence:.3g})"
+        else f"it was chosen by forecasts; order {order} has the larger evidence (2 log B {evidence:.3g})"
         for order, evidence in named
     ]
     choice = order_in_words(law.order, states)
