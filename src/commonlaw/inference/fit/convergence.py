@@ -59,17 +59,22 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
 
 
 def _resolved(fit: Fit) -> Fit | None:
-    """Return the fit on a mesh that moved it by less than `CONVERGED` standard errors, `RESOLVED` if there is one."""
-    resolved = None
+    """Return the fit on the mesh that moved it least, by less than `CONVERGED` standard errors; None without one.
+
+    A move of `RESOLVED` is enough. Where solutions diverge, moves grow again on finer meshes.
+    """
+    resolved, least = None, settings.CONVERGED
     with suppress(NotPositiveError):
         while fit.problem.points < settings.MAX_MESH_POINTS[-1]:
             estimates = fit.problem.on_half_steps(fit.estimates)
-            finer = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates))
-            moved = _moved(finer, fit.estimates, _metric(finer))
-            resolved = finer if moved < settings.CONVERGED else None
-            if moved < settings.RESOLVED:
+            fit, before = _under_residual_noise(replace(fit, problem=fit.problem.finer(), estimates=estimates)), fit
+            moved = _moved(fit, before.estimates, _metric(fit))
+            if moved < least:
+                resolved, least = fit, moved
+            elif resolved is not None:
                 break
-            fit = finer
+            if least < settings.RESOLVED:
+                break
     return resolved
 
 
