@@ -22,6 +22,7 @@ from commonlaw.estimation.search import (
     LACK_OF_FIT,
     REACH,
     Optimum,
+    confounded,
     is_solved,
     maximize,
     summarized,
@@ -259,7 +260,10 @@ def limited(fitted: "Fitted") -> "Fitted":
     optimum, limits = _with_limits(begun, fitted.optimum)
     vague, names = np.setdiff1d(_vague(begun, optimum), [*limits]), np.array(begun.unknowns.names)
     everywhere = [k for k in vague if np.isin(np.flatnonzero(names == names[k]), vague).all()]
-    if len(lost := np.union1d(_lost(optimum), everywhere).astype(int)):
+    # Given a limit of one of them the others would have small errors
+    together = confounded(begun.problem, fitted.optimum)
+    together = together if np.setdiff1d(together, [*limits]).size else together[:0]
+    if len(lost := np.unique([*_lost(optimum), *everywhere, *together]).astype(int)):
         raise CommonlawError("parameters-not-identified", names=[begun.unknowns.labels[i] for i in lost[:8]])
     return replace(fitted, optimum=optimum, limits=limits)
 

@@ -689,12 +689,38 @@ def _covariance(problem: Problem, unknowns: Floats, noise: Floats, inner: Indice
     """
     if not len(inner):
         return np.zeros((0, 0))
-    rows = problem.information(unknowns, noise)[:, inner]
+    rows, errors = (columns[:, inner] for columns in _information(problem, unknowns, noise))
+    return _inverse(rows, errors)
+
+
+def confounded(problem: Problem, optimum: Optimum) -> Indices:
+    """Return the unknowns that measurements determine each given all others, but not together, by index.
+
+    Such are the terms of a sum and the factors of a product, also where one of them is at a bound, which then limits
+    the others.
+    """
+    if not optimum.at_bound.any() and np.isfinite(np.diagonal(optimum.covariance)).all():
+        return np.zeros(0, dtype=np.intp)
+    rows, errors = _information(problem, optimum.unknowns, optimum.noise)
+    alone = np.flatnonzero(np.linalg.norm(errors, axis=0) < MAX_SLOPE_ERROR * np.linalg.norm(rows, axis=0))
+    if not len(alone):
+        return alone
+    return alone[~np.isfinite(np.diagonal(_inverse(rows[:, alone], errors[:, alone])))]
+
+
+def _information(problem: Problem, unknowns: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """Return the rows of the information, and their errors, zero where these are not estimated."""
+    rows = problem.information(unknowns, noise)
     squares = replace(problem, huber_threshold=np.inf)  # Without weights, which depend on errors of residuals
     finer, errors = replace(squares, tolerance=problem.tolerance / 100), np.zeros_like(rows)
     has_switches = len(problem.model.switched.outputs) > problem.model.width
     if not has_switches and np.isfinite(finer.residuals(unknowns, noise)[0]).all():
-        errors = finer.information(unknowns, noise)[:, inner] - squares.information(unknowns, noise)[:, inner]
+        errors = finer.information(unknowns, noise) - squares.information(unknowns, noise)
+    return rows, errors
+
+
+def _inverse(rows: Floats, errors: Floats) -> Floats:
+    """Return the covariance of unknowns by the rows of their information and errors of these, see `_covariance`."""
     scale = np.sqrt(np.sum(rows**2, axis=0))
     scale = np.where(scale == 0, 1.0, scale)
     missing = max(0, len(scale) - len(rows))
