@@ -215,7 +215,7 @@ def best_forecaster(
     """
     errors_of_best = standardized_errors(pool.best, pooled)
     is_off = _are_forecasts_off(pool.best, errors_of_best)
-    if not (is_off or pool.best.has_process_noise):
+    if not (is_off or (pool.best.has_process_noise and _deterministic(pool))):
         return pool, errors_of_best
     progress("comparing forecasts of held-out data")
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))
