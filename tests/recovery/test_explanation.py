@@ -67,3 +67,16 @@ def test_process_noise_stays_where_solutions_explain_as_much_with_it():
         states.append((np.array(path[::20]) + 0.002 * generator.standard_normal(61))[:, np.newaxis])
     law = cl.discover(cl.Trials.from_arrays([times] * 4, states, names=["x"]), order=1, library="poly:3")
     assert OutcomeKind.APPROXIMATION not in {diagnostic.kind for diagnostic in law.diagnostics}
+
+
+@pytest.mark.slow
+def test_no_latent_state_is_taken_for_autocorrelated_errors():
+    generator, times, cups = np.random.default_rng(4), np.linspace(0, 6, 40), list[np.ndarray]()
+    for rate, start in ((0.3, 80.0), (0.5, 60.0), (0.8, 75.0)):
+        errors = np.zeros(40)
+        errors[0] = generator.normal()
+        for j in range(1, 40):
+            errors[j] = 0.8 * errors[j - 1] + 0.6 * generator.normal()
+        cups.append(20 + (start - 20) * np.exp(-rate * times) + errors)
+    law = cl.discover(cl.Trials.from_arrays([times] * 3, cups, object=["a", "b", "c"], names=["T"]), order=1)
+    assert law.structure == ("T' = a + b T",)
