@@ -240,12 +240,6 @@ def scored_by_forecasts(fit: Fit, less: float) -> Fit:
     return replace(fit.with_score(score), problem=replace(fit.problem, solver=None), alternatives=())
 
 
-def score_of_forecasts(fit: Fit, pooled: Callable[[Law], Law]) -> float:
-    """Return the log predictive density of held-out data; minus infinity if a forecast diverges."""
-    errors = standardized_errors(fit, pooled, both_ways=_is_forecast_testable(fit))
-    return _score(errors) if errors else -np.inf
-
-
 def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
     """Return whether standardized errors are too large for a law with process noise, or with few measurements.
 
@@ -283,9 +277,9 @@ def _score(errors: Sequence[StandardizedErrors]) -> float:
 
     With mean squares q of standardized errors, mean logarithms w of standard deviations in each trial, and the
     inflation s = max(1, mean of q), it is -sum of (w + log(s)/2 + q/(2 s)). It is minus infinity if a forecast diverges
-    or has no intervals.
+    or has no intervals, or if there is none.
     """
-    if not all(np.isfinite(error.sizes).any() and not np.isinf(error.sizes).any() for error in errors):
+    if not (errors and all(np.isfinite(error.sizes).any() and not np.isinf(error.sizes).any() for error in errors)):
         return -np.inf
     squares = [float(np.nanmean(error.sizes**2)) for error in errors]
     widths = [float(np.nanmean(np.log(error.std))) for error in errors]
