@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
+from commonlaw.formulation import symmetric_root
 from commonlaw.hierarchy.relation import units_of_coefficients
 from commonlaw.integration import VectorField
 from commonlaw.law import text
@@ -172,10 +173,14 @@ class Parameters:
     def covariance_given_limits(self) -> Floats | None:
         """Covariance of coefficients in the support given the parameters that have only a limit, shape (objects, p, p).
 
-        Forecasts, draws and errors have it: ``P C P^T``, see `given_limits`.
+        Forecasts, draws and errors have it: ``P C P^T``, see `given_limits`. A root of C keeps variances from becoming
+        negative where a parameter with a limit has a much larger one.
         """
         covariance = self.law.uncertainty.covariance
-        return None if covariance is None else self.given_limits @ covariance @ self.given_limits.transpose(0, 2, 1)
+        if covariance is None or not self.limited.any():
+            return covariance
+        root = self.given_limits @ symmetric_root(covariance)
+        return np.asarray(root @ root.transpose(0, 2, 1))
 
     @cached_property
     def given_limits(self) -> Floats:
