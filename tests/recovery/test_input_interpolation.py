@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import least_squares
 
 import commonlaw as cl
 from commonlaw.inference.search.setup import supported_interpolation
-from commonlaw.integration import InitialValueProblem, Inputs, VectorField, simulate
+from commonlaw.integration import InitialValueProblem, Inputs, VectorField, jumps, simulate
 from commonlaw.law import from_json, to_json
 from commonlaw.law.parameters import standard_errors
 from commonlaw.likelihood import meshes
@@ -98,7 +100,8 @@ WAVE, NOISE = np.sin(1.3 * TIMES), np.random.default_rng(3).standard_normal(81)
         ([WAVE, np.ones(81)], "cubic"),
         ([WAVE, TIMES], "cubic"),
         ([WAVE + 1e-3 * NOISE], "cubic"),
-        ([WAVE, np.floor(TIMES / 4) % 2], "linear"),
+        ([WAVE, np.floor(TIMES / 4) % 2], "jumps"),
+        ([WAVE + (TIMES > 8.1)], "jumps"),
         ([np.floor(TIMES / 4) % 2], "held"),
         ([abs(TIMES / 4 % 2 - 1)], "linear"),
         ([WAVE + 0.2 * NOISE], "linear"),
@@ -112,6 +115,83 @@ def test_samples_of_inputs_show_whether_these_are_smooth(inputs, expected, times
     columns = np.column_stack(inputs)
     trials = cl.Trials.from_arrays([times, times[:4]], [TIMES, TIMES[:4]], inputs=[columns, columns[:4]])
     assert supported_interpolation(trials) == expected
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ((TIMES > 8.1) + 0.0, [32]),
+        (WAVE + 2.0 * (TIMES > 8.1), [32]),
+        (0.01 * NOISE + 2.0 * (TIMES > 8.1), [32]),
+        (TIMES / 6 % 1, [23, 47, 71]),
+        (abs(TIMES / 4 % 2 - 1), []),  # Kinks
+        (NOISE, []),
+        (np.cumsum(NOISE), []),
+        (np.exp(-(((TIMES - 8.1) / 0.3) ** 2)), []),  # A pulse of a few samples
+        ((TIMES > 8.1) & (TIMES < 8.8), []),  # Too short to be fitted apart from the rest
+        (np.tanh((TIMES - 8.1) / 0.3), []),
+    ],
+    ids=["step", "wave", "noise", "saw", "kinks", "white", "walk", "pulse", "short", "smooth"],
+)
+def test_intervals_in_which_an_input_jumps_are_recognized(values, expected):
+    column = np.asarray(values, dtype=float)[:, np.newaxis]
+    assert np.flatnonzero(jumps(TIMES, column)[:, 0]).tolist() == expected
+    assert np.flatnonzero(jumps(60 * TIMES + 1e4, 3 - 7 * column)[:, 0]).tolist() == expected
+    # From one curve to the other in the middle; without a jump it is a spline
+    inputs, last = Inputs.of(TIMES, column, "jumps"), expected[-1:]
+    assert_allclose(inputs.at(TIMES), column, atol=1e-12)
+    assert [round(at / 0.25 - 0.5, 9) for at, _ in inputs.jumps_within] == expected
+    for k in last:
+        before, after = inputs.at(np.array([TIMES[k] + 0.1249, TIMES[k] + 0.1251]))[:, 0]
+        assert before == pytest.approx(2 * column[k, 0] - inputs.at(TIMES[k : k + 1] - 0.125)[0, 0], abs=0.2)
+        assert abs(after - before) == pytest.approx(abs(column[k + 1, 0] - column[k, 0]), rel=0.2)
+    if not expected:
+        assert_allclose(inputs.at(TIMES[:-1] + 0.1), Inputs.of(TIMES, column, "cubic").at(TIMES[:-1] + 0.1))
+
+
+def stepped(time, rate=0.8, seed=5):
+    """A tank with x' = 2 u - k x whose inflow begins at a time between two samples; the exact solution, with noise."""
+    late = np.clip(TIMES - time, 0, None)
+    exact = 0.5 * np.exp(-rate * TIMES) + 2 / rate * (1 - np.exp(-rate * late))
+    x = exact + 0.02 * np.random.default_rng(seed).standard_normal(len(TIMES))
+    return cl.Trials.from_arrays(TIMES, x, inputs=np.heaviside(TIMES - time, 0), names=["x", "u"])
+
+
+def test_an_input_that_jumps_between_samples_does_so_when_the_measurements_say():
+    """Least squares with the time as a parameter, by SciPy, has the same estimates and errors."""
+    trials = stepped(5.09)
+    law = cl.fit("x' = g u - k x", trials, errors="white", noise={"x": 0.02})
+    assert law.schema.input_interpolation == "jumps"
+    assert [step.choice for step in law.history if step.stage == "jumps"] == ["u in 1 interval"]
+
+    def residuals(unknowns):
+        gain, rate, start, time = unknowns
+        late = np.clip(TIMES - time, 0, None)
+        fitted = start * np.exp(-rate * TIMES) + gain / rate * (1 - np.exp(-rate * late))
+        return (fitted - trials[0].states[:, 0]) / 0.02
+
+    solved = least_squares(residuals, [2, 0.8, 0.5, 5.1], jac="3-point", xtol=1e-12)
+    errors = np.sqrt(np.diag(np.linalg.inv(solved.jac.T @ solved.jac)))[:2]
+    rows = law.params.set_index("parameter").loc[["g", "k"]]
+    assert_allclose(rows["estimate"], solved.x[:2], atol=0.02 * errors.min())
+    assert_allclose(rows["standard error"], errors, rtol=0.02)
+    lines = cl.fit("x' = g u - k x", trials, input_interpolation="linear")  # As asked for
+    assert "jumps" not in [step.stage for step in lines.history]
+    assert "inputs-jump" in [n.code for n in cl.fit("x' = g u - k x; x(0) = a", trials).diagnostics]
+
+
+@pytest.mark.parametrize("time", [5.01, 5.09, 5.24])
+def test_forecasts_after_a_jump_count_that_its_time_is_unknown(time):
+    law = cl.fit("x' = g u - k x", stepped(5.09), errors="white")
+    trials = stepped(time, seed=6)
+    forecast = law.predict(trials, start="all", return_std=True)
+    middle, std = forecast.trajectories[0].states[:, 0], forecast.std[0][:, 0]
+    at = np.searchsorted(TIMES, time)
+    # A uniform time within the interval of 0.25 moves the state after it by 2 u of its standard deviation
+    assert std[at] == pytest.approx(2 * 0.25 / np.sqrt(12) * np.exp(-0.8 * 0.125), rel=0.1)
+    assert std[at - 1] < 0.02
+    assert np.all(abs(trials[0].states[:, 0] - middle)[at:] < 3 * np.hypot(std[at:], 0.02))
+    assert forecast.score() > 0.99
 
 
 def test_the_interval_of_a_gain_holds_it_where_noise_hides_that_the_input_is_curved():

@@ -198,9 +198,9 @@ class _FirstSamples(click.types.IntParamType):
 @option("--step", "Step of these times.  [default: a hundredth]", type=click.FloatRange(0, min_open=True))
 @option(
     "--input-interpolation",
-    "Inputs between samples: held at the earlier value, as a controller does, on lines, or on a cubic "
-    "spline.  [default: as the law was learned]",
-    type=click.Choice(["held", "linear", "cubic"]),
+    "Inputs between samples: held at the earlier value, as a controller does, on lines, on a cubic spline, or "
+    "on splines between jumps at unknown times.  [default: as the law was learned]",
+    type=click.Choice(["held", "linear", "cubic", "jumps"]),
 )
 @option("--discrepancy", "Forecast with the discrepancy that `discrepancy --save` found.", is_flag=True)
 @option("--phase-plane", "Draw the phase plane into the figure: nullclines and fixed points.", is_flag=True)

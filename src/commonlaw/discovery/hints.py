@@ -21,6 +21,7 @@ from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confou
 from commonlaw.inference.search.setup import stay_at_levels
 from commonlaw.inference.settings import INDIFFERENT, SIGNIFICANT, STRONG, VERY_STRONG
 from commonlaw.inference.verbs.schemes import fit_of
+from commonlaw.integration import jumps
 from commonlaw.law import Law, PlausibleLaw
 from commonlaw.law.law import with_other_laws
 from commonlaw.law.parameters import named_parameters, rate_names, state_rates
@@ -237,7 +238,10 @@ def outcomes_of_units(law: Law) -> tuple[Outcome, ...]:
 
 
 def outcomes_of_inputs(law: Law, trials: Trials) -> tuple[Outcome, ...]:
-    """Return a note if inputs in the equations stay at levels and others do not, as all have one interpolation."""
+    """Return a note if inputs in the equations stay at levels and others do not, as all have one interpolation.
+
+    So do inputs that jump between samples, at times that solutions from a start take for known.
+    """
     variables = law.terms.variables.names
     columns = {column for k in np.flatnonzero(law.support.any(axis=0)) for column in law.terms.terms[k].columns()}
     used = {re.sub(r"\(t - \w+\)$", "", variables[column]) for column in columns}
@@ -246,10 +250,16 @@ def outcomes_of_inputs(law: Law, trials: Trials) -> tuple[Outcome, ...]:
         trials = trials.with_trials([trial.measured() for trial in trials])
     varying = {name: stays for name, stays in stay_at_levels(trials).items() if name in used}
     levels, rest = ([name for name, stays in varying.items() if stays is wanted] for wanted in (True, False))
+    between = law.observation.measured.input_interpolation
+    if between == "jumps":
+        if not takes_rows:
+            return ()
+        jumping = np.any([jumps(trial.times, trial.inputs).any(axis=0) for trial in trials], axis=0)
+        names = [name for name, jump in zip(trials.schema.inputs, jumping, strict=True) if jump and name in used]
+        return (note("inputs-jump", inputs=names),) if names else ()
     columns_of_levels = [trials.schema.inputs.index(name) for name in levels]
     if trials.schema.doses or not rest or not any(_steps_slowly(trial, columns_of_levels) for trial in trials):
         return ()
-    between = law.observation.measured.input_interpolation
     code = "inputs-interpolated-together" if takes_rows else "inputs-interpolated-together-in-collocation"
     return (note(code, levels=levels, rest=rest, between=between),)
 

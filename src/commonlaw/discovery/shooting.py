@@ -20,10 +20,9 @@ from commonlaw.estimation.model import ModelText
 from commonlaw.estimation.search import DRAWS, is_solved
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
 from commonlaw.inference.search.error_models import outcomes_of_departures, under_likeliest_errors
-from commonlaw.inference.search.setup import RefitOptions, supported_interpolation
+from commonlaw.inference.search.setup import RefitOptions, possible_interpolations, supported_interpolation
 from commonlaw.inference.settings import STRONG
 from commonlaw.inference.verbs.collocation import collocated
-from commonlaw.integration import BETWEEN
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import read_equations
@@ -79,7 +78,7 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
         tried = [between.replace("auto", trials.schema.input_interpolation)]
     else:
         supported = supported_interpolation(trials)
-        tried = [supported, *(interpolation for interpolation in BETWEEN if interpolation != supported)]
+        tried = [supported, *(between for between in possible_interpolations(trials) if between != supported)]
     noise, log_states = settings.get("noise"), settings.get("log_states") or ()
     search = partial(maximized, seed=settings.get("seed", 0), progress=settings.get("progress") or on_terminal())
     begins, fits = list[Beginning](), list[Fitted]()

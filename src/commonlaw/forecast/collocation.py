@@ -229,7 +229,7 @@ class FromStarts(AbstractStarted):
             std = trajectory_std(carried, of_object, initial)
             if parameters.limits:
                 std = np.hypot(std, self._to_limits(started, trajectory, parameters))
-            if errors.of_law:
+            if errors.of_law or started.inputs.jumps_within:
                 std = np.hypot(std, model_error_std(law, started.ahead, started.inputs, trajectory.states))
             whole = started.start.std_followed_by(std, started.trial.times, of_object)
             deviations.append(whole[:, : len(law.schema.states)])

@@ -100,7 +100,9 @@ def _following(trajectory: Trajectory, sensitivity: Floats) -> Trajectory:
 def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> Floats:
     """Return the standard deviation that process noise adds to a forecast from a trial's first sample, shape (n, D).
 
-    By the linearized law; infinite from where that has no derivatives, and NaN after a divergence.
+    So do inputs that jump between two samples: a time that is uniform over the interval of length h moves the states
+    after it by their change of rates, times h / sqrt(12). By the linearized law; infinite from where that has no
+    derivatives, and NaN after a divergence.
     """
     errors = law.uncertainty.error_model
     (mesh,) = meshes([trial], MESH_POINTS, len(trial))
@@ -120,6 +122,11 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
         walk = np.zeros(width) if errors.walk is None else errors.walk
         added[:, :width] = walk**2 * mesh.steps[:, np.newaxis]
         covariances = np.matmul(back * added[:, np.newaxis], back.transpose(0, 2, 1))
+        for at, length in inputs.jumps_within:
+            if (k := int(mesh.times.searchsorted(at)) - 1) >= 0 and k < len(covariances):
+                both = np.array([inputs.at(np.array([time]))[0] for time in (np.nextafter(at, -np.inf), at)])
+                before, after = field.derivatives(np.column_stack([between[[k, k]], both, [at, at]]))
+                covariances[k, :width, :width] += np.outer(after - before, after - before) * length**2 / 12
         covariance = np.zeros((width + latent.width,) * 2)
         if steps is not None:
             covariance[range(width, len(covariance)), range(width, len(covariance))] = steps.std**2

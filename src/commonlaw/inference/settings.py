@@ -51,6 +51,8 @@ MAX_OBJECTS = 12
 # Models
 MAX_TERMS = 20
 """Terms of an equation, for legibility."""
+MIN_SMOOTHED = 5
+"""Samples that a curve is smoothed from: the least that a spline takes."""
 MIN_SAMPLES_PER_TERM = 5
 """Samples of all objects for each term of an equation; with fewer, terms follow the noise."""
 MAX_TERMS_OF_SIMPLE_LAW = 3

@@ -2,7 +2,14 @@
 
 from commonlaw.integration.problem import Event, InitialValueProblem, Occurrences, OutputOptions, Trajectory
 from commonlaw.integration.simulation import METHODS, integrate, simulate, simulate_each
-from commonlaw.integration.vector_field import BETWEEN, Inputs, LinearizedField, VectorField, runge_kutta_step
+from commonlaw.integration.vector_field import (
+    BETWEEN,
+    Inputs,
+    LinearizedField,
+    VectorField,
+    jumps,
+    runge_kutta_step,
+)
 
 __all__ = [
     "BETWEEN",
@@ -16,6 +23,7 @@ __all__ = [
     "Trajectory",
     "VectorField",
     "integrate",
+    "jumps",
     "runge_kutta_step",
     "simulate",
     "simulate_each",

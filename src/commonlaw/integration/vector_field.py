@@ -15,43 +15,99 @@ from commonlaw.runtime.forking import cached_property
 _NODES = (1 - np.cos(np.pi * (np.arange(8) + 0.5) / 8)) / 2
 """Chebyshev nodes of the unit interval, interior, so that a function may jump at its ends."""
 
-BETWEEN = ("held", "linear", "cubic")
-"""Interpolation of inputs: zero-order hold, linear, or cubic spline (not-a-knot)."""
+BETWEEN = ("held", "linear", "cubic", "jumps")
+"""Interpolation of inputs: zero-order hold, linear, cubic spline (not-a-knot), or cubic splines between jumps."""
 
 InputFunction = Callable[[float], ArrayLike]
 """Inputs at a time: one number, or one for each."""
+
+_FAR = 5.0
+"""A jump departs from its neighbours' slope this many times as far as intervals nearby do."""
+_RARE = 6.0
+"""A jump departs as far, in standard deviations by the median of all intervals: one in 5e8 of normal noise."""
+
+
+def jumps(times: Floats, values: Floats) -> Bools:
+    """Return in which intervals between samples inputs jump, shape (n - 1, inputs), by their values, (n, inputs).
+
+    There, the slope is more than twice those of the two intervals on either side, and the input changes by more than
+    their slopes explain: by `_FAR` times as much as in the second and third interval on either side, and by `_RARE`
+    standard deviations. So there are at least five samples from one jump to the next, and kinks are none. Intervals of
+    less than half the median step are ramps that were recorded as such.
+    """
+    steps, jump = np.diff(times)[:, np.newaxis], np.zeros((max(len(times) - 1, 0), values.shape[1]), dtype=np.bool_)
+    if len(steps) < 7:
+        return jump
+    slopes = np.diff(values, axis=0) / steps
+    size, unexplained = np.abs(slopes), np.zeros(slopes.shape)
+    unexplained[1:-1] = np.abs(slopes[1:-1] - (slopes[:-2] + slopes[2:]) / 2) * steps[1:-1]
+    middle = np.arange(3, len(steps) - 3)
+    around = np.max([size[middle + k] for k in (-2, -1, 1, 2)], axis=0)
+    nearby = np.max([unexplained[middle + k] for k in (-3, -2, 2, 3)], axis=0)
+    spread = 1.4826 * np.median(unexplained[1:-1], axis=0)
+    least = np.maximum(_FAR * nearby, np.maximum(_RARE * spread, np.sqrt(np.finfo(float).eps) * np.ptp(values, axis=0)))
+    jump[middle] = (size[middle] > 2 * around) & (unexplained[middle] > least)
+    return jump & (steps >= np.median(steps) / 2)
+
+
+def _pieces(times: Floats, values: Floats, between: str) -> Floats:
+    """Return the coefficients of polynomials from each sample to the next, shape (n, 4, inputs)."""
+    coefficients = np.zeros((len(times), 4, values.shape[1]))
+    coefficients[:, 0] = values
+    if between == "linear":
+        coefficients[:-1, 1] = np.diff(values, axis=0) / np.diff(times)[:, np.newaxis]
+    elif between in ("cubic", "jumps") and len(times) > 1:
+        from scipy.interpolate import CubicSpline
+
+        coefficients[:-1] = CubicSpline(times, values).c[::-1].swapaxes(0, 1)
+    return coefficients
+
+
+def _shifted(coefficients: Floats, by: Floats | float) -> Floats:
+    """Return the coefficients of cubic polynomials, shape (4, ...), of the time since a knot that is later by this."""
+    a, b, c, d = coefficients
+    return np.array([a + by * (b + by * (c + by * d)), b + by * (2 * c + 3 * by * d), c + 3 * by * d, d])
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
     """Inputs as piecewise polynomials of the time since a knot.
 
-    Knots increase, shape (n,); coefficients are in order of increasing power, shape (n, powers, inputs).
+    Knots increase, shape (n,); coefficients are in order of increasing power, shape (n, powers, inputs). A knot in the
+    middle of an interval of length `unknown`, shape (n,), is a jump at an unknown time within it; others have zero.
     """
 
     knots: Floats
     coefficients: Floats
+    unknown: Floats | float = 0.0
 
     @classmethod
     def of(cls, times: Floats, values: Floats, between: str = "linear") -> "Inputs":
         """Return inputs that interpolate values, shape (n, inputs), at times of shape (n,), and are constant outside.
 
-        Raises `CommonlawError` if `between` is not one of `BETWEEN`.
+        With ``"jumps"``, those that jump between two samples do so in the middle, from one spline to the next, see
+        `jumps`. Raises `CommonlawError` if `between` is not one of `BETWEEN`.
         """
         check_choice("interpolation of inputs between samples", between, BETWEEN)
-        coefficients = np.zeros((len(times), 4, values.shape[1]))
-        coefficients[:, 0] = values
-        if between == "linear":
-            coefficients[:-1, 1] = np.diff(values, axis=0) / np.diff(times)[:, np.newaxis]
-        elif between == "cubic" and len(times) > 1:
-            from scipy.interpolate import CubicSpline
-
-            coefficients[:-1] = CubicSpline(times, values).c[::-1].swapaxes(0, 1)
-        powers = {"held": 1, "linear": 2, "cubic": 4}[between]
+        coefficients, steps = _pieces(times, values, between), np.diff(times)
+        jump = jumps(times, values) & (between == "jumps")
+        for j in np.flatnonzero(jump.any(axis=0)).tolist():
+            last = np.flatnonzero(jump[:, j])
+            for rows in np.split(np.arange(len(times)), last + 1):
+                coefficients[rows, :, j] = _pieces(times[rows], values[rows, j : j + 1], between)[:, :, 0]
+            coefficients[last, :, j] = _shifted(coefficients[last - 1, :, j].T, steps[last - 1]).T
+        at = np.flatnonzero(jump.any(axis=1))
+        half = steps[at, np.newaxis] / 2
+        before, after = (coefficients[rows].swapaxes(0, 1) for rows in (at, at + 1))
+        inner = np.where(jump[at], _shifted(after, -half), _shifted(before, half)).swapaxes(0, 1)
+        knots = np.insert(times, at + 1, times[at] + half[:, 0])
+        unknown = np.insert(np.zeros(len(times)), at + 1, steps[at])
+        coefficients = np.insert(coefficients, at + 1, inner, axis=0)
+        powers = {"held": 1, "linear": 2}.get(between, 4)
         # No knot where the polynomial does not change
         changes = np.any(np.diff(coefficients, axis=0), axis=(1, 2)) | np.any(coefficients[1:, 1:], axis=(1, 2))
         kept = np.concatenate([[True], changes])
-        return cls(np.asarray(times[kept]), coefficients[kept, :powers])
+        return cls(np.asarray(knots[kept]), coefficients[kept, :powers], unknown[kept])
 
     @classmethod
     def of_function(cls, function: Callable[[Floats], Floats], mesh: Floats, tolerance: float) -> "Inputs":
@@ -101,6 +157,12 @@ class Inputs:
         """Return the inputs at times of shape (m,), shape (m, inputs)."""
         pieces = np.maximum(self.knots.searchsorted(times, side="right") - 1, 0)
         return self._values(np.maximum(times - self.knots[pieces], 0.0)[:, np.newaxis], self.coefficients[pieces])
+
+    @property
+    def jumps_within(self) -> list[tuple[float, float]]:
+        """The times in the middle of intervals in which they jump, and the lengths of these."""
+        unknown = np.broadcast_to(self.unknown, self.knots.shape)
+        return list(zip(self.knots[unknown > 0].tolist(), unknown[unknown > 0].tolist(), strict=True))
 
     def __call__(self, time: float) -> Floats:
         """Return the inputs at one time, shape (inputs,)."""

@@ -548,8 +548,8 @@ class Law(ShownInNotebooks):
             Of the simulated noise from which the error of estimated initial rates follows, by default 0; for states of
             second order without observation equations.
         input_interpolation
-            The interpolation of inputs in continuous time: ``"held"`` at the earlier value, ``"linear"`` or
-            ``"cubic"``; default as the law was learned.
+            The interpolation of inputs in continuous time: ``"held"`` at the earlier value, ``"linear"``, ``"cubic"``,
+            or ``"jumps"`` between splines, at unknown times between two samples; default as the law was learned.
         discrepancy
             Whether to include the discrepancy that was found with the law, see `discrepancy`.
         averaged

@@ -205,10 +205,12 @@ class FitOptions:
         label="Input interpolation",
         of_given_law=None,
         choices={
-            "auto": "steps where inputs are held at levels, otherwise lines, unless the evidence for another is strong",
+            "auto": "steps where inputs stay at levels, otherwise jumps where there are any, a spline where inputs are "
+            "smooth, or lines, unless the evidence for another is strong",
             "held": "the earlier value, as a controller does",
             "linear": "on lines",
             "cubic": "on a cubic spline",
+            "jumps": "on cubic splines between jumps, each at an unknown time between two samples",
         },
         text="Interpolation of inputs between samples. See `Law.predict`; `refine` keeps that of the law by default.",
     )

@@ -13,7 +13,7 @@ from commonlaw.differentiation.noise import within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.formulation import column_scales
 from commonlaw.inference.data.noise import parabola
-from commonlaw.inference.settings import MIN_SINGULAR_VALUE
+from commonlaw.inference.settings import MIN_SINGULAR_VALUE, MIN_SMOOTHED
 from commonlaw.library import Order, Terms, Variables, order_of_each
 from commonlaw.trials import Trial
 
@@ -42,7 +42,7 @@ def smooth_curves(trial: Trial, order: Order, latent: Bools | None = None) -> Cu
         seen = np.isfinite(column)
         if not seen.any():
             columns.append([column] * (degree + 1))
-        elif seen.sum() >= 5:  # The least that a spline takes
+        elif seen.sum() >= MIN_SMOOTHED:
             spline = RobustSpline().differentiate(trial.times, column[:, np.newaxis], degree)
             columns.append([values[:, 0] for values in (spline.states, *spline.derivatives)])
         elif seen.sum() > 1:

@@ -6,7 +6,6 @@ noise. If too many samples remain, segments that are evenly spaced over the tria
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.differentiation import noise_level
 from commonlaw.inference import settings
+from commonlaw.inference.data.segments import segment
 from commonlaw.likelihood import MAX_MESH_SAMPLES
 from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.text import counted
@@ -84,8 +84,7 @@ def _evenly_spaced_segments(trials: Sequence[Trial], share: int) -> list[Trial]:
     for trial in trials:
         count = -(-len(trial) // longest)
         for first, stop in pairwise(len(trial) * i // count for i in range(count + 1)):
-            name = f"{trial.name}, samples {first + 1} to {stop}"
-            segments.append(trial if count == 1 else replace(trial.rows(slice(first, stop)), name=name))
+            segments.append(trial if count == 1 else segment(trial, first, stop))
     count = max(1, int(share / np.mean([len(segment) for segment in segments])))
     return [segments[i] for i in evenly_spaced(len(segments), count)]
 

@@ -19,6 +19,7 @@ from commonlaw.inference.data.noise import (
     noise_floor,
     noise_floors,
 )
+from commonlaw.inference.data.segments import between_jumps
 from commonlaw.inference.data.smoothing import filled_curves, gradient_matching, smooth_curves, typical_states
 from commonlaw.inference.data.subsampling import subsample
 from commonlaw.inference.fit.latent_initialization import (
@@ -59,9 +60,10 @@ class SearchProblem:
     For each object there are a model (terms, meshes with measurements), an initial estimate (`starts`), smoothed states
     (and rates) of its trials, each of shape (n, D), and the number of measurements. Standard deviations of the `noise`
     have shape (d,); `noise_estimate` is that before any law, which is kept if it is given. Fixed coefficients, `known`,
-    have shape (objects, equations, terms), NaN for free ones. `points` are points of a sampling step; `samples`
-    describe the subsample, empty if all are fitted. With latent states, `equivalent_optima` fit the first
-    object about as well as its initial estimate, each of shape (equations, terms). `excluded_terms` candidates were
+    have shape (objects, equations, terms), NaN for free ones. `points` are points of a sampling step; `jumps` say
+    which inputs jump between segments, see `between_jumps`, and `samples` describe the subsample, empty for none. With
+    latent states, `equivalent_optima` fit the first object about as well as its initial estimate, each of shape
+    (equations, terms). `excluded_terms` candidates were
     screened out before. With `residuals_estimate_noise`, residuals estimate the noise of trials that are too short for
     differences. The solver lists candidate supports, None for given terms; the differentiation is that of forecasts.
     The Huber threshold is that of laws, also where a fit is by least squares for want of outliers.
@@ -79,6 +81,7 @@ class SearchProblem:
     noise_given: bool
     points: int = 1
     errors: ErrorModel = WHITE_NOISE
+    jumps: str = ""
     samples: str = ""
     equivalent_optima: tuple[Floats, ...] = ()
     excluded_terms: int = 0
@@ -381,6 +384,23 @@ class SearchProblem:
             for model, estimate in zip(self.models, estimates, strict=True)
         )
 
+    def interpolated(self, trials: Trials) -> "SearchProblem":
+        """Return the problem of the whole trials under another interpolation of inputs, which may be in segments."""
+        if between_jumps(trials)[1] == self.jumps:
+            return self.with_meshes_of(replace(self.trials, schema=trials.schema))
+        guess = np.array([start.coefficients for start in self.starts])
+        problem = replace(self, trials=trials).of_trials(trials.trials, self.known, guess)
+        return replace(
+            problem,
+            noise_given=self.noise_given,
+            samples=self.samples,
+            excluded_terms=self.excluded_terms,
+            residuals_estimate_noise=self.residuals_estimate_noise,
+            solver=self.solver,
+            differentiation=self.differentiation,
+            huber_threshold=self.huber_threshold,
+        )
+
     def with_meshes_of(self, trials: Trials) -> "SearchProblem":
         """Return the problem with new meshes of the same trials, or of these with another interpolation of inputs."""
         between, groups = trials.schema.input_interpolation, [trials.of_object(name) for name in trials.objects]
@@ -428,6 +448,7 @@ def prepare(
         deviations = np.nanstd(np.concatenate([trial.states for trial in trials])[:, ~started], axis=0)
         share = np.median(levels[~started] / deviations)
         levels = np.where(started, share * initial_value_scales(trials), levels)
+    trials, jumps = between_jumps(trials)
     trials, subsampled = subsample(trials, levels, most_samples)
     groups = [trials.of_object(name) for name in trials.objects]
     curves = [[smooth_curves(trial, order, started) for trial in group] for group in groups]
@@ -474,6 +495,7 @@ def prepare(
         known,
         levels,
         given,
+        jumps=jumps,
         samples=subsampled,
         equivalent_optima=tuple(equivalent_optima),
         huber_threshold=huber_threshold,

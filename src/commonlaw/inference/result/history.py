@@ -226,14 +226,16 @@ def _left(fit: Fit) -> str:
 
 
 def sample_steps(problem: SearchProblem) -> tuple[Step, ...]:
-    """Return which samples were fitted, if these are not all, and which states were never measured in a trial."""
+    """Return where inputs jump, which samples were fitted, if not all, and which states a trial never measured."""
     why = "sample limit of the trajectory likelihood"
+    unknown = "between two samples, when exactly is unknown: states begin anew after it"
     trials, states = problem.trials, problem.trials.schema.states
     counts = np.sum([np.isnan(trial.states).all(axis=0) for trial in trials], axis=0)
     pairs = zip(states, counts, strict=True)
     unmeasured = ", ".join(f"{name} in {count} of {len(trials)} trials" for name, count in pairs if count)
     latent = Step("latent states", unmeasured, "estimated jointly with the law, identified by the other trials")
-    return (*((Step("samples", problem.samples, why),) if problem.samples else ()), *((latent,) if unmeasured else ()))
+    steps = (Step("jumps", problem.jumps, unknown), Step("samples", problem.samples, why), latent)
+    return tuple(step for step in steps if step.choice)
 
 
 def history(law: Law, fit: Fit, compared: Sequence[Compared], chosen_by: str) -> tuple[Step, ...]:

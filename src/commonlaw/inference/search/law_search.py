@@ -27,8 +27,7 @@ from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, NO_MODEL_ERROR, Fit, b
 from commonlaw.inference.fit.lack_of_fit import with_proportional_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.pool import Pool
-from commonlaw.inference.search.setup import FitSetup, with_interpolation
-from commonlaw.integration import BETWEEN
+from commonlaw.inference.search.setup import FitSetup, possible_interpolations, with_interpolation
 from commonlaw.law import Step
 from commonlaw.library import Terms
 from commonlaw.likelihood import threads_are_worthwhile
@@ -138,8 +137,10 @@ def choose_interpolation(
         return pool, []
     progress("comparing interpolations of inputs between samples")
     fit, before, gains = pool.best, trials.schema.input_interpolation, dict[str, float]()
-    for between in (interpolation for interpolation in BETWEEN if interpolation != before):
-        problem = fit.problem.with_meshes_of(with_interpolation(fit.problem.trials, between))
+    for between in (interpolation for interpolation in possible_interpolations(trials) if interpolation != before):
+        if fit.problem.samples and "jumps" in (before, between):  # Of other samples the evidence is not comparable
+            continue
+        problem = fit.problem.interpolated(with_interpolation(trials, between))
         rival = fit_supports(problem, fit.supports, ALL_MODEL_ERRORS)
         gain = fit.score - rival.score
         if gain > settings.STRONG and not (is_chosen and rival.lack_of_fit):

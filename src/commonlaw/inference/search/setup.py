@@ -15,6 +15,7 @@ from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import known_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
+from commonlaw.integration import BETWEEN, jumps
 from commonlaw.law import Law, select_objects
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import shares_terms
@@ -43,17 +44,25 @@ def with_interpolation(trials: Trials, input_interpolation: str) -> Trials:
     return replace(trials, schema=replace(trials.schema, input_interpolation=input_interpolation))
 
 
-def supported_interpolation(trials: Trials) -> str:
-    """Return the interpolation that the inputs support: held, linear, or cubic if all that vary are smooth.
+def possible_interpolations(trials: Trials) -> tuple[str, ...]:
+    """Return the interpolations that differ for the inputs of trials: ``"jumps"`` only where one jumps."""
+    jump = not trials.schema.doses and any(jumps(trial.times, trial.inputs).any() for trial in trials)
+    return tuple(between for between in BETWEEN if jump or between != "jumps")
 
-    They are held if each that varies stays at levels, as samples of ramps lie between levels; doses have ramps.
-    Otherwise the smaller leave-one-out error decides: each sample is predicted by Lagrange interpolation u_i ~ sum_j
-    u_j prod_k (t_i - t_k)/(t_j - t_k) from its two or four neighbours. The likelihood of a fit does not decide it: a
-    larger gain compensates for a flattened input.
+
+def supported_interpolation(trials: Trials) -> str:
+    """Return the interpolation that the inputs support: held, with jumps, linear, or cubic if all that vary are smooth.
+
+    They are held if each that varies stays at levels, as samples of ramps lie between levels; doses have ramps. Others
+    may jump. Otherwise the smaller leave-one-out error decides: each sample is predicted by Lagrange interpolation
+    u_i ~ sum_j u_j prod_k (t_i - t_k)/(t_j - t_k) from its two or four neighbours. The likelihood of a fit does not
+    decide it: a larger gain compensates for a flattened input.
     """
     varying = stay_at_levels(trials)
     if not trials.schema.doses and varying and all(varying.values()):
         return "held"
+    if "jumps" in possible_interpolations(trials):
+        return "jumps"
     squares, total = np.zeros((2, len(trials.schema.inputs))), np.zeros(len(trials.schema.inputs))
     for trial in trials:
         middle, total = np.arange(2, len(trial) - 2), total + np.sum(trial.inputs**2, axis=0)
