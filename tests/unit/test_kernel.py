@@ -106,6 +106,11 @@ def with_latent(pair, **levels):
     return model, replace(estimate, states=states)
 
 
+def rejecting(pair):
+    model, estimate = pair
+    return replace(model, observation=replace(model.observation, rejects=True)), estimate
+
+
 CASES = {
     "first order": lambda: model_of(),
     "second order": lambda: model_of(2, "poly:2", ("x", "y", "v", "w")),
@@ -124,6 +129,8 @@ CASES = {
     "logarithms": lambda: model_of(text="terms:x,y,x*y,u", logarithmic=("x", "y")),
     "one logarithm": lambda: model_of(text="terms:x,y,x*y,u", logarithmic=("y",)),
     "logarithms, held inputs": lambda: model_of(text="terms:x,y,x*y,u", logarithmic=("x",), between="held"),
+    "rejected outliers": lambda: rejecting(model_of()),
+    "rejected outliers, memory": lambda: rejecting(with_latent(model_of(), correlated=0.1, memory=1.0)),
     "memory": lambda: with_latent(model_of(), correlated=0.1, memory=1.0),
     "force": lambda: with_latent(model_of(2, "terms:1,x,v,u", ("x", "v")), force=0.2, force_time=1.0),
     "both": lambda: with_latent(model_of(), correlated=0.1, memory=1.0, force=0.2, force_time=1.0),

@@ -27,8 +27,8 @@ from commonlaw.estimation.search import (
     maximize,
     summarized,
     under_errors,
-    under_huber_loss,
     with_step_limit,
+    without_outliers,
 )
 from commonlaw.formulation import column_scales
 from commonlaw.law import Law, Provenance, Step, Uncertainty
@@ -243,7 +243,7 @@ def maximized(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
     problem, threshold = begun.problem, begun.huber_threshold
     is_determined = not len(_lost(optimum)) and not len(_vague(begun, optimum))
     if np.isfinite(threshold) and not problem.censored.any() and is_determined:
-        problem, optimum = under_huber_loss(problem, threshold, optimum, begun.first, begun.bounds)
+        problem, optimum = without_outliers(problem, threshold, optimum, begun.first, begun.bounds)
     if problem is not begun.problem:
         begun = replace(begun, problem=problem)
         lack_of_fit = _lack_of_fit(begun, optimum)

@@ -176,6 +176,8 @@ class Problem:
         Standardized residual c beyond which a measurement counts by ``2 c |z| - c^2`` instead of the square (Huber
         1964), under errors the white noise in it. These outliers are left out of estimates of the noise, unless most
         measurements of a quantity are.
+    rejects
+        Whether outliers count by ``c^2``, as one at the threshold, and have no weight.
     """
 
     model: Model
@@ -188,6 +190,7 @@ class Problem:
     max_steps: int = MAX_STEPS
     errors: ErrorModel = WHITE_NOISE
     huber_threshold: float = np.inf
+    rejects: bool = False
     _last: dict[TrialData, tuple[Floats, Predicted]] = field(default_factory=dict, init=False, repr=False)
     """The unknowns that each trial was predicted by last, and what they predict, as residuals, noise and slopes ask."""
 
@@ -448,7 +451,7 @@ class Problem:
             values = self.predicted(data, unknowns, False).values
             none_omitted = np.zeros(values.shape, dtype=np.bool_)
             deviations = Deviations(data.trial, values, None, values, none_omitted, data.weights)
-            weights = deviations.reweighted(noise, errors, self.huber_threshold).weights
+            weights = deviations.reweighted(noise, errors, self.huber_threshold, rejects=self.rejects).weights
             trials.append(replace(data, fitted=values, weights=weights))
         return replace(self, trials=tuple(trials), errors=errors)
 
@@ -482,7 +485,8 @@ class Problem:
             u = (trial.below - values) / whitened.std
             threshold = self.huber_threshold if data.weights is None else np.inf
             if data.weights is not None and np.isfinite(self.huber_threshold):  # The loss beyond the weighted squares
-                deviance += float(np.sum(self.huber_threshold**2 * (1 / data.weights[seen] - 1)))
+                beyond = data.weights[seen] < 1 if self.rejects else 1 / data.weights[seen] - 1
+                deviance += self.huber_threshold**2 * float(np.sum(beyond))
             yield _Standardized(trial, seen, under, whitened.z, u, whitened.slopes, deviance, threshold)
 
     def residuals(self, unknowns: Floats, noise: Floats, slopes: bool = True) -> tuple[Floats, Floats | None]:
@@ -495,7 +499,7 @@ class Problem:
         parts, rows = list[Floats](), list[Floats]()
         for _, seen, under, z, u, by, _, threshold in self.standardized(unknowns, noise, slopes):
             root = np.sqrt(np.maximum(-2 * log_ndtr(u[under]), np.finfo(np.float64).tiny))
-            loss, slope = _huber_loss(z[seen], threshold)
+            loss, slope = self._loss(z[seen], threshold)
             parts += [loss, root]
             if by is not None:
                 rows += [by[seen] * slope[:, np.newaxis], by[under] * (_mills(u[under]) / root)[:, np.newaxis]]
@@ -503,6 +507,16 @@ class Problem:
             parts.append(prior.residuals(unknowns))
             rows.append(prior.root @ np.eye(self.unknowns)[prior.indices])
         return np.concatenate(parts), np.concatenate(rows) if slopes else None
+
+    def _loss(self, z: Floats, threshold: float) -> tuple[Floats, Floats]:
+        """Return the roots of the losses of standardized residuals, with the sign of these, and their derivatives."""
+        if self.rejects:
+            return np.clip(z, -threshold, threshold), np.where(np.abs(z) > threshold, 0.0, 1.0)
+        loss, slope, far = z.copy(), np.ones_like(z), np.abs(z) > threshold
+        loss[far] = np.sqrt(2 * threshold * np.abs(z[far]) - threshold**2)
+        slope[far] = threshold / loss[far]
+        loss[far] *= np.sign(z[far])
+        return loss, slope
 
     def outliers(self, unknowns: Floats, noise: Floats) -> list[Bools]:
         """Return which measurements of each trial are outliers, shape (n, m), unless most of a quantity are."""
@@ -521,8 +535,9 @@ class Problem:
         """Return rows R whose product R'R is the information of the unknowns, shape (r, p).
 
         They are the derivatives of the residuals, zero where these are not finite, as of 0^p by p; outliers have the
-        weights ``c / |z|``. Where values are below limits they count, with u = (L - h) / sigma and m = phi(u) / Phi(u),
-        by m (m + u), the curvature of their tail, and log sigma, on which estimates then depend, is eliminated.
+        weights ``c / |z|``, or none if they are rejected. Where values are below limits they count, with
+        u = (L - h) / sigma and m = phi(u) / Phi(u), by m (m + u), the curvature of their tail, and log sigma, on which
+        estimates then depend, is eliminated.
         """
         if not self.censored.any():
             return self._weighted(unknowns, noise)
@@ -551,7 +566,7 @@ class Problem:
         _, rows = self.residuals(unknowns, noise)
         assert rows is not None
         rows = np.where(np.isfinite(rows), rows, 0.0)
-        if np.isfinite(self.huber_threshold):
+        if np.isfinite(self.huber_threshold) and not self.rejects:
             parts = list[Floats]()
             for _, seen, under, z, *_, threshold in self.standardized(unknowns, noise, False):
                 size = np.abs(z[seen]) / threshold
@@ -624,18 +639,9 @@ class Problem:
         """Return the log-likelihood of the measurements, without priors."""
         total = 0.0
         for _, seen, _, z, _, _, deviance, threshold in self.standardized(unknowns, noise, False):
-            loss, _ = _huber_loss(z[seen], threshold)
+            loss, _ = self._loss(z[seen], threshold)
             total -= 0.5 * (float(loss @ loss) + deviance)
         return float(total - 0.5 * self.counts.sum() * np.log(2 * np.pi))
-
-
-def _huber_loss(z: Floats, threshold: float) -> tuple[Floats, Floats]:
-    """Return the roots of the losses of standardized residuals, with the sign of these, and their derivatives."""
-    loss, slope, far = z.copy(), np.ones_like(z), np.abs(z) > threshold
-    loss[far] = np.sqrt(2 * threshold * np.abs(z[far]) - threshold**2)
-    slope[far] = threshold / loss[far]
-    loss[far] *= np.sign(z[far])
-    return loss, slope
 
 
 def _mills(u: Floats) -> Floats:

@@ -19,6 +19,7 @@ from commonlaw.law.parameters import named_parameters, restrictions_of
 from commonlaw.law.quantiles import two_sided
 from commonlaw.law.restrictions import OBJECT, TRIAL, by_trial
 from commonlaw.law.uncertainty import OneSidedLimit
+from commonlaw.likelihood import ERRORS
 from commonlaw.trials import Trials
 
 _STEPS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0)
@@ -114,9 +115,10 @@ def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginn
     index = unknown_indices[begun.model.parameters.index(parameter)]
     noise = law.uncertainty.noise
     known = None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
-    if not begun.problem.censored.any():
-        begun = replace(begun, problem=replace(begun.problem, huber_threshold=law.uncertainty.huber_threshold))
     errors = law.uncertainty.error_model
+    if not begun.problem.censored.any():
+        threshold, rejects = law.uncertainty.huber_threshold, ERRORS[errors.kind].is_independent
+        begun = replace(begun, problem=replace(begun.problem, huber_threshold=threshold, rejects=rejects))
     if known is not None and errors and not errors.of_law:
         begun = replace(begun, problem=begun.problem.about(begun.first, known, errors))
     return begun, index, known

@@ -556,13 +556,14 @@ def _not_zero(levels: Floats, problem: Problem) -> Floats:
     return np.maximum(levels, rough_noise(problem, 1e-13))
 
 
-def under_huber_loss(
+def without_outliers(
     problem: Problem, threshold: float, optimum: Optimum, first: Floats, bounds: Bounds
 ) -> tuple[Problem, Optimum]:
-    """Return the problem with the Huber loss, and its optimum, if the evidence for outliers is very strong.
+    """Return the problem that rejects outliers, and its optimum, if the evidence for these is very strong.
 
-    The search begins from the optimum of least squares and from first values, with the noise of median residuals there.
-    The evidence is that of likelihoods in which outliers are as likely as a measurement at the threshold.
+    The search begins from the optimum of least squares and from first values, with the noise of median residuals there,
+    under the Huber loss. The evidence is that of likelihoods in which outliers are as likely as a measurement at the
+    threshold.
     """
     robust = replace(problem, huber_threshold=threshold)
 
@@ -571,7 +572,9 @@ def under_huber_loss(
         if noise is None or not any(far.any() for far in robust.outliers(start, noise)):
             return
         unknowns, noise = _under_restricted_noise(robust, start, noise, bounds)
-        yield robust, _summary(robust, unknowns, noise, bounds, given=False, alike=optimum.starts_alike)
+        rejecting = replace(robust, rejects=True)
+        unknowns, noise = _under_restricted_noise(rejecting, unknowns, noise, bounds)
+        yield rejecting, _summary(rejecting, unknowns, noise, bounds, given=False, alike=optimum.starts_alike)
 
     fits = (fit for start in (optimum.unknowns, first) for fit in under_loss(start))
     return likelier_loss((problem, optimum), fits, _capped_deviance)
@@ -605,6 +608,7 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     """
     unknowns, noise, errors, is_known = optimum.unknowns, optimum.noise, problem.errors, bool(problem.errors)
     levels, m, model = None, len(noise), ERRORS[kind]
+    problem = replace(problem, rejects=problem.rejects and model.is_independent)
     for _ in range(20):
         if not is_known:
             levels = _levels(problem, kind, unknowns, noise, bounds, levels)

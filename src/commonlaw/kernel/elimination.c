@@ -32,7 +32,7 @@ static void observe(const Workspace *work, const Mesh *mesh, const double *state
         if (model->correlated) residual -= states[D + j];
         const double std = mesh->std[i * d + j], size = fabs(residual / std);
         if (isnan(size)) continue;
-        const double weight = 1 / fmax(size / model->huber_threshold, 1.0) / (std * std);
+        const double weight = relative_weight(model, size) / (std * std);
         block[j * W + j] += weight;
         gradient[j * stride] -= residual * weight;
         if (!model->correlated) continue;

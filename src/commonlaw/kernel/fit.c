@@ -32,7 +32,9 @@ static double deviance_at(const Model *model, const Mesh *mesh, int64_t i, const
         double residual = mesh->measured[i * model->equations + j] - states[j];
         if (model->correlated) residual -= states[model->equations + model->rates + j];
         const double size = fabs(residual / mesh->std[i * model->equations + j]), bound = model->huber_threshold;
-        if (!isnan(size)) total += size > bound ? 2 * bound * size - bound * bound : size * size;
+        if (isnan(size)) continue;
+        const double beyond = model->rejects ? bound * bound : 2 * bound * size - bound * bound;
+        total += size > bound ? beyond : size * size;
     }
     return total;
 }

@@ -42,6 +42,7 @@ typedef struct {
 /* What is the same for all meshes of an object. */
 typedef struct {
     int64_t equations, rates, inputs, latent, held, correlated;
+    int64_t rejects;            /* whether outliers have no weight */
     int64_t force;              /* the first latent process that is a force; negative without any */
     int64_t inside;             /* constants inside of terms, the last variables */
     double huber_threshold;
@@ -67,6 +68,12 @@ typedef struct {
     const double *std;                                 /* n x d */
     const double *latent_start, *latent_end, *anchors; /* n - 1 x w x w twice, n x w */
 } Mesh;
+
+/* The weight of a measurement by its standardized residual, relative to that of one within the threshold. */
+INLINED double relative_weight(const Model *model, double size) {
+    if (!(size > model->huber_threshold)) return 1;
+    return model->rejects ? 0 : model->huber_threshold / size;
+}
 
 /* How surely measurements tell the scale of all noise, see evidence.py. */
 typedef struct {

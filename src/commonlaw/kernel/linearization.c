@@ -82,7 +82,7 @@ static double measured_at(const Model *model, const Mesh *mesh, Vague vague, int
     for (int64_t j = 0; j < d; ++j) {
         const double std = mesh->std[i * d + j], difference = mesh->measured[i * d + j] - states[j];
         const double size = fabs((model->correlated ? difference - states[D + j] : difference) / std);
-        const double weight = isnan(size) ? 0 : 1 / fmax(size / model->huber_threshold, 1.0) / (std * std);
+        const double weight = isnan(size) ? 0 : relative_weight(model, size) / (std * std);
         if (isfinite(mesh->measured[i * d + j])) offset[j] = difference;
         if (!(weight > 0)) {
             unmeasured += logs[j];

@@ -287,7 +287,8 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
 
 def error_steps(errors: ErrorModel, schema: Schema, why: str, outliers: int, threshold: float) -> list[Step]:
     """Return how many measurements are outliers, and levels of errors besides white noise, of states of a schema."""
-    beyond = f"beyond {threshold:g} standard deviations; they count linearly instead of squared"
+    how = "have no weight" if ERRORS[errors.kind].is_independent else "count linearly instead of squared"
+    beyond = f"beyond {threshold:g} standard deviations; they {how}"
     result = [Step("outliers", counted(outliers, "measurement"), beyond)] if outliers else []
     grown = errors.heteroscedastic_in_words(schema.states)
     result += [Step(ERRORS[kind].label, levels, why) for kind, levels in grown.items()]

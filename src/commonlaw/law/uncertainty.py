@@ -237,8 +237,8 @@ class Uncertainty:
     error_model
         Errors besides white noise, of the measurements and of the law itself; levels are by measured quantity.
     huber_threshold
-        Residual, in standard deviations of noise, beyond which measurements count linearly instead of squared, in the
-        fit and in estimates of initial values; infinite for least squares.
+        Residual, in standard deviations of noise, beyond which measurements are outliers: without weight in the fit,
+        and counted linearly in estimates of initial values; infinite for least squares.
     unpooled
         Estimates from each object's own trials, if the coefficients are pooled or from `Law.explain`.
     pooled

@@ -70,6 +70,7 @@ def packed(model: TrajectoryModel) -> Packed | None:
         model.latent.width,
         any(mesh.held for mesh in model.meshes),
         model.latent.correlated is not None,
+        model.observation.rejects,
         -1 if latent is None or latent.force is None else latent.force,
         len(inside),
         float(model.observation.huber_threshold),

@@ -114,6 +114,8 @@ class AbstractErrors(ABC):
     """Name in messages and reports."""
     group: ClassVar[Literal["white", "measurement", "law"]] = "measurement"
     """What is affected besides white noise; the best kind of each group is fitted with its own law."""
+    is_independent: ClassVar[bool] = False
+    """Whether errors of measurements are independent: outliers are rejected then, and count linearly else."""
     shares: ClassVar[tuple[float, ...]] = (0.2, 0.5, 0.7)
     """Initial levels, as shares of the interval between the logarithms of the bounds."""
 
@@ -135,6 +137,7 @@ class White(AbstractErrors):
 
     label = "white noise"
     group = "white"
+    is_independent = True
 
     def model(self, values: Floats) -> ErrorModel:
         return WHITE_NOISE
@@ -150,6 +153,7 @@ class Heteroscedastic(AbstractErrors):
     """White noise whose variance is ``noise^2 + (level growth(x))^2``."""
 
     kind: ClassVar[ErrorKind]
+    is_independent = True
 
     @abstractmethod
     def growth(self, states: Floats) -> Floats:

@@ -29,6 +29,8 @@ _MAX_STEPS = 30
 """Newton steps of a minimization."""
 _SAME_LOGARITHM = 1e-6
 """Change of logarithms of levels at which it ends, and the smallest eigenvalue of a Hessian relative to the largest."""
+_NO_WEIGHT = 1e-9
+"""Weight of an outlier that is rejected, relative to other measurements."""
 _MAX_REWEIGHTINGS = 100
 """Rounds of weights of outliers and autocorrelated errors."""
 _TAIL = 0.25
@@ -146,12 +148,13 @@ class Deviations:
             for k, level in enumerate(levels)
         ]
 
-    def reweighted(self, noise: Floats, errors: ErrorModel, threshold: float) -> "Deviations":
+    def reweighted(self, noise: Floats, errors: ErrorModel, threshold: float, *, rejects: bool = False) -> "Deviations":
         """Return the same with the weights of the Huber loss of white noise, where autocorrelated errors have theirs.
 
         With residuals r of covariance R, which has the variances ``s^2 / w``, white noise is ``e = s^2 / w R^-1 r``,
         and the weights are ``w = min(1, c s / |e|)`` for the threshold c (Huber 1964): at their fixed point the loss of
-        e and the squares of the autocorrelated errors have the least sum.
+        e and the squares of the autocorrelated errors have the least sum. If outliers are rejected, their weights are
+        next to nothing.
         """
         if not np.isfinite(threshold):
             return replace(self, weights=None)
@@ -165,6 +168,7 @@ class Deviations:
                 precise[seen, k] = innovations.transposed(precise[seen, k])
             with np.errstate(divide="ignore", invalid="ignore"):
                 after = np.nan_to_num(np.minimum(1.0, threshold * weights / np.abs(white * precise)), nan=1.0)
+                after = np.where(after < 1, _NO_WEIGHT, 1.0) if rejects else after
             result = replace(result, weights=after)
             if np.allclose(after, weights, rtol=_SAME_LOGARITHM, atol=0.0):
                 break

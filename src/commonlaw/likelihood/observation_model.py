@@ -128,11 +128,13 @@ class ObservationModel:
     """White noise of each measured state, by its standard deviations, shape (d,), above zero.
 
     Larger deviations than the Huber threshold, in standard deviations, count linearly instead of squared (Huber 1964);
-    it is infinite for least squares. Raises `CommonlawError` if it is not above zero.
+    if it `rejects` them, they count as one at the threshold, and have no weight (Hampel et al. 1986, section 2.6). The
+    threshold is infinite for least squares. Raises `CommonlawError` if it is not above zero.
     """
 
     noise: Floats
     huber_threshold: float = np.inf
+    rejects: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.huber_threshold, int | float | np.number) or not self.huber_threshold > 0:
@@ -141,17 +143,25 @@ class ObservationModel:
     def deviance(self, residuals: Floats, scale: Floats | float = 1.0) -> float:
         """Return minus twice the log-likelihood of residuals, NaN if missing, of standard deviations noise times scale.
 
-        With the Huber threshold c it is the sum of ``u^2`` for standardized residuals up to c, else ``2 c |u| - c^2``.
+        With the Huber threshold c it is the sum of ``u^2`` for standardized residuals up to c, else ``2 c |u| - c^2``,
+        or ``c^2`` if these are rejected.
         """
         sizes = np.abs(residuals / (self.noise * scale))
         sizes = sizes[~np.isnan(sizes)]
+        if self.rejects:
+            return float(np.sum(np.minimum(sizes, self.huber_threshold) ** 2))
         bound = self.huber_threshold
         far = sizes > bound
         return float(np.sum(sizes[~far] ** 2) + np.sum(2 * bound * sizes[far] - bound**2 if far.any() else 0.0))
 
     def weights(self, residuals: Floats, scale: Floats | float = 1.0) -> Floats:
-        """Return the weight of each measurement, ``min(1, c / |u|) / std^2``, shape (n, d), zero if missing."""
+        """Return the weight of each measurement, shape (n, d), zero if missing.
+
+        It is ``min(1, c / |u|) / std^2``, or zero beyond c if that is rejected.
+        """
         noise = self.noise * scale
         sizes = np.abs(residuals / noise)
         with np.errstate(invalid="ignore"):
-            return np.where(np.isnan(sizes), 0.0, 1 / np.maximum(sizes / self.huber_threshold, 1.0)) / noise**2
+            least = 0.0 if self.rejects else self.huber_threshold / sizes
+            weights = np.where(sizes > self.huber_threshold, least, 1.0)
+        return np.where(np.isnan(sizes), 0.0, weights) / noise**2

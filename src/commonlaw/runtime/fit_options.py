@@ -163,8 +163,8 @@ def shown_value(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-MIN_HUBER_THRESHOLD = 2.0
-"""Below, many measurements without fault are outliers, and standard errors, which leave these out, are too small."""
+MIN_HUBER_THRESHOLD = 3.0
+"""Below, many measurements without fault are outliers, and noise and standard errors, without these, are too small."""
 
 
 def _check_huber_threshold(_: str, value: object) -> None:
@@ -244,8 +244,9 @@ class FitOptions:
         metavar="NUMBER",
         functions=FUNCTIONS,
         check=_check_huber_threshold,
-        text="Residual, in standard deviations of noise, beyond which a measurement counts linearly instead of "
-        "squared (Huber 1964), at least 2; inf for no outliers.",
+        text="Residual, in standard deviations of noise, beyond which a measurement is an outlier, at least 3; "
+        "inf for none. Outliers count linearly instead of squared in a search (Huber 1964) and among autocorrelated "
+        "errors, and have no weight in the final fit.",
     )
     covariance: CovarianceKind = setting(
         default="likelihood",

@@ -34,8 +34,8 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
 
     Fits with a random walk, or with coefficients fixed at pooled values, are returned as they are, and so are those
     that do not converge. The Huber loss is replaced by least squares, always if `least_squares`, unless the evidence
-    for outliers is very strong, under white noise. Other errors of measurements have levels of largest restricted
-    likelihood.
+    for outliers is very strong, under white noise: these are rejected. Other errors of measurements have levels of
+    largest restricted likelihood.
     """
     if any(fit.problem.fixed_at_pooled(index).any() for index in range(len(fit.estimates))):
         return replace(fit, shared=None), True
@@ -48,8 +48,11 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
             fit = replace(fit, problem=white, estimates=white.padded(fit.estimates))
         squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
         threshold = np.inf if least_squares else fit.problem.models[0].observation.huber_threshold
-        robust = (robust for start in (squares, fit) for robust in _under_huber_loss(start, threshold))
+        robust = (robust for start in (squares, fit) for robust in _without_outliers(start, threshold))
         fit = likelier_loss(squares, robust, _minus_twice_log_likelihood)
+        if not ERRORS[kind].is_independent:  # Rejected one by one, the noise among correlated errors would vanish
+            threshold = fit.problem.models[0].observation.huber_threshold
+            fit = replace(fit, problem=fit.problem.with_huber_threshold(threshold))
         if ERRORS[kind].group == "measurement":
             fit = _under_likeliest_levels(fit, kind)
         is_fitted, resolved = True, _resolved(fit)
@@ -87,8 +90,11 @@ def apart(fit: Fit) -> Fit:
         return alone
 
 
-def _under_huber_loss(start: Fit, threshold: float) -> Iterator[Fit]:
-    """Yield the converged fit under the Huber loss, if there are outliers under the noise of median residuals."""
+def _without_outliers(start: Fit, threshold: float) -> Iterator[Fit]:
+    """Yield the converged fit that rejects outliers, if there are any under the noise of median residuals.
+
+    It begins from that under the Huber loss.
+    """
     problem, sizes = start.problem.with_huber_threshold(threshold), relative_residuals(start)
     if not _keeps_noise(start):
         floor, latent = noise_floor(problem.trials) / problem.noise, problem.trials.schema.is_latent
@@ -97,7 +103,10 @@ def _under_huber_loss(start: Fit, threshold: float) -> Iterator[Fit]:
     robust = replace(start, problem=problem)
     if outliers(robust).any():
         with suppress(NotPositiveError):
-            yield _under_residual_noise(robust)
+            robust = _under_residual_noise(robust)
+            yield _under_residual_noise(
+                replace(robust, problem=robust.problem.with_huber_threshold(threshold, rejects=True))
+            )
 
 
 def _minus_twice_log_likelihood(fit: Fit) -> float:

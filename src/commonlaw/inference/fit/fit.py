@@ -377,9 +377,9 @@ def restricted(
 def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], model_error: float) -> SupportEvidence:
     """Return the evidence of supports by the likelihood linearized about estimates, comparable between model errors.
 
-    With the Huber threshold c, an outlier of size u contributes ``c u`` to the sum of weighted squares, and has the
-    penalty ``c^2``, that of a measurement at the threshold. Raises `NotPositiveError` if numbers are not finite, or too
-    far apart.
+    With the Huber threshold c, an outlier of size u contributes ``c u`` to the sum of weighted squares, or nothing if
+    it is rejected, and has the penalty ``c^2``, that of a measurement at the threshold. Raises `NotPositiveError` if
+    numbers are not finite, or too far apart.
     """
     linear = linearize_each(problem.models, estimates, model_error)
     pairs = zip(linear, np.nan_to_num(problem.known), strict=True)
@@ -394,7 +394,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     penalty = float(threshold**2 * len(outliers)) if len(outliers) else 0.0
     noise_scale = replace(
         problem.noise_scale,
-        outliers=float(threshold * outliers.sum()) if len(outliers) else 0.0,
+        outliers=float(threshold * outliers.sum()) if len(outliers) and not model.observation.rejects else 0.0,
         freedom=problem.noise_scale.freedom - len(outliers),
     )
     offsets: dict[Part, float] = {

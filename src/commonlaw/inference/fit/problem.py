@@ -206,11 +206,10 @@ class SearchProblem:
         models = tuple(replace(model, unit=units * model.unit) for model in self.models)
         return replace(self, models=models).with_errors(factor * self.noise, self.errors, reason)
 
-    def with_huber_threshold(self, threshold: float) -> "SearchProblem":
-        models = (
-            replace(model, observation=replace(model.observation, huber_threshold=threshold)) for model in self.models
-        )
-        return replace(self, models=tuple(models))
+    def with_huber_threshold(self, threshold: float, *, rejects: bool = False) -> "SearchProblem":
+        """Return the problem with another Huber threshold, which may reject outliers, see `ObservationModel`."""
+        observation = replace(self.models[0].observation, huber_threshold=threshold, rejects=rejects)
+        return replace(self, models=tuple(replace(model, observation=observation) for model in self.models))
 
     def with_errors(self, noise: Floats, errors: ErrorModel, reason: str) -> "SearchProblem":
         """Return the problem with other noise, shape (d,), other errors, and their description."""

@@ -208,7 +208,7 @@ def _updated(law: Law, trials: Trials) -> Law:
         estimate = Estimate(start.states, theta)
         for _ in range(settings.MAX_ITERATIONS):
             estimate = fit(model, replace(estimate, coefficients=theta.copy()), fixed, errors)
-            errors = (last,)
+            errors, model = (last,), replace(model, observation=replace(model.observation, rejects=True))
             try:
                 factor = linearize(model, estimate, last, support).problem.factor
             except NotPositiveError:
