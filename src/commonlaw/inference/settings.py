@@ -162,6 +162,11 @@ CONVERGED_NOISE = 1e-3
 # Objects, trials and samples of checks
 MIN_OBJECTS = 3
 """Objects, or trials, from which on their scatter is estimated."""
+MIN_OBJECTS_WITH_STRANGE = 4
+"""Objects from which on one of them may be strange: the others show that they share a law."""
+STRANGE_ODDS = (9.0, 1.0)
+"""Parameters of the beta distribution of the shares of objects that follow the shared law, and of strange ones: one
+in ten is expected to be strange, and 1 % to 30 % are likely."""
 MAX_CHECKED_OBJECTS = 30
 """Objects whose forecasts, trials and trajectories are checked, evenly spread."""
 MAX_PAIRS = 500

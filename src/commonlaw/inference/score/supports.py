@@ -4,7 +4,7 @@ The least-squares problems have the terms of one equation after the other as col
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import lgamma
 
 import numpy as np
@@ -122,6 +122,18 @@ class SupportEvidence:
         """Return the total of the `score` of supports of all equations."""
         evidence = minus_twice_log_evidence(self._random_effects, np.flatnonzero(supports), self.noise_scale)
         return sum(self.offsets.values()) + evidence + sum(self.structure_prior.of(support) for support in supports)
+
+    def of_objects(self, indices: Sequence[int], count: int, scale: float) -> "SupportEvidence":
+        """Return the evidence for supports of some objects, of so many measurements, alone.
+
+        The noise is taken as known, of so many times its present standard deviation.
+        """
+        some = list(indices)
+        problems = [replace(self.problems[o], factor=self.problems[o].factor / scale) for o in some]
+        values = None if self.log_parametrized is None else self.log_parametrized[some]
+        return replace(
+            self, problems=problems, noise_scale=NoiseScale(count), offsets={}, stated=None, log_parametrized=values
+        )
 
     def score(self, supports: Bools) -> Score:
         """Return minus twice the log-evidence and log prior of supports of all equations, in its parts."""
