@@ -209,6 +209,7 @@ class OutcomeKind(StrEnum):
     NOT_CONVERGED = "not converged"
     NOT_IDENTIFIABLE = "not identifiable"
     NOT_INTEGRATED = "not integrated"
+    OBJECTS_DIFFER = "objects differ"
     ONE_OBJECT = "one object"
     RATES = "rates"
     RESIDUALS = "residuals"

@@ -145,7 +145,9 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
     """Return what a law is good for, see `Law.assess`."""
     trials = matched(law, trials)
     learned = None if learned is None else matched(law, learned)
-    judged, frames, diverged, not_assessable = list[Segment](), list[pd.DataFrame](), 0, list[str]()
+    judged, frames, diverged = list[Segment](), list[pd.DataFrame](), 0
+    strange = [name for name in law.provenance.domain.strange if name not in law.objects]
+    not_assessable = [f"{name}: left out of the law, as it does not follow it" for name in strange]
     numbers = dict[tuple[str, str], int]()
     whole = {(trial.object, trial.name): trial for trial in trials}
     parts = segments(trials, learned, law.order)

@@ -68,7 +68,7 @@ def whole_law():
         history=(Step("noise", "x: 0.1", "from differences"),),
         equations=law.provenance.equations,
         calls=('cl.fit("x\' = -k x", trials)', "cl.refine(law, trials)"),
-        domain=Domain({"x": (0.0, 1.0)}, at_rest=("c",), constant=("z",), sizes={"x": 2.0}),
+        domain=Domain({"x": (0.0, 1.0)}, at_rest=("c",), constant=("z",), strange=("d",), sizes={"x": 2.0}),
     )
     terms = replace(law.terms, variables=variables)
     return replace(

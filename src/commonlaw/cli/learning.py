@@ -209,6 +209,7 @@ def compare(
     from commonlaw.estimation.doses import with_doses_in_equations
     from commonlaw.estimation.model import ModelText, read_model
     from commonlaw.inference.verbs.comparison import outcomes_of_scale
+    from commonlaw.law.alignment import without_strange
     from commonlaw.law.parse import read_equations
 
     if len({*laws}) < max(2, len(laws)):
@@ -218,6 +219,8 @@ def compare(
         saved = {law: cl.Law.load(law) for law in laws if is_of_kind(law, "law")}
         texts = {law: over_table(source, law)[0] for law in laws if law not in saved}
         training = source.select(load(source, [*texts.values()], saved.values()))
+        for compared_law in saved.values():
+            training = without_strange(compared_law, training)
         for text in texts.values():  # What cannot be read is refused before the others are fitted
             with _naming(text):
                 written, dosed = with_doses_in_equations(text, training)

@@ -35,15 +35,16 @@ from commonlaw.inference.search.law_search import (
 )
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds, transform_trials, with_interpolation
+from commonlaw.inference.search.strange_objects import Apart, StrangeObject
 from commonlaw.law import Step
 from commonlaw.library import Offer, Order, ParametricTerm, SelectedLibrary, Terms, highest_order, order_of_each
 from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.runtime.forking import cached_property
-from commonlaw.runtime.progress import ProgressCallback, announce, check_memory, part
+from commonlaw.runtime.progress import ProgressCallback, announce, check_memory, part, silent
 from commonlaw.solvers import BestSubset, parse_solver
 from commonlaw.text import counted
 from commonlaw.trials import Trials
-from commonlaw.trials.transformations import with_logarithms
+from commonlaw.trials.transformations import with_logarithms, without_objects
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,7 @@ class Candidate:
     """The best law of one order so far, among the screened terms, with its rivals and the steps of its history.
 
     Trials are transformed by `transform_trials`. If the candidate `is_coarse`, only a coarse mesh was tried, on which
-    the law has a model error.
+    the law has a model error. If it is less probable than a law of fewer objects, the others are strange and `apart`.
     """
 
     screened: Screened
@@ -108,6 +109,7 @@ class Candidate:
     has_richer: bool
     is_coarse: bool = False
     is_of_higher_degree: bool = False
+    apart: Apart | None = None
 
     def __lt__(self, other: "Candidate") -> bool:
         """Return whether the score is less: the best candidate is the least."""
@@ -132,8 +134,11 @@ class Candidate:
 
     @property
     def suffices(self) -> bool:
-        """Whether no other order needs to be tried: the law is simple, and if of richer terms, of two numbers each."""
-        return self.is_simple and not (self.has_richer and may_be_simpler(self.pool.best, 2))
+        """Whether no other order needs to be tried: the law is simple, and if of richer terms, of two numbers each.
+
+        Objects that are strange to a law of this order may share one of another order with the others.
+        """
+        return self.apart is None and self.is_simple and not (self.has_richer and may_be_simpler(self.pool.best, 2))
 
     @property
     def fits(self) -> bool:
@@ -151,7 +156,7 @@ class Candidate:
     @cached_property
     def score(self) -> Score:
         """The score, comparable between orders."""
-        return score_of_order(self.pool.best)
+        return self.apart.score if self.apart else score_of_order(self.pool.best)
 
     @cached_property
     def reported_score(self) -> Score:
@@ -161,11 +166,25 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class CandidateSearch:
-    """The steps of the search for laws; each takes a candidate and returns a better one."""
+    """The steps of the search for laws; each takes a candidate and returns a better one.
+
+    The `strange` objects were left out before.
+    """
 
     trials: Trials
     options: FitOptions
     progress: ProgressCallback
+    strange: tuple[StrangeObject, ...] = ()
+
+    def of_objects(self, names: Sequence[str]) -> "CandidateSearch":
+        """Return the search among the trials of some of the objects, without a word on its progress."""
+        trials = self.trials.with_trials([trial for trial in self.trials if trial.object in names])
+        return replace(self, trials=trials, progress=silent)
+
+    def without(self, strange: Sequence[StrangeObject]) -> "CandidateSearch":
+        """Return the search without strange objects."""
+        names = tuple(stray.name for stray in strange)
+        return replace(self, trials=without_objects(self.trials, names), strange=(*self.strange, *strange))
 
     def plain(self, structure: ModelStructure, is_coarse: bool) -> Candidate:
         """Return the best law among plain terms, and terms offered first, under the chosen interpolation of inputs.

@@ -228,6 +228,8 @@ class LawDiscovery:
             structure = replace(structure, library=_capped(library, trials))
         with one_blas_thread():
             law = method.find(trials, structure, progress)
+        strange = law.provenance.domain.strange
+        trials = without_objects(trials, strange)
         outcomes = (*law.diagnostics, *outcomes, *instead)
         law = self._with_question(law, library, given, outcomes, steps)
         outcomes = (*with_origin_outcomes(outcomes, law, trials), *outcomes_of_confounding(trials, law.order, library))
@@ -235,7 +237,7 @@ class LawDiscovery:
             outcomes = (*outcomes, *outcomes_of_generations(law, trials))
         outcomes = (*outcomes, *outcomes_of_separate_states(law), *outcomes_of_units(law))
         outcomes += outcomes_of_inputs(law, trials)
-        domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant)
+        domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant, strange=strange)
         law = replace(law, provenance=replace(law.provenance, domain=domain))
         outcomes = (*outcomes, *outcomes_of_rivals(law, trials))
         law = replace(law, provenance=replace(law.provenance, outcomes=outcomes))

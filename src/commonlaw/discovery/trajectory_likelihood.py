@@ -3,6 +3,7 @@
 A candidate is the `Pool` of the fits of one order. This is all that is chosen, in this order, by what, and where:
 
     plain terms       evidence of supports on the path of a solver        `search_supports`, `search_on_finer_mesh`
+    strange objects   evidence of their own laws and one of the others    `with_objects_apart`
     interpolation     strong evidence, given the terms                    `choose_interpolation`
     orders to try     lack of fit or many coefficients of the best        `search_orders`, `_with_richer_terms`
     error model       evidence, if residuals are not white noise          `choose_errors`
@@ -33,6 +34,7 @@ from commonlaw.discovery.orders import (
     search_orders,
     with_order_step,
 )
+from commonlaw.discovery.strange_objects import with_objects_apart, with_strange_objects, without_strange_objects
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import refine, settings
 from commonlaw.inference.fit.final_score import final
@@ -165,7 +167,7 @@ def _proposed(method: TrajectoryLikelihood, structure: ModelStructure, part: Tri
     some = [trial for name in trials.objects[: settings.OBJECT_GROUPS[0]] for trial in trials.of_object(name)]
     with unannounced():
         law = method.find(trials.with_trials(some), structure, silent)
-    return replace(written_alike(law, law.schema), provenance=law.provenance)
+    return replace(written_alike(law, law.schema), provenance=with_strange_objects(law.provenance))
 
 
 def _fitted(law: Law, options: RefitOptions, trials: Trials) -> Law:
@@ -178,7 +180,8 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
 
     Higher orders are tried if the best plain law of the lowest order has a lack of fit or many coefficients, and richer
     terms if the best plain law has. All laws have white noise if the residuals of the best are white; else each has the
-    error model of its largest evidence. An order is left out if no law can be fitted.
+    error model of its largest evidence. An order is left out if no law can be fitted. Objects that are strange to the
+    best plain law are left out, and the search begins again.
 
     Raises `CommonlawError` if no law of any order can be fitted: the last reason.
     """
@@ -193,9 +196,11 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
         is_first, library = several and order == lowest, structure.library
         if simple and simple.has_richer:  # Where it is a law of first order, most terms of second order are redundant
             library = library.linear or library
-        is_coarse = simple is not None or (is_first and len(possible) == 1)
-        candidate = search.plain(replace(structure, order=order, library=library), is_coarse)
-        if is_first:
+        is_coarse, plain = simple is not None or (is_first and len(possible) == 1), replace(structure, order=order)
+        plain = replace(plain, library=library)
+        candidate = search.plain(plain, is_coarse)
+        candidate = with_objects_apart(candidate, search, lambda some: some.plain(plain, is_coarse))
+        if is_first and not candidate.apart:
             candidate = search.of_higher_degree(candidate)
             if not (candidate.pool.best.lack_of_fit or candidate.is_simple):
                 candidate = search.richer(candidate)
@@ -203,6 +208,9 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
 
     candidates, refused = search_orders(of_order, possible)
     best = min(candidates)
+    if best.apart:
+        return law_of_best_order(search.without(best.apart.objects), structure)
+    candidates = [replace(candidate, apart=None) for candidate in candidates]
     if several and (not best.is_simple or is_implied_by_lower_order(best.pool)):
         candidates, _ = apply_to_each(search.finer, candidates)
     if search.options.errors == "auto" and min(candidates).pool.best.reason_for_error_model:
@@ -213,6 +221,7 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
     candidates, failed = _with_errors(search, candidates)
     best = candidates[0]
     law, score = _law(search, best)
+    law = without_strange_objects(law, search.strange)
     if not several:
         return law
     others = [(candidate.order, candidate.reported_score - score) for candidate in candidates if candidate is not best]

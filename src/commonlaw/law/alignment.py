@@ -43,11 +43,13 @@ def matched(
 ) -> Trials:
     """Return trials of the variables of a law in its units; everything that takes a law and trials begins with this.
 
-    What has no unit there or in the law is taken as it is. Left out are rates of the law's states and objects at rest
-    that the law left out, and notes that ask for its initial values. Latent states come with their initial values, and
-    doses as they are added. Properties may be inputs of the law; only with `inputs` "any" may the trials have others.
+    What has no unit there or in the law is taken as it is. Left out are rates of the law's states, objects at rest that
+    the law left out, objects that are strange to it, with a note, and notes that ask for its initial values. Latent
+    states come with their initial values, and doses as they are added. Properties may be inputs of the law; only with
+    `inputs` "any" may the trials have others.
 
-    Raises `CommonlawError` if the variables are not those of the law, or a unit cannot be converted.
+    Raises `CommonlawError` if the variables are not those of the law, all objects are strange to it, or a unit cannot
+    be converted.
     """
     check_type("trials", trials, (Trials, TrialStream), TRIALS)
     schema = law.observation.measured
@@ -58,6 +60,8 @@ def matched(
     trials = with_property_inputs(trials, [name for name in missing if name in known])
     if resting := {*law.provenance.domain.at_rest} - {*law.objects}:
         trials = without_objects(trials, tuple(name for name in objects_at_rest(trials) if name in resting))
+    if isinstance(trials, Trials):
+        trials = without_strange(law, trials)
     if isinstance(trials, Trials) and (written := law.observation.initial):
         owners = {name: start if isinstance(start, Mapping) else None for name, start in written.items()}
         notes = unanswered_notes(trials.notes, trials.trials, trials.schema.states, owners)
@@ -90,6 +94,23 @@ def _with_recorded_doses(trials: Trials, schema: Schema) -> Trials:
     units |= {administered[0]: schema.units[schema.doses[0]]} if schema.doses[0] in schema.units else {}
     units |= {trials.schema.time: schema.units[schema.time]} if schema.time in schema.units else {}
     return with_recorded_doses(in_units(trials, units), schema.doses)
+
+
+def strange_objects(law: Law, trials: Trials) -> tuple[str, ...]:
+    """Return the objects of trials that were left out of a law, as they do not follow it."""
+    strange = {*law.provenance.domain.strange} - {*law.objects}
+    return tuple(name for name in trials.objects if name in strange)
+
+
+def without_strange(law: Law, trials: Trials) -> Trials:
+    """Return trials without the objects that are strange to a law, with a note; refuse trials of these alone."""
+    names = strange_objects(law, trials)
+    if not names:
+        return trials
+    if len(names) == len(trials.objects):
+        raise CommonlawError("law-of-other-objects", objects=names, first=names[0])
+    kept = without_objects(trials, names)
+    return kept.with_trials(kept.trials, f"left out, as strange to the law: {', '.join(names)}")
 
 
 def matched_times(law: Law, trials: Trials, times: ArrayLike | None) -> ArrayLike | None:

@@ -3,7 +3,7 @@
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product, zip_longest
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +46,8 @@ class Domain:
         Objects that were left out, as nothing changed in their trials.
     constant
         States that were left out, as they stay constant within their noise in all trials.
+    strange
+        Objects that were left out, as they do not follow the law of the others.
     sizes
         The largest absolute value of each state and rate in the fitted solutions, where these are known.
     """
@@ -55,6 +57,7 @@ class Domain:
     judged: float | None = None
     at_rest: tuple[str, ...] = ()
     constant: tuple[str, ...] = ()
+    strange: tuple[str, ...] = ()
     sizes: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -83,6 +86,10 @@ class Domain:
             if isinstance(values[0], float):
                 columns[name] = np.array(values)
         return cls({name: value_range(column) for name, column in columns.items()})
+
+    def with_left_out(self, before: "Domain") -> "Domain":
+        """Return this domain with the objects and states that an earlier law left out."""
+        return replace(self, at_rest=before.at_rest, constant=before.constant, strange=before.strange)
 
     def to_frame(self, units: Mapping[str, str]) -> "pd.DataFrame":
         """Return a table of the visited ranges, with the units of their variables."""

@@ -282,6 +282,16 @@ class FitOptions:
         "from motion, and if that is not enough, fitted in segments spread over the trials of each object; the law "
         "says so, and the noise is estimated from all.",
     )
+    strange_objects: Literal["exclude", "keep"] = setting(
+        default="exclude",
+        label="Strange objects",
+        functions=("discover",),
+        choices={
+            "exclude": "objects that contradict the law of the others are named and left out",
+            "keep": "one law of all objects",
+        },
+        text="What becomes of objects that do not follow the law of the others, less than a third of four or more.",
+    )
     latent_states: int = setting(
         default=0,
         label="Latent states",

@@ -28,6 +28,7 @@ Part = Literal[
     "scatter of starts",
     "Laplace correction",
     "multiplicity",
+    "strange objects",
     "refit",
     "forecasts",
 ]
@@ -54,6 +55,8 @@ Part = Literal[
     Predicted decrease to the maximum of the linearized likelihood.
 ``multiplicity``
     2 log N of one among N hypotheses.
+``strange objects``
+    Of the measurements of objects that do not follow the law of the others, by laws of their own, and their prior.
 ``refit``
     Change of the score of the best law on a finer mesh or under reference noise, added to laws that are not refitted.
 ``forecasts``

@@ -167,7 +167,7 @@ def _refined(law: Law, trials: Trials, options: RefitOptions, progress: Progress
     result = fitted_law(law, fit, options.covariance, options.seed)
     chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(fit)
     before = law.provenance.domain
-    domain = replace(Domain.of(trials, state_rates(law)), at_rest=before.at_rest, constant=before.constant)
+    domain = Domain.of(trials, state_rates(law)).with_left_out(before)
     provenance = replace(
         law.provenance,
         outcomes=(

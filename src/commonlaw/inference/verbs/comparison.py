@@ -26,7 +26,7 @@ from commonlaw.inference.verbs.chunks import typical
 from commonlaw.inference.verbs.parameter_bounds import is_within
 from commonlaw.inference.verbs.schemes import fit_of
 from commonlaw.law import Law, Provenance, average_law, select_objects
-from commonlaw.law.alignment import matched
+from commonlaw.law.alignment import matched, without_strange
 from commonlaw.law.parameters import restrictions_of
 from commonlaw.library import parse_terms
 from commonlaw.library.bounds import bounds_in
@@ -152,6 +152,8 @@ def _compared(
     n_jobs: int,
 ) -> "pd.DataFrame":
     """Return what `compare` does of trials in memory; the Huber threshold is infinite for least squares."""
+    for law in laws.values():
+        trials = without_strange(law, trials)
     _open_scale(laws, trials, errors, noise)
     are_joint = any(fit_of(law).has_joint_objects for law in laws.values())
     apart = None if are_joint else _fitted_apart(laws, trials, noise, errors, threshold, n_jobs)

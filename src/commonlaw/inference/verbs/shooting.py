@@ -59,7 +59,7 @@ class ShootingFit(AbstractFit):
                 *outcomes_of_departures(fitted, tried_errors=errors is None),
             ),
             history=(*before.history, *fitted.steps),
-            domain=replace(law.provenance.domain, at_rest=before.domain.at_rest, constant=before.domain.constant),
+            domain=law.provenance.domain.with_left_out(before.domain),
         )
         return replace(law, provenance=provenance)
 

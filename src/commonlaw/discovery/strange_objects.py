@@ -1,0 +1,173 @@
+"""The search for strange objects, which are named and left out of the law of the others.
+
+Objects that a linearization suspects are searched for laws of their own, and the others for theirs, see
+`commonlaw.inference.search.strange_objects`. They are strange if both together are more probable than one law of all,
+and if each contradicts the law of the others by itself: with coefficients and white noise of its own that is less
+probable than a law with a term that the others lack, or than errors of another kind, such as a random walk. An object
+that follows the law of the others with coefficients far from theirs is strange if it makes the law of all another one.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from commonlaw.array_types import Bools
+from commonlaw.diagnostics import note
+from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
+from commonlaw.errors import CommonlawError
+from commonlaw.inference.fit.annealing import fit_solutions
+from commonlaw.inference.fit.covariance import fitted_law
+from commonlaw.inference.fit.final_score import score_of_order
+from commonlaw.inference.fit.fit import Fit
+from commonlaw.inference.fit.problem import SearchProblem
+from commonlaw.inference.search.error_models import estimate_error_model
+from commonlaw.inference.search.setup import error_kinds
+from commonlaw.inference.search.strange_objects import Apart, Reason, StrangeObject, partition_penalty, suspects
+from commonlaw.law import Law, Provenance, Step
+from commonlaw.likelihood import ERRORS
+from commonlaw.text import counted
+
+Find = Callable[[CandidateSearch], Candidate]
+"""Returns the best law of the trials of a search."""
+
+
+_STAGE = "strange objects"
+
+_CODES: Mapping[Reason, str] = {
+    "law": "strange-object",
+    "errors": "strange-object-errors",
+    "coefficients": "strange-object-coefficients",
+}
+"""The notes on strange objects, by the reason."""
+
+
+def with_objects_apart(candidate: Candidate, search: CandidateSearch, find: Find) -> Candidate:
+    """Return a candidate with its strange objects apart, if these and a law of the others are more probable."""
+    names = suspects(candidate.pool, len(search.strange)) if search.options.strange_objects == "exclude" else ()
+    try:
+        apart = _apart(candidate, names, search, find) if names else None
+    except CommonlawError:  # Too few samples for laws of their own
+        return candidate
+    return replace(candidate, apart=apart) if apart and apart.score < candidate.score else candidate
+
+
+def _apart(candidate: Candidate, names: Sequence[str], search: CandidateSearch, find: Find) -> Apart | None:
+    """Return the law of the other objects than some, and those of these that contradict it; None without any.
+
+    Nothing contradicts a law with a lack of fit: objects with a misfit in common would contradict one another.
+    """
+    search.progress(f"seeking the law without {', '.join(names)}")
+    others = find(search.of_objects([name for name in search.trials.objects if name not in names])).pool.best
+    if others.lack_of_fit:
+        return None
+    whole = candidate.pool.best
+    supports = _supports_in(whole.problem, others)
+    is_same = supports is not None and np.array_equal(supports, whole.supports)
+    explained = dict[str, _Explanation]()
+    for name in names:
+        explanation = _explained(find(search.of_objects([name])), others, search, is_same)
+        explained |= {name: explanation} if explanation else {}
+    if len(explained) < len(names):
+        return _apart(candidate, [*explained], search, find) if explained else None
+    excluded = len(search.strange)
+    total = len(search.trials.objects) + excluded
+    penalty = partition_penalty(excluded + len(names), total) - partition_penalty(excluded, total)
+    if not whole.problem.noise_is_fixed:  # Each has levels of noise
+        levels = len(names) * len(search.trials.schema.measured)
+        penalty += levels * float(np.log(sum(whole.problem.measured)))
+    score = score_of_order(others).plus("strange objects", penalty + sum(reason.score for reason in explained.values()))
+    share = 1 / (1 + np.exp((score - candidate.score) / 2))
+    objects = [
+        StrangeObject(name, float(share * explanation.share), explanation.reason, explanation.words)
+        for name, explanation in explained.items()
+    ]
+    return Apart(score, tuple(objects))
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """Why an object is strange, in words, and minus twice the log-evidence of its measurements then.
+
+    Its share is the probability of this reason, the rest that it follows the law of the others.
+    """
+
+    reason: Reason
+    words: str
+    score: float
+    share: float = 1.0
+
+
+def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bool) -> _Explanation | None:
+    """Return why an object of an own law is strange to the law of the others; None if it follows it.
+
+    With coefficients far from those of the others it still follows it if the law of all `is_same`.
+    """
+    fit, supports = own.pool.best, _supports_in(own.pool.best.problem, others)
+    is_other = supports is None or bool((fit.supports & ~supports).any())
+    shared, follows = fit, np.inf
+    explanations = [_Explanation("law", _in_words(fit), own.score.total)] if is_other else []
+    if supports is not None:
+        shared = fit_solutions(fit.problem, supports)
+        kinds = error_kinds(search.options.errors, fit.problem.trials.schema) if shared.is_usable else ()
+        for kind in kinds:
+            under = shared if kind == "white" else estimate_error_model(shared, kind)
+            if under.is_usable:
+                score = score_of_order(under)
+                value = score.total - score.parts["structure"]  # The others pay for the terms
+                follows = min(follows, value) if under.errors == "white" else follows  # As levels of zero are
+                explanations += [_Explanation("errors", ERRORS[kind].label, value)] * (under.errors != "white")
+    best = min(explanations, key=lambda explanation: explanation.score, default=None)
+    if best is not None and best.score < follows:
+        return replace(best, share=float(1 / (1 + np.exp((best.score - follows) / 2))))
+    return None if is_same else _Explanation("coefficients", _in_words(shared), follows)
+
+
+def _in_words(fit: Fit) -> str:
+    """Return the law of one object with its numbers."""
+    return "; ".join(fitted_law(fit.problem.law, fit).equations(digits=3, errors=False))
+
+
+def _supports_in(problem: SearchProblem, others: Fit) -> Bools | None:
+    """Return the supports of the law of the others among the terms of a problem; None if one was screened out."""
+    names, theirs = problem.terms.names, np.array(others.problem.terms.names)
+    chosen = [theirs[support] for support in others.supports]
+    if not np.isin(np.concatenate(chosen), names).all():
+        return None
+    return np.array([np.isin(names, of_equation) for of_equation in chosen])
+
+
+def without_strange_objects(law: Law, strange: Sequence[StrangeObject]) -> Law:
+    """Return a law with a step of its history, and notes, on the objects that were left out of it."""
+    if not strange:
+        return law
+    provenance, names = law.provenance, tuple(stray.name for stray in strange)
+    others = counted(len(law.objects), "other object")
+    outcomes = [
+        note(
+            _CODES[stray.reason],
+            stray.name,
+            others=others,
+            probability=stray.probability_in_words,
+            words=stray.words,
+        )
+        for stray in strange
+    ]
+    why = (f"{stray.name}: {stray.words} (probability {stray.probability_in_words})" for stray in strange)
+    step = Step(_STAGE, f"{', '.join(names)} left out", "; ".join(why))
+    return replace(
+        law,
+        provenance=replace(
+            provenance,
+            history=(step, *provenance.history),
+            outcomes=(*outcomes, *provenance.outcomes),
+            domain=replace(provenance.domain, strange=names),
+        ),
+    )
+
+
+def with_strange_objects(provenance: Provenance) -> Provenance:
+    """Return the provenance of a law that is fitted to all objects in the end, also to those that were left out."""
+    history = tuple(step for step in provenance.history if step.stage != _STAGE)
+    outcomes = tuple(outcome for outcome in provenance.outcomes if outcome.code not in _CODES.values())
+    return replace(provenance, history=history, outcomes=outcomes, domain=replace(provenance.domain, strange=()))

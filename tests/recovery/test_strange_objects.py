@@ -1,0 +1,148 @@
+"""Objects that do not follow the law of the others are named and left out; those that only show more of it are not."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import commonlaw as cl
+from commonlaw.diagnostics import OutcomeKind
+from commonlaw.discovery.candidate_search import CandidateSearch
+from commonlaw.discovery.method import ModelStructure
+from commonlaw.discovery.strange_objects import with_objects_apart
+from commonlaw.errors import CommonlawError
+
+TIMES = np.linspace(0, 5, 20)
+RATES = (0.4, 0.5, 0.7, 0.9)
+
+
+def cooling(last, noise=0.3):
+    """Four cups that cool by x' = k (20 - x), and a fifth with another right-hand side."""
+    generator, laws = np.random.default_rng(3), [lambda x, k=k: k * (20 - x) for k in RATES]
+    curves = [
+        solve_ivp(lambda _, x, law=law: law(x), (0, 5), [80.0], t_eval=TIMES, rtol=1e-8).y.T for law in (*laws, last)
+    ]
+    states = [curve + noise * generator.standard_normal(curve.shape) for curve in curves]
+    return cl.Trials.from_arrays([TIMES] * 5, states, names=["x"], object=[f"cup {i}" for i in range(1, 6)])
+
+
+def springs(largest, others=0.15, cubic=-0.5):
+    """Six springs x'' = -k x - 0.2 v + c x^3, one of which swings further than the others."""
+    generator, times, states = np.random.default_rng(1), np.linspace(0, 8, 60), []
+    for i, k in enumerate(np.linspace(2, 4, 6)):
+        start = [largest if i == 5 else others, 0.0]
+
+        def rates(_, z, k=k):
+            return [z[1], -k * z[0] - 0.2 * z[1] + cubic * z[0] ** 3]
+
+        x = solve_ivp(rates, (0, 8), start, t_eval=times, rtol=1e-9, atol=1e-11).y[:1].T
+        states.append(x + 0.01 * generator.standard_normal(x.shape))
+    return cl.Trials.from_arrays([times] * 6, states, names=["x"], object=[f"s{i}" for i in range(6)])
+
+
+@pytest.fixture(scope="module")
+def strange():
+    """Cups of which the fifth grows logistically in the opposite sense, and the law that is found."""
+    trials = cooling(lambda x: 0.03 * (x - 10) * (x - 85))
+    return trials, cl.discover(trials, order=1, library="poly:2")
+
+
+def test_an_object_with_another_law_is_named_and_does_not_decide_that_of_the_others(strange):
+    _, law = strange
+    assert law.objects == tuple(f"cup {i}" for i in range(1, 5))
+    assert law.structure == ("x' = a + b x",)
+    assert law.coefficients[:, 0, 1] == pytest.approx(-np.array(RATES), rel=0.1)
+    (outcome,) = [outcome for outcome in law.diagnostics if outcome.kind is OutcomeKind.OBJECTS_DIFFER]
+    assert (outcome.code, outcome.where) == ("strange-object", "cup 5")
+    assert [step.choice for step in law.history if step.stage == "strange objects"] == ["cup 5 left out"]
+    assert {*law.params["object"]} == {*law.objects}
+
+
+def test_the_others_have_the_law_that_they_have_alone(strange):
+    trials, law = strange
+    alone = cl.discover(trials.select(object=law.objects), order=1, library="poly:2")
+    np.testing.assert_allclose(law.coefficients, alone.coefficients, rtol=1e-6)
+
+
+def test_all_objects_are_kept_together_on_request(strange):
+    trials, _ = strange
+    method = cl.TrajectoryLikelihood(strange_objects="keep")
+    law = cl.discover(trials, order=1, library="poly:2", method=method)
+    assert law.objects == trials.objects
+    assert law.structure == ("x' = a + b x + c x^2",)
+
+
+def test_the_probability_is_that_of_two_laws_against_one():
+    """By the scores of searches: of all cups, of four, and of the fifth with a law of its own and with that of four."""
+    trials = cooling(lambda x: 0.015 * (400 - x * x), noise=0.8)
+    search = CandidateSearch(trials, cl.TrajectoryLikelihood(), lambda _: None)
+
+    def found(some, degree=2):
+        structure = ModelStructure(1, cl.library.PolynomialLibrary(degree), possible=((1,),))
+        return some.plain(structure, is_coarse=True)
+
+    candidate = with_objects_apart(found(search), search, found)
+    assert candidate.apart is not None
+    (stray,) = candidate.apart.objects
+    own = search.of_objects(["cup 5"])
+    of_all, of_four, of_fifth = (found(some).score for some in (search, search.of_objects(trials.objects[:4]), own))
+    shared = found(own, degree=1).score
+    prior = 2 * np.log(13)  # Of k strange objects of five B(1 + k, 14 - k): 1 / 14 for none, 1 / (13 14) for one
+    against = of_four.total + of_fifth.total + prior + np.log(100) - of_all.total  # And a level of noise, log n
+    assert candidate.apart.score - of_all == pytest.approx(against, abs=1e-6)
+    follows = shared.total - shared.parts["structure"]
+    shares = 1 / (1 + np.exp(against / 2)), 1 / (1 + np.exp((of_fifth.total - follows) / 2))
+    assert stray.probability == pytest.approx(np.prod(shares), rel=1e-3)
+    assert 0.5 < stray.probability < 0.99
+
+
+def test_an_object_that_reveals_a_term_is_not_strange():
+    law = cl.discover(springs(largest=2.0), order=2, library="poly:3")
+    assert law.structure == ("x'' = a x + b v + c x^3",)
+    assert len(law.objects) == 6
+    assert law.provenance.domain.strange == ()
+
+
+def test_the_same_object_is_strange_if_others_exclude_its_term():
+    trials, linear = springs(largest=2.0), springs(largest=2.0, others=2.0, cubic=0.0)
+    mixed = trials.with_trials([*linear.trials[:5], trials.trials[5]])
+    law = cl.discover(mixed, order=2, library="poly:3")
+    assert (law.structure, law.provenance.domain.strange) == (("x'' = a x + b v",), ("s5",))
+
+
+def test_objects_that_are_alike_have_the_same_law_and_score_with_the_check_and_without():
+    trials = cooling(lambda x: 0.8 * (20 - x))
+    laws = [
+        cl.discover(trials, order=1, library="poly:2", method=cl.TrajectoryLikelihood(strange_objects=how))
+        for how in ("exclude", "keep")
+    ]
+    assert laws[0].structure == ("x' = a + b x",)
+    assert laws[0].objects == trials.objects
+    np.testing.assert_array_equal(laws[0].coefficients, laws[1].coefficients)
+    assert laws[0].comparison.equals(laws[1].comparison)
+
+
+def test_strange_objects_are_refused_by_name_and_left_out_of_whole_tables(strange, tmp_path):
+    trials, law = strange
+    law.save(tmp_path / "law.json")
+    law = cl.Law.load(tmp_path / "law.json")
+    assert law.provenance.domain.strange == ("cup 5",)
+    with pytest.raises(CommonlawError) as refused:
+        law.predict(trials.select(object="cup 5"))
+    assert refused.value.code == "law-of-other-objects"
+    assert "cup 5" in str(refused.value)
+    forecast = law.predict(trials)
+    assert forecast.trials.objects == law.objects
+    assert any("cup 5" in note for note in forecast.trials.notes)
+    verdict = law.assess(trials)
+    assert verdict.usable
+    assert any("cup 5" in line for line in verdict.not_assessable)
+    again = cl.refine(law, trials)
+    assert (again.objects, again.provenance.domain.strange) == (law.objects, ("cup 5",))
+
+
+def test_laws_are_compared_by_the_objects_that_all_have(strange):
+    trials, law = strange
+    whole = cl.fit("x' = a + b x + c x^2", trials)
+    four = trials.select(object=law.objects)
+    frame, alone = cl.compare([law, whole], trials), cl.compare([law, cl.fit("x' = a + b x + c x^2", four)], four)
+    assert frame["2 log B"].tolist() == pytest.approx(alone["2 log B"].tolist(), abs=1e-3)
