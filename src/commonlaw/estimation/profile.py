@@ -117,11 +117,23 @@ def _begun(law: Law, trials: Trials, parameter: str, owner: str) -> tuple[Beginn
     known = None if noise is None else np.asarray(noise, dtype=np.float64)[: len(begun.model.observables)]
     errors = law.uncertainty.error_model
     if not begun.problem.censored.any():
-        threshold, rejects = law.uncertainty.huber_threshold, ERRORS[errors.kind].is_independent
-        begun = replace(begun, problem=replace(begun.problem, huber_threshold=threshold, rejects=rejects))
+        begun = replace(begun, problem=replace(begun.problem, huber_threshold=law.uncertainty.huber_threshold))
+        if known is not None and ERRORS[errors.kind].is_independent:
+            begun = _without_outliers(begun, known)
     if known is not None and errors and not errors.of_law:
         begun = replace(begun, problem=begun.problem.about(begun.first, known, errors))
     return begun, index, known
+
+
+def _without_outliers(begun: Beginning, noise: Floats) -> Beginning:
+    """Return a beginning at the optimum under the Huber loss, from where outliers are rejected if there are any."""
+    problem, everything = begun.problem, np.ones(len(begun.first), dtype=np.bool_)
+    if not np.isfinite(problem.huber_threshold):
+        return begun
+    first, cost = minimum(Objective(problem, noise), begun.first, everything, begun.bounds, tolerance=1e-8, steps=40)
+    if not np.isfinite(cost) or not any(far.any() for far in problem.outliers(first, noise)):
+        return begun
+    return replace(begun, problem=replace(problem, rejects=True), first=first)
 
 
 def with_one_sided_limits(law: Law, trials: Trials) -> Law:
