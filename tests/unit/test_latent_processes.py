@@ -26,6 +26,7 @@ KINDS = {
     "correlated": LatentProcesses(correlated=np.array([0.3]), memory=0.8),
     "force": LatentProcesses(force=np.array([0.5]), force_time=1.3),
     "both": LatentProcesses(np.array([0.3]), 0.8, np.array([0.5]), 1.3),
+    "drift": LatentProcesses(offset=np.array([0.3]), slope=np.array([0.7])),
 }
 
 
@@ -49,9 +50,12 @@ def problem(order, latent, second=True):
 
 
 def covariance_functions(latent, times):
-    """The covariance of errors, and of forces and their rates, between all points of one trial."""
+    """The covariance of errors, of forces and their rates, or of a drift and its slope, at all points of one trial."""
     lag = times[:, np.newaxis] - times
     blocks = []
+    if latent.drift is not None:
+        shapes = np.column_stack([np.append(np.ones(len(times)), 0), np.append(times - times[0], 1)])
+        blocks.append(shapes * latent.drift**2 @ shapes.T)
     if latent.correlated is not None:
         blocks.append(latent.correlated[0] ** 2 * np.exp(-np.abs(lag) / latent.memory))
     if latent.force is not None:
@@ -110,8 +114,13 @@ def dense_value(model, estimate, model_error):
         prior[inner, inner] = walk
         prior[size - len(hidden) :, size - len(hidden) :] = hidden
         error = np.zeros((count, size))
-        if latent.correlated is not None:
+        of_rates = np.zeros((count, size))  # What is vague is so with the drift, which moves states and rates
+        if latent.correlated is not None or latent.drift is not None:
             error[:, size - len(hidden) : size - len(hidden) + count] = np.eye(count)
+        moved = np.zeros((count, 2))
+        if latent.drift is not None:
+            of_rates[:, -1] = 1
+            moved = states[first:last, order:]
         # Samples, rates and hidden values: rows, values, variances, whether they are hardly known, and points
         measured = []
         for i in range(count):
@@ -119,11 +128,12 @@ def dense_value(model, estimate, model_error):
             if np.isfinite(y):
                 measured.append((rows[i, 0] + error[i], y, noise[first + i] ** 2, False, i))
             else:
-                measured.append((rows[i, 0], states[first + i, 0], state_variance, True, i))
+                seen_with = rows[i, 0] + error[i] * (latent.drift is not None)
+                measured.append((seen_with, states[first + i, 0] + moved[i, 0], state_variance, True, i))
             if order == 2:
-                measured.append((rows[i, 1], states[first + i, 1], rate_variance, True, i))
+                measured.append((rows[i, 1] + of_rates[i], states[first + i, 1] + moved[i, 1], rate_variance, True, i))
         for j in range(len(hidden)):
-            if j % count:  # That of the first point has its stationary distribution, which nothing else tells
+            if j % count and latent.drift is None:  # That of the first point has its stationary distribution, which nothing else tells
                 measured.append((np.eye(size)[size - len(hidden) + j], 0.0, 1e6 * hidden[j, j], True, j % count))
         seen_by, informed, spread, unmeasured, at_point = map(np.array, zip(*measured, strict=True))
         # The first state, given its own measurements: y0 less its error and noise, and the rate
@@ -134,6 +144,8 @@ def dense_value(model, estimate, model_error):
         prior[range(order), range(order)] = spread[start]
         if latent.correlated is not None and not unmeasured[0]:
             transform[0] -= error[0]
+        if latent.drift is not None:
+            transform[range(order)] -= np.array([error[0], of_rates[0]])[:order]
         prior = transform @ prior @ transform.T
         later = ~start
         centre = seen_by[later] @ mean
@@ -160,7 +172,7 @@ def test_the_marginal_likelihood_is_that_of_dense_covariance_functions(kind, ord
 def test_the_fit_has_the_residuals_of_the_linearized_likelihood(kind, order):
     model, estimate = problem(order, KINDS[kind])
     support = np.ones_like(estimate.coefficients, dtype=bool)
-    found = fit(model, estimate, support, (0.3,), 60)
+    found = fit(*model.with_latent(KINDS[kind], estimate), support, (0.3,), 60)
     rows = linearize(model, found, 0.3).problem
     errors = np.sqrt(np.diag(np.linalg.inv(information(model, found, support, 0.3))))
     again = rows.least_squares(support.ravel(), 0)

@@ -46,7 +46,10 @@ class ModelStructure(ctypes.Structure):
     _fields_ = (
         *(
             (name, _NUMBER)
-            for name in ("equations", "rates", "inputs", "latent", "held", "correlated", "rejects", "force", "inside")
+            for name in (
+                *("equations", "rates", "inputs", "latent", "held", "correlated", "drift"),
+                *("rejects", "force", "inside"),
+            )
         ),
         ("huber_threshold", ctypes.c_double),
         *((name, _ADDRESS) for name in ("unit", "latent_std", "logarithmic", "inside_term", "second", "highest")),

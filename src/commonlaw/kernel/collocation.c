@@ -56,6 +56,29 @@ double walk(const Workspace *work, const Mesh *mesh, int64_t i, int64_t a) {
     return mesh->walk[i * work->d + (a < work->d ? a : work->model->second[a - work->d])];
 }
 
+/* The time at which the segment of a point begins, given that of the point before. */
+double segment_start(const Mesh *mesh, int64_t i, double before) {
+    return i > 0 && mesh->contiguous[i - 1] ? before : mesh->times[i];
+}
+
+/* Fill how the defects of one step, of a solution less the drift of a segment that begins at that time, change with the
+   drift in units of its standard deviations: D rows of q numbers, `stride` apart. See fitting.py. */
+void drift_columns(const Model *model, const Mesh *mesh, int64_t i, double begun, const double *start,
+                   const double *end, double *out, int64_t stride) {
+    const int64_t d = model->equations, D = d + model->rates;
+    const double before = mesh->times[i] - begun, after = mesh->times[i + 1] - begun;
+    for (int64_t a = 0; a < D; ++a, start += D, end += D, out += stride) {
+        for (int64_t j = 0; j < d; ++j) {
+            out[j] = -(start[j] + end[j]) * model->latent_std[j];
+            out[d + j] = -(start[j] * before + end[j] * after) * model->latent_std[d + j];
+        }
+        for (int64_t k = d; k < D; ++k) {
+            const int64_t slope = d + model->second[k - d];
+            out[slope] -= (start[k] + end[k]) * model->latent_std[slope];
+        }
+    }
+}
+
 /* The defect of one latent process. */
 double latent_defect(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, int64_t l) {
     const int64_t w = work->w, W = work->W;
@@ -141,12 +164,12 @@ static void derivatives_by_latent(const Workspace *work, const Mesh *mesh, int64
 void step_jacobians(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end, double *border,
                     int64_t stride) {
     const double h = mesh->steps[i];
-    switch (work->w ? 0 : work->D) {
+    switch (work->F > work->D ? 0 : work->D) {
     case 1: derivatives_of_law(work, h, i, start, end, border, stride, 1, 1); return;
     case 2: derivatives_of_law(work, h, i, start, end, border, stride, 2, 2); return;
     case 3: derivatives_of_law(work, h, i, start, end, border, stride, 3, 3); return;
     case 4: derivatives_of_law(work, h, i, start, end, border, stride, 4, 4); return;
-    default: derivatives_of_law(work, h, i, start, end, border, stride, work->D, work->W); break;
+    default: derivatives_of_law(work, h, i, start, end, border, stride, work->D, work->F); break;
     }
-    if (work->w) derivatives_by_latent(work, mesh, i, start, end);
+    if (work->F > work->D) derivatives_by_latent(work, mesh, i, start, end);
 }

@@ -26,24 +26,24 @@ static void add_products(double *restrict matrix, int64_t p, const double *restr
 static void observe(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, double *block,
                     double *gradient, int64_t stride) {
     const Model *model = work->model;
-    const int64_t d = work->d, D = work->D, W = work->W;
+    const int64_t d = work->d, D = work->D, F = work->F;
     for (int64_t j = 0; j < d; ++j) {
         double residual = mesh->measured[i * d + j] - states[j];
-        if (model->correlated) residual -= states[D + j];
+        if (model->correlated || model->drift) residual -= states[D + j];
         const double std = mesh->std[i * d + j], size = fabs(residual / std);
         if (isnan(size)) continue;
         const double weight = relative_weight(model, size) / (std * std);
-        block[j * W + j] += weight;
+        block[j * F + j] += weight;
         gradient[j * stride] -= residual * weight;
         if (!model->correlated) continue;
-        block[(D + j) * W + D + j] += weight;
-        block[(D + j) * W + j] += weight;
-        block[j * W + D + j] += weight;
+        block[(D + j) * F + D + j] += weight;
+        block[(D + j) * F + j] += weight;
+        block[j * F + D + j] += weight;
         gradient[(D + j) * stride] -= residual * weight;
     }
-    for (int64_t l = 0; l < work->w; ++l) {
+    for (int64_t l = 0; l < F - D; ++l) {
         const double anchor = mesh->anchors[i * work->w + l];
-        block[(D + l) * W + D + l] += anchor;
+        block[(D + l) * F + D + l] += anchor;
         gradient[(D + l) * stride] += anchor * states[D + l];
     }
 }
@@ -131,38 +131,40 @@ typedef struct {
 } Blocks;
 
 static Blocks blocks_of(const Workspace *work) {
-    const int64_t W = work->W;
+    const int64_t F = work->F;
     double *at = work->blocks;
     return (Blocks){at,
-                    at + W * W,
-                    at + 2 * W * W,
-                    at + 3 * W * W,
-                    at + 4 * W * W,
-                    at + 5 * W * W,
-                    at + 5 * W * W + W,
-                    at + 5 * W * W + 2 * W};
+                    at + F * F,
+                    at + 2 * F * F,
+                    at + 3 * F * F,
+                    at + 4 * F * F,
+                    at + 5 * F * F,
+                    at + 5 * F * F + F,
+                    at + 5 * F * F + 2 * F};
 }
 
-/* Fill one step's derivatives, precisions, and rows [border | defect]. */
-static void fill_step(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, double model_error,
-                      Blocks own) {
-    const int64_t D = work->D, columns = work->p + 1;
-    step_jacobians(work, mesh, i, own.start, own.end, own.rows, columns);
+/* Fill one step's derivatives, precisions, and rows [drift | border | defect]; its segment began at that time. */
+static void fill_step(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, double begun,
+                      double model_error, Blocks own) {
+    const int64_t D = work->D, last = work->q + work->p, columns = last + 1;
+    step_jacobians(work, mesh, i, own.start, own.end, own.rows + work->q, columns);
+    if (work->q) drift_columns(work->model, mesh, i, begun, own.start, own.end, own.rows, columns);
     for (int64_t a = 0; a < D; ++a) {
         const double allowed = model_error * work->model->unit[a];
         own.precision[a] = 1 / (allowed * allowed) / walk(work, mesh, i, a);
-        own.rows[a * columns + work->p] = defect(work, mesh, states, i, a);
+        own.rows[a * columns + last] = defect(work, mesh, states, i, a);
     }
-    for (int64_t l = 0; l < work->w; ++l) {
+    for (int64_t l = 0; l < work->F - D; ++l) {
         own.precision[D + l] = 1;
-        own.rows[(D + l) * columns + work->p] = latent_defect(work, mesh, states, i, l);
+        own.rows[(D + l) * columns + last] = latent_defect(work, mesh, states, i, l);
     }
 }
 
 /* Add the rows of defects, in units of their errors, and take those after elimination, when enough came together. */
 static void add_rows(Workspace *work, const Blocks *own, int64_t *waiting, const double *border, int64_t point,
                      int64_t *taken, bool now) {
-    const int64_t columns = work->p + 1, W = work->W;
+    const int64_t last = work->q + work->p, columns = last + 1, F = work->F;
+    double *sums = work->q ? work->of_segment : work->of_mesh;
     if (own != NULL)
         for (int64_t a = 0; a < work->D; ++a, ++*waiting) {
             const double scale = sqrt(own->precision[a]);
@@ -170,29 +172,56 @@ static void add_rows(Workspace *work, const Blocks *own, int64_t *waiting, const
                 work->rows[*waiting * columns + r] = scale * own->rows[a * columns + r];
         }
     if (!now && *waiting < TOGETHER) return;
-    add_products(work->of_mesh, work->p, work->rows, *waiting, 1);
-    add_products(work->of_mesh, work->p, border + *taken * W * columns, (point + 1 - *taken) * W, -1);
+    add_products(sums, last, work->rows, *waiting, 1);
+    add_products(sums, last, border + *taken * F * columns, (point + 1 - *taken) * F, -1);
     *waiting = 0;
     *taken = point + 1;
 }
 
+/* Eliminate the drift of a segment, given the latent processes at its first point, and add the rest to that of the mesh;
+   `kept` are the rows of the drift. False if the matrix is not positive. */
+static bool eliminate_drift(Workspace *work, const double *latent, double *kept) {
+    const int64_t q = work->q, p = work->p, last = q + p, columns = last + 1;
+    double *sums = work->of_segment;
+    for (int64_t k = 0; k < q; ++k) {
+        sums[k * columns + k] += 1;
+        sums[last * columns + k] += latent[k] / work->model->latent_std[k];
+    }
+    for (int64_t k = 0; k < q; ++k) {
+        const double pivot = sums[k * columns + k];
+        if (!(pivot > 0 && pivot < INFINITY)) return false;
+        for (int64_t r = k; r <= last; ++r) kept[k * columns + r] = sums[r * columns + k];
+        for (int64_t r = k + 1; r <= last; ++r)
+            for (int64_t b = k + 1; b <= r && b < last; ++b)
+                sums[r * columns + b] -= sums[r * columns + k] / pivot * sums[b * columns + k];
+    }
+    for (int64_t r = q; r <= last; ++r)
+        for (int64_t b = q; b <= r && b < last; ++b)
+            work->of_mesh[(r - q) * (p + 1) + b - q] += sums[r * columns + b];
+    memset(sums, 0, sizeof(double) * (size_t)(columns * columns));
+    return true;
+}
+
 INLINED bool eliminate_wide(Workspace *work, const Mesh *mesh, const double *states, double model_error, double lift,
                             int64_t first, const int64_t W) {
-    const int64_t n = mesh->points, columns = work->p + 1;
+    const int64_t n = mesh->points, q = work->q, p = work->p, columns = q + p + 1;
     const size_t wide = sizeof(double) * (size_t)(W * columns), square = sizeof(double) * (size_t)(W * W);
     Blocks own = blocks_of(work);
     double *right = work->right, *next = work->next, *border = work->border + first * W * columns;
-    int64_t waiting = 0, taken = 0;
+    int64_t waiting = 0, taken = 0, begins = 0;
+    double begun = 0;
     memset(work->blocks, 0, 5 * square);
     memset(own.rows, 0, wide);
     memset(right, 0, wide);
-    memset(work->of_mesh, 0, sizeof(double) * (size_t)(columns * columns));
+    memset(work->of_mesh, 0, sizeof(double) * (size_t)((p + 1) * (p + 1)));
+    memset(work->of_segment, 0, sizeof(double) * (size_t)(q ? columns * columns : 0));
     for (int64_t i = 0; i < n; ++i) {
         double *factor = work->factor + (first + i) * W * W, *beside = work->beside + (first + i) * W * W;
         const bool step = i + 1 < n && mesh->contiguous[i];
-        observe(work, mesh, states + i * W, i, own.block, right + work->p, columns);
+        begun = segment_start(mesh, i, begun);
+        observe(work, mesh, states + i * work->W, i, own.block, right + q + p, columns);
         if (step) {
-            fill_step(work, mesh, states, i, model_error, own);
+            fill_step(work, mesh, states, i, begun, model_error, own);
             add_step(own.start, own.end, own.precision, own.rows, own.block, beside, own.following, right, next,
                      columns, W);
         }
@@ -212,7 +241,11 @@ INLINED bool eliminate_wide(Workspace *work, const Mesh *mesh, const double *sta
             memset(own.taken, 0, square);
             memset(right, 0, wide);
         }
-        add_rows(work, step ? &own : NULL, &waiting, border, i, &taken, i + 1 == n);
+        add_rows(work, step ? &own : NULL, &waiting, border, i, &taken, i + 1 == n || (q && !step));
+        if (!q || step) continue;
+        const double *latent = states + begins * work->W + work->D;
+        if (!eliminate_drift(work, latent, work->drift + (first + i) * q * columns)) return false;
+        begins = i + 1;
     }
     return true;
 }
@@ -228,34 +261,68 @@ static bool finite(const double *values, int64_t count) {
 bool eliminate(Workspace *work, const Mesh *mesh, const double *states, double model_error, double lift,
                int64_t first) {
     bool done;
-    switch (work->W) {
+    switch (work->F) {
     case 1: done = eliminate_wide(work, mesh, states, model_error, lift, first, 1); break;
     case 2: done = eliminate_wide(work, mesh, states, model_error, lift, first, 2); break;
     case 3: done = eliminate_wide(work, mesh, states, model_error, lift, first, 3); break;
     case 4: done = eliminate_wide(work, mesh, states, model_error, lift, first, 4); break;
-    default: done = eliminate_wide(work, mesh, states, model_error, lift, first, work->W); break;
+    default: done = eliminate_wide(work, mesh, states, model_error, lift, first, work->F); break;
     }
-    const int64_t columns = work->p + 1;
-    if (!done || !finite(work->of_mesh, columns * columns)) return false;
-    return finite(work->border + first * work->W * columns, mesh->points * work->W * columns);
+    const int64_t wide = work->p + 1, columns = work->q + wide;
+    if (!done || !finite(work->of_mesh, wide * wide)) return false;
+    return finite(work->border + first * work->F * columns, mesh->points * work->F * columns);
+}
+
+/* Fill how the drift of a segment moves, in units of its standard deviations, when the coefficients move by `own`. */
+static void follow_drift(const Workspace *work, const double *kept, const double *own, double *moved) {
+    const int64_t q = work->q, p = work->p, columns = q + p + 1;
+    for (int64_t k = q - 1; k >= 0; --k) {
+        const double *row = kept + k * columns;
+        double t = -row[q + p];
+        for (int64_t r = 0; r < p; ++r) t -= row[q + r] * own[r];
+        for (int64_t l = k + 1; l < q; ++l) t -= row[l] * moved[l];
+        moved[k] = t / row[k];
+    }
+}
+
+/* Turn how solutions plus drift move into how solutions and latent processes move. */
+static void part_drift(const Workspace *work, const Mesh *mesh, double *direction) {
+    const Model *model = work->model;
+    const int64_t d = work->d, D = work->D, W = work->W;
+    double begun = 0;
+    for (int64_t i = 0; i < mesh->points; ++i) {
+        begun = segment_start(mesh, i, begun);
+        double *state = direction + i * W, *latent = state + D;
+        for (int64_t j = 0; j < d; ++j) {
+            latent[d + j] *= model->latent_std[d + j];
+            latent[j] = latent[j] * model->latent_std[j] + (mesh->times[i] - begun) * latent[d + j];
+            state[j] -= latent[j];
+        }
+        for (int64_t a = d; a < D; ++a) state[a] -= latent[d + model->second[a - d]];
+    }
 }
 
 /* Fill how the states of a mesh move when the coefficients move by `own`. */
-void follow(const Workspace *work, int64_t points, int64_t first, const double *own, double *direction) {
-    const int64_t W = work->W, columns = work->p + 1;
-    for (int64_t i = points - 1; i >= 0; --i) {
-        const double *factor = work->factor + (first + i) * W * W, *beside = work->beside + (first + i) * W * W;
-        double *step = direction + i * W;
-        for (int64_t a = 0; a < W; ++a) {
-            const double *border = work->border + ((first + i) * W + a) * columns;
-            double t = -border[work->p];
-            for (int64_t r = 0; r < work->p; ++r) t -= border[r] * own[r];
-            for (int64_t b = 0; i + 1 < points && b < W; ++b) t -= beside[a * W + b] * step[W + b];
-            step[a] = t;
+void follow(const Workspace *work, const Mesh *mesh, int64_t first, const double *own, double *direction) {
+    const int64_t W = work->W, F = work->F, D = work->D, q = work->q, p = work->p, columns = q + p + 1;
+    for (int64_t i = mesh->points - 1; i >= 0; --i) {
+        const double *factor = work->factor + (first + i) * F * F, *beside = work->beside + (first + i) * F * F;
+        const bool step = i + 1 < mesh->points && mesh->contiguous[i];
+        double *moved = direction + i * W;
+        if (q && step) memcpy(moved + D, moved + W + D, sizeof(double) * (size_t)q);
+        if (q && !step) follow_drift(work, work->drift + (first + i) * q * columns, own, moved + D);
+        for (int64_t a = 0; a < F; ++a) {
+            const double *border = work->border + ((first + i) * F + a) * columns;
+            double t = -border[q + p];
+            for (int64_t k = 0; k < q; ++k) t -= border[k] * moved[D + k];
+            for (int64_t r = 0; r < p; ++r) t -= border[q + r] * own[r];
+            for (int64_t b = 0; step && b < F; ++b) t -= beside[a * F + b] * moved[W + b];
+            moved[a] = t;
         }
-        for (int64_t a = W - 1; a >= 0; --a) {
-            for (int64_t c = a + 1; c < W; ++c) step[a] -= factor[c * W + a] * step[c];
-            step[a] /= factor[a * W + a];
+        for (int64_t a = F - 1; a >= 0; --a) {
+            for (int64_t c = a + 1; c < F; ++c) moved[a] -= factor[c * F + a] * moved[c];
+            moved[a] /= factor[a * F + a];
         }
     }
+    if (q) part_drift(work, mesh, direction);
 }

@@ -30,7 +30,7 @@ static double deviance_at(const Model *model, const Mesh *mesh, int64_t i, const
     double total = 0;
     for (int64_t j = 0; j < model->equations; ++j) {
         double residual = mesh->measured[i * model->equations + j] - states[j];
-        if (model->correlated) residual -= states[model->equations + model->rates + j];
+        if (model->correlated || model->drift) residual -= states[model->equations + model->rates + j];
         const double size = fabs(residual / mesh->std[i * model->equations + j]), bound = model->huber_threshold;
         if (isnan(size)) continue;
         const double beyond = model->rejects ? bound * bound : 2 * bound * size - bound * bound;
@@ -45,7 +45,7 @@ static double missed_at(const Workspace *work, const Mesh *mesh, int64_t i, cons
         const double missed = defect(work, mesh, states, i, a), allowed = model_error * work->model->unit[a];
         total += missed * missed / (allowed * allowed) / walk(work, mesh, i, a);
     }
-    for (int64_t l = 0; l < work->w; ++l) {
+    for (int64_t l = 0; l < work->F - work->D; ++l) {
         const double missed = latent_defect(work, mesh, states, i, l);
         total += missed * missed;
     }
@@ -153,7 +153,7 @@ static bool step(Fit *fit, Fitness *reached, double model_error, double shortest
     const int64_t size = fit->points * work->W, terms = work->model->program.terms;
     if (!eliminate_all(fit, model_error) || !solve(fit)) return false;
     for (int64_t m = 0, first = 0; m < fit->count; first += fit->meshes[m++].points)
-        follow(work, fit->meshes[m].points, first, fit->own, fit->direction + first * work->W);
+        follow(work, &fit->meshes[m], first, fit->own, fit->direction + first * work->W);
     for (double fraction = 1; fraction > shortest; fraction *= SHORTER) {
         for (int64_t k = 0; k < size; ++k) fit->moved[k] = fit->states[k] + fraction * fit->direction[k];
         memcpy(fit->changed, fit->coefficients, sizeof(double) * (size_t)(work->d * terms));

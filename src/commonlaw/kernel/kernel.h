@@ -1,7 +1,9 @@
 /* The compiled fit of one object: what fitting.py and linearization.py do, for terms that are programs.
 
    Arrays are in C order. Sizes: d equations, D states (d, and the rates of some), w latent processes, W = D + w, n points of
-   a mesh, K terms, p parameters (the free coefficients), c constants inside of terms, S = D + c. Structures are those of Python, field by field. */
+   a mesh, K terms, p parameters (the free coefficients), c constants inside of terms, S = D + c, q numbers of the drift
+   of a segment (2 d, or none), F what is eliminated point by point (D with a drift, else W). Structures are those of
+   Python, field by field. */
 #ifndef COMMONLAW_KERNEL_H
 #define COMMONLAW_KERNEL_H
 
@@ -42,6 +44,7 @@ typedef struct {
 /* What is the same for all meshes of an object. */
 typedef struct {
     int64_t equations, rates, inputs, latent, held, correlated;
+    int64_t drift;              /* whether latent processes are those of a drift, d errors and d slopes */
     int64_t rejects;            /* whether outliers have no weight */
     int64_t force;              /* the first latent process that is a force; negative without any */
     int64_t inside;             /* constants inside of terms, the last variables */
@@ -111,7 +114,7 @@ typedef struct {
 
 typedef struct {
     const Model *model;
-    int64_t d, D, w, W, p, c, S;
+    int64_t d, D, w, W, p, c, S, q, F;
     int64_t *equation, *column; /* p: of each parameter, the column among the kept terms */
     int64_t *constant;          /* K: which constant a term is the value of, negative for those that are factors */
     Plan kept, other;
@@ -121,9 +124,11 @@ typedef struct {
     double *registers, *slopes, *lanes;
     double *middle_states;
     Values at[3];
-    double *factor, *beside, *border;          /* of all points: W x W, W x W, W x (p + 1) */
+    double *factor, *beside, *border;          /* of all points: F x F, F x F, F x (q + p + 1) */
+    double *drift;                             /* q x (q + p + 1), of all segments at their last points */
     double *information;                       /* (p + 1) x (p + 1): the last row is the gradient */
     double *of_mesh;                           /* the same of one mesh */
+    double *of_segment;                        /* the same of one segment with its drift, (q + p + 1) x (q + p + 1) */
     double *rows, *blocks, *right, *next;      /* what elimination.c works on */
 } Workspace;
 
@@ -144,13 +149,16 @@ void collocate(Workspace *work, const Mesh *mesh, const double *states, const do
 double defect(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, int64_t a);
 double latent_defect(const Workspace *work, const Mesh *mesh, const double *states, int64_t i, int64_t l);
 double walk(const Workspace *work, const Mesh *mesh, int64_t i, int64_t a);
+double segment_start(const Mesh *mesh, int64_t i, double before);
+void drift_columns(const Model *model, const Mesh *mesh, int64_t i, double begun, const double *start,
+                   const double *end, double *out, int64_t stride);
 void step_jacobians(const Workspace *work, const Mesh *mesh, int64_t i, double *start, double *end, double *border,
                     int64_t stride);
 
 /* elimination.c */
 bool eliminate(Workspace *work, const Mesh *mesh, const double *states, double model_error, double lift,
                int64_t first);
-void follow(const Workspace *work, int64_t points, int64_t first, const double *own, double *direction);
+void follow(const Workspace *work, const Mesh *mesh, int64_t first, const double *own, double *direction);
 
 /* orthogonalization.c */
 void orthogonalize(double *rows, int64_t count, int64_t columns, int64_t stride, double *triangle);

@@ -12,17 +12,17 @@ EXPORTED int commonlaw_jacobians(const Model *model, const Mesh *mesh, const uin
     Workspace work;
     void *memory = NULL;
     if (!open_workspace(&work, model, free_ones, coefficients, mesh->points, 1, &memory)) return NO_MEMORY;
-    const int64_t W = work.W, D = work.D, p = work.p, steps = mesh->points - 1;
+    const int64_t F = work.F, D = work.D, p = work.p, steps = mesh->points - 1;
     collocate(&work, mesh, states, coefficients, true);
-    memset(defects, 0, sizeof(double) * (size_t)(steps * W));
-    memset(start, 0, sizeof(double) * (size_t)(steps * W * W));
-    memset(end, 0, sizeof(double) * (size_t)(steps * W * W));
-    memset(border, 0, sizeof(double) * (size_t)(steps * W * p));
+    memset(defects, 0, sizeof(double) * (size_t)(steps * F));
+    memset(start, 0, sizeof(double) * (size_t)(steps * F * F));
+    memset(end, 0, sizeof(double) * (size_t)(steps * F * F));
+    memset(border, 0, sizeof(double) * (size_t)(steps * F * p));
     for (int64_t i = 0; i < steps; ++i) {
         if (!mesh->contiguous[i]) continue;
-        step_jacobians(&work, mesh, i, start + i * W * W, end + i * W * W, border + i * W * p, p);
-        for (int64_t a = 0; a < D; ++a) defects[i * W + a] = defect(&work, mesh, states, i, a);
-        for (int64_t l = 0; l < work.w; ++l) defects[i * W + D + l] = latent_defect(&work, mesh, states, i, l);
+        step_jacobians(&work, mesh, i, start + i * F * F, end + i * F * F, border + i * F * p, p);
+        for (int64_t a = 0; a < D; ++a) defects[i * F + a] = defect(&work, mesh, states, i, a);
+        for (int64_t l = 0; l < F - D; ++l) defects[i * F + D + l] = latent_defect(&work, mesh, states, i, l);
     }
     free(memory);
     return DONE;
@@ -65,11 +65,11 @@ static void fill_vague(const Model *model, const Mesh *mesh, Vagueness beyond, V
     for (int64_t a = 0; a < W; ++a) vague.logs[a] = log(vague.variances[a]);
 }
 
-/* Fill what is known of one point: the covariance of its states and latent processes, W x W, and their centre less the
-   estimate. Returns the sum of the logarithms of variances of what was not measured, or at first points of ratios. */
+/* Fill what is known of one point: the covariance of its states and latent processes, F x F, and their centre less the
+   estimate; with a drift these are of solutions plus drift, less estimated solutions. Returns the sum of the logarithms of variances of what was not measured, or at first points of ratios. */
 static double measured_at(const Model *model, const Mesh *mesh, Vague vague, int64_t i, const double *states,
                           double *covariance, double *offset) {
-    const int64_t d = model->equations, D = d + model->rates, w = model->latent, W = D + w;
+    const int64_t d = model->equations, D = d + model->rates, w = model->latent, W = model->drift ? D : D + w;
     const double *logs = i > 0 && mesh->contiguous[i - 1] ? vague.logs : vague.ratios;
     double unmeasured = 0;
     memset(covariance, 0, sizeof(double) * (size_t)(W * W));
@@ -77,11 +77,13 @@ static double measured_at(const Model *model, const Mesh *mesh, Vague vague, int
         const bool begun = a >= D && mesh->anchors[i * w + a - D] > 0;
         covariance[a * W + a] = begun ? model->latent_std[a - D] * model->latent_std[a - D] : vague.variances[a];
         offset[a] = a >= D ? -states[a] : 0;
+        if (model->drift) offset[a] = states[D + (a < d ? a : d + model->second[a - d])];
     }
     for (int64_t a = d; a < W; ++a) unmeasured += logs[a];
     for (int64_t j = 0; j < d; ++j) {
         const double std = mesh->std[i * d + j], difference = mesh->measured[i * d + j] - states[j];
-        const double size = fabs((model->correlated ? difference - states[D + j] : difference) / std);
+        const bool shifted = model->correlated || model->drift;
+        const double size = fabs((shifted ? difference - states[D + j] : difference) / std);
         const double weight = isnan(size) ? 0 : relative_weight(model, size) / (std * std);
         if (isfinite(mesh->measured[i * d + j])) offset[j] = difference;
         if (!(weight > 0)) {
@@ -163,7 +165,7 @@ typedef struct {
 /* Fill the covariance of one step's defects and that with the step before; the first is not linked to any. */
 static void covariance_of(const Workspace *work, const Mesh *mesh, int64_t i, const double *start, const double *end,
                           double model_error, Parts own) {
-    const int64_t W = work->W, D = work->D;
+    const int64_t W = work->F, D = work->D;
     times(start, own.before, own.by_start, W);
     memset(own.beside, 0, sizeof(double) * (size_t)(W * W));
     if (i > 0) add_times_transposed(own.by_start, end - W * W, own.beside, 1, W);
@@ -194,14 +196,42 @@ static void take_before(const double *factor, Parts own, const double *rows_befo
                 rows[a * columns + r] -= link[a * W + c] * rows_before[c * columns + r];
 }
 
+/* Eliminate the drift of each segment from rows [drift | any columns | target] of unit covariance, F of each step, by
+   rotations: what is left are innovations. `triangle` is q x columns. Returns the logarithm of the determinant of the
+   covariance by the drift. */
+static double without_drift(const Mesh *mesh, int64_t q, int64_t F, int64_t columns, double *rows, double *triangle) {
+    double total = 0;
+    for (int64_t i = 0; i + 1 < mesh->points; ++i) {
+        if (i == 0 || !mesh->contiguous[i - 1]) {
+            memset(triangle, 0, sizeof(double) * (size_t)(q * columns));
+            for (int64_t k = 0; k < q; ++k) triangle[k * columns + k] = 1;
+        }
+        for (int64_t a = 0; a < F; ++a, rows += columns)
+            for (int64_t k = 0; k < q; ++k) {
+                double *restrict kept = triangle + k * columns;
+                const double size = hypot(kept[k], rows[k]), c = kept[k] / size, s = rows[k] / size;
+                for (int64_t r = k; r < columns; ++r) {
+                    const double before = kept[r];
+                    kept[r] = c * before + s * rows[r];
+                    rows[r] = c * rows[r] - s * before;
+                }
+            }
+        if (i + 2 == mesh->points || !mesh->contiguous[i + 1])
+            for (int64_t k = 0; k < q; ++k) total += 2 * log(triangle[k * columns + k]);
+    }
+    return total;
+}
+
 static bool whiten(const Workspace *work, const Mesh *mesh, Vague vague, const double *states, double model_error,
                    const double *start, const double *end, double *rows, int64_t columns, Parts own, double *factor,
                    double *result) {
-    const int64_t W = work->W;
-    double total = 0, turned = 0;
+    const int64_t W = work->F, stride = work->W;
+    double total = 0, turned = 0, begun = 0;
     double unmeasured = measured_at(work->model, mesh, vague, 0, states, own.before, own.offset);
     for (int64_t i = 0; i + 1 < mesh->points; ++i, start += W * W, end += W * W, rows += W * columns) {
-        unmeasured += measured_at(work->model, mesh, vague, i + 1, states + (i + 1) * W, own.after, own.next);
+        unmeasured += measured_at(work->model, mesh, vague, i + 1, states + (i + 1) * stride, own.after, own.next);
+        begun = segment_start(mesh, i, begun);
+        if (work->q) drift_columns(work->model, mesh, i, begun, start, end, rows, columns);
         for (int64_t a = 0; a < W; ++a)
             for (int64_t b = 0; b < W; ++b)
                 rows[a * columns + columns - 1] -= start[a * W + b] * own.offset[b] + end[a * W + b] * own.next[b];
@@ -224,14 +254,16 @@ static bool whiten(const Workspace *work, const Mesh *mesh, Vague vague, const d
     return true;
 }
 
-/* Free rows [any columns | target], (n - 1) W of them, of the covariance of defects about an estimate, in place; the
-   target is that about the estimate, and moved to the centre of the measurements. `result` is the log-determinant. */
+/* Free rows [any columns | target], (n - 1) F of them, of the covariance of defects about an estimate, in place; the
+   target is that about the estimate, and moved to the centre of the measurements. `result` is the log-determinant. With
+   a drift the first q columns are its own: they are filled and eliminated. */
 EXPORTED int commonlaw_whiten(const Model *model, const Mesh *mesh, const double *states, double model_error,
                               Vagueness beyond, const double *start, const double *end, double *rows, int64_t columns,
                               double *result) {
     Workspace work = {.model = model, .d = model->equations, .D = model->equations + model->rates, .w = model->latent};
-    const int64_t W = work.W = work.D + work.w;
-    double *memory = malloc(sizeof(double) * (size_t)(7 * W * W + 5 * W));
+    const int64_t W = work.W = work.D + work.w, q = work.q = model->drift ? work.w : 0;
+    work.F = W - q;
+    double *memory = malloc(sizeof(double) * (size_t)(7 * W * W + 5 * W + q * columns));
     if (!memory) return NO_MEMORY;
     double *vectors = memory + 7 * W * W;
     const Vague vague = {vectors + 2 * W, vectors + 3 * W, vectors + 4 * W};
@@ -246,16 +278,17 @@ EXPORTED int commonlaw_whiten(const Model *model, const Mesh *mesh, const double
     fill_vague(model, mesh, beyond, vague);
     const bool done =
         whiten(&work, mesh, vague, states, model_error, start, end, rows, columns, own, memory + 6 * W * W, result);
+    if (done && q) *result += without_drift(mesh, q, work.F, columns, rows, vectors + 5 * W);
     free(memory);
     return done ? DONE : NOT_POSITIVE;
 }
 
 /* Fill rows with the columns of the free coefficients and the target about the estimate; false if not finite. */
 static bool fill_rows(const double *border, const double *defects, const double *own, int64_t count, int64_t p,
-                      double *rows) {
+                      double *rows, int64_t stride) {
     double total = 0;
     for (int64_t i = 0; i < count; ++i) {
-        double target = -defects[i], *row = rows + i * (p + 1);
+        double target = -defects[i], *row = rows + i * stride;
         for (int64_t r = 0; r < p; ++r) {
             row[r] = border[i * p + r];
             target += row[r] * own[r];
@@ -280,13 +313,13 @@ static void join_factors(const double *basis, const double *white, int64_t p, do
 }
 
 /* Multiply the columns of each row with a power of 1 or -1 of the unit of its state. */
-static void times_units(const Model *model, double power, int64_t count, int64_t p, double *rows) {
-    const int64_t D = model->equations + model->rates, W = D + model->latent;
+static void times_units(const Model *model, double power, int64_t count, int64_t p, double *rows, int64_t stride) {
+    const int64_t D = model->equations + model->rates, W = model->drift ? D : D + model->latent;
     for (int64_t i = 0; i < count; ++i) {
         const int64_t a = i % W;
         if (a >= D) continue;
         const double unit = model->unit[a] > 0 ? model->unit[a] : 1;
-        double *row = rows + i * (p + 1);
+        double *row = rows + i * stride;
         for (int64_t r = 0; r < p; ++r) row[r] = power > 0 ? row[r] * unit : row[r] / unit;
     }
 }
@@ -295,28 +328,29 @@ static void times_units(const Model *model, double power, int64_t count, int64_t
 static int linearize(const Model *model, const Mesh *mesh, const uint8_t *free_ones, const double *states,
                      const double *coefficients, double model_error, Vagueness beyond, int64_t p, double *factor,
                      double *result) {
-    const int64_t W = model->equations + model->rates + model->latent, steps = mesh->points - 1, count = steps * W;
+    const int64_t q = model->drift ? model->latent : 0, W = model->equations + model->rates + model->latent - q;
+    const int64_t steps = mesh->points - 1, count = steps * W, columns = q + p + 1;
     const int64_t all = model->equations * model->program.terms;
-    const int64_t size = count + 2 * count * W + count * p + count * (p + 1) + p * p + (p + 1) * (p + 1) + p;
+    const int64_t size = count + 2 * count * W + count * p + count * columns + p * p + (p + 1) * (p + 1) + p;
     double *defects = malloc(sizeof(double) * (size_t)(size + 1));
     if (!defects) return NO_MEMORY;
     double *start = defects + count, *end = start + count * W, *border = end + count * W, *rows = border + count * p;
-    double *basis = rows + count * (p + 1), *white = basis + p * p, *own = white + (p + 1) * (p + 1);
+    double *basis = rows + count * columns, *white = basis + p * p, *own = white + (p + 1) * (p + 1);
     for (int64_t k = 0, r = 0; k < all; ++k)
         if (free_ones[k]) own[r++] = coefficients[k];
     int failed = commonlaw_jacobians(model, mesh, free_ones, states, coefficients, defects, start, end, border);
-    if (!failed && !fill_rows(border, defects, own, count, p, rows)) failed = NOT_POSITIVE;
+    if (!failed && !fill_rows(border, defects, own, count, p, rows + q, columns)) failed = NOT_POSITIVE;
     if (!failed) {
         /* Far from the origin terms are nearly alike: rounding in what follows would spoil what they differ in */
-        times_units(model, -1, count, p, rows);
-        orthogonalize(rows, count, p, p + 1, basis);
-        times_units(model, 1, count, p, rows);
-        failed = commonlaw_whiten(model, mesh, states, model_error, beyond, start, end, rows, p + 1, result);
+        times_units(model, -1, count, p, rows + q, columns);
+        orthogonalize(rows + q, count, p, columns, basis);
+        times_units(model, 1, count, p, rows + q, columns);
+        failed = commonlaw_whiten(model, mesh, states, model_error, beyond, start, end, rows, columns, result);
     }
     if (!failed) {
         for (int64_t i = 0; i < steps; ++i)
-            if (!mesh->contiguous[i]) memset(rows + i * W * (p + 1), 0, sizeof(double) * (size_t)(W * (p + 1)));
-        orthogonalize(rows, count, p + 1, p + 1, white);
+            if (!mesh->contiguous[i]) memset(rows + i * W * columns, 0, sizeof(double) * (size_t)(W * columns));
+        orthogonalize(rows + q, count, p + 1, columns, white);
         join_factors(basis, white, p, factor);
     }
     free(defects);

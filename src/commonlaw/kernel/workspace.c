@@ -28,7 +28,8 @@ static void lay_out_plan(Plan *plan, Arena *arena, const Program *program) {
 
 static void lay_out(Workspace *work, Arena *arena, int64_t terms, int64_t longest, int64_t points) {
     const Program *program = &work->model->program;
-    const int64_t d = work->d, D = work->D, W = work->W, c = work->c, S = work->S, columns = work->p + 1;
+    const int64_t d = work->d, D = work->D, c = work->c, S = work->S;
+    const int64_t F = work->F, columns = work->q + work->p + 1, wide = work->p + 1;
     const int64_t registers = program->variables + program->constants + program->operations;
     work->equation = part(arena, work->p, sizeof(int64_t));
     work->column = part(arena, work->p, sizeof(int64_t));
@@ -47,15 +48,17 @@ static void lay_out(Workspace *work, Arena *arena, int64_t terms, int64_t longes
         work->at[each].share = numbers(arena, longest * d);
         work->at[each].by_inside = numbers(arena, longest * d * c);
     }
-    work->factor = numbers(arena, points * W * W);
-    work->beside = numbers(arena, points * W * W);
-    work->border = numbers(arena, points * W * columns);
-    work->information = numbers(arena, columns * columns);
-    work->of_mesh = numbers(arena, columns * columns);
+    work->factor = numbers(arena, points * F * F);
+    work->beside = numbers(arena, points * F * F);
+    work->border = numbers(arena, points * F * columns);
+    work->drift = numbers(arena, points * work->q * columns);
+    work->information = numbers(arena, wide * wide);
+    work->of_mesh = numbers(arena, wide * wide);
+    work->of_segment = numbers(arena, work->q ? columns * columns : 0);
     work->rows = numbers(arena, (TOGETHER + D) * columns);
-    work->blocks = numbers(arena, 5 * W * W + 2 * W + W * columns);
-    work->right = numbers(arena, W * columns);
-    work->next = numbers(arena, W * columns);
+    work->blocks = numbers(arena, 5 * F * F + 2 * F + F * columns);
+    work->right = numbers(arena, F * columns);
+    work->next = numbers(arena, F * columns);
 }
 
 /* Set what never changes: numbers, the slopes of the variables, and on which of these each register depends. */
@@ -93,6 +96,8 @@ bool open_workspace(Workspace *work, const Model *model, const uint8_t *free_one
     work->D = d + model->rates;
     work->w = model->latent;
     work->W = work->D + work->w;
+    work->q = model->drift ? work->w : 0;
+    work->F = work->W - work->q;
     work->c = model->inside;
     work->S = work->D + work->c;
     for (int64_t k = 0; k < d * terms; ++k) work->p += free_ones[k] != 0;

@@ -34,7 +34,7 @@ class Jacobians:
 
 def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Floats:
     """Return the defects of all steps, followed by those of latent processes, shape (n - 1, D + w)."""
-    z, hidden = np.split(states, [field.width], axis=1)
+    z, hidden = _split(field, states, latent)
     forces = _forces(field, hidden, latent)
     derivatives = field.derivatives(np.column_stack([z, mesh.inputs, mesh.times])) + forces
     first, last = derivatives[:-1], derivatives[1:]
@@ -47,7 +47,7 @@ def defects(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps 
 
 def jacobians(field: VectorField, mesh: Mesh, states: Floats, latent: LatentSteps | None = None) -> Jacobians:
     """Return the defects of all steps and their derivatives with respect to states and the field's parameters."""
-    z, hidden = np.split(states, [field.width], axis=1)
+    z, hidden = _split(field, states, latent)
     forces = _forces(field, hidden, latent)
     at_points = field.linearize(np.column_stack([z, mesh.inputs, mesh.times]))
     first = LinearizedField(*(block[:-1] for block in at_points))
@@ -67,6 +67,12 @@ def jacobians(field: VectorField, mesh: Mesh, states: Floats, latent: LatentStep
     shares = np.eye(field.width)[:, field.highest]
     by_forces = -h / 6 * (3 * shares + np.array([[[[1.0]]], [[[-1.0]]]]) * h / 2 * np.matmul(mid_by_states, shares))
     return _with_latent(law, hidden, latent, by_forces * on)
+
+
+def _split(field: VectorField, states: Floats, latent: LatentSteps | None) -> tuple[Floats, Floats]:
+    """Return states, and the latent processes with increments."""
+    z, hidden = np.split(states, [field.width], axis=1)
+    return z, hidden if latent is None else hidden[:, : latent.start.shape[1]]
 
 
 def _with_latent(law: Jacobians, hidden: Floats, latent: LatentSteps, by_forces: Floats) -> Jacobians:

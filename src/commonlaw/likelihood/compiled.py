@@ -70,6 +70,7 @@ def packed(model: TrajectoryModel) -> Packed | None:
         model.latent.width,
         any(mesh.held for mesh in model.meshes),
         model.latent.correlated is not None,
+        model.latent.drift is not None,
         model.observation.rejects,
         -1 if latent is None or latent.force is None else latent.force,
         len(inside),
@@ -145,7 +146,7 @@ def linearize_each(
     parts = zip(models, np.split(factors, cuts), np.split(log_determinants, cuts), strict=True)
     linearizations = []
     for model, triangle, logs in parts:
-        rows = [np.count_nonzero(mesh.contiguous) * (model.width + model.latent.width) for mesh in model.meshes]
+        rows = [np.count_nonzero(mesh.contiguous) * (model.width + model.latent.chained) for mesh in model.meshes]
         pairs = zip(triangle, rows, strict=True)
         problem = merge(LeastSquaresProblem(np.asfortranarray(r), columns - 1, int(count)) for r, count in pairs)
         linearizations.append(Linearization(problem, float(logs.sum())))
@@ -180,7 +181,7 @@ def triangles(
 
 def in_one_call(model: TrajectoryModel, columns: int) -> bool:
     """Return whether the kernel computes and compresses rows of so many columns: in cache, and of full rank."""
-    sizes = [(len(mesh) - 1) * (model.width + model.latent.width) for mesh in model.meshes]
+    sizes = [(len(mesh) - 1) * (model.width + model.latent.chained) for mesh in model.meshes]
     return max(sizes) * columns <= _MAX_ROW_NUMBERS and min(sizes) > columns
 
 
@@ -213,7 +214,7 @@ def jacobians(
     library: ctypes.CDLL, model: TrajectoryModel, packed: Packed, index: int, estimate: Estimate, free: Bools
 ) -> Jacobians:
     """Return the Jacobians of one mesh as `collocation.jacobians` does, up to rounding; zero between segments."""
-    steps, width = len(model.meshes[index]) - 1, model.width + model.latent.width
+    steps, width = len(model.meshes[index]) - 1, model.width + model.latent.chained
     states, coefficients = contiguous(estimate.states[index]), contiguous(estimate.coefficients)
     free = np.ascontiguousarray(free, dtype=np.bool_)
     shapes = (steps, width), (steps, width, width), (steps, width, width), (steps, width, int(free.sum()))
@@ -241,13 +242,15 @@ def _whitened(
         raise NotPositiveError
     # Orthogonal columns keep their digits where terms are nearly collinear, far from the origin
     basis, triangle = orthogonalized(columns, free, model)
-    rows = np.column_stack([basis, target])
+    of_drift = model.latent.width - model.latent.chained  # Columns of the drift, which the kernel fills
+    rows = np.column_stack([np.zeros((len(target), of_drift)), basis, target])
     states, result = contiguous(estimate.states[index]), np.empty(1)
     code = library.commonlaw_whiten(
         *(packed.model, packed.meshes[index], address(states), model_error, _VAGUENESS),
         *(address(linear.start), address(linear.end), address(rows), rows.shape[1], address(result)),
     )
     _check(code)
+    rows = rows[:, of_drift:]
     if not mesh.contiguous.all():
         rows = rows[np.repeat(mesh.contiguous, linear.defects.shape[1])]
     return rows, triangle, float(result[0])

@@ -206,7 +206,7 @@ class TrajectoryModel:
         """Return the precision of each defect, shape (n - 1, D + w), for a random walk of a given model error."""
         on = mesh.contiguous[:, np.newaxis]
         q = on / (model_error * self.unit) ** 2 / self.walk(mesh)
-        return np.column_stack([q, np.repeat(on, self.latent.width, axis=1)]) if self.latent.width else q
+        return np.column_stack([q, np.repeat(on, self.latent.chained, axis=1)]) if self.latent.chained else q
 
     def walk(self, mesh: Mesh) -> Floats:
         """Return the variance of a random walk in each step, of a rate as of its state, shape (n - 1, D)."""
@@ -221,9 +221,18 @@ class TrajectoryModel:
     def observed(self) -> Floats:
         """The observation matrix H of states and latent processes, shape (d, D + w)."""
         h = np.eye(self.equations, self.width + self.latent.width)
-        if self.latent.correlated is not None:
+        if self.latent.are_measured:
             h[:, self.width : self.width + self.equations] = np.eye(self.equations)
         return h
+
+    def drift(self, mesh: Mesh) -> Floats:
+        """Return the derivatives of drift by its values at first points and slopes, shape (n, D, 2 d)."""
+        d, second = self.equations, with_rates(self.order, self.equations)
+        basis = np.zeros((len(mesh), self.width, 2 * d))
+        basis[:, range(d), range(d)] = 1.0
+        basis[:, range(d), range(d, 2 * d)] = mesh.elapsed[:, np.newaxis]
+        basis[:, range(d, self.width), d + second] = 1.0
+        return basis
 
     def residuals(self, mesh: Mesh, states: Floats) -> Floats:
         """Return residuals y - H z, shape (n, d), NaN where nothing was measured."""
@@ -297,12 +306,59 @@ def eliminate_states_of_meshes(
     parts, field = [], model.field(estimate.coefficients, support)
     with np.errstate(all="ignore"):
         for mesh, states, latent in model.parts(estimate):
+            if model.latent.drift is not None:
+                parts.append(_eliminate_with_drift(model, field, mesh, states, model_error))
+                continue
             residuals = model.residuals(mesh, states)
             weights = model.observation.weights(residuals, mesh.scale)
             linear, precision = jacobians(field, mesh, states, latent), model.precision(mesh, model_error)
             anchored = None if latent is None else (latent.anchors, states[:, model.width :])
             parts.append(eliminate_states(linear, precision, weights, residuals, model.observed, anchored))
     return parts
+
+
+def _eliminate_with_drift(
+    model: TrajectoryModel, field: VectorField, mesh: Mesh, states: Floats, model_error: float
+) -> SchurComplement:
+    """Return the normal equations of one mesh with states and drift eliminated.
+
+    With the states plus drift, ``s = z + T b`` for the numbers b of a segment, as unknowns, measurements do not depend
+    on b, and defects of ``z = s - T b`` have the derivatives ``-A T`` by it, for their derivatives A by the states: b
+    are coefficients of a segment, in units of their standard deviations.
+    """
+    drift, width, size = model.latent.drift, model.width, int(np.sum(field.free))
+    assert drift is not None
+    linear = jacobians(field, mesh, states[:, :width])
+    basis, begins = model.drift(mesh) * drift, np.flatnonzero(mesh.first)
+    by_drift = -np.matmul(linear.start, basis[:-1]) - np.matmul(linear.end, basis[1:])
+    segment = np.cumsum(mesh.first) - 1
+    columns = len(drift) * segment[:, np.newaxis] + np.arange(len(drift))  # Of each point among those of all segments
+    wide = np.zeros((len(mesh) - 1, width, size + len(drift) * len(begins)))
+    wide[:, :, :size] = linear.coefficients
+    np.put_along_axis(wide, size + columns[:-1, np.newaxis], by_drift, axis=2)
+    residuals = model.residuals(mesh, states)
+    weights = model.observation.weights(residuals, mesh.scale)
+    joint = eliminate_states(
+        replace(linear, coefficients=wide),
+        model.precision(mesh, model_error),
+        weights,
+        residuals,
+        np.eye(model.equations, width),
+    )
+    information, gradient = joint.information.copy(), joint.gradient.copy()
+    information[range(size, len(gradient)), range(size, len(gradient))] += 1
+    gradient[size:] += (states[begins, width:] / drift).ravel()
+    right = np.column_stack([information[size:, :size], gradient[size:]])
+    solved = -np.linalg.solve(information[size:, size:], right)  # How the drift moves, by coefficients and at these
+    moves = np.einsum("nap,pc->nac", joint.state_sensitivity[:, :, size:], solved)
+    of_drift = np.einsum("nak,nkc->nac", basis, solved[columns])
+    moves[:, :, :size] += joint.state_sensitivity[:, :, :size]
+    moves[:, :, size] += joint.state_step
+    slopes = drift[model.equations :, np.newaxis] * solved[columns][:, model.equations :]
+    moves = np.concatenate([moves - of_drift, of_drift[:, : model.equations], slopes], axis=1)
+    information = information[:size, :size] + information[:size, size:] @ solved[:, :size]
+    gradient = gradient[:size] + joint.information[:size, size:] @ solved[:, size]
+    return SchurComplement(information, gradient, moves[:, :, size], moves[:, :, :size], joint.factor)
 
 
 def _step(model: TrajectoryModel, estimate: Estimate, support: Bools, model_error: float) -> Estimate | None:

@@ -7,6 +7,7 @@ factorization, are a regression on the columns of B (generalized least squares).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -215,6 +216,12 @@ def _whitened(
     with np.errstate(all="ignore"):
         linear = jacobians(model.field(coefficients, free), mesh, states, latent)
     covariances, offsets, unmeasured = _measured(model, mesh, states, latent, from_starts)
+    drift = np.empty((*linear.defects.shape, 0))
+    if model.latent.drift is not None:  # Of states plus drift, see `fitting`
+        basis, (errors, slopes) = model.drift(mesh), np.split(states[:, model.width :], 2, axis=1)
+        offsets += np.column_stack([errors, slopes[:, with_rates(model.order, model.equations)]])
+        drift = -np.matmul(linear.start, basis[:-1]) - np.matmul(linear.end, basis[1:])
+        drift *= model.latent.drift
     defects = linear.defects + np.matmul(linear.start, offsets[:-1, :, np.newaxis])[:, :, 0]
     defects += np.matmul(linear.end, offsets[1:, :, np.newaxis])[:, :, 0]
     library = linear.coefficients.reshape(defects.size, -1)
@@ -224,9 +231,9 @@ def _whitened(
     # Orthogonal columns keep their digits where terms are nearly collinear, far from the origin
     basis, triangle = orthogonalized(library, free, model)
     starts = linear.start * mesh.first[:-1, np.newaxis, np.newaxis] if from_starts else np.empty((*defects.shape, 0))
-    rows = np.column_stack([starts.reshape(defects.size, -1), basis, target])
+    rows = np.column_stack([drift.reshape(defects.size, -1), starts.reshape(defects.size, -1), basis, target])
     allowed = (model_error * model.unit) ** 2 * model.walk(mesh)
-    allowed = np.column_stack([allowed, np.ones((len(allowed), model.latent.width))])
+    allowed = np.column_stack([allowed, np.ones((len(allowed), model.latent.chained))])
     bands = _covariance(linear, covariances, allowed, mesh)
     if not (np.isfinite(bands).all() and np.isfinite(rows).all()):
         raise NotPositiveError
@@ -234,12 +241,33 @@ def _whitened(
     if failed:
         raise NotPositiveError
     white, _ = lapack.dtbtrs(factor, rows, uplo="L")
+    white, of_drift = _without_drift(white, drift.shape[2], np.repeat(mesh.first[:-1], defects.shape[1]))
     before = starts.shape[2]
     white = np.column_stack([white[:, :before], white[:, before:-1] @ triangle, white[:, -1]])
     # From the density of defects to that of the states at the end of each step
     turned = np.linalg.slogdet(linear.end[mesh.contiguous])[1]
-    log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned)) - unmeasured
+    log_determinant = 2 * float(np.sum(np.log(factor[0])) - np.sum(turned)) - unmeasured + of_drift
     return np.asfortranarray(white[np.repeat(mesh.contiguous, linear.defects.shape[1])]), log_determinant
+
+
+def _without_drift(rows: Floats, count: int, begins: Bools) -> tuple[Floats, float]:
+    """Return the rows of a mesh without their first columns, `count`, and the log-determinant of their covariance.
+
+    These are the standard normal numbers of a drift, of each segment, in rows of unit covariance. Rotations in the order
+    of rows leave their innovations (recursive least squares; Gentleman 1973).
+    """
+    if not count:
+        return rows, 0.0
+    left, total = rows.copy(), 0.0
+    for first, last in pairwise([*np.flatnonzero(begins & ~np.append(False, begins[:-1])), len(rows)]):
+        factor = np.eye(count, rows.shape[1])
+        for row in left[first:last]:
+            for k in range(count):
+                size = np.hypot(factor[k, k], row[k])
+                c, s = factor[k, k] / size, row[k] / size
+                factor[k], row[:] = c * factor[k] + s * row, c * row - s * factor[k]
+        total += 2 * float(np.log(np.diagonal(factor)).sum())
+    return left[:, count:], total
 
 
 def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tuple[Floats, Floats]:
@@ -247,7 +275,7 @@ def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tupl
 
     Rows of the library are defects. In units of the noise, columns of different equations are nearly orthogonal.
     """
-    counts, units = free.sum(axis=1), np.append(model.unit, np.ones(model.latent.width))
+    counts, units = free.sum(axis=1), np.append(model.unit, np.ones(model.latent.chained))
     units = np.where(units > 0, units, 1.0)
     units = np.tile(units, len(library) // len(units))[:, np.newaxis]
     library = library / units
@@ -289,7 +317,7 @@ def _measured(
     variances = everywhere * vague(model, mesh, latent)
     offsets = np.zeros((len(mesh), width))
     offsets[:, :equations] = np.where(mesh.observed, residuals, 0.0)
-    if latent is not None:
+    if latent is not None and model.latent.chained:
         hidden = states[:, width:]
         offsets = np.column_stack([offsets, -hidden])
         if model.latent.correlated is not None:
@@ -327,7 +355,7 @@ def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Flo
         errors = (HIDDEN * model.latent.correlated) ** 2
         of_rates = errors[with_rates(model.order, model.equations)] / mesh.typical_step**2
         variances = variances + np.concatenate([errors, of_rates])
-    return variances if latent is None else np.concatenate([variances, (HIDDEN * latent.std) ** 2])
+    return variances if latent is None or not model.latent.chained else np.concatenate([variances, (HIDDEN * latent.std) ** 2])
 
 
 def prior_variances(model: TrajectoryModel, mesh: Mesh) -> Floats:

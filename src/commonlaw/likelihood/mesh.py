@@ -84,7 +84,7 @@ class Mesh:
 
     def with_scale(self, scale: Floats) -> "Mesh":
         """Return the mesh with other standard deviations, keeping cached properties."""
-        scaled, rest = replace(self, scale=scale), ("still", "moving", "observed", "steps", "walk", "grid")
+        scaled, rest = replace(self, scale=scale), ("still", "moving", "observed", "steps", "elapsed", "walk", "grid")
         scaled.__dict__.update({name: getattr(self, name) for name in (*rest, "typical_step")})
         return scaled
 
@@ -104,6 +104,12 @@ class Mesh:
     def steps(self) -> Floats:
         """Steps in time from each point to the next, 0 between segments, shape (n - 1,)."""
         return np.where(self.contiguous, np.diff(self.times), 0.0)
+
+    @cached_property
+    def elapsed(self) -> Floats:
+        """Times since the first points of segments, shape (n,)."""
+        first = np.flatnonzero(self.first)
+        return self.times - np.repeat(self.times[first], np.diff(first, append=len(self)))
 
     @cached_property
     def walk(self) -> Floats:

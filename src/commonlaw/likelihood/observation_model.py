@@ -15,8 +15,9 @@ class LatentSteps:
     """The standardized increments of latent processes along one mesh.
 
     For the values before and after a step, shape (w,), ``start @ before + end @ after`` is standard normal; both have
-    shape (n - 1, w, w), zero between segments. At first points, values are independent with precisions `anchors`, shape
-    (n, w), zero elsewhere, of the stationary standard deviations `std`, shape (w,). Columns of forces begin at `force`.
+    shape (n - 1, w, w), zero between segments; a drift has none, as it follows from its values at first points. There,
+    values are independent with precisions `anchors`, shape (n, w), zero elsewhere, of the stationary standard deviations
+    `std`, shape (w,). Columns of forces begin at `force`.
     """
 
     start: Floats
@@ -28,26 +29,48 @@ class LatentSteps:
 
 @dataclass(frozen=True, eq=False)
 class LatentProcesses:
-    """Latent processes: autocorrelated measurement errors, random forces, and rates of the forces.
+    """Latent processes: autocorrelated measurement errors, random forces, and rates of the forces, or a drift.
 
     An autocorrelated measurement error (Ornstein-Uhlenbeck) has the standard deviation `correlated`, shape (d,), and
     the time constant `memory`; a force on the highest derivatives (Matern process of smoothness 3/2) the standard
-    deviation `force`, shape (d,), and the length scale `force_time`.
+    deviation `force`, shape (d,), and the length scale `force_time`. A drift, without other processes, is the error
+    ``b0 + b1 t`` for the time t since the first point of each segment, and its slope b1, with standard deviations
+    `offset` of b0 and `slope` of b1, shape (d,) each.
     """
 
     correlated: Floats | None = None
     memory: float = np.inf
     force: Floats | None = None
     force_time: float = np.inf
+    offset: Floats | None = None
+    slope: Floats | None = None
 
     @property
     def width(self) -> int:
         """Number of processes."""
+        return self.chained if self.drift is None else len(self.drift)
+
+    @property
+    def chained(self) -> int:
+        """Number of processes with increments in each step, which are eliminated point by point with the states."""
         errors, forces = (0 if level is None else len(level) for level in (self.correlated, self.force))
         return errors + 2 * forces
 
+    @property
+    def drift(self) -> Floats | None:
+        """The standard deviations of the drift of each state at first points, then of its slopes, shape (2 d,)."""
+        return None if self.offset is None or self.slope is None else np.concatenate([self.offset, self.slope])
+
+    @property
+    def are_measured(self) -> bool:
+        """Whether the first processes are errors of the measured states."""
+        return self.correlated is not None or self.drift is not None
+
     def along(self, mesh: Mesh) -> LatentSteps:
         """Return the processes along a mesh."""
+        if self.drift is not None:
+            none = np.empty((len(mesh) - 1, 0, 0))
+            return LatentSteps(none, none, mesh.first[:, np.newaxis] / self.drift**2, self.drift, None)
         starts, ends, deviations = [], [], []
         if self.correlated is not None:
             kept = mesh.steps / self.memory
