@@ -132,6 +132,15 @@ def _wandering(trials: cl.Trials) -> cl.Trials:
     return cl.Trials(tuple(made), trials.schema)
 
 
+def _drifting(trials: cl.Trials) -> cl.Trials:
+    """Return trials whose sensor is off by 0.2 at first, and drifts by 0.1 in a unit of time."""
+    random, made = np.random.default_rng(4), list[Any]()
+    for trial in trials:
+        offset, slope = random.standard_normal(2) * [0.2, 0.1]
+        made.append(replace(trial, states=trial.states + offset + slope * trial.times[:, np.newaxis]))
+    return cl.Trials(tuple(made), trials.schema)
+
+
 def _with_volumes(trials: cl.Trials) -> cl.Trials:
     properties = {name: {"V": 2.0 + i} for i, name in enumerate(trials.objects)}
     return cl.Trials(trials.trials, trials.schema, properties)
@@ -245,6 +254,10 @@ UNDER_ERRORS = {
     "decay, proportional": decay._replace(noise=0.02, change=_scattered, options={"errors": "proportional"}),
     "decay, autocorrelated": decay._replace(
         noise=0.03, times=line(0, 4, 40), change=_wandering, options={"errors": "autocorrelated"}
+    ),
+    "decay, drift": decay._replace(
+        added="", starts=[(4.0,), (2.0,)], noise=0.05, times=line(0, 4, 30), change=_drifting,
+        options={"errors": "drift"},
     ),
     "logistic growth, proportional": growth._replace(noise=0.3, change=_scattered, options={"errors": "proportional"}),
 }  # fmt: skip
@@ -578,6 +591,7 @@ def score(law: cl.Law, trials: cl.Trials, noise: Mapping[str, float] | None = No
     "name",
     [
         *("decay", "fall", "decay, logarithms", "predation", "decay, autocorrelated", "decay, proportional"),
+        "decay, drift",
         *(pytest.param(name, marks=pytest.mark.slow) for name in ("decay, a volume", "logistic growth, proportional")),
     ],
 )
@@ -602,8 +616,8 @@ def test_a_misfit_of_no_size_leaves_the_score():
     errors = 0.01 * (1 + times) * np.random.default_rng(2).standard_normal(40)  # Largest where x is small
     trials = cl.Trials.from_arrays([times], [4 * np.exp(-0.7 * times) + errors], names=["x"])
     for fit in (decay.fit, decay.shoot):
-        white, proportional = (score(fit(trials, errors=kind), trials) for kind in ("white", "proportional"))
-        assert proportional - white == pytest.approx(0.0, abs=0.01)
+        white, *others = (score(fit(trials, errors=kind), trials) for kind in ("white", "proportional", "drift"))
+        assert [other - white for other in others] == pytest.approx([0.0, 0.0], abs=0.01)
 
 
 def test_the_score_is_the_logarithm_of_an_integral():
@@ -655,9 +669,7 @@ def _deviance(logs: np.ndarray, of: Covariance, times: np.ndarray, residuals: np
 def _levels(law: cl.Law) -> list[float]:
     """Return the noise of a law, and the levels and time of its other errors."""
     model, noise = law.uncertainty.error_model, law.uncertainty.noise.tolist()
-    if model.correlated is None:
-        return [*noise, *model.heteroscedastic["proportional"].tolist()]
-    return [*noise, *model.correlated.tolist(), model.memory]
+    return [*noise, *model.levels.tolist()]
 
 
 @pytest.mark.parametrize("kind", COVARIANCES)
@@ -734,7 +746,7 @@ def test_every_verb_takes_errors_of_measurements(kind):
     assert _levels(again) == pytest.approx(_levels(law), rel=0.01)
     forecast = law.predict(trials, return_std=True)
     states = forecast.trajectories[0].states
-    assert forecast.measurement_std()[0] == pytest.approx(model.measurement_std(states, noise))
+    assert forecast.measurement_std()[0] == pytest.approx(model.measurement_std(states, noise, trials[0].elapsed))
     assert (forecast.measurement_std()[0] > 1.5 * noise).any()
     standardized = (trials[0].states - states) / forecast.measurement_std()[0]
     assert law.residuals(trials).standardized[0] == pytest.approx(standardized)
@@ -784,7 +796,7 @@ def test_white_noise_is_kept_where_residuals_are_no_reason_for_other_errors():
 
 
 @pytest.mark.parametrize(
-    "name", [*list(UNDER_ERRORS)[:2], pytest.param("logistic growth, proportional", marks=pytest.mark.slow)]
+    "name", [*list(UNDER_ERRORS)[:3], pytest.param("logistic growth, proportional", marks=pytest.mark.slow)]
 )
 def test_laws_under_errors_of_measurements_are_those_of_both_schemes(name):
     problem = UNDER_ERRORS[name]
@@ -854,6 +866,7 @@ def in_both_schemes(law: cl.Law) -> tuple[cl.Law, cl.Law]:
 VERBS = {
     "decay, proportional": UNDER_ERRORS["decay, proportional"],
     "decay, autocorrelated": UNDER_ERRORS["decay, autocorrelated"],
+    "decay, drift": UNDER_ERRORS["decay, drift"],
     "fall, known gravity": SLOW["fall, known gravity"],
     "decay, shared k": FAST["decay, shared k"],
 }
@@ -1028,7 +1041,7 @@ def test_known_coefficients_stay_known_in_comparisons_whatever_the_order_of_term
     assert np.ptp(_above(laws, trials)) < 0.01
 
 
-@pytest.mark.parametrize("name", ["decay, logarithms", "decay, autocorrelated", "fall"])
+@pytest.mark.parametrize("name", ["decay, logarithms", "decay, autocorrelated", "decay, drift", "fall"])
 def test_experiments_are_predicted_the_same_in_both_schemes(name):
     problem = (FAST | UNDER_ERRORS | {"fall": falling})[name]
     laws = in_both_schemes(problem.fit(problem.trials()))

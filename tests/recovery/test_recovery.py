@@ -45,6 +45,7 @@ _SLOW = (
     "relaxation, any order",
     "relaxation, correlated",
     "spring, autocorrelated",
+    "spring, drift",
     "spring, gp-forcing",
     "spring, proportional",
     "spring, random-walk",

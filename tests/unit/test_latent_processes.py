@@ -133,7 +133,9 @@ def dense_value(model, estimate, model_error):
             if order == 2:
                 measured.append((rows[i, 1] + of_rates[i], states[first + i, 1] + moved[i, 1], rate_variance, True, i))
         for j in range(len(hidden)):
-            if j % count and latent.drift is None:  # That of the first point has its stationary distribution, which nothing else tells
+            if (
+                j % count and latent.drift is None
+            ):  # That of the first point has its stationary distribution, which nothing else tells
                 measured.append((np.eye(size)[size - len(hidden) + j], 0.0, 1e6 * hidden[j, j], True, j % count))
         seen_by, informed, spread, unmeasured, at_point = map(np.array, zip(*measured, strict=True))
         # The first state, given its own measurements: y0 less its error and noise, and the rate
@@ -172,7 +174,8 @@ def test_the_marginal_likelihood_is_that_of_dense_covariance_functions(kind, ord
 def test_the_fit_has_the_residuals_of_the_linearized_likelihood(kind, order):
     model, estimate = problem(order, KINDS[kind])
     support = np.ones_like(estimate.coefficients, dtype=bool)
-    found = fit(*model.with_latent(KINDS[kind], estimate), support, (0.3,), 60)
+    model, estimate = model.with_latent(KINDS[kind], estimate)
+    found = fit(model, estimate, support, (0.3,), 60)
     rows = linearize(model, found, 0.3).problem
     errors = np.sqrt(np.diag(np.linalg.inv(information(model, found, support, 0.3))))
     again = rows.least_squares(support.ravel(), 0)

@@ -159,8 +159,8 @@ def begin(
     shown = with_logarithms(trials, log_states)
     if isinstance(ERRORS[errors], Heteroscedastic) and shown.schema.logarithmic:
         raise CommonlawError("log-states-with-errors", states=shown.schema.logarithmic)
-    if errors == "autocorrelated" and any(np.isfinite(trial.below).any() for trial in trials):
-        raise CommonlawError("censored-with-autocorrelated")
+    if not ERRORS[errors].is_independent and any(np.isfinite(trial.below).any() for trial in trials):
+        raise CommonlawError("censored-with-errors", errors=errors)
     if errors != "white" and groups:
         raise CommonlawError("noise-by-property-with-errors", errors=errors, names=[*groups])
     refuse_overwhelming_noise(shown, {name: level for name, level in known.items() if isinstance(level, float)})

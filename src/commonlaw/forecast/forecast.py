@@ -260,9 +260,11 @@ class Forecast(ShownInNotebooks):
             columns = np.isin(self.trials.schema.states, self.followed.trials.schema.logarithmic)
             pairs = zip(self.followed.measurement_std(white), self._states(), strict=True)
             return tuple(std * np.where(columns, states, 1.0) for std, states in pairs)
-        errors = self.error_model.white_std if white else self.error_model.measurement_std
-        forecast = zip(self.trials, self._states(), strict=True)
-        return tuple(errors(states, trial.std(self.noise)) for trial, states in forecast)
+        errors, noise = self.error_model, [trial.std(self.noise) for trial in self.trials]
+        forecast = zip(self.trials, self._states(), noise, strict=True)
+        if white:
+            return tuple(errors.white_std(states, std) for _, states, std in forecast)
+        return tuple(errors.measurement_std(states, std, trial.elapsed) for trial, states, std in forecast)
 
     @checks_types
     def as_measured(self, measured: Trials) -> "Forecast":

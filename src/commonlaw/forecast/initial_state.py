@@ -195,7 +195,8 @@ class MeasuredStart(_AtFirstSample):
         """
         law, trial = self.law, self.samples
         assert law.uncertainty.noise is not None
-        noise = law.uncertainty.error_model.measurement_std(trial.states, trial.std(law.uncertainty.noise))
+        white = trial.std(law.uncertainty.noise)
+        noise = law.uncertainty.error_model.measurement_std(trial.states, white, trial.elapsed)
         second, states = with_rates(law.order, len(law.schema.states)), noise.shape[1]
         covariance = np.diag(np.append(noise[0] ** 2, np.zeros(len(second))))
         method = _differentiation(law, trial)

@@ -166,15 +166,19 @@ PLANNED_TOLERANCE = 1e-5
 def measurement_errors(
     errors: ErrorModel, noise: Floats, times: Floats, values: Floats, measured: Bools | slice = slice(None)
 ) -> tuple[Floats, Floats | None]:
-    """Return the variances of white noise about values, shape (n, d), and the covariance of autocorrelated errors.
+    """Return the variances of white noise about values, shape (n, d), and the covariance of other errors.
 
     They are those of the m measured columns, shape (n m,) and (n m, n m).
     """
     white = np.broadcast_to(errors.white_std(values, noise), values.shape)[:, measured]
-    if errors.correlated is None:
-        return white.ravel() ** 2, None
-    kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
-    return white.ravel() ** 2, np.kron(kernel, np.diag(np.square(errors.correlated[measured])))
+    variances, elapsed = white.ravel() ** 2, times - times[0]
+    if errors.correlated is not None:
+        kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
+        return variances, np.kron(kernel, np.diag(np.square(errors.correlated[measured])))
+    if errors.offset is None or errors.slope is None:
+        return variances, None
+    of_offset, of_slope = (np.diag(np.square(level[measured])) for level in (errors.offset, errors.slope))
+    return variances, np.kron(np.ones((len(times),) * 2), of_offset) + np.kron(np.outer(elapsed, elapsed), of_slope)
 
 
 def refuse_method(method: str, kind: str) -> None:

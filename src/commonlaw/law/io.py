@@ -73,6 +73,8 @@ class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, o
     force: Floats | None = None
     force_time: float | None = None
     walk: Floats | None = None
+    offset: Floats | None = None
+    slope: Floats | None = None
 
 
 class EstimatesDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):

@@ -303,4 +303,8 @@ def error_steps(errors: ErrorModel, schema: Schema, why: str, outliers: int, thr
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, '')}".rstrip()
         levels = levels_in_words(errors.correlated, schema)
         result.append(Step("autocorrelated errors", f"{levels}; of {time}", why))
+    if errors.offset is not None and errors.slope is not None:
+        offsets, slopes = levels_in_words(errors.offset, schema), levels_in_words(errors.slope, schema)
+        time = schema.units.get(schema.time, "unit of time")
+        result.append(Step("drift of the sensor", f"at first {offsets}; then {slopes} per {time}", why))
     return result

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import ClassVar, Literal
 
@@ -27,17 +27,23 @@ class ErrorModel:
     force: Floats | None = None
     force_time: float = np.inf
     walk: Floats | None = None
+    offset: Floats | None = None
+    slope: Floats | None = None
 
     @property
     def kind(self) -> ErrorKind:
-        latent: Mapping[ErrorKind, Floats | None] = {"gp-forcing": self.force, "autocorrelated": self.correlated}
+        latent: Mapping[ErrorKind, Floats | None] = {
+            "gp-forcing": self.force,
+            "autocorrelated": self.correlated,
+            "drift": self.slope,
+        }
         kinds = [kind for kind, level in latent.items() if level is not None]
         return next(iter([*kinds, *self.heteroscedastic]), "white" if self.walk is None else "random-walk")
 
     @property
     def latent(self) -> LatentProcesses:
         """The latent processes, which are eliminated with the states."""
-        return LatentProcesses(self.correlated, self.memory, self.force, self.force_time)
+        return LatentProcesses(self.correlated, self.memory, self.force, self.force_time, self.offset, self.slope)
 
     @property
     def levels(self) -> Floats:
@@ -46,6 +52,8 @@ class ErrorModel:
             return np.append(self.correlated, self.memory)
         if self.force is not None:
             return np.append(self.force, self.force_time)
+        if self.latent.drift is not None:
+            return self.latent.drift
         return np.concatenate([np.zeros(0), *self.heteroscedastic.values()])
 
     def __bool__(self) -> bool:
@@ -64,7 +72,7 @@ class ErrorModel:
     @property
     def of_measurements(self) -> "ErrorModel":
         """The errors of measurements among these."""
-        return ErrorModel(self.heteroscedastic, self.correlated, self.memory)
+        return replace(self, force=None, force_time=np.inf, walk=None)
 
     def white_std(self, states: Floats, noise: Floats) -> Floats:
         """Return the standard deviation of white noise at states, shape (n, d), given that at zero, (n, d) or (d,)."""
@@ -80,10 +88,17 @@ class ErrorModel:
             for kind, levels in self.heteroscedastic.items()
         }
 
-    def measurement_std(self, states: Floats, noise: Floats) -> Floats:
-        """Return the standard deviation of a measurement about states, shape (n, d), see `white_std`."""
-        correlated = 0.0 if self.correlated is None else self.correlated
-        return np.hypot(self.white_std(states, noise), correlated) + np.zeros_like(states)
+    def measurement_std(self, states: Floats, noise: Floats, elapsed: Floats) -> Floats:
+        """Return the standard deviation of a measurement about states, shape (n, d), see `white_std`.
+
+        The times since the first sample of the trial have shape (n,).
+        """
+        std = self.white_std(states, noise) + np.zeros_like(states)
+        if self.correlated is not None:
+            std = np.hypot(std, self.correlated)
+        if self.offset is not None and self.slope is not None:
+            std = np.hypot(np.hypot(std, self.offset), self.slope * elapsed[:, np.newaxis])
+        return std
 
 
 WHITE_NOISE = ErrorModel()
@@ -96,7 +111,7 @@ class Scales:
 
     Standard deviations of states and of their highest derivatives have shape (d,). The step is the median one, the
     duration that of the longest trial. The smallest levels, `least`, are a share of these standard deviations, and the
-    smallest random walk is relative to the noise.
+    smallest random walk is relative to the noise. Trials are counted.
     """
 
     states: Floats
@@ -105,6 +120,7 @@ class Scales:
     duration: float
     least: float
     least_walk: float
+    trials: int = 1
 
 
 class AbstractErrors(ABC):
@@ -116,6 +132,10 @@ class AbstractErrors(ABC):
     """What is affected besides white noise; the best kind of each group is fitted with its own law."""
     is_independent: ClassVar[bool] = False
     """Whether errors of measurements are independent: outliers are rejected then, and count linearly else."""
+    correlation_times: ClassVar[int] = 0
+    """How many of the values are correlation times, the last ones."""
+    is_of_trials: ClassVar[bool] = False
+    """Whether each trial has one number of each level, so that levels are known from trials, not from measurements."""
     shares: ClassVar[tuple[float, ...]] = (0.2, 0.5, 0.7)
     """Initial levels, as shares of the interval between the logarithms of the bounds."""
 
@@ -188,6 +208,7 @@ class Proportional(Heteroscedastic):
 class _Timed(AbstractErrors):
     """Autocorrelated errors: levels, followed by one correlation time."""
 
+    correlation_times = 1
     times: ClassVar[tuple[float, ...]] = (0.2, 0.5, 0.8)
 
     def starts(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
@@ -214,6 +235,21 @@ class Correlated(_Timed):
 
     def _levels(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
         return [log_noise + np.log(share) for share in self.shares]
+
+
+class Drift(AbstractErrors):
+    """An offset and a slope in time of the measurements of each trial: ``b0 + b1 t`` from its first sample on."""
+
+    label = "a drift of the sensor"
+    is_of_trials = True
+
+    def model(self, values: Floats) -> ErrorModel:
+        offset, slope = np.split(values, 2)
+        return ErrorModel(offset=offset, slope=slope)
+
+    def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
+        largest = np.append(scales.states, scales.states / scales.duration)
+        return scales.least * largest, largest
 
 
 class Force(_Timed):
@@ -246,6 +282,7 @@ ERRORS: Mapping[ErrorKind, AbstractErrors] = {
     "white": White(),
     "proportional": Proportional(),
     "autocorrelated": Correlated(),
+    "drift": Drift(),
     "random-walk": Walk(),
     "gp-forcing": Force(),
 }

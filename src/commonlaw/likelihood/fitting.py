@@ -326,9 +326,10 @@ def _eliminate_with_drift(
     on b, and defects of ``z = s - T b`` have the derivatives ``-A T`` by it, for their derivatives A by the states: b
     are coefficients of a segment, in units of their standard deviations.
     """
-    drift, width, size = model.latent.drift, model.width, int(np.sum(field.free))
+    drift, width = model.latent.drift, model.width
     assert drift is not None
     linear = jacobians(field, mesh, states[:, :width])
+    size = linear.coefficients.shape[2]
     basis, begins = model.drift(mesh) * drift, np.flatnonzero(mesh.first)
     by_drift = -np.matmul(linear.start, basis[:-1]) - np.matmul(linear.end, basis[1:])
     segment = np.cumsum(mesh.first) - 1

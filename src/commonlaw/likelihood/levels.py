@@ -32,7 +32,7 @@ _SAME_LOGARITHM = 1e-6
 _NO_WEIGHT = 1e-9
 """Weight of an outlier that is rejected, relative to other measurements."""
 _MAX_REWEIGHTINGS = 100
-"""Rounds of weights of outliers and autocorrelated errors."""
+"""Rounds of weights of outliers and other errors."""
 _TAIL = 0.25
 """Newton step of logarithms of levels above which longer ones are tried: near a minimum steps are short."""
 
@@ -99,6 +99,47 @@ class Innovations(NamedTuple):
         return np.asarray(innovations - self.gained * np.append(expected[1:], 0.0))
 
 
+class DriftInnovations(NamedTuple):
+    """What errors are off their expectation by those before them, for a drift with white noise.
+
+    With white variances w_i and rows ``u_i = (offset, slope t_i)``, errors r_i have the innovations ``e_i = r_i - u_i'
+    m_i`` of variance ``s_i = w_i + u_i' P_i u_i``, where ``P_i = (1 + sum_(j < i) u_j u_j' / w_j)^-1`` and ``m_i = P_i
+    sum_(j < i) u_j r_j / w_j`` (recursive least squares). `weighted` are ``u_i / w_i`` and `gained` ``P_i u_i``, shape
+    (n, 2), and `std` is the root of s_i.
+    """
+
+    weighted: Floats
+    gained: Floats
+    std: Floats
+
+    @classmethod
+    def of(cls, elapsed: Floats, white: Floats, offset: float, slope: float) -> "DriftInnovations":
+        """Return those of errors at times since the first sample, of white standard deviations, shape (n,) each."""
+        rows = np.column_stack([np.full(len(elapsed), offset), slope * elapsed])
+        weighted = rows / white[:, np.newaxis] ** 2
+        information = np.eye(2) + _before(rows[:, :, np.newaxis] * weighted[:, np.newaxis])
+        gained = np.linalg.solve(information, rows[:, :, np.newaxis])[:, :, 0]
+        return cls(weighted, gained, np.sqrt(white**2 + np.sum(rows * gained, axis=1)))
+
+    def of_errors(self, errors: Floats) -> Floats:
+        """Return the innovations of errors, or of columns of them, shape (n, ...)."""
+        columns = errors.reshape(len(errors), 1, -1)
+        expected = np.einsum("nk,nkc->nc", self.gained, _before(self.weighted[:, :, np.newaxis] * columns))
+        return np.asarray(errors - expected.reshape(errors.shape))
+
+    def transposed(self, innovations: Floats) -> Floats:
+        """Return the transposed map of `of_errors` of values, shape (n,)."""
+        after = _before((self.gained * innovations[:, np.newaxis])[::-1])[::-1]
+        return np.asarray(innovations - np.sum(self.weighted * after, axis=1))
+
+
+def _before(values: Floats) -> Floats:
+    """Return the sums of the values before each, shape (n, ...)."""
+    sums = np.zeros_like(values)
+    np.cumsum(values[:-1], axis=0, out=sums[1:])
+    return sums
+
+
 @dataclass(frozen=True, eq=False)
 class Deviations:
     """Measurements of a trial about the values h of a fit, shape (n, m), with derivatives of these, shape (n, m, k).
@@ -131,7 +172,7 @@ class Deviations:
         white = errors.white_std(self.reference, with_typical(trial.noise, noise)) * trial.averaging
         std = white if self.weights is None else white / np.sqrt(self.weights)
         z, slopes = self.values - trial.states, self.slopes
-        if errors.correlated is not None:
+        if errors.latent.are_measured:
             slopes, std = None if slopes is None else slopes.copy(), std.copy()
             for k, innovations in enumerate(self._innovations(std, errors)):
                 seen = self.seen[:, k]
@@ -140,21 +181,24 @@ class Deviations:
                     slopes[seen, k] = innovations.of_errors(slopes[seen, k])
         return Whitened(z / std, None if slopes is None else slopes / std[:, :, np.newaxis], std, white)
 
-    def _innovations(self, white: Floats, errors: ErrorModel) -> list[Innovations]:
+    def _innovations(self, white: Floats, errors: ErrorModel) -> Sequence[Innovations | DriftInnovations]:
         """Return the innovations of each quantity under white standard deviations, shape (n, m)."""
-        levels, seen = () if errors.correlated is None else errors.correlated.tolist(), self.seen
-        return [
-            Innovations.of(self.trial.times[seen[:, k]], white[seen[:, k], k], level, errors.memory)
-            for k, level in enumerate(levels)
-        ]
+        seen = [(self.trial.times[column], std[column]) for column, std in zip(self.seen.T, white.T, strict=True)]
+        if errors.correlated is not None:
+            levels = zip(seen, errors.correlated.tolist(), strict=True)
+            return [Innovations.of(*inside, level, errors.memory) for inside, level in levels]
+        if errors.offset is None or errors.slope is None:
+            return ()
+        pairs = zip(seen, errors.offset.tolist(), errors.slope.tolist(), strict=True)
+        return [DriftInnovations.of(times - self.trial.times[0], std, *levels) for (times, std), *levels in pairs]
 
     def reweighted(self, noise: Floats, errors: ErrorModel, threshold: float, *, rejects: bool = False) -> "Deviations":
-        """Return the same with the weights of the Huber loss of white noise, where autocorrelated errors have theirs.
+        """Return the same with the weights of the Huber loss of white noise, where other errors have theirs.
 
         With residuals r of covariance R, which has the variances ``s^2 / w``, white noise is ``e = s^2 / w R^-1 r``,
         and the weights are ``w = min(1, c s / |e|)`` for the threshold c (Huber 1964): at their fixed point the loss of
-        e and the squares of the autocorrelated errors have the least sum. If outliers are rejected, their weights are
-        next to nothing.
+        e and the squares of the other errors, autocorrelated or a drift, have the least sum. If outliers are rejected,
+        their weights are next to nothing.
         """
         if not np.isfinite(threshold):
             return replace(self, weights=None)
@@ -321,15 +365,17 @@ def scales_of(std: Floats, trials: Sequence[Trial]) -> Scales:
     steps = np.concatenate([np.diff(trial.times) for trial in trials])
     step = float(np.median(steps)) if len(steps) else 1.0
     duration = max(step, *(float(np.ptp(trial.times)) for trial in trials))
-    return Scales(std, np.zeros(len(std)), step, duration, MIN_NOISE, 0.0)
+    return Scales(std, np.zeros(len(std)), step, duration, MIN_NOISE, 0.0, len(trials))
 
 
 def free_levels(errors: ErrorModel, scales: Scales) -> int:
     """Return the number of levels of errors above their lower bounds, which stand for no such errors, and of times."""
-    values, m = errors.levels, len(scales.states)
-    least = ERRORS[errors.kind].bounds(scales)[0]
-    free = int((values[:m] > 1.001 * least[:m]).sum()) if len(values) else 0
-    return free + (len(values) - m if free else 0)
+    values, model = errors.levels, ERRORS[errors.kind]
+    levels = len(values) - model.correlation_times
+    if levels <= 0:
+        return 0
+    free = int((values[:levels] > 1.001 * model.bounds(scales)[0][:levels]).sum())
+    return free + (model.correlation_times if free else 0)
 
 
 def level_bounds(model: AbstractErrors, scales: Scales, floor: Floats, known: Floats) -> tuple[Floats, Floats]:

@@ -253,21 +253,21 @@ def _whitened(
 def _without_drift(rows: Floats, count: int, begins: Bools) -> tuple[Floats, float]:
     """Return the rows of a mesh without their first columns, `count`, and the log-determinant of their covariance.
 
-    These are the standard normal numbers of a drift, of each segment, in rows of unit covariance. Rotations in the order
-    of rows leave their innovations (recursive least squares; Gentleman 1973).
+    These are the standard normal numbers of a drift, of each segment, in rows of unit covariance. Rotations in the
+    order of rows leave their innovations (recursive least squares; Gentleman 1973).
     """
     if not count:
         return rows, 0.0
-    left, total = rows.copy(), 0.0
+    rotated, total = rows.copy(), 0.0
     for first, last in pairwise([*np.flatnonzero(begins & ~np.append(False, begins[:-1])), len(rows)]):
         factor = np.eye(count, rows.shape[1])
-        for row in left[first:last]:
+        for row in rotated[first:last]:
             for k in range(count):
                 size = np.hypot(factor[k, k], row[k])
                 c, s = factor[k, k] / size, row[k] / size
                 factor[k], row[:] = c * factor[k] + s * row, c * row - s * factor[k]
         total += 2 * float(np.log(np.diagonal(factor)).sum())
-    return left[:, count:], total
+    return rotated[:, count:], total
 
 
 def orthogonalized(library: Floats, free: Bools, model: TrajectoryModel) -> tuple[Floats, Floats]:
@@ -355,7 +355,11 @@ def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Flo
         errors = (HIDDEN * model.latent.correlated) ** 2
         of_rates = errors[with_rates(model.order, model.equations)] / mesh.typical_step**2
         variances = variances + np.concatenate([errors, of_rates])
-    return variances if latent is None or not model.latent.chained else np.concatenate([variances, (HIDDEN * latent.std) ** 2])
+    return (
+        variances
+        if latent is None or not model.latent.chained
+        else np.concatenate([variances, (HIDDEN * latent.std) ** 2])
+    )
 
 
 def prior_variances(model: TrajectoryModel, mesh: Mesh) -> Floats:

@@ -16,8 +16,8 @@ class LatentSteps:
 
     For the values before and after a step, shape (w,), ``start @ before + end @ after`` is standard normal; both have
     shape (n - 1, w, w), zero between segments; a drift has none, as it follows from its values at first points. There,
-    values are independent with precisions `anchors`, shape (n, w), zero elsewhere, of the stationary standard deviations
-    `std`, shape (w,). Columns of forces begin at `force`.
+    values are independent with precisions `anchors`, shape (n, w), zero elsewhere, of the stationary standard
+    deviations `std`, shape (w,). Columns of forces begin at `force`.
     """
 
     start: Floats

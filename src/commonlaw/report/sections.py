@@ -235,8 +235,14 @@ def _errors(case: Summary) -> Iterator[Block]:
     law, errors, schema = case.law, case.law.uncertainty.error_model, case.law.observation.measured
     noise = law.uncertainty.noise
     if noise is not None:
-        time = f"{errors.memory:.3g} {schema.units.get(schema.time, f'units of {schema.time}')}"
-        kinds = (("noise", noise), (f"autocorrelated errors ({time})", errors.correlated))
+        unit = schema.units.get(schema.time)
+        time = f"{errors.memory:.3g} {unit or f'units of {schema.time}'}"
+        kinds = (
+            ("noise", noise),
+            (f"autocorrelated errors ({time})", errors.correlated),
+            ("drift at first", errors.offset),
+            (f"drift per {unit or f'unit of {schema.time}'}", errors.slope),
+        )
         levels = [f"{kind} of {levels_in_words(std, schema)}" for kind, std in kinds if std is not None]
         levels += [f"noise of {grown}" for grown in errors.heteroscedastic_in_words(schema.states).values()]
         yield Text(f"Measurement errors: {literal('; '.join(levels))}.")

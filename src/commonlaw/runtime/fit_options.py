@@ -19,7 +19,7 @@ from commonlaw.runtime.parallel import check_n_jobs
 if TYPE_CHECKING:
     from commonlaw.solvers import AbstractSolver
 
-ErrorKind = Literal["white", "proportional", "autocorrelated", "random-walk", "gp-forcing"]
+ErrorKind = Literal["white", "proportional", "autocorrelated", "drift", "random-walk", "gp-forcing"]
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
 T = TypeVar("T")
@@ -233,6 +233,7 @@ class FitOptions:
             "white": "white noise only; in `fit`, `refine` and `compare` by least squares",
             "proportional": "heteroscedastic noise, which grows with the state",
             "autocorrelated": "autocorrelated measurement errors",
+            "drift": "a drift of the sensor, an offset and a slope in time of each trial",
             "random-walk": "process noise, a random walk of the law",
             "gp-forcing": "process noise, a smooth force on the law (a Gaussian process)",
         },

@@ -352,6 +352,11 @@ class Trial:
         cycle = self.cycle if is_whole else 0.0
         return replace(self, **parts, repeats=repeats, earlier=earlier, begins_with_dose=begins_with_dose, cycle=cycle)
 
+    @property
+    def elapsed(self) -> Floats:
+        """Times since the first sample, shape (n,)."""
+        return np.asarray(self.times - self.times[0])
+
     def std(self, typical: Floats) -> Floats:
         """Return the standard deviation of each state, shape (n, states).
 

@@ -25,7 +25,7 @@ from commonlaw.formulation import explained
 from commonlaw.hierarchy import LIKELIEST_SWEEPS, WORST_CONDITION, RandomEffects, marginal_deviance, relative_variances
 from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE
 from commonlaw.kernel import CONSTANTS, MeasuredStructure, address, kernel
-from commonlaw.likelihood import ErrorModel, Scales
+from commonlaw.likelihood import ERRORS, ErrorModel, Scales
 from commonlaw.likelihood.levels import free_levels
 
 (_MIN_COLUMN,), (_RIDGE,) = CONSTANTS["MIN_COLUMN"], CONSTANTS["RIDGE"]
@@ -87,8 +87,10 @@ class NoisePrior:
     so many `observations`; it is None for known noise. Both are variances of neighbouring differences: of white noise
     v, and of autocorrelated errors of standard deviation sigma and correlation time tau at sampling step h, they are
     ``v + sigma^2 tanh(h / (2 tau))``. Repeats add their pure error, squares and degrees of freedom, shape (m,) each.
-    Levels above their lower bounds cost log n each, and so does their time (BIC): at these bounds they stand for no
-    such errors. There are n = `count` measured numbers, with a `freedom` before coefficients are fitted.
+    Neighbouring differences hardly see a drift. Levels above their lower bounds cost log n each, and so does their time
+    (BIC): at these bounds they stand for no such errors. Those of a drift cost the log of the number of trials, each of
+    which has one offset and one slope (BIC of mixed-effects models; Delattre, Lavielle and Poursat 2014). There are n =
+    `count` measured numbers, with a `freedom` before coefficients are fitted.
     """
 
     count: int
@@ -124,7 +126,8 @@ class NoisePrior:
 
     def of_levels(self, errors: ErrorModel) -> float:
         """Return minus twice the log prior of levels and times of errors besides white noise."""
-        return free_levels(errors, self.scales) * float(np.log(max(self.count, 1)))
+        numbers = self.scales.trials if ERRORS[errors.kind].is_of_trials else self.count
+        return free_levels(errors, self.scales) * float(np.log(max(numbers, 2)))
 
     def _inflation(self, noise: Floats, errors: ErrorModel, relative: Floats) -> Floats:
         """Return the noise variance over its prior estimate, of each measured quantity."""

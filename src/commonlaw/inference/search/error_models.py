@@ -67,8 +67,8 @@ def kinds_for(lack_of_fit: str, schema: Schema, of_noise: ErrorKind = "proportio
 def under_likeliest_errors(fitted: Fitted) -> Fitted:
     """Return a fit by shooting under white noise, or under errors of measurements that its residuals are evidence for.
 
-    Of a lack of fit it stays under white noise: autocorrelated errors would hide it, as shooting has no process noise
-    to compare them with.
+    Of a lack of fit it stays under white noise: autocorrelated errors or a drift would hide it, as shooting has no
+    process noise to compare them with.
     """
     scored = TrajectoryScore(fitted)
     departures = departures_of(scored)
@@ -80,12 +80,12 @@ def under_likeliest_errors(fitted: Fitted) -> Fitted:
 def among_errors(fitted: Fitted, kinds: Sequence[ErrorKind]) -> Fitted:
     """Return the fit under the error model of largest evidence, from one under white noise, see `most_probable`.
 
-    Those of noise by property are white, and of values below limits they are not autocorrelated.
+    Those of noise by property are white, and those of values below limits are independent.
     """
-    begun, refused = fitted.begun, {"white"}
-    refused |= {"autocorrelated"} if begun.problem.censored.any() else set()
-    possible = () if begun.groups else kinds
-    others = [kind for kind in possible if kind not in refused and ERRORS[kind].group == "measurement"]
+    begun = fitted.begun
+    possible = () if begun.groups else [kind for kind in kinds if ERRORS[kind].group == "measurement"]
+    is_censored = begun.problem.censored.any()
+    others = [kind for kind in possible if ERRORS[kind].is_independent or not is_censored]
     compared = [fitted, *(fitted.under(kind) for kind in others)]
     scores = [TrajectoryScore(fit).score.total for fit in compared]
     best = compared[_order([fit.begun.errors for fit in compared], scores, settings.VERY_STRONG)[0]]

@@ -104,7 +104,7 @@ def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
     grown = {kind: _root_mean_square(weights, [part.heteroscedastic.get(kind) for part in parts]) for kind in kinds}
     levels = {
         kind: _root_mean_square(weights, [getattr(part, kind) for part in parts])
-        for kind in ("correlated", "force", "walk")
+        for kind in ("correlated", "force", "walk", "offset", "slope")
     }
     return ErrorModel(
         {kind: level for kind, level in grown.items() if level is not None},
