@@ -84,8 +84,9 @@ def test_the_probability_is_that_of_two_laws_against_one():
     assert candidate.apart is not None
     (stray,) = candidate.apart.objects
     own = search.of_objects(["cup 5"])
-    of_all, of_four, of_fifth = (found(some).score for some in (search, search.of_objects(trials.objects[:4]), own))
-    shared = found(own, degree=1).score
+    searched = search, search.of_objects(trials.objects[:4]), own
+    of_all, of_four, of_fifth = (some.resolved(found(some)).score for some in searched)
+    shared = own.resolved(found(own, degree=1)).score
     prior = 2 * np.log(13)  # Of k strange objects of five B(1 + k, 14 - k): 1 / 14 for none, 1 / (13 14) for one
     against = of_four.total + of_fifth.total + prior + np.log(100) - of_all.total  # And a level of noise, log n
     assert candidate.apart.score - of_all == pytest.approx(against, abs=1e-6)
@@ -146,3 +147,19 @@ def test_laws_are_compared_by_the_objects_that_all_have(strange):
     four = trials.select(object=law.objects)
     frame, alone = cl.compare([law, whole], trials), cl.compare([law, cl.fit("x' = a + b x + c x^2", four)], four)
     assert frame["2 log B"].tolist() == pytest.approx(alone["2 log B"].tolist(), abs=1e-3)
+
+
+def test_errors_of_a_coarse_mesh_are_no_reason():
+    """Exact solutions of a Brusselator, of which some change several times faster than others."""
+    trials, times = [], np.linspace(0, 20, 150)
+    for b in (1.8, 2.2, 2.6, 3.0, 3.6):
+
+        def rates(_, z, b=b):
+            return [1 - (b + 1) * z[0] + z[0] ** 2 * z[1], b * z[0] - z[0] ** 2 * z[1]]
+
+        states = solve_ivp(rates, (0, 20), [1.2, 2.0], t_eval=times, rtol=1e-10, atol=1e-12).y.T
+        trials.append(states)
+    data = cl.Trials.from_arrays([times] * 5, trials, names=["x", "y"], object=[f"o{i}" for i in range(5)])
+    law = cl.discover(data, order=1, library="poly:3")
+    assert law.structure == ("x' = a + b x + c x^2 y", "y' = d x + f x^2 y")
+    assert law.objects == data.objects

@@ -43,13 +43,19 @@ _CODES: Mapping[Reason, str] = {
 
 
 def with_objects_apart(candidate: Candidate, search: CandidateSearch, find: Find) -> Candidate:
-    """Return a candidate with its strange objects apart, if these and a law of the others are more probable."""
-    names = suspects(candidate.pool, len(search.strange)) if search.options.strange_objects == "exclude" else ()
+    """Return a candidate with its strange objects apart, if these and a law of the others are more probable.
+
+    Laws are compared on resolved meshes: errors of a coarse one are a misfit of those objects that change fastest.
+    """
+    if search.options.strange_objects == "keep" or not suspects(candidate.pool, len(search.strange)):
+        return candidate
     try:
-        apart = _apart(candidate, names, search, find) if names else None
+        fine = search.resolved(candidate)
+        names = suspects(fine.pool, len(search.strange)) if fine.pool.best.is_resolved else ()
+        apart = _apart(fine, names, search, lambda some: some.resolved(find(some))) if names else None
     except CommonlawError:  # Too few samples for laws of their own
         return candidate
-    return replace(candidate, apart=apart) if apart and apart.score < candidate.score else candidate
+    return replace(candidate, apart=apart) if apart and apart.score < fine.score else candidate
 
 
 def _apart(candidate: Candidate, names: Sequence[str], search: CandidateSearch, find: Find) -> Apart | None:
@@ -59,7 +65,7 @@ def _apart(candidate: Candidate, names: Sequence[str], search: CandidateSearch, 
     """
     search.progress(f"seeking the law without {', '.join(names)}")
     others = find(search.of_objects([name for name in search.trials.objects if name not in names])).pool.best
-    if others.lack_of_fit:
+    if others.lack_of_fit or not others.is_resolved:
         return None
     whole = candidate.pool.best
     supports = _supports_in(whole.problem, others)
