@@ -7,11 +7,12 @@ import commonlaw as cl
 from commonlaw.differentiation import noise_order
 from commonlaw.formulation import law_variables
 from commonlaw.inference.fit.annealing import fit_supports
-from commonlaw.inference.fit.lack_of_fit import proportional_noise_gain, with_proportional_noise
+from commonlaw.inference.fit.lack_of_fit import proportional_noise_gain, with_heteroscedastic_noise
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.library import PolynomialLibrary
 from tests.simulations import solved
 
+KINDS = ("white", "proportional", "by-object")
 TIMES = np.linspace(0, 4, 300)
 DECAY = 5 * np.exp(-TIMES)[:, np.newaxis]
 
@@ -26,33 +27,37 @@ def noise(seed=0):
     return np.random.default_rng(seed).standard_normal(DECAY.shape)
 
 
+def with_noise(problem):
+    return with_heteroscedastic_noise(problem, KINDS)
+
+
 def test_noise_in_proportion_is_seen_with_its_share():
-    found = [with_proportional_noise(problem_of(DECAY * (1 + 0.05 * noise(seed)))) for seed in range(10)]
+    found = [with_noise(problem_of(DECAY * (1 + 0.05 * noise(seed)))) for seed in range(10)]
     shares = [each.errors.heteroscedastic["proportional"][0] for each in found]
     assert np.mean(shares) == pytest.approx(0.05, rel=0.1)
     assert all(each.noise[0] < 0.02 for each in found)  # Where the noise is 0.25 at first
 
 
 def test_white_noise_and_exact_states_show_none():
-    white = [with_proportional_noise(problem_of(DECAY + 0.05 * noise(seed))) for seed in range(50)]
+    white = [with_noise(problem_of(DECAY + 0.05 * noise(seed))) for seed in range(50)]
     assert sum(bool(each.errors) for each in white) <= 1
-    assert not with_proportional_noise(problem_of(DECAY)).errors
+    assert not with_noise(problem_of(DECAY)).errors
 
 
 def test_trials_that_change_too_fast_between_samples_hide_neither_growth_nor_its_absence():
     fast = 5 + np.sin(np.pi / 2 * np.arange(len(TIMES)) + 0.1)[:, np.newaxis]
     assert noise_order(TIMES, fast[:, 0]) is None
     slow = [DECAY * (1 + 0.05 * noise(seed)) for seed in range(2)]
-    share = with_proportional_noise(problem_of(*slow, fast)).errors.heteroscedastic["proportional"][0]
+    share = with_noise(problem_of(*slow, fast)).errors.heteroscedastic["proportional"][0]
     assert share == pytest.approx(0.05, rel=0.1)
     white = [DECAY + 0.05 * noise(seed) for seed in range(2)]
-    assert not with_proportional_noise(problem_of(*white, fast)).errors
-    assert not with_proportional_noise(problem_of(slow[0], fast)).errors
+    assert not with_noise(problem_of(*white, fast)).errors
+    assert not with_noise(problem_of(slow[0], fast)).errors
 
 
 def test_noise_that_is_given_stays():
     given = problem_of(DECAY * (1 + 0.05 * noise()), noise=np.array([0.1]))
-    assert with_proportional_noise(given) is given
+    assert with_noise(given) is given
 
 
 def test_outliers_are_seldom_taken_for_growth():
@@ -60,7 +65,7 @@ def test_outliers_are_seldom_taken_for_growth():
     for seed in range(30):
         states = DECAY + 0.05 * noise(seed)
         states[[10, 200]] += 2.0
-        seen += bool(with_proportional_noise(problem_of(states)).errors)
+        seen += bool(with_noise(problem_of(states)).errors)
     assert seen <= 4
 
 

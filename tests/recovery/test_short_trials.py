@@ -10,7 +10,7 @@ import commonlaw as cl
 from commonlaw import datasets
 from commonlaw.inference.data.noise import estimated_noise
 from commonlaw.inference.fit.annealing import rescale_noise, search
-from commonlaw.inference.fit.lack_of_fit import with_proportional_noise
+from commonlaw.inference.fit.lack_of_fit import with_heteroscedastic_noise
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.few_measurements import under_proportional_noise, with_ranked_supports
 from commonlaw.inference.search.law_search import PATH
@@ -106,7 +106,7 @@ def structure(pool):
 
 
 def test_integrals_propose_the_support_that_the_search_from_all_terms_misses_in_few_samples():
-    fits = search(with_proportional_noise(predation(0.04)), silent)
+    fits = search(with_heteroscedastic_noise(predation(0.04), ("proportional",)), silent)
     pool = Pool((rescale_noise(fits[0]),), fits)
     ranked = with_ranked_supports(pool, silent)
     assert structure(ranked) == PREDATION

@@ -274,7 +274,7 @@ def _of_stream(equations: str | Sequence[str], stream: TrialStream, settings: di
     one, parts = partial(_of_part, equations, settings | {"partial_pooling": False, "progress": silent}), stream.files
     progress = settings["progress"] or on_terminal()
     objects_apart(parts, part(progress, 0.0, 0.1))
-    law = fitted_by_parts([one] * len(parts), parts, part(progress, 0.1, 1.0))
+    law = fitted_by_parts([one] * len(parts), parts, part(progress, 0.1, 1.0), settings["errors"])
     made = (call(fit, settings, "cl.fit", repr(equations), "trials"),)
     provenance = replace(law.provenance, calls=made)
     return pool_objects(replace(law, provenance=provenance), None, settings["partial_pooling"])

@@ -77,9 +77,9 @@ def _deviance(law: Law, trials: Trials) -> float:
         seen = np.isfinite(trial.states)
         seen[np.argmax(seen, axis=0), range(seen.shape[1])] = False
         curve = np.where(np.isfinite(z), fitted[:, : seen.shape[1]], trial.states)
-        logs = 2 * np.log(errors.measurement_std(curve, trial.std(noise), trial.elapsed)) + 2 * np.where(
-            is_logarithmic, curve, 0.0
-        )
+        white = trial.std(errors.noise_of(trial.object, noise))
+        std = errors.measurement_std(curve, white, trial.elapsed)
+        logs = 2 * np.log(std) + 2 * np.where(is_logarithmic, curve, 0.0)
         sizes = np.fmin(np.abs(z), HUBER_THRESHOLD)
         total += float(np.sum((sizes**2 + logs)[seen]))
     return total

@@ -149,7 +149,7 @@ class TrajectoryLikelihood(FitOptions, AbstractMethod):
             seed=self.seed,
         )
         fit = partial(_fitted, best, options)
-        law = fitted_by_parts([fit] * len(parts), parts, part(progress, 0.4, 1.0))
+        law = fitted_by_parts([fit] * len(parts), parts, part(progress, 0.4, 1.0), errors)
         provenance = replace(
             best.provenance,
             domain=law.provenance.domain,

@@ -52,7 +52,8 @@ def untested(law: Law, trials: Trials, noise: Floats | None) -> tuple[Residuals,
     curves = [trajectory.states[:, : len(states)] for trajectory in followed.trajectories]
     errors = law.uncertainty.error_model
     standardized = tuple(
-        (trial.states - curve) / errors.measurement_std(curve, trial.std(noise), trial.elapsed)
+        (trial.states - curve)
+        / errors.measurement_std(curve, trial.std(errors.noise_of(trial.object, noise)), trial.elapsed)
         for trial, curve in zip(followed.trials, curves, strict=True)
     )
     names, units = law.terms.variables.states, units_with_rates(law)

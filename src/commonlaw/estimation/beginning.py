@@ -159,7 +159,8 @@ def begin(
     shown = with_logarithms(trials, log_states)
     if isinstance(ERRORS[errors], Heteroscedastic) and shown.schema.logarithmic:
         raise CommonlawError("log-states-with-errors", states=shown.schema.logarithmic)
-    if not ERRORS[errors].is_independent and any(np.isfinite(trial.below).any() for trial in trials):
+    is_independent = ERRORS[errors].is_independent and errors != "by-object"
+    if not is_independent and any(np.isfinite(trial.below).any() for trial in trials):
         raise CommonlawError("censored-with-errors", errors=errors)
     if errors != "white" and groups:
         raise CommonlawError("noise-by-property-with-errors", errors=errors, names=[*groups])

@@ -375,7 +375,7 @@ class Fitted:
     def under(self, kind: ErrorKind) -> "Fitted":
         """Return the fit under errors of measurements, from this one under white noise."""
         problem, optimum = under_errors(self.begun.problem, kind, self.optimum, self.begun.bounds)
-        begun = replace(self.begun, problem=problem, errors=kind)
+        begun = replace(self.begun, problem=problem, errors=problem.errors.kind)
         return replace(self, begun=begun, optimum=optimum, lack_of_fit=_lack_of_fit(begun, optimum))
 
     @property
@@ -518,7 +518,7 @@ class Fitted:
         why = "estimates of restricted maximum likelihood"
         how = f"maximum likelihood of {counted(unknowns, 'parameter')} by least squares of trajectories"
         return (
-            *error_steps(problem.errors, schema, why, outlying, problem.huber_threshold),
+            *error_steps(problem.errors, optimum.noise, schema, why, outlying, problem.huber_threshold),
             Step(
                 "fit",
                 f"-log L = {-optimum.log_likelihood:.6g}",

@@ -8,16 +8,19 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from commonlaw.array_types import Bools, Floats, Indices
+from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.estimation.model import Model
 from commonlaw.formulation import symmetric_root
 from commonlaw.integration.shooting import MAX_STEPS, NO_INPUTS, DelayedInputs, Solution, shoot
 from commonlaw.integration.vector_field import Inputs
 from commonlaw.library.grammar import columns_in
-from commonlaw.likelihood import WHITE_NOISE, ErrorModel
+from commonlaw.likelihood import WHITE_NOISE, ErrorModel, NoiseByObject, omitted_by_object
 from commonlaw.likelihood.levels import Deviations, LinearizedFit
+from commonlaw.likelihood.mesh import MIN_NOISE
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial
 from commonlaw.trials.transformations import known_inputs, starts_by
+from commonlaw.trials.trial import replication
 
 
 @dataclass(frozen=True, eq=False)
@@ -576,19 +579,55 @@ class Problem:
         return rows
 
     def leverage(self, unknowns: Floats, noise: Floats, free: Bools) -> Floats:
-        """Return the trace of the hat matrix of the free unknowns over the measurements of each observable, shape (m,).
+        """Return the trace of the hat matrix of the free unknowns over measurements of each trial, shape (trials, m).
 
         With the rows X of the derivatives of standardized residuals, priors among them, it is
         ``sum_i x_i' (X'X)^-1 x_i`` over the rows i of an observable.
         """
-        rows = self._weighted(unknowns, noise)
+        rows, quantities = self._weighted(unknowns, noise), len(noise)
         pairs = [(np.isfinite(data.trial.states), np.isfinite(data.trial.below)) for data in self.trials]
-        columns = np.concatenate([np.nonzero(kind)[1] for pair in pairs for kind in pair])
+        columns = np.concatenate(
+            [quantities * i + np.nonzero(kind)[1] for i, pair in enumerate(pairs) for kind in pair]
+        )
         rows = rows[:, free]
         scales = np.linalg.norm(rows, axis=0)
         basis, sizes, _ = np.linalg.svd(rows / np.where(scales > 0, scales, 1.0), full_matrices=False)
         basis = basis[: len(columns), sizes > np.finfo(float).eps * len(rows) * sizes.max(initial=0.0)]
-        return np.asarray(np.bincount(columns, np.sum(basis**2, axis=1), minlength=len(noise)), dtype=np.float64)
+        traces = np.bincount(columns, np.sum(basis**2, axis=1), minlength=quantities * len(self.trials))
+        return np.asarray(traces, dtype=np.float64).reshape(len(self.trials), quantities)
+
+    def noise_by_object(self, unknowns: Floats, noise: Floats, free: Bools, restricted: bool = True) -> NoiseByObject:
+        """Return the residuals of each object, see `commonlaw.likelihood.NoiseByObject`.
+
+        Residuals that are outliers by the median size of those of their object, too, are left out. Without the
+        restricted likelihood no degrees of freedom are used up.
+        """
+        used = self.leverage(unknowns, noise, free) * restricted
+        groups = dict[str, list[int]]()
+        for i, data in enumerate(self.trials):
+            groups.setdefault(data.trial.object, []).append(i)
+        squares, freedom, counts, floors = np.zeros((4, len(groups), len(noise)))
+        whitened = list[Floats]()
+        for data, part in zip(self.trials, self.standardized(unknowns, noise, False), strict=True):
+            z = part.z if data.weights is None else part.z / np.sqrt(data.weights)
+            whitened.append(np.where(part.seen, z, np.nan))
+        for o, (name, rows) in enumerate(groups.items()):
+            trials = [self.trials[i].trial for i in rows]
+            sizes = np.concatenate([whitened[i] for i in rows])
+            kept = np.isfinite(sizes) & ~omitted_by_object(sizes, self.huber_threshold)
+            known = replication(trials)[name]
+            squares[o] = np.where(kept, sizes**2, 0.0).sum(axis=0) * self.errors.noise_of(name, noise) ** 2
+            squares[o] += known.squares
+            freedom[o] = kept.sum(axis=0) + known.freedom - used[rows].sum(axis=0)
+            counts[o] = known.counts
+            floors[o] = np.maximum(MIN_NOISE * within_trial_std(trials), rounding_noise(trials))
+        return NoiseByObject(squares, freedom, counts, floors)
+
+    @property
+    def scatters(self) -> Bools:
+        """Of which observables the noise differs between objects, shape (m,)."""
+        owners, ones = {data.trial.object for data in self.trials}, np.ones(len(self.logarithmic))
+        return np.asarray(np.any([self.errors.noise_of(name, ones) != 1 for name in owners], axis=0))
 
     def restricted_noise(self, unknowns: Floats, noise: Floats, free: Bools) -> tuple[Floats, Floats]:
         """Return the noise of restricted maximum likelihood and its degrees of freedom, shape (m,) each.
@@ -599,13 +638,16 @@ class Problem:
         """
         unknown, freedom = ~self.known_noise, np.full(len(noise), np.inf)
         for _ in range(20):
-            used = self.leverage(unknowns, noise, free)
+            used = self.leverage(unknowns, noise, free).sum(axis=0)
             levels, before = self.noise_levels(unknowns, noise, used), freedom
             noise = np.where(levels > 0, levels, noise)  # Without residuals, the leverage is that at any noise
             outlying = np.sum([far.sum(axis=0) for far in self.outliers(unknowns, noise)], axis=0)
             freedom = np.where(unknown, self.counts - used - outlying, np.inf)
             if np.allclose(freedom, before, rtol=1e-6):
                 break
+        if self.scatters.any():
+            by_object = self.noise_by_object(unknowns, noise, free)
+            freedom = np.where(unknown, by_object.degrees_of_freedom(self.scatters), np.inf)
         total = max(round(float(freedom[unknown].sum()), 6), 1.0)
         return noise, np.where(freedom < 1, total, freedom)
 

@@ -14,7 +14,7 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
-from commonlaw.likelihood import ERRORS
+from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel
 from commonlaw.likelihood.levels import MOVED, likeliest_levels, scales_of
 from commonlaw.likelihood.mesh import MIN_NOISE
 from commonlaw.likelihood.outliers import capped, likelier_loss, median_noise
@@ -534,7 +534,7 @@ def _under_restricted_noise(problem: Problem, unknowns: Floats, noise: Floats, b
     """
     for _ in range(60):
         free = (unknowns != bounds.low) & (unknowns != bounds.high)
-        levels = problem.noise_levels(unknowns, noise, problem.leverage(unknowns, noise, free))
+        levels = problem.noise_levels(unknowns, noise, problem.leverage(unknowns, noise, free).sum(axis=0))
         noise, before = _not_zero(levels, problem), noise
         unknowns = _polished(problem, unknowns, noise, bounds, is_near=True)
         if np.allclose(noise, before, rtol=1e-6):
@@ -610,7 +610,11 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     levels, m, model = None, len(noise), ERRORS[kind]
     problem = replace(problem, rejects=problem.rejects and model.is_independent)
     for _ in range(20):
-        if not is_known:
+        if kind == "by-object" and not is_known:
+            noise, errors = _noise_by_object(problem, unknowns, noise, bounds)
+            if not errors:
+                return problem, optimum
+        elif not is_known:
             levels = _levels(problem, kind, unknowns, noise, bounds, levels)
             noise, errors = levels[:m], model.model(levels[m:])
         problem, before = problem.about(unknowns, noise, errors), unknowns
@@ -620,9 +624,27 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     optimum = _summary(problem, unknowns, noise, bounds, given=False, alike=optimum.starts_alike)
     if is_known:
         return problem, optimum
-    levels = _levels(problem, kind, unknowns, noise, bounds, levels, restricted=False)
-    at_levels = problem.about(unknowns, levels[:m], model.model(levels[m:]))
-    return problem, replace(optimum, log_likelihood=at_levels.log_likelihood(unknowns, levels[:m]))
+    if kind == "by-object":
+        noise, errors = _noise_by_object(problem, unknowns, noise, bounds, restricted=False)
+    else:
+        levels = _levels(problem, kind, unknowns, noise, bounds, levels, restricted=False)
+        noise, errors = levels[:m], model.model(levels[m:])
+    at_levels = problem.about(unknowns, noise, errors)
+    return problem, replace(optimum, log_likelihood=at_levels.log_likelihood(unknowns, noise))
+
+
+def _noise_by_object(
+    problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds, restricted: bool = True
+) -> tuple[Floats, ErrorModel]:
+    """Return the noise of all objects, and that of each one of quantities for which the evidence is for scatter."""
+    free = (unknowns != bounds.low) & (unknowns != bounds.high)
+    residuals = problem.noise_by_object(unknowns, noise, free, restricted)
+    scatters = (problem.scatters if problem.errors else residuals.evidence > 0) & ~problem.known_noise
+    levels, factors = residuals.levels(scatters)
+    if not scatters.any():
+        return noise, WHITE_NOISE
+    owners = dict.fromkeys(data.trial.object for data in problem.trials)
+    return np.where(problem.known_noise, noise, levels), ErrorModel(by_object=dict(zip(owners, factors, strict=True)))
 
 
 def _levels(

@@ -37,7 +37,7 @@ from commonlaw.law import Law
 from commonlaw.law.law import object_index
 from commonlaw.law.parameters import Parameters, named_parameters, rate_names, vector_field
 from commonlaw.law.quantiles import two_sided
-from commonlaw.library import highest_columns, highest_order, order_of_each
+from commonlaw.library import highest_columns, highest_order, order_of_each, with_rates
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.transformations import with_logarithms, with_zeros_before_doses
 
@@ -137,14 +137,15 @@ class Collocation(AbstractScheme):
         assert law.uncertainty.noise is not None
         by_coefficients, by_start = np.split(slopes, [-states.shape[1]], axis=2)
         of_states = values[:, : len(law.schema.states)]
-        white, coloured = measurement_errors(errors, law.uncertainty.noise, times, of_states, ~law.schema.is_latent)
+        noise = errors.noise_of(name, law.uncertainty.noise)
+        white, coloured = measurement_errors(errors, noise, times, of_states, ~law.schema.is_latent)
         if errors.of_law:
-            pushed = _pushes(law, times, by_start)[:, seen].reshape(white.size, -1)
+            pushed = _pushes(law, name, times, by_start)[:, seen].reshape(white.size, -1)
             coloured = pushed @ pushed.T + (0.0 if coloured is None else coloured)
         return Measured(values[:, seen], by_coefficients[:, seen], by_start[:, seen], white, coloured)
 
 
-def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
+def _pushes(law: Law, owner: str, times: Floats, by_start: Floats) -> Floats:
     """Return what standard normal numbers, which drive the errors of a law, add to its states, shape (n, D, k)."""
     errors, steps = law.uncertainty.error_model, np.diff(times)
     count, width = by_start.shape[:2]
@@ -153,8 +154,9 @@ def _pushes(law: Law, times: Floats, by_start: Floats) -> Floats:
     carried = (carried[:, :, :-1] + carried[:, :, 1:]) / 2  # From within the step m
     carried *= (np.arange(count)[:, np.newaxis] > np.arange(count - 1))[:, np.newaxis, :, np.newaxis]
     parts = []
-    if errors.walk is not None:
-        parts.append(carried * errors.walk * np.sqrt(steps)[:, np.newaxis])
+    walk = errors.walk_of(owner, with_rates(law.order, len(law.schema.states)))
+    if walk is not None:
+        parts.append(carried * walk * np.sqrt(steps)[:, np.newaxis])
     if errors.force is not None:
         middles = times[1:] - steps / 2
         apart = np.sqrt(3) * np.abs(middles[:, np.newaxis] - middles) / errors.force_time

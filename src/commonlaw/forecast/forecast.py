@@ -260,7 +260,8 @@ class Forecast(ShownInNotebooks):
             columns = np.isin(self.trials.schema.states, self.followed.trials.schema.logarithmic)
             pairs = zip(self.followed.measurement_std(white), self._states(), strict=True)
             return tuple(std * np.where(columns, states, 1.0) for std, states in pairs)
-        errors, noise = self.error_model, [trial.std(self.noise) for trial in self.trials]
+        errors = self.error_model
+        noise = [trial.std(errors.noise_of(trial.object, self.noise)) for trial in self.trials]
         forecast = zip(self.trials, self._states(), noise, strict=True)
         if white:
             return tuple(errors.white_std(states, std) for _, states, std in forecast)

@@ -119,7 +119,8 @@ def model_error_std(law: Law, trial: Trial, inputs: Inputs, states: Floats) -> F
         back = np.linalg.pinv(end)
         carried = -np.matmul(back, start)
         added = np.ones((len(mesh.steps), width + latent.width))
-        walk = np.zeros(width) if errors.walk is None else errors.walk
+        of_object = errors.walk_of(trial.object, with_rates(law.order, len(law.schema.states)))
+        walk = np.zeros(width) if of_object is None else of_object
         added[:, :width] = walk**2 * mesh.steps[:, np.newaxis]
         covariances = np.matmul(back * added[:, np.newaxis], back.transpose(0, 2, 1))
         for at, length in inputs.jumps_within:
@@ -195,8 +196,9 @@ class MeasuredStart(_AtFirstSample):
         """
         law, trial = self.law, self.samples
         assert law.uncertainty.noise is not None
-        white = trial.std(law.uncertainty.noise)
-        noise = law.uncertainty.error_model.measurement_std(trial.states, white, trial.elapsed)
+        error_model = law.uncertainty.error_model
+        white = trial.std(error_model.noise_of(trial.object, law.uncertainty.noise))
+        noise = error_model.measurement_std(trial.states, white, trial.elapsed)
         second, states = with_rates(law.order, len(law.schema.states)), noise.shape[1]
         covariance = np.diag(np.append(noise[0] ** 2, np.zeros(len(second))))
         method = _differentiation(law, trial)
@@ -281,7 +283,8 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
     if law.uncertainty.noise is None or not can_fit_initial_state(law):
         lacks = "has no noise estimate" if law.uncertainty.noise is None else "has zero noise for a state"
         raise CommonlawError("initial-values-without-noise", lacking=lacks)
-    noise, threshold = law.uncertainty.noise, law.uncertainty.huber_threshold
+    errors, threshold = law.uncertainty.error_model, law.uncertainty.huber_threshold
+    pooled, noise = law.uncertainty.noise, errors.noise_of(trial.object, law.uncertainty.noise)
     measured = np.isfinite(trial.states).any(axis=0)
     # States that were never measured where others were follow from the law
     unmeasured = [law.schema.states[j] for j in np.flatnonzero(~measured)] if measured.any() else []
@@ -301,13 +304,14 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         states[:, law.schema.states.index(name)] = np.mean(visited.get(name, (0.0, 0.0)))
     second = with_rates(law.order, len(law.schema.states))
     guess = _curve(trial.times, states, second)
-    errors, coefficients = law.uncertainty.error_model, law.coefficients[object_index(law, trial.object)]
+    coefficients = law.coefficients[object_index(law, trial.object)]
     (mesh,) = meshes([trial], MESH_POINTS, len(trial))
     # A model error of this size in a rate moves the state by its noise
     unit = np.concatenate([noise, noise[second] / (trial.times[-1] - trial.times[0])])
     model_errors: tuple[float, ...] = MODEL_ERRORS
-    if errors.walk is not None:
-        unit, model_errors = errors.walk * np.sqrt(np.median(mesh.steps)), (1.0,)
+    walk = errors.walk_of(trial.object, second)
+    if walk is not None:
+        unit, model_errors = walk * np.sqrt(np.median(mesh.steps)), (1.0,)
     mesh = mesh.with_inputs(inputs)
     estimate = Estimate(tuple(interpolate([guess], MESH_POINTS, len(trial))), coefficients)
     for _ in range(errors.rounds):
@@ -322,7 +326,7 @@ def fit_initial_state(law: Law, trial: Trial, inputs: Inputs, count: int) -> Sta
         start = estimate.states[0][0, : model.width]
         # At rest, with no scale of its own
         start = np.where(np.abs(start) < np.finfo(float).eps * unit, 0.0, start)
-        return FittedInitialState(start, trial, noise, errors, threshold)
+        return FittedInitialState(start, trial, pooled, errors, threshold)
     try:
         (reduced,) = eliminate_states_of_meshes(model, estimate, law.support, model_errors[-1])
         variances, last = reduced.state_covariances()

@@ -199,10 +199,9 @@ class Shooting(AbstractScheme):
 
     def noise(self, name: str) -> Floats:
         """Return the standard deviations of the measurements of an object, relative where log-scaled, shape (m,)."""
-        by_object = self.law.uncertainty.noise_of
-        return np.array(
-            [by_object.get(quantity, {}).get(name, self.levels[quantity]) for quantity in self.model.observables]
-        )
+        given = self.law.uncertainty.noise_of
+        levels = [given.get(quantity, {}).get(name, self.levels[quantity]) for quantity in self.model.observables]
+        return self.law.uncertainty.error_model.noise_of(name, np.array(levels))
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,10 @@ class HeaderDocument(msgspec.Struct):
 
 
 class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """Levels by state, see `ErrorModel`; heteroscedastic ones by kind, but for those in proportion to the state."""
+    """Levels by state, see `ErrorModel`; heteroscedastic ones by kind, but for those in proportion to the state.
+
+    Those by object are factors of the noise.
+    """
 
     proportional: Floats | None = None
     heteroscedastic: dict[str, Floats] = {}
@@ -75,6 +78,7 @@ class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, o
     walk: Floats | None = None
     offset: Floats | None = None
     slope: Floats | None = None
+    by_object: dict[str, Floats] = {}
 
 
 class EstimatesDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -346,10 +350,12 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         return EstimatesDocument(coefficients=by_object(known.coefficients), covariance=triangles(known.covariance))
 
     levels = {name: level for name, level in vars(uncertainty.error_model).items() if level is not None}
-    grown = {**levels.pop("heteroscedastic")}
+    grown, factors = {**levels.pop("heteroscedastic")}, {**levels.pop("by_object")}
     errors = {name: level for name, level in levels.items() if np.isfinite(level).all()}
     if grown:
         errors |= {"proportional": grown.pop("proportional", None), "heteroscedastic": grown}
+    if factors:
+        errors["by_object"] = factors
     return UncertaintyDocument(
         covariance=triangles(uncertainty.covariance),
         shared_factor=by_object(uncertainty.shared_factor),

@@ -292,13 +292,25 @@ def levels_in_words(levels: Floats, schema: Schema) -> str:
     )
 
 
-def error_steps(errors: ErrorModel, schema: Schema, why: str, outliers: int, threshold: float) -> list[Step]:
+def levels_by_object(errors: ErrorModel, noise: Floats, schema: Schema) -> str:
+    """Return the noise of each object in words, of eight at most, given that of all, shape (states,)."""
+    owners = [*errors.by_object]
+    levels = [f"{owner}, {levels_in_words(errors.noise_of(owner, noise), schema)}" for owner in owners[:8]]
+    return "; ".join([*levels, *(["..."] if len(owners) > 8 else [])])
+
+
+def error_steps(
+    errors: ErrorModel, noise: Floats, schema: Schema, why: str, outliers: int, threshold: float
+) -> list[Step]:
     """Return how many measurements are outliers, and levels of errors besides white noise, of states of a schema."""
     how = "have no weight" if ERRORS[errors.kind].is_independent else "count linearly instead of squared"
     beyond = f"beyond {threshold:g} standard deviations; they {how}"
     result = [Step("outliers", counted(outliers, "measurement"), beyond)] if outliers else []
     grown = errors.heteroscedastic_in_words(schema.states)
     result += [Step(ERRORS[kind].label, levels, why) for kind, levels in grown.items()]
+    if errors.by_object:
+        levels = levels_by_object(errors, noise, schema)
+        result.append(Step(ERRORS["by-object"].label, levels, why))
     if errors.correlated is not None:
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, '')}".rstrip()
         levels = levels_in_words(errors.correlated, schema)

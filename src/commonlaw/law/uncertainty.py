@@ -423,6 +423,10 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
         if values is not None:
             size = len(values) if name == "walk" else states  # Rates walk too
             arrays[name] = checked(values, f"level of errors ({name})", "states", (size,), low=0)
+    arrays["by_object"] = {
+        owner: checked(factors, f"noise of {owner}", "states", (states,), low=np.finfo(float).tiny)
+        for owner, factors in errors.by_object.items()
+    }
     for name in ("memory", "force_time"):
         if not getattr(errors, name) > 0:
             raise CommonlawError("law-error-not-positive", name=name, value=getattr(errors, name))

@@ -16,6 +16,7 @@ from commonlaw.likelihood.errors import (
     ERRORS as ERRORS,
     WHITE_NOISE as WHITE_NOISE,
     AbstractErrors as AbstractErrors,
+    ByObject as ByObject,
     ErrorModel as ErrorModel,
     Heteroscedastic as Heteroscedastic,
     Scales as Scales,
@@ -41,6 +42,11 @@ from commonlaw.likelihood.mesh import (
     Mesh as Mesh,
     interpolate as interpolate,
     meshes as meshes,
+)
+from commonlaw.likelihood.noise_scatter import (
+    NoiseByObject as NoiseByObject,
+    cost_of_scatter as cost_of_scatter,
+    omitted_by_object as omitted_by_object,
 )
 from commonlaw.likelihood.observation_model import (
     HUBER_THRESHOLD as HUBER_THRESHOLD,

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from commonlaw.array_types import Floats
+from commonlaw.array_types import Floats, Indices
 from commonlaw.likelihood.observation_model import LatentProcesses
 from commonlaw.runtime.fit_options import ErrorKind
 
@@ -18,7 +18,8 @@ class ErrorModel:
     """Levels of errors besides white noise, in units of states and time; None without a kind.
 
     Levels of `Heteroscedastic` noise are by kind, each of shape (d,); `walk` is a random walk of states and rates, for
-    a unit of time, shape (D,). For the others see `LatentProcesses`.
+    a unit of time, shape (D,). For the others see `LatentProcesses`. White noise, and the walk, of an object are those
+    of all objects times its factors in `by_object`, shape (d,); of objects that are not there they are those of all.
     """
 
     heteroscedastic: Mapping[ErrorKind, Floats] = field(default_factory=dict)
@@ -29,6 +30,7 @@ class ErrorModel:
     walk: Floats | None = None
     offset: Floats | None = None
     slope: Floats | None = None
+    by_object: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
     def kind(self) -> ErrorKind:
@@ -37,8 +39,10 @@ class ErrorModel:
             "autocorrelated": self.correlated,
             "drift": self.slope,
         }
-        kinds = [kind for kind, level in latent.items() if level is not None]
-        return next(iter([*kinds, *self.heteroscedastic]), "white" if self.walk is None else "random-walk")
+        kinds = [*(kind for kind, level in latent.items() if level is not None), *self.heteroscedastic]
+        if self.by_object:
+            kinds.append("by-object")
+        return next(iter(kinds), "white" if self.walk is None else "random-walk")
 
     @property
     def latent(self) -> LatentProcesses:
@@ -73,6 +77,15 @@ class ErrorModel:
     def of_measurements(self) -> "ErrorModel":
         """The errors of measurements among these."""
         return replace(self, force=None, force_time=np.inf, walk=None)
+
+    def noise_of(self, owner: str, noise: Floats) -> Floats:
+        """Return the white noise of an object, shape (d,), given that of all objects."""
+        return noise * self.by_object.get(owner, 1.0)
+
+    def walk_of(self, owner: str, second: Indices) -> Floats | None:
+        """Return the random walk of an object, whose states of second order are given by index."""
+        factors = self.by_object.get(owner)
+        return self.walk if self.walk is None or factors is None else self.walk * np.append(factors, factors[second])
 
     def white_std(self, states: Floats, noise: Floats) -> Floats:
         """Return the standard deviation of white noise at states, shape (n, d), given that at zero, (n, d) or (d,)."""
@@ -205,6 +218,19 @@ class Proportional(Heteroscedastic):
         return f"{100 * level:.3g} % of {state}"
 
 
+class ByObject(AbstractErrors):
+    """White noise of each object's own standard deviation, see `noise_scatter`."""
+
+    label = "noise by object"
+    is_independent = True
+
+    def model(self, values: Floats) -> ErrorModel:
+        return WHITE_NOISE
+
+    def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
+        return np.empty(0), np.empty(0)
+
+
 class _Timed(AbstractErrors):
     """Autocorrelated errors: levels, followed by one correlation time."""
 
@@ -281,6 +307,7 @@ class Walk(AbstractErrors):
 ERRORS: Mapping[ErrorKind, AbstractErrors] = {
     "white": White(),
     "proportional": Proportional(),
+    "by-object": ByObject(),
     "autocorrelated": Correlated(),
     "drift": Drift(),
     "random-walk": Walk(),

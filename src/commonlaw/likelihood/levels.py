@@ -169,7 +169,8 @@ class Deviations:
     def whitened(self, noise: Floats, errors: ErrorModel) -> Whitened:
         """Return the residuals under white noise, shape (m,), and other errors."""
         trial = self.trial
-        white = errors.white_std(self.reference, with_typical(trial.noise, noise)) * trial.averaging
+        typical = with_typical(trial.noise, errors.noise_of(trial.object, noise))
+        white = errors.white_std(self.reference, typical) * trial.averaging
         std = white if self.weights is None else white / np.sqrt(self.weights)
         z, slopes = self.values - trial.states, self.slopes
         if errors.latent.are_measured:

@@ -22,7 +22,7 @@ from commonlaw.law.alignment import TRIALS
 from commonlaw.law.equilibria import depends_on, has_phase_plane
 from commonlaw.law.parameters import named_parameters, state_rates, units_with_rates
 from commonlaw.law.pooling import comparable_groups, contrasts
-from commonlaw.law.provenance import Domain, levels_in_words
+from commonlaw.law.provenance import Domain, levels_by_object, levels_in_words
 from commonlaw.law.script import Source
 from commonlaw.law.tables import (
     MEANINGS,
@@ -245,6 +245,7 @@ def _errors(case: Summary) -> Iterator[Block]:
         )
         levels = [f"{kind} of {levels_in_words(std, schema)}" for kind, std in kinds if std is not None]
         levels += [f"noise of {grown}" for grown in errors.heteroscedastic_in_words(schema.states).values()]
+        levels += [f"noise by object: {levels_by_object(errors, noise, schema)}"] if errors.by_object else []
         yield Text(f"Measurement errors: {literal('; '.join(levels))}.")
     if errors.of_law:
         yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")

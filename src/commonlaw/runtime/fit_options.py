@@ -19,7 +19,7 @@ from commonlaw.runtime.parallel import check_n_jobs
 if TYPE_CHECKING:
     from commonlaw.solvers import AbstractSolver
 
-ErrorKind = Literal["white", "proportional", "autocorrelated", "drift", "random-walk", "gp-forcing"]
+ErrorKind = Literal["white", "proportional", "by-object", "autocorrelated", "drift", "random-walk", "gp-forcing"]
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
 T = TypeVar("T")
@@ -232,6 +232,7 @@ class FitOptions:
             "auto": "white noise, unless 2 log B > 10 for another kind",
             "white": "white noise only; in `fit`, `refine` and `compare` by least squares",
             "proportional": "heteroscedastic noise, which grows with the state",
+            "by-object": "noise that differs between objects",
             "autocorrelated": "autocorrelated measurement errors",
             "drift": "a drift of the sensor, an offset and a slope in time of each trial",
             "random-walk": "process noise, a random walk of the law",
@@ -337,6 +338,8 @@ def check_settings(function: str, values: Mapping[str, Any]) -> None:
         if about.choices:
             check_choice(name, values[name], about.choices)
         about.check(name, values[name])
+    if values["errors"] == "by-object" and values["noise"] is not None:
+        raise CommonlawError("noise-by-object-given")
 
 
 def changed_settings(function: str, values: Mapping[str, Any]) -> dict[str, Any]:

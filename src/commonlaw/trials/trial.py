@@ -3,7 +3,7 @@
 import math
 import numbers
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -98,6 +98,26 @@ def pure_error(repeats: Sequence[Repeats | None], states: int) -> tuple[Floats, 
     known = [repeat for repeat in repeats if repeat is not None]
     squares = sum((repeat.squares.sum(axis=0) for repeat in known), np.zeros(states))
     return squares, sum((repeat.freedom for repeat in known), np.zeros(states))
+
+
+class Replication(NamedTuple):
+    """Numbers of measurements of each state, and the pure error of repeated ones, each of shape (states,)."""
+
+    counts: Floats
+    squares: Floats
+    freedom: Floats
+
+
+def replication(trials: "Iterable[Trial]") -> dict[str, Replication]:
+    """Return that of each object, in the order of the trials."""
+    groups = dict[str, list[Trial]]()
+    for trial in trials:
+        groups.setdefault(trial.object, []).append(trial)
+    result = dict[str, Replication]()
+    for name, group in groups.items():
+        counts = np.sum([trial.counts.sum(axis=0) for trial in group], axis=0)
+        result[name] = Replication(counts, *pure_error([trial.repeats for trial in group], len(counts)))
+    return result
 
 
 Property = float | str

@@ -19,6 +19,7 @@ from commonlaw.inference.fit.covariance import (
     outliers,
     relative_residuals,
     residual_degrees_of_freedom,
+    residuals_by_object,
     total_degrees_of_freedom,
 )
 from commonlaw.inference.fit.fit import Fit, errors_to_fit
@@ -43,7 +44,7 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         return fit if fit.shared is None else _fitted(fit), True
     before, is_fitted, kind = fit, False, fit.errors
     with suppress(NotPositiveError):
-        if ERRORS[kind].group == "measurement":
+        if ERRORS[kind].group == "measurement" and kind != "by-object":  # Under white noise it would be all outliers
             white = fit.problem.under_white_noise
             fit = replace(fit, problem=white, estimates=white.padded(fit.estimates))
         squares = _under_residual_noise(replace(fit, problem=fit.problem.with_huber_threshold(np.inf)))
@@ -114,8 +115,14 @@ def _minus_twice_log_likelihood(fit: Fit) -> float:
     problem = fit.problem
     sizes, (squares, repeated) = relative_residuals(fit), problem.pure_error
     deviance = np.nansum(capped(sizes, problem.models[0].observation.huber_threshold), axis=0)
-    deviance += squares / problem.noise**2
-    return float(np.sum(deviance + 2 * (np.isfinite(sizes).sum(axis=0) + repeated) * np.log(problem.noise)))
+    deviance += squares / problem.noise**2 + 2 * (np.isfinite(sizes).sum(axis=0) + repeated) * np.log(problem.noise)
+    ones, before = np.ones(len(problem.noise)), 0
+    for name, model in zip(problem.trials.objects, problem.models, strict=True):
+        rows = slice(before, before + sum(map(len, model.meshes)))
+        before, factor = rows.stop, problem.errors.noise_of(name, ones)
+        counts = np.isfinite(sizes[rows]).sum(axis=0) + problem.replication[name].freedom
+        deviance += 2 * counts * np.log(factor)
+    return float(deviance.sum())
 
 
 def _metric(fit: Fit) -> list[tuple[Floats, Bools]]:
@@ -185,10 +192,13 @@ def _under_residual_noise(fit: Fit) -> Fit:
 
 def _under_likeliest_levels(fit: Fit, kind: ErrorKind) -> Fit:
     """Return the fit under errors of measurements, with which levels of largest restricted likelihood alternate."""
+    why = "estimate of restricted maximum likelihood under this error model"
     for _ in range(settings.MAX_ITERATIONS):
-        noise, errors = likeliest_errors(fit, kind)
         problem = fit.problem.about(fit.estimates)
-        problem = problem.with_errors(noise, errors, "estimate of restricted maximum likelihood under this error model")
+        if kind != "by-object":
+            problem = problem.with_errors(*likeliest_errors(fit, kind), why)
+        elif not problem.noise_given:
+            problem = problem.with_noise_by_object(residuals_by_object(fit), problem.scatters, why)
         before, fit = fit, _fitted(replace(fit, problem=problem, estimates=problem.padded(fit.estimates)))
         if _moved(fit, before.estimates, _metric(fit)) < MOVED:
             break

@@ -16,11 +16,12 @@ from commonlaw.formulation import LeastSquaresProblem, column_scales
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.fit import Fit, fully_measured
+from commonlaw.inference.fit.noise_by_object import approximately_used, noise_by_object
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.shared_coefficients import leverage, maximum
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
-from commonlaw.likelihood import ErrorModel, whitened
+from commonlaw.likelihood import ErrorModel, NoiseByObject, whitened
 from commonlaw.runtime.fit_options import CovarianceKind
 
 
@@ -61,11 +62,14 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
 def degrees_of_freedom(fit: Fit) -> Floats | None:
     """Return the degrees of freedom of the noise estimates, shape (states,); None if the noise is given.
 
-    For unmeasured states, or with less than one, they are those of all states.
+    For unmeasured states, or with less than one, they are those of all states. Where the noise differs between objects
+    they are the fewest of one.
     """
     if fit.problem.noise_given:
         return None
     freedom = residual_degrees_of_freedom(fit)
+    if (scatters := fit.problem.scatters).any():
+        freedom = residuals_by_object(fit).degrees_of_freedom(scatters)
     return np.where(freedom < 1, max(total_degrees_of_freedom(freedom), 1.0), freedom)
 
 
@@ -80,23 +84,30 @@ def residual_degrees_of_freedom(fit: Fit) -> Floats:
     meshes = [mesh for model in problem.models for mesh in model.meshes]
     counts = np.sum([mesh.moving.sum(axis=0) for mesh in meshes], axis=0) + problem.pure_error[1]
     counts = counts - outliers(fit).sum(axis=0)
+    return np.where(problem.trials.schema.is_latent, 0.0, counts - _used(fit).sum(axis=0))
+
+
+def residuals_by_object(fit: Fit) -> NoiseByObject:
+    """Return the residuals of each object, see `noise_by_object`."""
+    return noise_by_object(fit.problem, fit.estimates, _used(fit))
+
+
+def _used(fit: Fit) -> Floats:
+    """Return the trace tr H_j of each object, shape (objects, states), see `residual_degrees_of_freedom`."""
     fitted, free = fit.regressions, fit.free_coefficients
     complete = [regression for regression in fitted if regression is not None]
     if fit.shared is not None and len(complete) == len(fitted):
-        used = leverage(complete, free, fit.shared)
-    else:
-        of_objects = [
-            np.array(model.order) * np.sum([(mesh.moving > 0).sum(axis=0) for mesh in model.meshes], axis=0)
-            + inside.sum(axis=1)
-            if regression is None
-            else regression.leverage
-            for model, inside, regression in zip(problem.models, free, fitted, strict=True)
-        ]
-        used = np.sum(of_objects, axis=0)
-        if fit.shared is not None:  # They count once
-            again = np.sum([inside & fit.shared for inside in free], axis=0) - 1
-            used = used - np.where(fit.shared, again, 0).sum(axis=1)
-    return np.where(problem.trials.schema.is_latent, 0.0, counts - used)
+        return leverage(complete, free, fit.shared)
+    approximately = approximately_used(fit.problem, fit.estimates)
+    used = [
+        count if regression is None else regression.leverage
+        for count, regression in zip(approximately, fitted, strict=True)
+    ]
+    if fit.shared is not None:  # They count once
+        sharing = np.maximum(np.sum([inside & fit.shared for inside in free], axis=0), 1)
+        again = [np.where(inside & fit.shared, 1 - 1 / sharing, 0.0).sum(axis=1) for inside in free]
+        used = [count - more for count, more in zip(used, again, strict=True)]
+    return np.array(used)
 
 
 def relative_residuals(fit: Fit) -> Floats:
@@ -163,7 +174,7 @@ def errors_of(problem: SearchProblem, model_error: float) -> ErrorModel:
     if not model_error:
         return problem.errors
     step = np.median(np.concatenate([np.diff(trial.times) for trial in problem.trials]))
-    return replace(problem.errors, walk=model_error * problem.models[0].unit / np.sqrt(step))
+    return replace(problem.errors, walk=model_error * problem.unit / np.sqrt(step))
 
 
 def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:

@@ -1,7 +1,7 @@
 """Lack of fit: tests of residuals for white noise, discretization error, divergence, and poles.
 
-Proportional noise is estimated from differences of neighbouring samples before the search, which would otherwise
-interpret large residuals of large states as lack of fit.
+Noise that grows with a state, or differs between objects, is estimated from differences of neighbouring samples before
+the search, which would otherwise interpret large residuals as lack of fit, or be decided by the noisiest object.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,6 +14,7 @@ from commonlaw.array_types import Floats, evenly_spaced
 from commonlaw.differentiation import differences, noise_correlation, noise_order, without_outliers
 from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
+from commonlaw.inference.fit.noise_by_object import approximately_used, noise_by_object
 from commonlaw.inference.fit.parameter_grid import divisors, log_grid
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.settings import (
@@ -31,15 +32,18 @@ from commonlaw.integration import (
     simulate_each,
 )
 from commonlaw.library.grammar import evaluate
-from commonlaw.likelihood import HUBER_THRESHOLD, ErrorModel, Estimate, Mesh, jacobians, propagated
+from commonlaw.likelihood import HUBER_THRESHOLD, ErrorModel, Estimate, Mesh, NoiseByObject, jacobians, propagated
 from commonlaw.likelihood.levels import autocorrelation
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import unannounced
 
 Departures = Mapping[str, bool]
 """Departures of residuals from white noise in words, and whether each is of the noise; others are lack of fit."""
 
 HETEROSCEDASTIC = "heteroscedastic"
-"""The departure that is of the noise."""
+UNEQUAL = "of unequal noise between objects"
+OF_NOISE = (HETEROSCEDASTIC, UNEQUAL)
+"""Departures that are of the noise."""
 
 NO_LAW: Departures = {"lack of fit: no law of this library fits the measurements within their noise": False}
 """The departure of a fit with a model error."""
@@ -49,15 +53,20 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> Departu
     """Return the departures of residuals from white noise, state by state.
 
     They are heteroscedastic or autocorrelated if twice the log-likelihood ratio of a model with it exceeds log n for
-    each of its parameters (BIC), see `autocorrelation`.
+    each of its parameters (BIC), see `autocorrelation`, and of unequal noise if that of levels by object exceeds their
+    costs, see `NoiseByObject.evidence`.
     """
     # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
+    is_unequal = np.zeros(len(measured), dtype=np.bool_)
+    if len(problem.models) > 1 and not problem.noise_given and measured.any():
+        by_object = noise_by_object(problem, estimates, approximately_used(problem, estimates))
+        is_unequal = measured & (by_object.evidence > 0) & ~problem.scatters
     return {
-        f"residuals of {name} are {words}": words == HETEROSCEDASTIC
+        f"residuals of {name} are {words}": words in OF_NOISE
         for j, name in enumerate(problem.trials.schema.states)
         if name not in problem.trials.schema.initial_values
-        for words in _of_state(problem, estimates, j, bool(measured[j]))
+        for words in (*_of_state(problem, estimates, j, bool(measured[j])), *[UNEQUAL] * int(is_unequal[j]))
     }
 
 
@@ -238,39 +247,52 @@ def proportional_noise_gain(squared: Floats, sizes: Floats) -> tuple[float, Floa
     return gain, np.sqrt(levels[best]) * np.array([1.0, shares[best] / typical])
 
 
-def with_proportional_noise(problem: SearchProblem) -> SearchProblem:
-    """Return the problem with proportional noise of the states for which differences of samples support it.
+def with_heteroscedastic_noise(problem: SearchProblem, kinds: Sequence[ErrorKind]) -> SearchProblem:
+    """Return the problem with noise that grows with states, or differs between objects, by differences of samples.
 
-    Twice the log-likelihood ratio of squared differences must exceed log n, times the variance inflation by the
-    correlation of neighbouring differences. Trials in which no two orders of differences agree are left out: their
-    states change too fast between samples. They must be fewer than half.
+    Of the states for which differences support noise of one of these kinds, that of more evidence is taken: twice the
+    log-likelihood ratio of squared differences, over the variance inflation by the correlation of neighbouring ones,
+    less log n for proportional noise, which must be above zero, and less the costs of levels by object, see
+    `NoiseByObject.evidence`, which must be very strong. Trials in which no two orders of differences agree are left
+    out: their states change too fast between samples. They must be fewer than half.
     """
-    schema, floor = problem.trials.schema, noise_floor(problem.trials)
-    noise, shares = problem.noise.copy(), np.zeros(len(problem.noise))
+    schema, floor, objects = problem.trials.schema, noise_floor(problem.trials), problem.trials.objects
+    noise, shares, proportional = problem.noise.copy(), np.zeros(len(problem.noise)), 0.0
     if problem.noise_given:
         return problem
+    squares, freedom = np.zeros((2, len(objects), len(noise)))
     for j, name in enumerate(schema.states):
-        columns = list[tuple[Floats, Floats, Floats]]()  # Times, values, and smoothed values of each trial
-        for object_name, curves in zip(problem.trials.objects, problem.smoothed, strict=True):
+        columns = list[tuple[int, tuple[Floats, Floats, Floats]]]()  # Times, values, and smoothed values of each trial
+        for o, (object_name, curves) in enumerate(zip(objects, problem.smoothed, strict=True)):
             for trial, smooth in zip(problem.trials.of_object(object_name), curves, strict=True):
                 seen = np.isfinite(trial.states[:, j])
                 values = trial.states[seen, j]
                 if name not in schema.initial_values and len(values) >= MIN_SAMPLES and np.ptp(values) > 0:
-                    columns.append((trial.times[seen], values, smooth[seen, j]))
-        orders = [noise_order(times, values) for times, values, _ in columns]
+                    columns.append((o, (trial.times[seen], values, smooth[seen, j])))
+        orders = [noise_order(times, values) for _, (times, values, _) in columns]
         columns = [column for column, order in zip(columns, orders, strict=True) if order]
         if len(columns) <= len(orders) / 2:
             continue
         order = max(order for order in orders if order)
-        squares = zip(*(_differences(*column, order) for column in columns), strict=True)
-        squared, sizes = map(np.concatenate, squares)
+        parts = [(o, *_differences(*column, order)) for o, column in columns]
+        squared, sizes = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
         if np.sqrt(np.mean(squared)) <= 1.001 * floor[j]:  # At the noise floor
             continue
+        inflation = noise_correlation(order)
         gain, (constant, share) = proportional_noise_gain(squared, sizes)
-        if gain > noise_correlation(order) * np.log(sum(problem.measured)):
-            noise[j], shares[j] = max(constant, floor[j]), share
-    errors = ErrorModel({"proportional": shares})
-    return problem.with_errors(noise, errors, "by differences of neighbouring samples") if shares.any() else problem
+        if (evidence := gain / inflation - np.log(sum(problem.measured))) > 0:
+            noise[j], shares[j], proportional = max(constant, floor[j]), share, proportional + float(evidence)
+        for o, of_trial, _ in parts:
+            squares[o, j] += of_trial.sum() / inflation
+            freedom[o, j] += len(of_trial) / inflation
+    floors = np.array([noise_floor(problem.trials.select(object=name)) for name in objects])
+    residuals, why = NoiseByObject(squares, freedom, freedom, floors), "by differences of neighbouring samples"
+    scatters = residuals.evidence > settings.VERY_STRONG
+    if "by-object" in kinds and float(residuals.evidence[scatters].sum()) > proportional * ("proportional" in kinds):
+        return problem.with_noise_by_object(residuals, scatters, why)
+    if "proportional" in kinds and shares.any():
+        return problem.with_errors(noise, ErrorModel({"proportional": shares}), why)
+    return problem
 
 
 def _differences(times: Floats, values: Floats, smooth: Floats, order: int) -> tuple[Floats, Floats]:

@@ -38,6 +38,7 @@ from commonlaw.likelihood import (
     ErrorModel,
     Estimate,
     Mesh,
+    NoiseByObject,
     ObservationModel,
     Prior,
     Scales,
@@ -50,7 +51,7 @@ from commonlaw.runtime.fit_options import FitOptions
 from commonlaw.runtime.forking import cached_property
 from commonlaw.solvers import AbstractSolver
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.trial import pure_error, with_typical
+from commonlaw.trials.trial import Replication, replication, with_typical
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +197,7 @@ class SearchProblem:
         threshold = model.observation.huber_threshold
         problem = prepare(some, model.terms, known, noise=self.noise_estimate, huber_threshold=threshold, guess=guess)
         problem = problem.with_points(self.points)
-        models = tuple(replace(fine, unit=model.unit) for fine in problem.models)
+        models = tuple(replace(fine, unit=self.unit) for fine in problem.models)
         return replace(problem, models=models).with_errors(self.noise, self.errors, self.noise_reason)
 
     def with_scaled_noise(self, factor: Floats | float, reason: str) -> "SearchProblem":
@@ -215,12 +216,12 @@ class SearchProblem:
         """Return the problem with other noise, shape (d,), other errors, and their description."""
         lengths = [len(mesh) for model in self.models for mesh in model.meshes]
         scales = iter(np.split(self.white_std_at(noise, errors) / noise, np.cumsum(lengths)[:-1]))
-        models, starts = [], []
-        for model, start in zip(self.models, self.starts, strict=True):
+        models, starts, units = [], [], zip(self._units(errors), self._units(self.errors), strict=True)
+        for model, start, (unit, before) in zip(self.models, self.starts, units, strict=True):
             states = tuple(state[:, : model.width] for state in start.states)
             meshes = [mesh.with_scale(next(scales)) for mesh in model.meshes]
             observation = replace(model.observation, noise=noise)
-            changed = replace(model, meshes=meshes, observation=observation)
+            changed = replace(model, meshes=meshes, observation=observation, unit=model.unit * (unit / before))
             changed, start = changed.with_latent(errors.latent, replace(start, states=states))
             models.append(changed)
             starts.append(start)
@@ -232,8 +233,35 @@ class SearchProblem:
         """The problem with white noise alone, of its first estimate, which is the unit of model errors again."""
         if not self.errors:
             return self
-        of_unit = replace(self, noise=self.models[0].unit[: len(self.noise)], errors=WHITE_NOISE)
+        white = self.with_errors(self.noise, WHITE_NOISE, self.noise_reason)
+        of_unit = replace(white, noise=self.unit[: len(self.noise)])
         return of_unit.with_scaled_noise(self.noise_estimate / of_unit.noise, "of the first estimate")
+
+    @property
+    def scatters(self) -> Bools:
+        """Of which states the noise differs between objects, shape (d,)."""
+        ones = np.ones(len(self.noise))
+        return np.asarray(np.any([self.errors.noise_of(name, ones) != 1 for name in self.trials.objects], axis=0))
+
+    def with_noise_by_object(self, residuals: NoiseByObject, scatters: Bools, reason: str) -> "SearchProblem":
+        """Return the problem with the noise of each object by residuals, of states that scatter, shape (d,)."""
+        noise, factors = residuals.levels(scatters)
+        is_estimated = residuals.freedom.sum(axis=0) >= 1
+        floor = np.where(scatters, 0.0, noise_floor(self.trials))
+        noise = np.where(is_estimated, np.maximum(noise, floor), self.noise)
+        by_object = dict(zip(self.trials.objects, factors, strict=True)) if scatters.any() else {}
+        return self.with_errors(noise, ErrorModel(by_object=by_object), reason)
+
+    @property
+    def unit(self) -> Floats:
+        """The unit of the model errors of all objects, shape (D,); of each one it is in proportion to its noise."""
+        return self.models[0].unit / self._units(self.errors)[0]
+
+    def _units(self, errors: ErrorModel) -> list[Floats]:
+        """Return the unit of model errors of each object relative to that of all, shape (D,)."""
+        second, ones = with_rates(self.order, len(self.noise)), np.ones(len(self.noise))
+        factors = [errors.noise_of(name, ones) for name in self.trials.objects]
+        return [np.append(factor, factor[second]) for factor in factors]
 
     def about(self, estimates: Sequence[Estimate]) -> "SearchProblem":
         """Return the problem with the states of estimates, at which heteroscedastic noise is evaluated."""
@@ -248,7 +276,9 @@ class SearchProblem:
         is evaluated at the initial estimates.
         """
         states = np.concatenate([state for start in self.starts for state in start.states])[:, : len(noise)]
-        std = errors.white_std(states, with_typical(self._given, noise))
+        sizes = [sum(map(len, model.meshes)) for model in self.models]
+        levels = np.array([errors.noise_of(name, noise) for name in self.trials.objects])
+        std = errors.white_std(states, with_typical(self._given, np.repeat(levels, sizes, axis=0)))
         still = np.where(self._absent, settings.MIN_NOISE * self.noise_estimate, self.noise_estimate)
         return np.where(self._still, with_typical(self._given, still), std) * self._averaging
 
@@ -261,7 +291,7 @@ class SearchProblem:
             ~self.trials.schema.is_latent,
             None if self.noise_is_fixed else self.noise_estimate,
             settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0,
-            self.pure_error,
+            self.replication,
             self._noise_floors[1],
             self.scales,
         )
@@ -309,8 +339,20 @@ class SearchProblem:
 
     @cached_property
     def pure_error(self) -> tuple[Floats, Floats]:
-        """The pure-error sum of squares of replicates of each state, and its degrees of freedom, each of shape (d,)."""
-        return pure_error([trial.repeats for trial in self.trials], len(self.noise))
+        """The pure-error sum of squares of replicates of each state, and its degrees of freedom, each of shape (d,).
+
+        Squares are those at the noise of all objects, see `ErrorModel.noise_of`.
+        """
+        squares, freedom = np.zeros((2, len(self.noise)))
+        for name, of_object in self.replication.items():
+            squares += of_object.squares / self.errors.noise_of(name, np.ones(len(self.noise))) ** 2
+            freedom += of_object.freedom
+        return squares, freedom
+
+    @cached_property
+    def replication(self) -> dict[str, Replication]:
+        """Numbers of measurements of each object, and the pure error of its replicates."""
+        return replication(self.trials)
 
     @cached_property
     def _given(self) -> Floats:

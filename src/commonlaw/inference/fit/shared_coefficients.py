@@ -38,12 +38,12 @@ def maximum(factors: Sequence[Floats], free: Sequence[Bools], shared: Bools | No
 
 
 def leverage(regressions: Sequence[Regression], free: Sequence[Bools], shared: Bools) -> Floats:
-    """Return the trace of the hat matrix of all objects over the measurements of each state, shape (d,).
+    """Return the trace of the hat matrix over the measurements of each state of each object, shape (objects, d).
 
-    With orthonormal bases W of the columns, ``sum_o tr(W_o' Q_o' Q_o W_o)``, see `Regression`.
+    With orthonormal bases W of the columns it is ``tr(W_o' Q_o' Q_o W_o)``, see `Regression`.
     """
     triangles = [regression.factor[:-1, :-1] for regression in regressions]
-    total, bases, remainders = np.zeros(len(regressions[0].of_starts)), list[Floats](), list[Floats]()
+    result, bases, remainders = list[Floats](), list[Floats](), list[Floats]()
     for separate, common, _ in _split(triangles, free, shared, targets=0):
         basis = _basis(separate)
         bases.append(basis)
@@ -52,8 +52,8 @@ def leverage(regressions: Sequence[Regression], free: Sequence[Bools], shared: B
     in_common = np.split(_basis(np.concatenate(remainders)), ends)
     for regression, basis, of_shared in zip(regressions, bases, in_common, strict=True):
         columns = np.column_stack([basis, of_shared])
-        total += regression.of_starts + np.einsum("pi,dpq,qi->d", columns, regression.projected, columns)
-    return total
+        result.append(regression.of_starts + np.einsum("pi,dpq,qi->d", columns, regression.projected, columns))
+    return np.array(result)
 
 
 def _split(

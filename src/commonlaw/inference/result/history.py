@@ -276,7 +276,7 @@ def fit_steps(fit: Fit) -> tuple[Step, ...]:
     deviance, count = sum(estimate.deviance for estimate in fit.estimates), sum(problem.measured)
     deviance += float(np.sum(problem.pure_error[0] / problem.noise**2))
     return (
-        *error_steps(problem.errors, schema, problem.noise_reason, outlying, threshold),
+        *error_steps(problem.errors, problem.noise, schema, problem.noise_reason, outlying, threshold),
         model_error_step(fit),
         Step(
             "coefficients",

@@ -15,6 +15,7 @@ the coefficients of objects that differ in their time scale are multiples of eac
 prior probabilities, and C is that of their mixture.
 """
 
+from collections.abc import Mapping
 from ctypes import CDLL
 from dataclasses import dataclass, replace
 
@@ -25,8 +26,9 @@ from commonlaw.formulation import explained
 from commonlaw.hierarchy import LIKELIEST_SWEEPS, WORST_CONDITION, RandomEffects, marginal_deviance, relative_variances
 from commonlaw.inference.settings import COLLINEAR, MIN_SINGULAR_VALUE
 from commonlaw.kernel import CONSTANTS, MeasuredStructure, address, kernel
-from commonlaw.likelihood import ERRORS, ErrorModel, Scales
+from commonlaw.likelihood import ERRORS, ErrorModel, Scales, cost_of_scatter
 from commonlaw.likelihood.levels import free_levels
+from commonlaw.trials.trial import Replication
 
 (_MIN_COLUMN,), (_RIDGE,) = CONSTANTS["MIN_COLUMN"], CONSTANTS["RIDGE"]
 
@@ -86,11 +88,11 @@ class NoisePrior:
     Of the variance of each measured quantity it is inverse gamma: the `estimate` before any law, shape (m,), counts as
     so many `observations`; it is None for known noise. Both are variances of neighbouring differences: of white noise
     v, and of autocorrelated errors of standard deviation sigma and correlation time tau at sampling step h, they are
-    ``v + sigma^2 tanh(h / (2 tau))``. Repeats add their pure error, squares and degrees of freedom, shape (m,) each.
-    Neighbouring differences hardly see a drift. Levels above their lower bounds cost log n each, and so does their time
-    (BIC): at these bounds they stand for no such errors. Those of a drift cost the log of the number of trials, each of
-    which has one offset and one slope (BIC of mixed-effects models; Delattre, Lavielle and Poursat 2014). There are n =
-    `count` measured numbers, with a `freedom` before coefficients are fitted.
+    ``v + sigma^2 tanh(h / (2 tau))``. Repeats in `objects` add their pure error. Neighbouring differences hardly see a
+    drift. Levels above their lower bounds cost log n each, and so does their time (BIC): at these bounds they stand for
+    no such errors. Those of a drift cost the log of the number of trials, each of which has one offset and one slope
+    (BIC of mixed-effects models; Delattre, Lavielle and Poursat 2014); for those of objects see `cost_of_scatter`.
+    There are n = `count` measured numbers, with a `freedom` before coefficients are fitted.
     """
 
     count: int
@@ -98,7 +100,7 @@ class NoisePrior:
     measured: Bools
     estimate: Floats | None
     observations: float
-    pure_error: tuple[Floats, Floats]
+    objects: Mapping[str, Replication]
     floors: Floats
     scales: Scales
 
@@ -110,16 +112,21 @@ class NoisePrior:
         """
         if self.estimate is None:
             return NoiseScale(self.count)
-        inflation, (squares, repeated) = self._inflation(noise, errors, relative), self.pure_error
-        prior = self.observations * float(np.sum(1 / inflation)) + float(np.sum(squares / noise**2))
-        freedom = self.freedom + float(repeated.sum()) + self.observations * len(inflation)
+        prior, freedom, inflation = 0.0, self.freedom, self._inflation(noise, errors, relative)
+        for owner, of_object in self.objects.items():
+            prior += float(np.sum(of_object.squares / errors.noise_of(owner, noise) ** 2))
+            freedom += float(of_object.freedom.sum())
+        prior += self.observations * float(np.sum(1 / inflation))
+        freedom += self.observations * len(inflation)
         least = float(np.max((self.floors / noise)[self.measured])) ** 2
         return NoiseScale(self.count, freedom, prior, least=least)
 
     def penalty(self, noise: Floats, errors: ErrorModel, relative: Floats) -> float:
         """Return minus twice the log prior of the noise, with the normalization of repeats about their means."""
-        freedom = self.pure_error[1]
-        penalty = 2 * float(np.sum(freedom * np.log(np.where(freedom > 0, noise, 1.0))))
+        penalty = 0.0
+        for owner, of_object in self.objects.items():
+            levels = np.where(of_object.freedom > 0, errors.noise_of(owner, noise), 1.0)
+            penalty += 2 * float(np.sum(of_object.freedom * np.log(levels)))
         if self.estimate is not None:
             penalty += self.observations * float(np.log(self._inflation(noise, errors, relative)).sum())
         return penalty
@@ -127,7 +134,13 @@ class NoisePrior:
     def of_levels(self, errors: ErrorModel) -> float:
         """Return minus twice the log prior of levels and times of errors besides white noise."""
         numbers = self.scales.trials if ERRORS[errors.kind].is_of_trials else self.count
-        return free_levels(errors, self.scales) * float(np.log(max(numbers, 2)))
+        penalty = free_levels(errors, self.scales) * float(np.log(max(numbers, 2)))
+        counts = np.array([of_object.counts for of_object in self.objects.values()])
+        factors = np.array([errors.noise_of(owner, np.ones(counts.shape[1])) for owner in self.objects])
+        for column, of_objects in zip(factors.T, counts.T, strict=True):
+            if (scatters := column != 1).any():
+                penalty += cost_of_scatter(np.log(column[scatters]), of_objects[scatters])
+        return penalty
 
     def _inflation(self, noise: Floats, errors: ErrorModel, relative: Floats) -> Floats:
         """Return the noise variance over its prior estimate, of each measured quantity."""

@@ -40,7 +40,7 @@ from commonlaw.library.grammar import columns_in
 from commonlaw.likelihood.levels import Deviations, Whitened, scales_of
 from commonlaw.runtime.forking import cached_property
 from commonlaw.trials import Trial, Trials
-from commonlaw.trials.trial import property_names, pure_error, with_typical
+from commonlaw.trials.trial import property_names, replication, with_typical
 
 
 class Rows(NamedTuple):
@@ -337,16 +337,17 @@ class TrajectoryScore:
             observations = settings.PRIOR_OBSERVATIONS if is_long or has_replicates(measured).any() else 0.0
         elif not problem.known_noise.any():
             estimate = noise
-        squares, repeated = pure_error([trial.repeats for trial in trials], len(noise))
+        objects = replication(trials)
+        repeated = sum(float(of_object.freedom.sum()) for of_object in objects.values())
         count = sum(int(trial.counts.sum()) + int(np.isfinite(trial.below).sum()) for trial in trials)
         std, rounding = within_trial_std(trials), rounding_noise(trials)
         prior = NoisePrior(
             count,
-            count - float(repeated.sum()) - len(self.starts),
+            count - repeated - len(self.starts),
             np.ones(len(noise), dtype=np.bool_),
             estimate,
             observations,
-            (squares, repeated),
+            objects,
             np.maximum(settings.RESOLVED_NOISE * self.noise_floor, rounding),
             scales_of(std, trials),
         )

@@ -19,8 +19,9 @@ from commonlaw.inference.fit.annealing import (
     refine_support,
     rescale_noise,
 )
+from commonlaw.inference.fit.covariance import residuals_by_object
 from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, errors_to_fit, fitted
-from commonlaw.inference.fit.lack_of_fit import HETEROSCEDASTIC, Departures, departures_of_series
+from commonlaw.inference.fit.lack_of_fit import OF_NOISE, UNEQUAL, Departures, departures_of_series
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence
 from commonlaw.inference.score.trajectories import TrajectoryScore
@@ -53,15 +54,15 @@ def choose_errors(
     if not reason:
         return pool
     progress(Stage(f"{reason}: estimating errors jointly with the law", 0.2))
-    known = best.problem.errors.kind if best.problem.errors else "proportional"
-    kinds = error_kinds(errors, schema) if errors != "auto" else kinds_for(best.lack_of_fit, schema, known)
+    kinds = error_kinds(errors, schema) if errors != "auto" else kinds_for(best.lack_of_fit, schema)
     proposed = None if pool.plain is None else propose(pool.plain)
     return with_error_models(pool, proposed, kinds, part(progress, 0.2, 0.9))
 
 
-def kinds_for(lack_of_fit: str, schema: Schema, of_noise: ErrorKind = "proportional") -> tuple[ErrorKind, ...]:
+def kinds_for(lack_of_fit: str, schema: Schema) -> tuple[ErrorKind, ...]:
     """Return the error models that residuals are a reason for: those of the noise, and others of a lack of fit."""
-    return tuple(kind for kind in error_kinds("auto", schema) if lack_of_fit or kind in ("white", of_noise))
+    of_noise = ("white", "proportional", "by-object")
+    return tuple(kind for kind in error_kinds("auto", schema) if lack_of_fit or kind in of_noise)
 
 
 def under_likeliest_errors(fitted: Fitted) -> Fitted:
@@ -80,12 +81,14 @@ def under_likeliest_errors(fitted: Fitted) -> Fitted:
 def among_errors(fitted: Fitted, kinds: Sequence[ErrorKind]) -> Fitted:
     """Return the fit under the error model of largest evidence, from one under white noise, see `most_probable`.
 
-    Those of noise by property are white, and those of values below limits are independent.
+    Those of noise by property are white, and those of values below limits are independent, and of one noise.
     """
     begun = fitted.begun
     possible = () if begun.groups else [kind for kind in kinds if ERRORS[kind].group == "measurement"]
     is_censored = begun.problem.censored.any()
-    others = [kind for kind in possible if ERRORS[kind].is_independent or not is_censored]
+    others = [
+        kind for kind in possible if not is_censored or (ERRORS[kind].is_independent and kind != "by-object")
+    ]
     compared = [fitted, *(fitted.under(kind) for kind in others)]
     scores = [TrajectoryScore(fit).score.total for fit in compared]
     best = compared[_order([fit.begun.errors for fit in compared], scores, settings.VERY_STRONG)[0]]
@@ -94,12 +97,18 @@ def among_errors(fitted: Fitted, kinds: Sequence[ErrorKind]) -> Fitted:
 
 def departures_of(scored: TrajectoryScore) -> Departures:
     """Return the departures of residuals of a fit by shooting from white noise, see `departures`."""
-    noise, schema = scored.fitted.optimum.noise, _schema(scored.fitted)
-    is_measured = (noise > 1.001 * scored.noise_floor).tolist()
+    fitted, schema = scored.fitted, _schema(scored.fitted)
+    problem, optimum = fitted.begun.problem, fitted.optimum
+    is_measured = optimum.noise > 1.001 * scored.noise_floor
+    by_object = problem.noise_by_object(optimum.unknowns, optimum.noise, ~optimum.at_bound)
+    is_unequal = is_measured & (by_object.evidence > 0) & ~problem.known_noise & ~problem.scatters
     return {
-        f"residuals of {name} are {words}": words == HETEROSCEDASTIC
-        for k, name in enumerate(scored.fitted.begun.problem.model.observables)
-        for words in departures_of_series(scored.standardized(k), is_measured[k], name in schema.logarithmic)
+        f"residuals of {name} are {words}": words in OF_NOISE
+        for k, name in enumerate(problem.model.observables)
+        for words in (
+            *departures_of_series(scored.standardized(k), bool(is_measured[k]), name in schema.logarithmic),
+            *[UNEQUAL] * int(is_unequal[k]),
+        )
     }
 
 
@@ -175,7 +184,9 @@ def fit_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[Error
     for begin in (white, problem) if problem.errors else (white,):
         solved = fit_solutions(begin, supports)
         possible = [kind for kind in kinds if begin is white or kind == problem.errors.kind]
-        fits += [estimate_error_model(solved, kind) for kind in possible if kind != "random-walk"]
+        estimated = [estimate_error_model(solved, kind) for kind in possible if kind != "random-walk"]
+        # Noise of no scatter is white
+        fits += [fit for fit, kind in zip(estimated, possible, strict=False) if fit.errors == kind or len(kinds) == 1]
     if "random-walk" in kinds:
         fits.append(estimate_error_model(fit_supports(white, supports), "random-walk"))
     return [fit for fit in fits if fit.is_usable]
@@ -239,11 +250,32 @@ def estimate_error_model(fit: Fit, kind: ErrorKind) -> Fit:
     """
     if not fit.is_usable:
         return fit
+    if kind == "by-object":
+        return _with_noise_by_object(fit)
     grows = isinstance(ERRORS[kind], Heteroscedastic)
     fit = _with_levels(fit.problem.about(fit.estimates) if grows else fit.problem, fit, kind)
     for _ in range(1, fit.problem.errors.rounds):
         fit = _with_levels(fit.problem.about(fit.estimates), fit, kind) if fit.is_usable else fit
     fit = rescale_noise(fit)
+    return fit.with_score(fit.score_at_estimates) if fit.is_usable and not fit.has_converged else fit
+
+
+def _with_noise_by_object(fit: Fit) -> Fit:
+    """Return the fit with the noise of each object by its residuals, of states for which the evidence is for scatter.
+
+    It is the same fit if there are none.
+    """
+    scatters = fit.problem.scatters
+    for _ in range(settings.ALTERNATIONS):
+        if not fit.is_usable or fit.problem.noise_given:
+            break
+        residuals = residuals_by_object(fit)
+        scatters = scatters if scatters.any() else residuals.evidence > 0
+        if not scatters.any():
+            break
+        why = "maximum-marginal-likelihood estimate under this error model"
+        problem = fit.problem.with_noise_by_object(residuals, scatters, why)
+        fit = fitted(problem, fit.estimates, fit.supports, NO_MODEL_ERROR)
     return fit.with_score(fit.score_at_estimates) if fit.is_usable and not fit.has_converged else fit
 
 

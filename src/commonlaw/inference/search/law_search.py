@@ -24,7 +24,7 @@ from commonlaw.inference.fit.annealing import (
 )
 from commonlaw.inference.fit.convergence import on_finer_mesh, until_resolved
 from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, NO_MODEL_ERROR, Fit, best_fit
-from commonlaw.inference.fit.lack_of_fit import with_proportional_noise
+from commonlaw.inference.fit.lack_of_fit import with_heteroscedastic_noise
 from commonlaw.inference.fit.problem import SearchProblem, prepare
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import FitSetup, possible_interpolations, with_interpolation
@@ -75,7 +75,7 @@ def search_supports(
             guess=np.nan_to_num(known),
         )
         problem = replace(problem, solver=solver, differentiation=differentiation)
-        return with_proportional_noise(problem) if "proportional" in kinds else problem
+        return with_heteroscedastic_noise(problem, kinds)
 
     problem, rest = prepared(most_samples), part(progress, 0.05, 1.0)
     _ = problem.law  # Refused if there is none, such as of second order on a logarithmic scale

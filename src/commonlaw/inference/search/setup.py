@@ -190,12 +190,16 @@ class FitSetup:
 def error_kinds(errors: ErrorKind | Literal["auto"], schema: Schema) -> tuple[ErrorKind, ...]:
     """Return the error models that are compared for trials of a schema.
 
-    Raises `CommonlawError` if the noise of a logarithmic state is to be heteroscedastic.
+    Raises `CommonlawError` if the noise of a logarithmic state is to be heteroscedastic, or that of each object, if
+    columns have it.
     """
+    if errors == "by-object" and schema.noise_columns:
+        raise CommonlawError("noise-by-object-given")
     grown = [kind for kind, model in ERRORS.items() if isinstance(model, Heteroscedastic)] if schema.logarithmic else []
     if errors in grown:
         raise CommonlawError("log-states-with-errors", states=schema.logarithmic)
-    return tuple(kind for kind in (ERRORS if errors == "auto" else (errors,)) if kind not in grown)
+    refused = [*grown, *(["by-object"] if schema.noise_columns else [])]
+    return tuple(kind for kind in (ERRORS if errors == "auto" else (errors,)) if kind not in refused)
 
 
 def on_log_scale(law: Law, states: Sequence[str]) -> Law:

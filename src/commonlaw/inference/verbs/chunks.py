@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import chain
+from typing import Literal
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from commonlaw.law.objects import of_all_objects
 from commonlaw.law.provenance import Domain
 from commonlaw.likelihood import ErrorModel
 from commonlaw.runtime.cluster import done_in_parts
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, unannounced
 from commonlaw.trials import Trials, TrialStream
 from commonlaw.trials.stream import objects_of_parts
@@ -45,12 +47,15 @@ def objects_apart(parts: Sequence[TrialStream], progress: ProgressCallback) -> l
 
 
 def fitted_by_parts(
-    fits: Sequence[Callable[[Trials], Law]], parts: Sequence[TrialStream], progress: ProgressCallback
+    fits: Sequence[Callable[[Trials], Law]],
+    parts: Sequence[TrialStream],
+    progress: ProgressCallback,
+    errors: ErrorKind | Literal["auto"] = "auto",
 ) -> Law:
     """Return the law of the objects of all parts; each part has a function that fits its trials, and can be pickled.
 
     Objects are those of `objects_apart`. Noise and other errors are root mean squares over parts, weighted by their
-    samples.
+    samples; under ``errors="by-object"``, or if it differs in one of them, each object keeps the noise of its part.
     """
     fitted = done_in_parts(_fitted, list(zip(fits, parts, strict=True)), "fitting objects", progress)
     laws = [law for law, _ in fitted]
@@ -64,16 +69,25 @@ def fitted_by_parts(
         for name in ranges[0]
     }
     unknown = np.full(len(laws[0].schema.states), np.nan)
+    levels = [unknown if uncertainty.noise is None else uncertainty.noise for uncertainty in known]
+    noise, error_model = _root_mean_square(weights, levels), _errors(weights, [part.error_model for part in known])
+    if noise is not None and (errors == "by-object" or any(part.error_model.by_object for part in known)):
+        of_objects = [
+            (name, part.error_model.noise_of(name, level))
+            for law, part, level in zip(laws, known, levels, strict=True)
+            for name in law.objects
+        ]
+        error_model = replace(
+            error_model, by_object={name: np.nan_to_num(level / noise, nan=1.0) for name, level in of_objects}
+        )
     return replace(
         laws[0],
         objects=objects,
         coefficients=coefficients,
         uncertainty=Uncertainty(
             covariance,
-            noise=_root_mean_square(
-                weights, [unknown if uncertainty.noise is None else uncertainty.noise for uncertainty in known]
-            ),
-            error_model=_errors(weights, [uncertainty.error_model for uncertainty in known]),
+            noise=noise,
+            error_model=error_model,
             huber_threshold=known[0].huber_threshold,
             degrees_of_freedom=np.sum(degrees, axis=0) if len(degrees) == len(laws) else None,
         ),
@@ -102,13 +116,17 @@ def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
     """Return the error model of all parts; correlation times are means over the parts that have them."""
     kinds = dict.fromkeys(kind for part in parts for kind in part.heteroscedastic)
     grown = {kind: _root_mean_square(weights, [part.heteroscedastic.get(kind) for part in parts]) for kind in kinds}
-    levels = {
-        kind: _root_mean_square(weights, [getattr(part, kind) for part in parts])
+    correlated, force, walk, offset, slope = (
+        _root_mean_square(weights, [getattr(part, kind) for part in parts])
         for kind in ("correlated", "force", "walk", "offset", "slope")
-    }
+    )
     return ErrorModel(
         {kind: level for kind, level in grown.items() if level is not None},
-        **levels,
+        correlated=correlated,
+        force=force,
+        walk=walk,
+        offset=offset,
+        slope=slope,
         memory=_mean(weights, [part.memory for part in parts]),
         force_time=_mean(weights, [part.force_time for part in parts]),
     )

@@ -96,7 +96,7 @@ class CollocationFit(AbstractFit):
         laws = [select_objects(light, name) if known.issuperset(name) else typical(law, name) for name in names]
         of_part = replace(options, partial_pooling=False)
         fits = [partial(refined, law_of_part, options=of_part, progress=silent) for law_of_part in laws]
-        result = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0))
+        result = fitted_by_parts(fits, parts, part(progress, 0.1, 1.0), options.errors)
         step = Step("coefficients", counted(len(parts), "file"), "each object was fitted to its trials, file by file")
         provenance = replace(law.provenance, outcomes=(), history=(*law.history, step), domain=result.provenance.domain)
         pooled = pool_objects(replace(result, provenance=provenance), None, options.partial_pooling)
