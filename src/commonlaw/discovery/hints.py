@@ -35,7 +35,13 @@ from commonlaw.trials.check import Finding
 _MAX_EXCESS_SHARE = 0.1
 """Share of a range: margin around visited states, and spread of similar initial values."""
 
-_OTHER_ERRORS = ("proportional noise", "autocorrelated errors", "drift of the sensor", "model error")
+_OTHER_ERRORS = (
+    "proportional noise",
+    "noise by object",
+    "autocorrelated errors",
+    "drift of the sensor",
+    "model error",
+)
 """Stages of a history that say which errors a law has besides white noise."""
 
 _Found = tuple[Floats, Forecast, Forecast, tuple[int, int]]

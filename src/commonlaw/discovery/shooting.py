@@ -60,7 +60,8 @@ def by_shooting(request: FitRequest, reason: str, resting: tuple[str, ...] = ())
     domain, history = replace(law.provenance.domain, at_rest=resting), list(law.history)
     history.insert(1, Step("scheme", "shooting", reason))
     if checked_errors(request.changed) is None and not law.uncertainty.error_model:
-        why = "by default: no evidence for noise that grows with states; autocorrelated errors are taken by name"
+        why = "by default: no evidence for noise that grows with states or differs between objects; "
+        why += "autocorrelated errors are taken by name"
         history.insert(2, Step("errors", "white noise", why))
     rates = suitable_differentiation(moving, law.order)
     provenance = replace(

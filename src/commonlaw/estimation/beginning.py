@@ -162,6 +162,8 @@ def begin(
     is_independent = ERRORS[errors].is_independent and errors != "by-object"
     if not is_independent and any(np.isfinite(trial.below).any() for trial in trials):
         raise CommonlawError("censored-with-errors", errors=errors)
+    if errors == "by-object" and trials.schema.noise_columns:
+        raise CommonlawError("noise-by-object-given")
     if errors != "white" and groups:
         raise CommonlawError("noise-by-property-with-errors", errors=errors, names=[*groups])
     refuse_overwhelming_noise(shown, {name: level for name, level in known.items() if isinstance(level, float)})

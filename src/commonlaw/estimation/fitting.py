@@ -142,6 +142,13 @@ def updated(law: Law, trials: Trials) -> Law:
     noise: dict[str, NoiseGiven] = dict(zip(trials.schema.states, known_noise.tolist(), strict=True))
     noise |= law.uncertainty.noise_of
     known = np.any([trial.known_noise for trial in trials], axis=0)
+    errors = law.uncertainty.error_model
+    if errors.by_object:
+        of_objects = {owner: errors.noise_of(owner, known_noise).tolist() for owner in trials.objects}
+        noise |= {
+            name: {owner: levels[j] for owner, levels in of_objects.items()}
+            for j, name in enumerate(trials.schema.states)
+        }
     levels = {name: noise[name] for name in np.array(trials.schema.states)[~known].tolist()}
     depend = any(by != OBJECT and not by_trial(by, trials.schema) for by in restrictions_of(law).shared.values())
     for owners in [trials.objects] if depend else [(owner,) for owner in trials.objects]:

@@ -54,15 +54,20 @@ def choose_errors(
     if not reason:
         return pool
     progress(Stage(f"{reason}: estimating errors jointly with the law", 0.2))
-    kinds = error_kinds(errors, schema) if errors != "auto" else kinds_for(best.lack_of_fit, schema)
+    kinds = (
+        error_kinds(errors, schema)
+        if errors != "auto"
+        else kinds_for(best.lack_of_fit, schema, best.problem.errors.kind)
+    )
     proposed = None if pool.plain is None else propose(pool.plain)
     return with_error_models(pool, proposed, kinds, part(progress, 0.2, 0.9))
 
 
-def kinds_for(lack_of_fit: str, schema: Schema) -> tuple[ErrorKind, ...]:
+def kinds_for(lack_of_fit: str, schema: Schema, present: ErrorKind = "white") -> tuple[ErrorKind, ...]:
     """Return the error models that residuals are a reason for: those of the noise, and others of a lack of fit."""
-    of_noise = ("white", "proportional", "by-object")
-    return tuple(kind for kind in error_kinds("auto", schema) if lack_of_fit or kind in of_noise)
+    of_noise: tuple[ErrorKind, ...] = ("proportional", "by-object")
+    reasons = {"white", *(of_noise if present in ("white", *of_noise) else (present,))}
+    return tuple(kind for kind in error_kinds("auto", schema) if lack_of_fit or kind in reasons)
 
 
 def under_likeliest_errors(fitted: Fitted) -> Fitted:
@@ -86,9 +91,7 @@ def among_errors(fitted: Fitted, kinds: Sequence[ErrorKind]) -> Fitted:
     begun = fitted.begun
     possible = () if begun.groups else [kind for kind in kinds if ERRORS[kind].group == "measurement"]
     is_censored = begun.problem.censored.any()
-    others = [
-        kind for kind in possible if not is_censored or (ERRORS[kind].is_independent and kind != "by-object")
-    ]
+    others = [kind for kind in possible if not is_censored or (ERRORS[kind].is_independent and kind != "by-object")]
     compared = [fitted, *(fitted.under(kind) for kind in others)]
     scores = [TrajectoryScore(fit).score.total for fit in compared]
     best = compared[_order([fit.begun.errors for fit in compared], scores, settings.VERY_STRONG)[0]]
@@ -100,8 +103,10 @@ def departures_of(scored: TrajectoryScore) -> Departures:
     fitted, schema = scored.fitted, _schema(scored.fitted)
     problem, optimum = fitted.begun.problem, fitted.optimum
     is_measured = optimum.noise > 1.001 * scored.noise_floor
-    by_object = problem.noise_by_object(optimum.unknowns, optimum.noise, ~optimum.at_bound)
-    is_unequal = is_measured & (by_object.evidence > 0) & ~problem.known_noise & ~problem.scatters
+    is_unequal = np.zeros(len(is_measured), dtype=np.bool_)
+    if not problem.errors:
+        by_object = problem.noise_by_object(optimum.unknowns, optimum.noise, ~optimum.at_bound)
+        is_unequal = is_measured & (by_object.evidence > 0) & ~problem.known_noise
     return {
         f"residuals of {name} are {words}": words in OF_NOISE
         for k, name in enumerate(problem.model.observables)
@@ -155,7 +160,9 @@ def with_error_models(
         alternatives = [alternative for alternative in compared if alternative.errors == kind]
         fits.append((exact if exact.is_usable else best).with_alternatives(alternatives))
         if best.has_process_noise:
-            groups = ([fit for fit in compared if ERRORS[fit.errors].group == group] for group in GROUPS[:2])
+            # Noise by object would be what the law misses in each object
+            explained = [fit for fit in compared if fit.errors != "by-object" or not fit.lack_of_fit]
+            groups = ([fit for fit in explained if ERRORS[fit.errors].group == group] for group in GROUPS[:2])
             deterministic += [min(of_group) for of_group in groups if of_group]
     return Pool.of(fits, pool.explored, deterministic)
 
@@ -184,9 +191,9 @@ def fit_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[Error
     for begin in (white, problem) if problem.errors else (white,):
         solved = fit_solutions(begin, supports)
         possible = [kind for kind in kinds if begin is white or kind == problem.errors.kind]
-        estimated = [estimate_error_model(solved, kind) for kind in possible if kind != "random-walk"]
-        # Noise of no scatter is white
-        fits += [fit for fit, kind in zip(estimated, possible, strict=False) if fit.errors == kind or len(kinds) == 1]
+        estimated = {kind: estimate_error_model(solved, kind) for kind in possible if kind != "random-walk"}
+        # Noise by object without scatter is white noise
+        fits += [fit for kind, fit in estimated.items() if kind == fit.errors or "white" not in kinds]
     if "random-walk" in kinds:
         fits.append(estimate_error_model(fit_supports(white, supports), "random-walk"))
     return [fit for fit in fits if fit.is_usable]
