@@ -16,6 +16,7 @@ from commonlaw.array_types import Bools
 from commonlaw.diagnostics import note
 from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
 from commonlaw.errors import CommonlawError
+from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_solutions
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.final_score import score_of_order
@@ -25,6 +26,7 @@ from commonlaw.inference.search.error_models import estimate_error_model
 from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.search.strange_objects import Apart, Reason, StrangeObject, partition_penalty, suspects
 from commonlaw.law import Law, Provenance, Step
+from commonlaw.law.provenance import levels_in_words
 from commonlaw.likelihood import ERRORS
 from commonlaw.text import counted
 
@@ -116,7 +118,7 @@ def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bo
     if supports is not None:
         shared = fit_solutions(fit.problem, supports)
         kinds = error_kinds(search.options.errors, fit.problem.trials.schema) if shared.is_usable else ()
-        for kind in kinds:
+        for kind in (kind for kind in kinds if kind != "by-object"):
             under = shared if kind == "white" else estimate_error_model(shared, kind)
             if under.is_usable:
                 score = score_of_order(under)
@@ -126,7 +128,13 @@ def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bo
     best = min(explanations, key=lambda explanation: explanation.score, default=None)
     if best is not None and best.score < follows:
         return replace(best, share=float(1 / (1 + np.exp((best.score - follows) / 2))))
-    return None if is_same else _Explanation("coefficients", _in_words(shared), follows)
+    if is_same:
+        return None
+    if np.mean((shared.problem.noise / others.problem.noise) ** 2) > settings.MAX_REDUCED_CHI_SQUARED:
+        return _Explanation(
+            "errors", f"noise of {levels_in_words(shared.problem.noise, search.trials.schema)}", follows
+        )
+    return _Explanation("coefficients", _in_words(shared), follows)
 
 
 def _in_words(fit: Fit) -> str:
