@@ -16,6 +16,7 @@ from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Kind
 from commonlaw.inference.search.pool import Pool
+from commonlaw.inference.search.strange_objects import outcomes_of_misfit
 from commonlaw.law import Alternative, Law, Step
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.provenance import WITHOUT_QUANTITIES, error_steps, levels_in_words
@@ -120,6 +121,8 @@ def outcomes_of_fit(
         result.append(by_evidence if tried_errors else note("process-noise-by-name", error=error))
     elif lack := _left(fit):
         result.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=lack))
+    if not fit.has_process_noise:
+        result += outcomes_of_misfit(_residuals_by_object(fit))
     if fit.problem.samples:
         result.append(note("samples-fitted", samples=fit.problem.samples))
     problem, schema = fit.problem, fit.problem.trials.schema
@@ -128,6 +131,20 @@ def outcomes_of_fit(
         levels = levels_in_words(problem.noise, schema)
         result.append(note("noise-assumed", levels=levels, name=schema.measured[0]))
     return tuple(result)
+
+
+def _residuals_by_object(fit: Fit) -> list[tuple[str, Floats]]:
+    """Return differences of measurements and trajectories of each segment and state, with the object."""
+    schema, listed = fit.problem.trials.schema, list[tuple[str, Floats]]()
+    for name, model, estimate in zip(fit.problem.trials.objects, fit.problem.models, fit.estimates, strict=True):
+        for mesh, states in zip(model.meshes, estimate.states, strict=True):
+            segments = np.concatenate([[0], np.cumsum(~mesh.contiguous)])
+            for j in np.flatnonzero(~schema.is_latent):
+                seen = (mesh.observed & ~mesh.still)[:, j]
+                residuals = (mesh.measured - states[:, : len(schema.states)])[seen, j]
+                ends = np.flatnonzero(np.diff(segments[seen])) + 1
+                listed += [(name, series) for series in np.split(residuals, ends)]
+    return listed
 
 
 def with_approximation(pool: Pool, outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:

@@ -248,6 +248,16 @@ class TrajectoryScore:
             result.append((part.z[seen, k], np.abs(values[seen, k])))
         return result
 
+    @property
+    def residuals_by_object(self) -> list[tuple[str, Floats]]:
+        """Differences of measurements and trajectories of each trial and quantity, shape (n,), with the object."""
+        problem, unknowns, listed = self.fitted.begun.problem, self.fitted.optimum.unknowns, list[tuple[str, Floats]]()
+        for data in problem.trials:
+            values = problem.predicted(data, unknowns, False).values
+            for residuals in (data.trial.states - values).T:
+                listed.append((data.trial.object, residuals[np.isfinite(residuals)]))
+        return listed
+
     def _coordinates(self, owner: str, free: Sequence[int]) -> tuple[Floats, Floats, Bools]:
         """Return derivatives of unknowns by coefficients, shape (unknowns, k), these, and which scatter by logarithms.
 

@@ -27,6 +27,7 @@ from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evide
 from commonlaw.inference.score.trajectories import TrajectoryScore
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
+from commonlaw.inference.search.strange_objects import outcomes_of_misfit
 from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError
 from commonlaw.likelihood.levels import level_bounds, level_starts, minimum
 from commonlaw.runtime.fit_options import ErrorKind
@@ -118,10 +119,12 @@ def departures_of(scored: TrajectoryScore) -> Departures:
 
 
 def outcomes_of_departures(fitted: Fitted, *, tried_errors: bool) -> tuple[Outcome, ...]:
-    """Return a note on departures of residuals from white noise, if nothing else explains them."""
-    departures = {} if fitted.begun.problem.errors or fitted.lack_of_fit else departures_of(TrajectoryScore(fitted))
+    """Return notes on departures of residuals from white noise that nothing else explains, and on misfits of a few."""
+    scored = TrajectoryScore(fitted)
+    departures = {} if fitted.begun.problem.errors or fitted.lack_of_fit else departures_of(scored)
     code = "residuals" if tried_errors else "residuals-under-white-noise"
-    return (note(code, residuals="; ".join(departures)),) if departures else ()
+    result = (note(code, residuals="; ".join(departures)),) if departures else ()
+    return (*result, *outcomes_of_misfit(scored.residuals_by_object))
 
 
 def _schema(fitted: Fitted) -> Schema:

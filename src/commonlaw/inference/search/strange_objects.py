@@ -14,17 +14,20 @@ comparable size. An object that reveals a term is not strange, but one that the 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from math import lgamma
+from math import erfc, lgamma
 from typing import Literal
 
 import numpy as np
 
-from commonlaw.array_types import Bools
+from commonlaw.array_types import Bools, Floats
+from commonlaw.diagnostics import Outcome, note
 from commonlaw.inference import settings
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.score.score import Score
 from commonlaw.inference.score.supports import SupportEvidence
 from commonlaw.inference.search.pool import Pool
+from commonlaw.likelihood import HUBER_THRESHOLD
+from commonlaw.text import shown
 
 Reason = Literal["law", "errors", "coefficients"]
 """Why an object is strange: it has another law, other errors, or coefficients far from those of the others."""
@@ -65,6 +68,32 @@ def partition_penalty(strange: int, objects: int) -> float:
 
     follow, stray = settings.STRANGE_ODDS
     return -2 * (betaln(stray + strange, follow + objects - strange) - betaln(stray, follow))
+
+
+def poorly_fitted(residuals: Sequence[tuple[str, Floats]]) -> tuple[str, ...]:
+    """Return the few objects whose residuals are autocorrelated where those of the others are not.
+
+    Residuals of an object are those of a trial and state, shape (n,), several for each name. With n residuals and m
+    pairs of neighbours, r sqrt(m) of the autocorrelation r is standard normal for white noise; the test is one-sided
+    at `MISFIT_LEVEL` over all objects.
+    """
+    sums = dict[str, Floats]()
+    for name, series in residuals:
+        scale = float(np.median(np.abs(series))) / 0.6745 if len(series) else 0.0
+        usual = series[np.abs(series) <= HUBER_THRESHOLD * scale] / max(scale, np.finfo(float).tiny)
+        parts = usual[1:] @ usual[:-1], max(len(usual) - 1, 0), usual @ usual, len(usual)
+        sums[name] = sums.get(name, np.zeros(4)) + np.array(parts, dtype=np.float64)
+    level, names = settings.MISFIT_LEVEL / max(len(sums), 1), list[str]()
+    for name, (products, pairs, squares, count) in sums.items():
+        score = products / squares * count / np.sqrt(pairs) if squares > 0 and pairs > 0 else 0.0
+        names += [name] * (erfc(score / np.sqrt(2)) / 2 < level)
+    return tuple(names) if len(names) <= most_strange(len(sums)) else ()
+
+
+def outcomes_of_misfit(residuals: Sequence[tuple[str, Floats]]) -> tuple[Outcome, ...]:
+    """Return a note on the few objects that a law does not fit while it fits the others, see `poorly_fitted`."""
+    names = poorly_fitted(residuals)
+    return (note("objects-not-fitted", objects=shown(names, "object")),) if names else ()
 
 
 def suspects(pool: Pool, excluded: int) -> tuple[str, ...]:
