@@ -472,7 +472,7 @@ class Problem:
         unit = np.eye(self.unknowns)[:, free]
         rows = [prior.root @ unit[prior.indices] for prior in self.priors]
         rows = [np.zeros((0, int(free.sum()))), *rows]
-        return LinearizedFit.of(trials, (np.concatenate(residuals), np.concatenate(rows)))
+        return LinearizedFit(trials, (np.concatenate(residuals), np.concatenate(rows)))
 
     def standardized(self, unknowns: Floats, noise: Floats, slopes: bool) -> "Iterator[_Standardized]":
         """Yield the residuals of each trial."""

@@ -14,8 +14,8 @@ from commonlaw.array_types import Bools, Floats, Indices
 from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.problem import Problem, TrialData
-from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel
-from commonlaw.likelihood.levels import MOVED, likeliest_levels, scales_of
+from commonlaw.likelihood import ERRORS, WHITE_NOISE, ErrorModel, Scales
+from commonlaw.likelihood.levels import MOVED, covariance_by_levels, likeliest_levels, scales_of
 from commonlaw.likelihood.mesh import MIN_NOISE
 from commonlaw.likelihood.outliers import capped, likelier_loss, median_noise
 from commonlaw.runtime.fit_options import ErrorKind
@@ -624,6 +624,12 @@ def under_errors(problem: Problem, kind: ErrorKind, optimum: Optimum, bounds: Bo
     optimum = _summary(problem, unknowns, noise, bounds, given=False, alike=optimum.starts_alike)
     if is_known:
         return problem, optimum
+    if model.is_of_trials:
+        covariance, free = optimum.covariance.copy(), ~optimum.at_bound
+        fit, every = problem.linearized(unknowns, noise, free), np.concatenate([noise, errors.levels])
+        limits = _bounds_of_levels(problem)
+        covariance[np.ix_(free, free)] += covariance_by_levels(model, [fit], every, problem.known_noise, *limits)[0]
+        optimum = replace(optimum, covariance=covariance)
     if kind == "by-object":
         noise, errors = _noise_by_object(problem, unknowns, noise, bounds, restricted=False)
     else:
@@ -657,13 +663,16 @@ def _levels(
     restricted: bool = True,
 ) -> Floats:
     """Return the noise, other levels and times of largest (restricted) likelihood at unknowns, from first values."""
+    known, (floor, scales) = problem.known_noise, _bounds_of_levels(problem)
+    fit = problem.linearized(unknowns, noise, (unknowns != bounds.low) & (unknowns != bounds.high))
+    return likeliest_levels(ERRORS[kind], [fit.orthogonal], noise, known, floor, scales, first, restricted)
+
+
+def _bounds_of_levels(problem: Problem) -> tuple[Floats, Scales]:
+    """Return the floor of the noise, shape (m,), and the scales of errors."""
     trials = [data.trial for data in problem.trials]
     std = np.maximum(within_trial_std(trials), rough_noise(problem, MIN_NOISE))
-    floor = np.maximum(MIN_NOISE * std, rounding_noise(trials))
-    fit = problem.linearized(unknowns, noise, (unknowns != bounds.low) & (unknowns != bounds.high))
-    return likeliest_levels(
-        ERRORS[kind], [fit], noise, problem.known_noise, floor, scales_of(std, trials), first, restricted
-    )
+    return np.maximum(MIN_NOISE * std, rounding_noise(trials)), scales_of(std, trials)
 
 
 def summarized(

@@ -10,7 +10,7 @@ without the last part it is the likelihood.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
@@ -246,27 +246,45 @@ class LinearizedFit:
     trials: Sequence[Deviations]
     prior: tuple[Floats, Floats]
 
-    @classmethod
-    def of(cls, trials: Sequence[Deviations], prior: tuple[Floats, Floats]) -> "LinearizedFit":
-        """Return a fit whose unknowns are orthogonal combinations of those that the rows determine."""
+    @property
+    def orthogonal(self) -> "LinearizedFit":
+        """The fit whose unknowns are orthogonal combinations of those that the rows determine."""
         parts = [
             np.where(trial.seen[:, :, np.newaxis], np.nan_to_num(trial.slopes), 0.0)
-            for trial in trials
+            for trial in self.trials
             if trial.slopes is not None
         ]
-        rows = np.concatenate([*(part.reshape(-1, part.shape[2]) for part in parts), prior[1]])
+        rows = np.concatenate([*(part.reshape(-1, part.shape[2]) for part in parts), self.prior[1]])
         norms = np.linalg.norm(rows, axis=0)
         basis, sizes, _ = np.linalg.svd(rows / np.where(norms > 0, norms, 1.0), full_matrices=False)
         basis = basis[:, sizes > np.finfo(float).eps * len(rows) * sizes.max(initial=0.0)]
         pieces = np.split(basis, np.cumsum([part.shape[0] * part.shape[1] for part in parts]))
         changed = [
             replace(trial, slopes=piece.reshape(*part.shape[:2], -1))
-            for trial, part, piece in zip(trials, parts, pieces[:-1], strict=True)
+            for trial, part, piece in zip(self.trials, parts, pieces[:-1], strict=True)
         ]
-        return cls(changed, (prior[0], pieces[-1]))
+        return LinearizedFit(changed, (self.prior[0], pieces[-1]))
 
     def deviance(self, noise: Floats, errors: ErrorModel, restricted: bool = True) -> float:
         """Return minus twice the (restricted) log-likelihood, without constants; the likelihood keeps the unknowns."""
+        rows, target, total = self._whitened(noise, errors)
+        if not restricted:
+            return total + float(target @ target)
+        triangle = np.asarray(np.linalg.qr(np.column_stack([rows, target]), mode="r"))
+        diagonal = np.abs(np.diagonal(triangle))
+        k = triangle.shape[1] - 1
+        rest = float(diagonal[k] ** 2) if len(diagonal) > k else 0.0
+        return total + rest + 2 * float(np.log(diagonal[:k]).sum())
+
+    def moved(self, noise: Floats, errors: ErrorModel) -> Floats:
+        """Return how the unknowns of largest likelihood at levels of errors are off those of the fit, shape (k,)."""
+        rows, target, _ = self._whitened(noise, errors)
+        norms = np.linalg.norm(rows, axis=0)
+        norms = np.where(norms > 0, norms, 1.0)
+        return -np.asarray(np.linalg.lstsq(rows / norms, target, rcond=None)[0]) / norms
+
+    def _whitened(self, noise: Floats, errors: ErrorModel) -> tuple[Floats, Floats, float]:
+        """Return the slopes of all residuals, whitened, shape (r, k), these, shape (r,), and `Deviations.deviance`."""
         residuals, rows, total = [self.prior[0]], [self.prior[1]], 0.0
         for trial in self.trials:
             whitened = trial.whitened(noise, errors)
@@ -274,14 +292,7 @@ class LinearizedFit:
             residuals.append(whitened.z[trial.seen])
             assert whitened.slopes is not None
             rows.append(whitened.slopes[trial.seen])
-        target = np.concatenate(residuals)
-        if not restricted:
-            return total + float(target @ target)
-        triangle = np.asarray(np.linalg.qr(np.column_stack([np.concatenate(rows), target]), mode="r"))
-        diagonal = np.abs(np.diagonal(triangle))
-        k = triangle.shape[1] - 1
-        rest = float(diagonal[k] ** 2) if len(diagonal) > k else 0.0
-        return total + rest + 2 * float(np.log(diagonal[:k]).sum())
+        return np.concatenate(rows), np.concatenate(residuals), total
 
 
 def autocorrelation(squares: Floats, products: Floats) -> float:
@@ -323,6 +334,45 @@ def likeliest_levels(
     bounds = level_bounds(model, scales, floor, np.where(known, noise, np.nan))
     starts = level_starts(model, noise, *bounds) if first is None else [np.clip(np.log(first), *bounds)]
     return np.asarray(np.exp(minimum(value, min(starts, key=value), *bounds)))
+
+
+def covariance_by_levels(
+    model: AbstractErrors,
+    fits: Sequence[LinearizedFit],
+    levels: Floats,
+    known: Bools,
+    floor: Floats,
+    scales: Scales,
+) -> list[Floats]:
+    """Return what errors of levels of largest restricted likelihood add to covariances of unknowns, (k, k) of each fit.
+
+    With the slopes D of estimates by the logarithms of levels, whose covariance is W, it is ``D' W D`` (Kackar and
+    Harville 1984); W is twice the inverse Hessian of minus twice the restricted log-likelihood. Levels at their bounds,
+    and known ones, are fixed.
+    """
+    m, logs, spacing = len(known), np.log(levels), 0.05
+    low, high = level_bounds(model, scales, floor, np.where(known, levels[:m], np.nan))
+    moves = spacing * np.eye(len(logs))[(logs > low + spacing) & (logs < high - spacing)]
+
+    def at(place: Floats) -> tuple[Floats, ErrorModel]:
+        return np.exp(place[:m]), model.model(np.exp(place[m:]))
+
+    hessian = np.zeros((len(moves),) * 2)
+    for i, j in combinations_with_replacement(range(len(moves)), 2):
+        both, apart = moves[i] + moves[j], moves[i] - moves[j]
+        for sign, place in ((1, both), (1, -both), (-1, apart), (-1, -apart)):
+            hessian[i, j] += sign * sum(fit.deviance(*at(logs + place)) for fit in fits) / (2 * spacing) ** 2
+        hessian[j, i] = hessian[i, j]
+    sizes, directions = np.linalg.eigh(hessian)
+    if not len(sizes) or sizes[-1] <= 0:
+        return [np.zeros((fit.prior[1].shape[1],) * 2) for fit in fits]
+    root = directions * np.sqrt(2 / np.maximum(sizes, _SAME_LOGARITHM * sizes[-1]))
+    result = list[Floats]()
+    for fit in fits:
+        changes = [fit.moved(*at(logs + move)) - fit.moved(*at(logs - move)) for move in moves]
+        slopes = root.T @ np.array(changes) / (2 * spacing)
+        result.append(slopes.T @ slopes)
+    return result
 
 
 def over_decades(trials: Trials) -> tuple[str, ...]:

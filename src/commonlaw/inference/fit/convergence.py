@@ -15,7 +15,9 @@ from commonlaw.inference import settings
 from commonlaw.inference.data.noise import noise_floor
 from commonlaw.inference.fit.annealing import FROM_RESIDUALS
 from commonlaw.inference.fit.covariance import (
+    deviations_of,
     factors,
+    no_prior,
     outliers,
     relative_residuals,
     residual_degrees_of_freedom,
@@ -24,7 +26,7 @@ from commonlaw.inference.fit.covariance import (
 )
 from commonlaw.inference.fit.fit import Fit, errors_to_fit
 from commonlaw.inference.fit.shared_coefficients import maximum
-from commonlaw.likelihood import ERRORS, ErrorModel, Estimate, NotPositiveError, deviations, fit_each
+from commonlaw.likelihood import ERRORS, ErrorModel, Estimate, NotPositiveError, fit_each
 from commonlaw.likelihood.levels import MOVED, Deviations, LinearizedFit, likeliest_levels
 from commonlaw.likelihood.outliers import capped, likelier_loss, median_noise
 from commonlaw.runtime.fit_options import ErrorKind
@@ -215,7 +217,7 @@ def likeliest_errors(fit: Fit, kind: ErrorKind) -> tuple[Floats, ErrorModel]:
     floor = noise_floor(trials)
     levels = likeliest_levels(
         ERRORS[kind],
-        [LinearizedFit.of(parts, (np.zeros(0), np.zeros((0, parts[0].jacobian.shape[2])))) for parts in objects],
+        [LinearizedFit(parts, no_prior(parts)).orthogonal for parts in objects],
         problem.noise,
         problem.noise_given | latent,
         floor,
@@ -223,17 +225,6 @@ def likeliest_errors(fit: Fit, kind: ErrorKind) -> tuple[Floats, ErrorModel]:
         np.concatenate([problem.noise, errors.levels]) if errors else None,
     )
     return levels[:states], ERRORS[kind].model(levels[states:])
-
-
-def deviations_of(fit: Fit) -> list[list[Deviations]]:
-    """Return the trials of each object about a fit without errors of the law, without outliers."""
-    problem, trials = fit.problem, fit.problem.trials
-    lengths = [len(mesh) for model in problem.models for mesh in model.meshes]
-    far, free = iter(np.split(outliers(fit), np.cumsum(lengths)[:-1])), fit.free_coefficients
-    return [
-        deviations(model, estimate, inside, trials.of_object(name), [next(far) for _ in model.meshes])
-        for name, model, estimate, inside in zip(trials.objects, problem.models, fit.estimates, free, strict=True)
-    ]
 
 
 def _side_by_side(

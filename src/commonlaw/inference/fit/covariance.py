@@ -21,7 +21,8 @@ from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.fit.shared_coefficients import leverage, maximum
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
-from commonlaw.likelihood import ErrorModel, NoiseByObject, whitened
+from commonlaw.likelihood import ERRORS, ErrorModel, NoiseByObject, deviations, whitened
+from commonlaw.likelihood.levels import Deviations, LinearizedFit, covariance_by_levels
 from commonlaw.runtime.fit_options import CovarianceKind
 
 
@@ -129,6 +130,43 @@ def outliers(fit: Fit) -> Bools:
     return np.asarray(far & (2 * far.sum(axis=0) < np.isfinite(sizes).sum(axis=0)))
 
 
+def deviations_of(fit: Fit) -> list[list[Deviations]]:
+    """Return the trials of each object about a fit without errors of the law, without outliers."""
+    problem, trials = fit.problem, fit.problem.trials
+    lengths = [len(mesh) for model in problem.models for mesh in model.meshes]
+    far, free = iter(np.split(outliers(fit), np.cumsum(lengths)[:-1])), fit.free_coefficients
+    return [
+        deviations(model, estimate, inside, trials.of_object(name), [next(far) for _ in model.meshes])
+        for name, model, estimate, inside in zip(trials.objects, problem.models, fit.estimates, free, strict=True)
+    ]
+
+
+def no_prior(parts: Sequence[Deviations]) -> tuple[Floats, Floats]:
+    """Return the residuals and rows of no prior of the unknowns of these, see `LinearizedFit`."""
+    return np.zeros(0), np.zeros((0, parts[0].jacobian.shape[2]))
+
+
+def _by_levels(fit: Fit) -> list[Floats] | None:
+    """Return what errors of levels that are known from few trials add to the covariance of each object's coefficients.
+
+    None under other errors.
+    """
+    problem, model = fit.problem, ERRORS[fit.errors]
+    if not model.is_of_trials:
+        return None
+    levels, known = np.concatenate([problem.noise, problem.errors.levels]), problem.trials.schema.is_latent
+    added = covariance_by_levels(
+        model,
+        [LinearizedFit(parts, no_prior(parts)) for parts in deviations_of(fit)],
+        levels,
+        problem.noise_given | known,
+        noise_floor(problem.trials),
+        problem.scales,
+    )
+    counts = [int(free.sum()) for free in fit.free_coefficients]
+    return [matrix[len(matrix) - p :, len(matrix) - p :] for matrix, p in zip(added, counts, strict=True)]
+
+
 def total_degrees_of_freedom(freedom: Floats) -> float:
     """Return the sum of degrees of freedom, rounded, as it is an integer in least squares."""
     return round(float(np.sum(freedom)), 6)
@@ -184,13 +222,14 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
     known, or zero for an object, have no variance.
 
     It is the inverse Fisher information, with initial states profiled out, or that of the block bootstrap of
-    innovations (Stoffer and Wall 1991), linearized about the fit, which does not assume the noise model.
+    innovations (Stoffer and Wall 1991), linearized about the fit, which does not assume the noise model. To the first,
+    errors of levels of a drift are added, see `covariance_by_levels`.
     """
     problem = fit.problem
     coefficients = np.array([estimate.coefficients for estimate in fit.estimates])
     support = np.any(coefficients != 0, axis=0)
     by_object = np.zeros((len(fit.estimates), support.sum(), support.sum()))
-    triangles = factors(fit) if kind == "likelihood" else ()
+    triangles, by_levels = (factors(fit), _by_levels(fit)) if kind == "likelihood" else ((), None)
     listed = zip(problem.models, fit.estimates, fit.free_coefficients, strict=True)
     for o, (model, estimate, free) in enumerate(listed):
         indices, inner = np.flatnonzero(free[support]), np.flatnonzero(free)
@@ -199,7 +238,7 @@ def covariances(fit: Fit, kind: CovarianceKind, seed: int) -> Floats:
             covariance = bootstrapped(trials, inner, seed)
         else:
             factor = triangles[o][:, :-1]
-            covariance = _inverse(factor)
+            covariance = _inverse(factor) if by_levels is None else _inverse(factor) + by_levels[o]
             if (held := problem.fixed_at_pooled(o) & free).any():
                 whole = fully_measured(problem, fit.estimates)
                 scatter = whole[0] ** 2  # Of one object, the between-object variance is not identifiable: 100 %

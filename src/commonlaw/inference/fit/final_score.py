@@ -7,8 +7,8 @@ import numpy as np
 from commonlaw.array_types import Floats
 from commonlaw.inference import settings
 from commonlaw.inference.data.smoothing import start_variances
-from commonlaw.inference.fit.convergence import converged, deviations_of
-from commonlaw.inference.fit.covariance import outliers
+from commonlaw.inference.fit.convergence import converged
+from commonlaw.inference.fit.covariance import deviations_of, outliers
 from commonlaw.inference.fit.fit import Fit, fitted
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.score import Part, Score

@@ -11,8 +11,8 @@ from commonlaw.diagnostics import Outcome, note
 from commonlaw.errors import CommonlawError
 from commonlaw.estimation.fitting import Fitted, checked_errors, refit
 from commonlaw.inference.fit.annealing import fit_supports
-from commonlaw.inference.fit.convergence import converged, deviations_of
-from commonlaw.inference.fit.covariance import residual_degrees_of_freedom
+from commonlaw.inference.fit.convergence import converged
+from commonlaw.inference.fit.covariance import deviations_of, residual_degrees_of_freedom
 from commonlaw.inference.fit.final_score import score_of_fit, score_of_order
 from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, Fit
 from commonlaw.inference.score.misfit import FittedResiduals
