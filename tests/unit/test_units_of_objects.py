@@ -15,6 +15,16 @@ def decays(rates):
     return cl.Trials(tuple(trials), Schema(("x",)))
 
 
+def cups(scales, noise=(0.5, 0.5, 0.5, 0.5), rates=(0.3, 0.5, 0.8, 0.6), seed=0):
+    """Return two trials of each of some cups that cool to 20 degrees, in units of their own."""
+    times, random, trials = np.linspace(0, 6, 40), np.random.default_rng(seed), list[cl.Trial]()
+    for i, (scale, level, rate) in enumerate(zip(scales, noise, rates, strict=True)):
+        for trial, start in enumerate((80.0, 50.0)):
+            values = 20 + (start - 20) * np.exp(-rate * times) + level * random.standard_normal(40)
+            trials.append(cl.Trial(f"c{i}", str(trial), times, scale * values[:, np.newaxis]))
+    return cl.Trials(tuple(trials), Schema(("T",)))
+
+
 def noted(law):
     return [outcome for outcome in law.diagnostics if outcome.code == "object-in-other-units"]
 
@@ -33,3 +43,27 @@ def test_a_discovered_law_has_the_note():
 @pytest.mark.parametrize("rates", [(0.1, 0.2, 0.5, 1.0), (0.3, 0.32, 0.29, 0.9), (0.3, 3.0)])
 def test_scatter_between_objects_is_not_noted(rates):
     assert not noted(cl.fit("x' = -k x", decays(rates)))
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1000.0, "1000"), (0.01, "0.01"), (180 / np.pi, "57.3"), (9.81, "9.81"), (60.0, "60")]
+)
+def test_a_column_in_other_units_is_named_with_its_object_and_factor(factor, words):
+    law = cl.fit("T' = a - k T", cups((1.0, 1.0, 1.0, factor)))
+    (found,) = [outcome for outcome in law.diagnostics if outcome.code.endswith("in-other-units")]
+    assert (found.code, found.where) == ("column-in-other-units", "c3")
+    assert all(words in text for text in (found.text, found.remedy))
+
+
+@pytest.mark.parametrize(
+    ("scales", "noise"),
+    [
+        ((1.0, 1.0, 1.0, 1.0), (0.5, 0.5, 0.5, 0.5)),
+        ((1.0, 1.0, 1.0, 1.0), (0.05, 0.05, 0.05, 5.0)),  # Noise alone is a hundred times as large
+        ((1.0, 2.0, 5.0, 10.0), (0.5, 0.25, 0.1, 0.05)),  # Larger objects of one noise
+        ((1.0, 3.0, 10.0, 30.0), (0.5, 0.5, 0.5, 0.5)),
+    ],
+)
+def test_objects_that_differ_are_in_one_unit(scales, noise):
+    law = cl.fit("T' = a - k T", cups(scales, noise))
+    assert "column-in-other-units" not in [outcome.code for outcome in law.diagnostics]

@@ -202,7 +202,7 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
         except CommonlawError as error:
             if error.code == "parameters-not-identified" and not law.uncertainty.limits:
                 raise
-    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law))
+    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law, trials))
     outcomes += outcomes_of_inputs(law, trials)
     made = replace(law.provenance, calls=request.calls, outcomes=outcomes)
     return replace(law, provenance=made)

@@ -235,7 +235,7 @@ class LawDiscovery:
         outcomes = (*with_origin_outcomes(outcomes, law, trials), *outcomes_of_confounding(trials, law.order, library))
         if self.order == "auto" and law.order != 0:
             outcomes = (*outcomes, *outcomes_of_generations(law, trials))
-        outcomes = (*outcomes, *outcomes_of_separate_states(law), *outcomes_of_units(law))
+        outcomes = (*outcomes, *outcomes_of_separate_states(law), *outcomes_of_units(law, trials))
         outcomes += outcomes_of_inputs(law, trials)
         domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant, strange=strange)
         law = replace(law, provenance=replace(law.provenance, domain=domain))

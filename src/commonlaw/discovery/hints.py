@@ -211,35 +211,95 @@ def outcomes_of_generations(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     return tuple(result)
 
 
-_FACTORS = np.array([factor**sign for sign in (1.0, -1.0) for factor in (*10.0 ** np.arange(1, 7), 60.0, 3600.0, 2.54)])
-"""Ratios between common units: powers of ten, minutes and hours in seconds, and inches in centimetres."""
+_FACTORS = np.array(
+    [
+        factor**sign
+        for sign in (1.0, -1.0)
+        for factor in (*10.0 ** np.arange(1, 7), 60.0, 3600.0, 2.54, 9.81, 180 / np.pi)
+    ]
+)
+"""Ratios between common units: powers of ten, minutes and hours in seconds, inches in centimetres, the acceleration of
+gravity in m/s^2, and radians in degrees."""
 
 
-def outcomes_of_units(law: Law) -> tuple[Outcome, ...]:
-    """Return a note for each parameter by which one object differs from all others by a factor between two units.
+def outcomes_of_units(law: Law, trials: Trials) -> tuple[Outcome, ...]:
+    """Return notes on objects that differ from all others by a factor between two units.
 
-    The ratio of its value to the geometric mean of the others has a logarithm that exceeds three times the range of
-    theirs, and lies within that range, or two standard errors, of a factor's; within a tenth of the factor's, of one
-    below ten, as objects differ so much. There must be three objects.
+    There must be three objects. Other units multiply the values of a column and their noise alike: both have a ratio
+    near that factor, see `_unit_ratio`, where the noise differs between objects. Other objects differ in either, but
+    not in both by one factor. Of the parameters of objects without such a column there is a note for each such ratio.
     """
-    parameters, result = named_parameters(law), list[Outcome]()
     if len(law.objects) < 3:
         return ()
+    of_columns = _outcomes_of_columns(law, trials)
+    return (*of_columns, *_outcomes_of_parameters(law, [outcome.where for outcome in of_columns]))
+
+
+def _outcomes_of_columns(law: Law, trials: Trials) -> tuple[Outcome, ...]:
+    """Return a note for each column whose values and noise differ in one object by the same factor."""
+    errors, noise, result = law.uncertainty.error_model, law.uncertainty.noise, list[Outcome]()
+    if not errors.by_object or noise is None:
+        return ()
+    levels = np.log([errors.noise_of(name, noise) for name in law.objects])
+    groups = [np.concatenate([trial.states for trial in trials.of_object(name)]) for name in law.objects]
+    for j, column in enumerate(law.observation.measured.states):
+        if column in law.observation.measured.logarithmic or column in law.schema.initial_values:
+            continue
+        seen = [group[np.isfinite(group[:, j]), j] for group in groups]
+        if not all(len(values) and values.any() for values in seen):
+            continue
+        sizes = np.log([float(np.mean(values**2)) for values in seen]) / 2
+        of_noise = _unit_ratio(levels[:, j], np.array([(2 * len(values)) ** -0.5 for values in seen]))
+        of_values = _unit_ratio(sizes, np.zeros(len(seen)))
+        if of_noise is None or of_values is None or of_noise.object != of_values.object:
+            continue
+        factors = [f"{factor:.4g}" for factor in of_values.factors if factor in of_noise.factors]
+        if factors:
+            where, ratio = law.objects[of_values.object], of_values.ratio
+            result.append(
+                note("column-in-other-units", where, column=column, ratio=ratio, factors=" or ".join(factors))
+            )
+    return tuple(result)
+
+
+class _UnitRatio(NamedTuple):
+    """An object, by index, its ratio to all others, and the factors between two units that it may be, nearest first."""
+
+    object: int
+    ratio: float
+    factors: list[float]
+
+
+def _unit_ratio(logarithms: Floats, errors: Floats) -> _UnitRatio | None:
+    """Return the object that differs from all others by a factor between two units; None if there is none.
+
+    The ratio to the geometric mean of the others has a logarithm that exceeds three times the range of theirs, and lies
+    within that range, and two standard errors, of a factor's; within a tenth of the factor's, of an inch, as objects
+    differ so much.
+    """
+    o = int(np.argmax(np.abs(logarithms - np.median(logarithms))))
+    others = np.delete(logarithms, o)
+    ratio, tolerance = float(logarithms[o] - others.mean()), float(np.ptp(others)) + SIGNIFICANT * float(errors[o])
+    if abs(ratio) <= 3 * tolerance:
+        return None
+    distances, sizes = np.abs(ratio - np.log(_FACTORS)), np.abs(np.log(_FACTORS))
+    is_near = (distances <= tolerance) & ((sizes > np.log(9)) | (tolerance <= 0.1 * sizes))
+    factors = [float(_FACTORS[i]) for i in np.argsort(distances, kind="stable") if is_near[i]]
+    return _UnitRatio(o, float(np.exp(ratio)), factors) if factors else None
+
+
+def _outcomes_of_parameters(law: Law, noted: Sequence[str]) -> tuple[Outcome, ...]:
+    """Return a note for each parameter by which one object, if it was not noted before, differs from all others."""
+    parameters, result = named_parameters(law), list[Outcome]()
     for p, name in enumerate(parameters.names):
         values, errors = parameters.values[:, p], parameters.errors[:, p]
         if not (np.isfinite(values).all() and (np.all(values > 0) or np.all(values < 0))):
             continue
-        logarithms = np.log(np.abs(values))
-        o = int(np.argmax(np.abs(logarithms - np.median(logarithms))))
-        others = np.delete(logarithms, o)
-        ratio, spread = float(logarithms[o] - others.mean()), float(np.ptp(others))
-        distances = np.abs(ratio - np.log(_FACTORS))
-        tolerance = spread + SIGNIFICANT * float(np.nan_to_num(errors[o] / abs(values[o])))
-        factor, at = float(_FACTORS[int(np.argmin(distances))]), law.objects[o]
-        if abs(np.log(factor)) < np.log(10) and tolerance > 0.1 * abs(np.log(factor)):
-            continue
-        if abs(ratio) > 3 * tolerance and distances.min() <= tolerance:
-            result.append(note("object-in-other-units", name=name, object=at, ratio=np.exp(ratio), factor=factor))
+        ratio = _unit_ratio(np.log(np.abs(values)), np.nan_to_num(errors / np.abs(values)))
+        if ratio:
+            at, factor = law.objects[ratio.object], ratio.factors[0]
+            if at not in noted:
+                result.append(note("object-in-other-units", name=name, object=at, ratio=ratio.ratio, factor=factor))
     return tuple(result)
 
 

@@ -120,7 +120,7 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
         *departures,
         *outcomes_of_parameters(law),
         *of_errors,
-        *outcomes_of_units(law),
+        *outcomes_of_units(law, trials),
     ]
     outcomes += outcomes_of_inputs(law, trials)
     if len(tried) == 1:
