@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw.law.parameters import standard_errors
@@ -61,3 +62,26 @@ def test_cups_that_cool_at_different_rates_cool_by_newtons_law():
     assert law.structure == ("T' = a + b T",)
     ratios = -law.coefficients[:, 0, 0] / law.coefficients[:, 0, 1]
     np.testing.assert_allclose(np.median(ratios), 21.5, rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("rates", "starts", "duration", "expected"),
+    [
+        (lambda _, y: [y[0] - y[0] ** 3], [[0.1], [-1.8]], 6, [{"p", "p^3"}]),
+        pytest.param(
+            lambda _, y: [1.1 * y[0] - 0.4 * y[0] * y[1], 0.1 * y[0] * y[1] - 0.4 * y[1]],
+            [[10, 10], [5, 3]],
+            30,
+            [{"p", "p q"}, {"q", "p q"}],
+            marks=pytest.mark.slow,
+        ),
+    ],
+    ids=["double well", "predation"],
+)
+def test_errors_of_a_solver_are_not_explained_by_terms(rates, starts, duration, expected):
+    """Its local errors are smooth, and add up to more than any noise that samples show."""
+    times = np.linspace(0, duration, 80 if duration < 10 else 300)
+    curves = [solve_ivp(rates, (0, duration), start, t_eval=times, rtol=1e-5).y.T for start in starts]
+    law = cl.discover(cl.Trials.from_arrays([times] * 2, curves, names=["p", "q"][: len(starts[0])]))
+    assert [set(np.array(law.terms.names)[support]) for support in law.support] == expected
+    assert not law.uncertainty.error_model

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, NO_MODEL_ERROR, errors_to_fit
+from commonlaw.inference.fit.fit import ALL_MODEL_ERRORS, NO_MODEL_ERROR
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.library import Terms
 from commonlaw.likelihood import Estimate, NotPositiveError, fit, linearize
@@ -240,7 +240,7 @@ def converged(problem: SearchProblem, fitted: FunctionFit) -> FunctionFit:
 
 def followed(problem: SearchProblem, fitted: FunctionFit) -> tuple[Estimate, ...]:
     """Return trajectories with the coefficients and weights of a fit."""
-    model, errors = fitted.model, errors_to_fit(fitted.model_error)
+    model, errors = fitted.model, problem.errors_to_fit(fitted.model_error)
     none, fits = np.zeros_like(model.own), []
     triples = zip(problem.models, fitted.estimates, fitted.posterior.coefficients, strict=True)
     for trajectory, estimate, coefficients in triples:
@@ -260,7 +260,7 @@ def fit_about(
     columns = model.own | model.shared
     order = np.argsort(model.shared[columns], kind="stable")
     order = np.append(order, len(order))
-    factors, constant, starts, at = [], 0.0, 0, errors_to_fit(model_error)[-1]
+    factors, constant, starts, at = [], 0.0, 0, problem.errors_to_fit(model_error)[-1]
     for trajectory, estimate, name in zip(problem.models, estimates, problem.trials.objects, strict=True):
         linear = linearize(replace(trajectory, terms=model.terms), estimate, at, columns)
         factors.append(np.asarray(np.linalg.qr(linear.problem.factor[:, order], mode="r")))

@@ -24,8 +24,7 @@ INDIFFERENT = 2.0
 
 # Noise before any law
 RESOLVED_NOISE = 0.1
-"""Share of the noise that steps resolve, and of the noise floor to which residual noise is bounded: a smaller one would
-take much finer meshes."""
+"""Share of the noise that steps resolve: a smaller one would take much finer meshes."""
 ASSUMED_NOISE = 0.05
 """Noise, in standard deviations of a state, where a trial has too few samples for an estimate."""
 MIN_FREEDOM = 4
@@ -138,6 +137,9 @@ MODEL_ERRORS = (10.0, 3.0, 1.0, 0.3, 0.1)
 FINAL_MODEL_ERRORS = (0.03, 0.003, 0.0003)
 """Down to which laws without one are fitted: the last times the samples of a trial should be below one, as what is
 allowed in each step adds up."""
+SOLVER_ERROR = 0.1
+"""The last where nothing is measured but the least noise, relative to that: 1e-5 of the standard deviation of a state
+in each step, a usual tolerance of solvers, from which such data come."""
 SCHEDULES = ((3.0, 1.0, 0.3, 0.1, 0.0), (0.3, 0.0), (0.1, 0.0))
 """At which supports are chosen, in turn. Different ways find different supports; the best is kept."""
 SHORT_SCHEDULE = (3.0, 0.3, *FINAL_MODEL_ERRORS)

@@ -24,20 +24,13 @@ def initial_value_scales(trials: Trials) -> Floats:
 
 
 def noise_floor(trials: Trials) -> Floats:
-    """Return the lower bound of the noise of each state under which laws are fitted, shape (d,), see `noise_floors`."""
-    return noise_floors(trials, 1.0)[0]
+    """Return the lower bound of the noise of each state under which laws are fitted, shape (d,).
 
-
-def noise_floors(trials: Trials, share: float) -> tuple[Floats, Floats]:
-    """Return the lower bounds of the noise in fits, and in estimates from residuals, each of shape (d,).
-
-    The first is `MIN_NOISE` times the within-trial standard deviation, and at least the rounding noise; of latent
-    states it is the standard deviation of their initial values. The second is a share of it, with the same minimum.
+    It is `MIN_NOISE` times the within-trial standard deviation, and at least the rounding noise; of latent states it is
+    the standard deviation of their initial values.
     """
-    rounding = rounding_noise(trials)
-    measured = np.maximum(settings.MIN_NOISE * within_trial_std(trials), rounding)
-    floor = np.where(trials.schema.is_latent, settings.ROUNDING * initial_value_scales(trials), measured)
-    return floor, np.maximum(share * floor, rounding)
+    measured = np.maximum(settings.MIN_NOISE * within_trial_std(trials), rounding_noise(trials))
+    return np.where(trials.schema.is_latent, settings.ROUNDING * initial_value_scales(trials), measured)
 
 
 def known_noise(noise: Mapping[str, float] | None, trials: Trials) -> Floats | None:

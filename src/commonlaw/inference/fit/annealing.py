@@ -18,7 +18,6 @@ from commonlaw.inference.fit.fit import (
     Fit,
     Status,
     best_fit,
-    errors_to_fit,
     fitted,
     linearized_evidence,
     restricted,
@@ -244,7 +243,7 @@ def _continuation(problem: SearchProblem, given: Bools | None, model_errors: Seq
     fits: list[Fit] = []
     for model_error in model_errors:
         try:
-            evidence = linearized_evidence(problem, estimates, errors_to_fit(model_error)[0])
+            evidence = linearized_evidence(problem, estimates, problem.errors_to_fit(model_error)[0])
         except NotPositiveError:
             break
         chosen = _selected(problem, evidence, supports) if given is None else given

@@ -24,7 +24,7 @@ from commonlaw.inference.fit.covariance import (
     residuals_by_object,
     total_degrees_of_freedom,
 )
-from commonlaw.inference.fit.fit import Fit, errors_to_fit
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit
 from commonlaw.inference.fit.shared_coefficients import maximum
 from commonlaw.likelihood import ERRORS, ErrorModel, Estimate, NotPositiveError, fit_each
 from commonlaw.likelihood.levels import MOVED, Deviations, LinearizedFit, likeliest_levels
@@ -162,7 +162,7 @@ def _fitted(fit: Fit) -> Fit:
 
 def _next(fit: Fit) -> tuple[Estimate, ...]:
     """Return estimates closer to the maximum; shared coefficients are those of all objects, linearized about these."""
-    models, final = fit.problem.models, errors_to_fit(fit.model_error)
+    models, final = fit.problem.models, fit.problem.errors_to_fit(fit.model_error)
     if fit.shared is None:
         return fit_each(models, fit.estimates, fit.supports, final[-1:])
     free = fit.free_coefficients
@@ -317,7 +317,7 @@ def on_finer_mesh(fit: Fit, model_errors: Sequence[float]) -> Fit | None:
 def until_resolved(fit: Fit, refit: Callable[[Fit], Fit]) -> Fit:
     """Return the fit, refitted on finer meshes until `on_finer_mesh` changes it no more."""
     while fit.is_usable and not fit.has_model_error:
-        finer = on_finer_mesh(fit, settings.FINAL_MODEL_ERRORS)
+        finer = on_finer_mesh(fit, fit.problem.errors_to_fit(NO_MODEL_ERROR))
         if finer is None or not (finer := refit(finer)).is_usable:
             break
         fit = finer

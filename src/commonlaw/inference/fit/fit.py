@@ -143,7 +143,7 @@ class Fit:
     @property
     def fitted_model_error(self) -> float:
         """The model error at which the estimates were fitted."""
-        return errors_to_fit(self.model_error)[-1]
+        return self.problem.errors_to_fit(self.model_error)[-1]
 
     @property
     def errors(self) -> ErrorKind:
@@ -294,11 +294,6 @@ class Fit:
         return fitted(self.problem, start, supports, error)
 
 
-def errors_to_fit(model_error: float) -> tuple[float, ...]:
-    """Return the sequence of model errors of a fit; zero is approached by continuation."""
-    return (model_error,) if model_error else settings.FINAL_MODEL_ERRORS
-
-
 def best_fit(fits: Sequence[Fit]) -> Fit:
     """Return the fit of largest evidence.
 
@@ -313,9 +308,12 @@ def best_fit(fits: Sequence[Fit]) -> Fit:
 def fitted(problem: SearchProblem, estimates: Sequence[Estimate] | None, supports: Bools, model_error: float) -> Fit:
     """Return the fit of supports from initial estimates at a model error, zero for solutions of the law.
 
-    Estimated coefficients outside of the supports start, and remain, at zero. It is a failed fit without estimates, or
-    if the likelihood is not computable.
+    Estimated coefficients outside of the supports start, and remain, at zero. A model error no larger than that of
+    solutions, see `SearchProblem.errors_to_fit`, is none. It is a failed fit without estimates, or if the likelihood is
+    not computable.
     """
+    if model_error <= problem.errors_to_fit(NO_MODEL_ERROR)[-1]:
+        model_error = NO_MODEL_ERROR
     if estimates is None:
         return Fit.failed(problem, supports, Status.NOT_COMPUTABLE, model_error)
     kept = supports | ~np.isnan(problem.known)
@@ -324,7 +322,7 @@ def fitted(problem: SearchProblem, estimates: Sequence[Estimate] | None, support
         for estimate, inside in zip(estimates, kept, strict=True)
     ]
     try:
-        done = fit_each(problem.models, starts, supports, errors_to_fit(model_error))
+        done = fit_each(problem.models, starts, supports, problem.errors_to_fit(model_error))
         fit = Fit(problem, supports, _identified(problem, done, supports, model_error), model_error, Score({}))
         return fit.with_score(fit.evidence.score(supports))
     except NotPositiveError:
@@ -348,7 +346,7 @@ def _identified(
     whole, result = fully_measured(problem, estimates), list(estimates)
     if len(whole) in (0, len(estimates)):
         return estimates
-    last = errors_to_fit(model_error)[-1]
+    last = problem.errors_to_fit(model_error)[-1]
     schedule = (*(error for error in settings.MODEL_ERRORS if error > last), last)
     for o, (model, start) in enumerate(zip(problem.models, problem.starts, strict=True)):
         if not problem.measured_states[o].all():
@@ -399,7 +397,7 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     )
     offsets: dict[Part, float] = {
         "latent states": sum(linearization.log_determinant for linearization in linear),
-        "model error": model_error_penalty(model_error * np.sqrt(problem.points), sum(problem.measured)),
+        "model error": model_error_penalty(problem, model_error),
         "error levels": problem.level_penalty,
         "outliers": 0.0 if problem.noise_is_fixed else penalty,
     }
@@ -415,6 +413,8 @@ def linearized_evidence(problem: SearchProblem, estimates: Sequence[Estimate], m
     )
 
 
-def model_error_penalty(model_error: float, count: int) -> float:
+def model_error_penalty(problem: SearchProblem, model_error: float) -> float:
     """Return the penalty log n of a model error in a sampling step, one fitted number (BIC)."""
-    return float(np.log(count)) if model_error > settings.FINAL_MODEL_ERRORS[0] else 0.0
+    is_fitted = model_error * np.sqrt(problem.points) > settings.FINAL_MODEL_ERRORS[0]
+    is_fitted &= model_error > problem.errors_to_fit(NO_MODEL_ERROR)[-1]
+    return float(np.log(sum(problem.measured))) if is_fitted else 0.0

@@ -17,7 +17,6 @@ from commonlaw.inference.data.noise import (
     has_replicates,
     initial_value_scales,
     noise_floor,
-    noise_floors,
 )
 from commonlaw.inference.data.segments import between_jumps
 from commonlaw.inference.data.smoothing import filled_curves, gradient_matching, smooth_curves, typical_states
@@ -228,6 +227,27 @@ class SearchProblem:
         problem = replace(self, models=tuple(models), starts=tuple(starts))
         return replace(problem, noise=noise, errors=errors, noise_reason=reason)
 
+    def errors_to_fit(self, model_error: float) -> tuple[float, ...]:
+        """Return the sequence of model errors of a fit; zero is approached by continuation.
+
+        In a search, measurements without noise come from a solver, whose errors in a step are those of its tolerance:
+        of solutions alone, these errors would be explained by terms.
+        """
+        if model_error:
+            return (model_error,)
+        if not (least := settings.SOLVER_ERROR * self._exact_share):
+            return settings.FINAL_MODEL_ERRORS
+        return (*(error for error in (settings.MODEL_ERRORS[-2], *settings.FINAL_MODEL_ERRORS) if error > least), least)
+
+    @property
+    def _exact_share(self) -> float:
+        """The smallest noise of a state, relative to that of now, if a search has no more; zero if there is more."""
+        if self.solver is None or self.noise_given:
+            return 0.0
+        measured, least = ~self.trials.schema.is_latent, settings.MIN_NOISE * within_trial_std(self.trials)
+        is_exact = (self.noise_estimate <= 1.001 * least)[measured].all()
+        return float(np.max((least / self.noise)[measured])) if is_exact else 0.0
+
     @property
     def under_white_noise(self) -> "SearchProblem":
         """The problem with white noise alone, of its first estimate, which is the unit of model errors again."""
@@ -292,7 +312,7 @@ class SearchProblem:
             None if self.noise_is_fixed else self.noise_estimate,
             settings.PRIOR_OBSERVATIONS if self.noise_is_identifiable else 0.0,
             self.replication,
-            self._noise_floors[1],
+            noise_floor(self.trials),
             self.scales,
         )
 
@@ -305,7 +325,7 @@ class SearchProblem:
         rates = [np.gradient(column, trial.times, axis=0) for column, trial in zip(curves, in_order, strict=True)]
         std = np.where(trials.schema.is_latent, noise_floor(trials), within_trial_std(trials))
         size = np.sqrt(np.mean(np.concatenate(rates) ** 2, axis=0))
-        return replace(scales_of(std, in_order), rates=size, least_walk=settings.FINAL_MODEL_ERRORS[0])
+        return replace(scales_of(std, in_order), rates=size, least_walk=self.errors_to_fit(0.0)[0])
 
     def relative_noise_at(self, noise: Floats, std: Floats) -> Floats:
         """Return the mean squares of white noise at the measurements in units of that of a state of zero, (d,)."""
@@ -326,7 +346,7 @@ class SearchProblem:
     @property
     def least_variance(self) -> float:
         """The lower bound of the noise variance that laws are fitted under, in units of its present value."""
-        return float(np.max(self._noise_floors[0] / self.noise) ** 2)
+        return float(np.max(noise_floor(self.trials) / self.noise) ** 2)
 
     @property
     def _meshes(self) -> list[Mesh]:
@@ -369,10 +389,6 @@ class SearchProblem:
     @cached_property
     def _absent(self) -> Bools:
         return np.concatenate([mesh.absent for mesh in self._meshes])
-
-    @cached_property
-    def _noise_floors(self) -> tuple[Floats, Floats]:
-        return noise_floors(self.trials, settings.RESOLVED_NOISE)
 
     @cached_property
     def structure_prior(self) -> StructurePrior:

@@ -350,7 +350,7 @@ class TrajectoryScore:
         objects = replication(trials)
         repeated = sum(float(of_object.freedom.sum()) for of_object in objects.values())
         count = sum(int(trial.counts.sum()) + int(np.isfinite(trial.below).sum()) for trial in trials)
-        std, rounding = within_trial_std(trials), rounding_noise(trials)
+        std = within_trial_std(trials)
         prior = NoisePrior(
             count,
             count - repeated - len(self.starts),
@@ -358,7 +358,7 @@ class TrajectoryScore:
             estimate,
             observations,
             objects,
-            np.maximum(settings.RESOLVED_NOISE * self.noise_floor, rounding),
+            self.noise_floor,
             scales_of(std, trials),
         )
         single = [

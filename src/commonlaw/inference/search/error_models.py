@@ -20,7 +20,7 @@ from commonlaw.inference.fit.annealing import (
     rescale_noise,
 )
 from commonlaw.inference.fit.covariance import residuals_by_object
-from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, errors_to_fit, fitted
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, fitted
 from commonlaw.inference.fit.lack_of_fit import OF_NOISE, UNEQUAL, Departures, departures_of_series
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence
@@ -320,7 +320,7 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
         noise, errors, model_error = levels(logs)
         std = subset.white_std_at(noise, errors)
         try:
-            factors, log_determinant = about.linearize(std, errors.latent, errors_to_fit(model_error)[-1])
+            factors, log_determinant = about.linearize(std, errors.latent, subset.errors_to_fit(model_error)[-1])
         except NotPositiveError:
             return 1e12
         relative = subset.relative_noise_at(noise, std)
