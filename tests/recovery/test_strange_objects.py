@@ -10,6 +10,7 @@ from commonlaw.discovery.candidate_search import CandidateSearch
 from commonlaw.discovery.method import ModelStructure
 from commonlaw.discovery.strange_objects import with_objects_apart
 from commonlaw.errors import CommonlawError
+from commonlaw.inference.search.strange_objects import suspects
 
 TIMES = np.linspace(0, 5, 20)
 RATES = (0.4, 0.5, 0.7, 0.9)
@@ -149,6 +150,19 @@ def test_laws_are_compared_by_the_objects_that_all_have(strange):
     assert frame["2 log B"].tolist() == pytest.approx(alone["2 log B"].tolist(), abs=1e-3)
 
 
+def test_an_object_is_strange_to_a_law_of_richer_terms():
+    """Plain terms imitate saturation and a square alike; the fifth object would add the square for all."""
+    generator, times, states = np.random.default_rng(0), np.linspace(0, 5, 30), []
+    rates = [lambda x, i=i: -(1 + 0.15 * i) * x / (0.6 + 0.1 * i + x) for i in range(4)]
+    for rate in (*rates, lambda x: -0.25 * x**2):
+        runs = [solve_ivp(lambda _, x, f=rate: f(x), (0, 5), [x], t_eval=times, rtol=1e-8).y.T for x in (4.0, 3.0)]
+        states += [run + 0.03 * generator.standard_normal(run.shape) for run in runs]
+    names = [f"enzyme {i}" for i in range(5) for _ in range(2)]
+    trials = cl.Trials.from_arrays([times] * 10, states, names=["s"], object=names)
+    law = cl.discover(trials, order=1, library="poly:2 + saturating")
+    assert (law.structure, law.provenance.domain.strange) == (("s' = a s/(K + s)",), ("enzyme 4",))
+
+
 def test_errors_of_a_coarse_mesh_are_no_reason():
     """Exact solutions of a Brusselator, of which some change several times faster than others."""
     trials, times = [], np.linspace(0, 20, 150)
@@ -160,6 +174,12 @@ def test_errors_of_a_coarse_mesh_are_no_reason():
         states = solve_ivp(rates, (0, 20), [1.2, 2.0], t_eval=times, rtol=1e-10, atol=1e-12).y.T
         trials.append(states)
     data = cl.Trials.from_arrays([times] * 5, trials, names=["x", "y"], object=[f"o{i}" for i in range(5)])
-    law = cl.discover(data, order=1, library="poly:3")
-    assert law.structure == ("x' = a + b x + c x^2 y", "y' = d x + f x^2 y")
-    assert law.objects == data.objects
+    search = CandidateSearch(data, cl.TrajectoryLikelihood(), lambda _: None)
+    structure = ModelStructure(1, cl.library.PolynomialLibrary(3), possible=((1,),))
+
+    def found(some):
+        return some.plain(structure, is_coarse=False)
+
+    candidate = found(search)
+    assert suspects(candidate.pool, excluded=0)
+    assert with_objects_apart(candidate, search, found).apart is None

@@ -29,6 +29,7 @@ from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.provenance import levels_in_words
 from commonlaw.likelihood import ERRORS
 from commonlaw.text import counted
+from commonlaw.trials import Trials
 
 Find = Callable[[CandidateSearch], Candidate]
 """Returns the best law of the trials of a search."""
@@ -113,10 +114,12 @@ def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bo
     """
     fit, supports = own.pool.best, _supports_in(own.pool.best.problem, others)
     is_other = supports is None or bool((fit.supports & ~supports).any())
-    shared, follows = fit, np.inf
+    problem, shared, follows = fit.problem, fit, np.inf
+    if supports is None and not fit.problem.trials.schema.initial_values:  # Terms that are not plain
+        problem, supports = _problem_of(fit.problem.trials, others), others.supports
     explanations = [_Explanation("law", _in_words(fit), own.score.total)] if is_other else []
     if supports is not None:
-        shared = fit_solutions(fit.problem, supports)
+        shared = fit_solutions(problem, supports)
         kinds = error_kinds(search.options.errors, fit.problem.trials.schema) if shared.is_usable else ()
         for kind in (kind for kind in kinds if kind != "by-object"):
             under = shared if kind == "white" else estimate_error_model(shared, kind)
@@ -135,6 +138,14 @@ def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bo
             "errors", f"noise of {levels_in_words(shared.problem.noise, search.trials.schema)}", follows
         )
     return _Explanation("coefficients", _in_words(shared), follows)
+
+
+def _problem_of(trials: Trials, others: Fit) -> SearchProblem:
+    """Return the problem of the trials of an object with the terms of others, from their mean coefficients."""
+    problem = others.problem
+    mean = np.mean([estimate.coefficients for estimate in others.estimates], axis=0)
+    known = np.where(problem.allowed, np.nan, 0.0)[np.newaxis]
+    return problem.of_trials(trials.trials, known, mean[np.newaxis]).under_white_noise
 
 
 def _in_words(fit: Fit) -> str:

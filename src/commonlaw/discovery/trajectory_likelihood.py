@@ -10,6 +10,7 @@ A candidate is the `Pool` of the fits of one order. This is all that is chosen, 
     richer terms      evidence, with the multiplicity of all offers       `with_parametric_terms`
     latent state      evidence, with the multiplicity of its equations    `with_latent_state`
     order             evidence of converged fits                          `law_of_best_order`
+    strange objects   the same, where the law has richer terms            `with_objects_apart`
     support           the first by linearized evidence, if it fits best   `with_leading_support`
     forecaster        held-out forecasts, if the errors are too large     `best_forecaster`
 
@@ -20,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from commonlaw.array_types import evenly_spaced
 from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
@@ -178,6 +179,43 @@ def _fitted(law: Law, options: RefitOptions, trials: Trials) -> Law:
 def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law:
     """Return the law of largest evidence among those of several orders with equal prior probabilities.
 
+    Objects that are strange to a law of richer terms are left out, too: plain terms may imitate the laws of all.
+
+    Raises `CommonlawError` if no law of any order can be fitted: the last reason.
+    """
+    search, candidates, failures, several = _candidates_of_orders(search, structure)
+    best = candidates[0]
+
+    def of_some(some: CandidateSearch) -> Candidate:
+        if len(some.trials.objects) == 1:
+            return some.plain(replace(structure, order=best.order), is_coarse=False)
+        kept = replace(some, options=replace(some.options, strange_objects="keep"))
+        return _candidates_of_orders(kept, structure).candidates[0]
+
+    if best.has_richer:
+        best = with_objects_apart(best, search, of_some)
+        if best.apart:
+            return law_of_best_order(search.without(best.apart.objects), structure)
+    law, score = _law(search, best)
+    law = without_strange_objects(law, search.strange)
+    if not several:
+        return law
+    others = [(candidate.order, candidate.reported_score - score) for candidate in candidates[1:]]
+    return with_order_step(law, others, failures)
+
+
+class _Chosen(NamedTuple):
+    """The best law of each order, the best first, of a search without strange objects, and errors of orders without."""
+
+    search: CandidateSearch
+    candidates: Sequence[Candidate]
+    failures: Sequence[CommonlawError]
+    several: bool
+
+
+def _candidates_of_orders(search: CandidateSearch, structure: ModelStructure) -> _Chosen:
+    """Return the best law of each order.
+
     Higher orders are tried if the best plain law of the lowest order has a lack of fit or many coefficients, and richer
     terms if the best plain law has. All laws have white noise if the residuals of the best are white; else each has the
     error model of its largest evidence. An order is left out if no law can be fitted. Objects that are strange to the
@@ -209,7 +247,7 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
     candidates, refused = search_orders(of_order, possible)
     best = min(candidates)
     if best.apart:
-        return law_of_best_order(search.without(best.apart.objects), structure)
+        return _candidates_of_orders(search.without(best.apart.objects), structure)
     candidates = [replace(candidate, apart=None) for candidate in candidates]
     if several and (not best.is_simple or is_implied_by_lower_order(best.pool)):
         candidates, _ = apply_to_each(search.finer, candidates)
@@ -219,13 +257,7 @@ def law_of_best_order(search: CandidateSearch, structure: ModelStructure) -> Law
         candidates, _ = apply_to_each(search.with_errors, candidates)
     candidates = _with_richer_terms(search, candidates)
     candidates, failed = _with_errors(search, candidates)
-    best = candidates[0]
-    law, score = _law(search, best)
-    law = without_strange_objects(law, search.strange)
-    if not several:
-        return law
-    others = [(candidate.order, candidate.reported_score - score) for candidate in candidates if candidate is not best]
-    return with_order_step(law, others, [*refused, *failed])
+    return _Chosen(search, candidates, [*refused, *failed], several)
 
 
 def _with_richer_terms(search: CandidateSearch, candidates: Sequence[Candidate]) -> list[Candidate]:
