@@ -4,7 +4,7 @@ Objects that a linearization suspects are searched for laws of their own, and th
 `commonlaw.inference.search.strange_objects`. They are strange if both together are more probable than one law of all,
 and if each contradicts the law of the others by itself: with coefficients and white noise of its own that is less
 probable than a law with a term that the others lack, or than errors of another kind, such as a random walk. An object
-that follows the law of the others with coefficients far from theirs is strange if it makes the law of all another one.
+that follows the law of the others with coefficients or noise far from theirs is strange if it changes the law of all.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -110,7 +110,7 @@ class _Explanation:
 def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bool) -> _Explanation | None:
     """Return why an object of an own law is strange to the law of the others; None if it follows it.
 
-    With coefficients far from those of the others it still follows it if the law of all `is_same`.
+    With coefficients or noise far from those of the others it still follows it if the law of all `is_same`.
     """
     fit, supports = own.pool.best, _supports_in(own.pool.best.problem, others)
     is_other = supports is None or bool((fit.supports & ~supports).any())
@@ -133,11 +133,10 @@ def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bo
         return replace(best, share=float(1 / (1 + np.exp((best.score - follows) / 2))))
     if is_same:
         return None
+    words = _in_words(shared)
     if np.mean((shared.problem.noise / others.problem.noise) ** 2) > settings.MAX_REDUCED_CHI_SQUARED:
-        return _Explanation(
-            "errors", f"noise of {levels_in_words(shared.problem.noise, search.trials.schema)}", follows
-        )
-    return _Explanation("coefficients", _in_words(shared), follows)
+        words += f", with noise of {levels_in_words(shared.problem.noise, problem.trials.schema)}"
+    return _Explanation("coefficients", words, follows)
 
 
 def _problem_of(trials: Trials, others: Fit) -> SearchProblem:
