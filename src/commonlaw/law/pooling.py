@@ -337,6 +337,7 @@ def _between(estimates: Floats, errors: Floats, inside: Floats) -> float:
 
     if excess(0.0) <= 0:
         return 0.0
-    largest = float(np.sum((estimates - estimates.mean()) ** 2))
+    # At half of this the excess may be zero but for rounding
+    largest = 2 * float(np.sum((estimates - estimates.mean()) ** 2))
     result: float = brentq(excess, 0.0, largest, xtol=1e-14 * largest, rtol=1e-12)
     return result

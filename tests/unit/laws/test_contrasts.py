@@ -46,6 +46,15 @@ def test_between_objects_that_are_alike_it_is_that_of_weighted_means():
     assert row["high"] - row["difference"] == pytest.approx(t.isf(0.025, 5) * error)
 
 
+@pytest.mark.parametrize("rates", [(0.71, 0.32), (0.47, 0.82), (0.63, 0.9)])
+def test_one_degree_of_freedom_and_next_to_no_errors_leave_the_scatter(rates):
+    law = law_of([*rates, np.mean(rates)], [1e-10, 2e-10, 1e-10], ["none", "none", "high"])
+    row = cl.law.contrasts(law, "drug", "none").iloc[0]
+    scatter = np.std(rates, ddof=1)
+    assert row["difference"] == pytest.approx(0.0, abs=1e-12)
+    assert row["standard error"] == pytest.approx(scatter * np.sqrt(1 + 1 / 2))
+
+
 def test_intervals_hold_with_scatter_and_errors():
     rng, held = np.random.default_rng(0), []
     for _ in range(300):
