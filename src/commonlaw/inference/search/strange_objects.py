@@ -30,7 +30,7 @@ from commonlaw.likelihood import HUBER_THRESHOLD
 from commonlaw.text import shown
 
 Reason = Literal["law", "errors", "coefficients"]
-"""Why an object is strange: it has another law, errors of another kind, or coefficients or noise far from those of others."""
+"""Why an object is strange: it has another law, other kinds of errors, or coefficients or noise far from the others."""
 
 
 @dataclass(frozen=True)
