@@ -183,3 +183,28 @@ def test_errors_of_a_coarse_mesh_are_no_reason():
     candidate = found(search)
     assert suspects(candidate.pool, excluded=0)
     assert with_objects_apart(candidate, search, found).apart is None
+
+
+def test_an_object_in_other_units_is_named_with_the_factor():
+    random, times, tables = np.random.default_rng(11), np.linspace(0, 6, 30), list[np.ndarray]()
+    for rate in (0.3, 0.5, 0.8, 0.6):
+        tables.append(20 + 60 * np.exp(-rate * times) + 0.5 * random.standard_normal(30))
+    tables[3] *= 1000
+    law = cl.discover(cl.Trials.from_arrays([times] * 4, tables, object=list("abcd"), names=["x"]), order=1)
+    assert law.structure == ("x' = a + b x",)
+    assert law.objects == ("a", "b", "c")
+    (stray,) = (outcome for outcome in law.diagnostics if outcome.where == "d")
+    assert stray.code == "strange-object-coefficients"
+    assert "1000 times" in str(stray)
+
+
+def test_noise_that_outliers_alone_scatter_is_one_noise():
+    random, times, tables = np.random.default_rng([0, 77]), np.linspace(0, 6, 40), list[np.ndarray]()
+    for rate in (0.3, 0.5, 0.8):
+        errors = 0.5 * random.standard_normal(40)
+        errors[random.random(40) < 0.1] += random.choice([-10.0, 10.0])
+        tables.append(20 + 60 * np.exp(-rate * times) + errors)
+    law = cl.discover(cl.Trials.from_arrays([times] * 3, tables, object=list("abc"), names=["x"]), order=1)
+    assert law.structure == ("x' = a + b x",)
+    assert not law.uncertainty.error_model
+    assert "outliers" in [step.stage for step in law.history]

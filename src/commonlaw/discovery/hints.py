@@ -226,7 +226,7 @@ def outcomes_of_units(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     """Return notes on objects that differ from all others by a factor between two units.
 
     There must be three objects. Other units multiply the values of a column and their noise alike: both have a ratio
-    near that factor, see `_unit_ratio`, where the noise differs between objects. Other objects differ in either, but
+    near that factor, see `unit_ratio`, where the noise differs between objects. Other objects differ in either, but
     not in both by one factor. Of the parameters of objects without such a column there is a note for each such ratio.
     """
     if len(law.objects) < 3:
@@ -249,8 +249,8 @@ def _outcomes_of_columns(law: Law, trials: Trials) -> tuple[Outcome, ...]:
         if not all(len(values) and values.any() for values in seen):
             continue
         sizes = np.log([float(np.mean(values**2)) for values in seen]) / 2
-        of_noise = _unit_ratio(levels[:, j], np.array([(2 * len(values)) ** -0.5 for values in seen]))
-        of_values = _unit_ratio(sizes, np.zeros(len(seen)))
+        of_noise = unit_ratio(levels[:, j], np.array([(2 * len(values)) ** -0.5 for values in seen]))
+        of_values = unit_ratio(sizes, np.zeros(len(seen)))
         if of_noise is None or of_values is None or of_noise.object != of_values.object:
             continue
         factors = [f"{factor:.4g}" for factor in of_values.factors if factor in of_noise.factors]
@@ -262,7 +262,7 @@ def _outcomes_of_columns(law: Law, trials: Trials) -> tuple[Outcome, ...]:
     return tuple(result)
 
 
-class _UnitRatio(NamedTuple):
+class UnitRatio(NamedTuple):
     """An object, by index, its ratio to all others, and the factors between two units that it may be, nearest first."""
 
     object: int
@@ -270,7 +270,7 @@ class _UnitRatio(NamedTuple):
     factors: list[float]
 
 
-def _unit_ratio(logarithms: Floats, errors: Floats) -> _UnitRatio | None:
+def unit_ratio(logarithms: Floats, errors: Floats) -> UnitRatio | None:
     """Return the object that differs from all others by a factor between two units; None if there is none.
 
     The ratio to the geometric mean of the others has a logarithm that exceeds three times the range of theirs, and lies
@@ -285,7 +285,7 @@ def _unit_ratio(logarithms: Floats, errors: Floats) -> _UnitRatio | None:
     distances, sizes = np.abs(ratio - np.log(_FACTORS)), np.abs(np.log(_FACTORS))
     is_near = (distances <= tolerance) & ((sizes > np.log(9)) | (tolerance <= 0.1 * sizes))
     factors = [float(_FACTORS[i]) for i in np.argsort(distances, kind="stable") if is_near[i]]
-    return _UnitRatio(o, float(np.exp(ratio)), factors) if factors else None
+    return UnitRatio(o, float(np.exp(ratio)), factors) if factors else None
 
 
 def _outcomes_of_parameters(law: Law, noted: Sequence[str]) -> tuple[Outcome, ...]:
@@ -295,7 +295,7 @@ def _outcomes_of_parameters(law: Law, noted: Sequence[str]) -> tuple[Outcome, ..
         values, errors = parameters.values[:, p], parameters.errors[:, p]
         if not (np.isfinite(values).all() and (np.all(values > 0) or np.all(values < 0))):
             continue
-        ratio = _unit_ratio(np.log(np.abs(values)), np.nan_to_num(errors / np.abs(values)))
+        ratio = unit_ratio(np.log(np.abs(values)), np.nan_to_num(errors / np.abs(values)))
         if ratio:
             at, factor = law.objects[ratio.object], ratio.factors[0]
             if at not in noted:

@@ -15,6 +15,7 @@ import numpy as np
 from commonlaw.array_types import Bools
 from commonlaw.diagnostics import note
 from commonlaw.discovery.candidate_search import Candidate, CandidateSearch
+from commonlaw.discovery.hints import unit_ratio
 from commonlaw.errors import CommonlawError
 from commonlaw.inference import settings
 from commonlaw.inference.fit.annealing import fit_solutions
@@ -136,6 +137,7 @@ def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bo
     words = _in_words(shared)
     if np.mean((shared.problem.noise / others.problem.noise) ** 2) > settings.MAX_REDUCED_CHI_SQUARED:
         words += f", with noise of {levels_in_words(shared.problem.noise, problem.trials.schema)}"
+        words += _in_other_units(search.trials, shared, others)
     return _Explanation("coefficients", words, follows)
 
 
@@ -150,6 +152,22 @@ def _problem_of(trials: Trials, others: Fit) -> SearchProblem:
 def _in_words(fit: Fit) -> str:
     """Return the law of one object with its numbers."""
     return "; ".join(fitted_law(fit.problem.law, fit).equations(digits=3, errors=False))
+
+
+def _in_other_units(trials: Trials, fit: Fit, others: Fit) -> str:
+    """Return in words which columns of an object may be in other units: one factor is that of values and of noise."""
+    names, words = [*others.problem.trials.objects, *fit.problem.trials.objects], list[str]()
+    for j, column in enumerate(trials.schema.states):
+        seen = [np.concatenate([trial.states[:, j] for trial in trials.of_object(name)]) for name in names]
+        sizes = np.array([np.log(np.nanmean(values**2)) / 2 for values in seen])
+        errors = np.array([(2 * np.isfinite(values).sum()) ** -0.5 for values in seen])
+        levels = np.log([*[others.problem.noise[j]] * (len(names) - 1), fit.problem.noise[j]])
+        of_noise, of_values = unit_ratio(levels, errors), unit_ratio(sizes, np.zeros(len(names)))
+        if of_noise and of_values and of_noise.object == of_values.object == len(names) - 1:
+            common = [factor for factor in of_values.factors if factor in of_noise.factors]
+            if common:
+                words.append(f"; {column} is about {common[0]:.4g} times that of others, as in another unit")
+    return "".join(words)
 
 
 def _supports_in(problem: SearchProblem, others: Fit) -> Bools | None:

@@ -56,7 +56,10 @@ def converged(fit: Fit, least_squares: bool = False) -> tuple[Fit, bool]:
         if not ERRORS[kind].is_independent:  # Rejected one by one, the noise among correlated errors would vanish
             threshold = fit.problem.models[0].observation.huber_threshold
             fit = replace(fit, problem=fit.problem.with_huber_threshold(threshold))
-        if ERRORS[kind].group == "measurement":
+        if kind == "by-object" and not np.any(fit.problem.scatters & (residuals_by_object(fit).evidence > 0)):
+            # It was scattered by outliers alone
+            fit = _under_residual_noise(replace(fit, problem=fit.problem.under_white_noise))
+        elif ERRORS[kind].group == "measurement":
             fit = _under_likeliest_levels(fit, kind)
         is_fitted, resolved = True, _resolved(fit)
         if resolved is not None:
