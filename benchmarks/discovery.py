@@ -148,7 +148,9 @@ def method(objects: Sequence[tuple[Arrays, Arrays]], info: Mapping[str, Any]) ->
         object=[str(i) for i, (all_times, _) in enumerate(objects) for _ in all_times],
         names=[f"x{i}" for i in range(size)],
     )
-    law = cl.discover(trials, order=order, library=os.environ.get(_LIBRARY) or library_of(info))
+    library = os.environ.get(_LIBRARY) or library_of(info)
+    alike = cl.TrajectoryLikelihood(strange_objects="keep")  # The collection has one law for all
+    law = cl.discover(trials, order=order, library=library, method=alike)
     variables = replace(law.terms.variables, states=tuple(f"x{i}" for i in range(order * size)))
     names = Terms(variables, law.terms.terms).names
     known = [{f"x{size + i}": 1.0} for i in range(size)] if order == 2 else []
