@@ -289,9 +289,12 @@ def noise_step(problem: SearchProblem) -> Step:
 def fit_steps(fit: Fit) -> tuple[Step, ...]:
     """Return what errors there are besides noise, how the coefficients were found, and what the trajectories leave."""
     problem, schema = fit.problem, fit.problem.trials.schema
-    outlying, threshold = int(outliers(fit).sum()), problem.models[0].observation.huber_threshold
+    outlying, observation = int(outliers(fit).sum()), problem.models[0].observation
     deviance, count = sum(estimate.deviance for estimate in fit.estimates), sum(problem.measured)
     deviance += float(np.sum(problem.pure_error[0] / problem.noise**2))
+    if observation.rejects:  # Each counts as one at the threshold
+        deviance, count = deviance - observation.huber_threshold**2 * outlying, count - outlying
+    threshold = observation.huber_threshold
     return (
         *error_steps(problem.errors, problem.noise, schema, problem.noise_reason, outlying, threshold),
         model_error_step(fit),
