@@ -139,15 +139,14 @@ def measured_of(values):
     return prepare(trials, terms, np.full((1, 1, 2), np.nan))
 
 
-def test_of_exact_measurements_what_leaves_less_counts_for_more():
+def test_residuals_of_exact_measurements_count_by_the_least_noise():
     values = np.exp(-np.linspace(0, 5, 100))
     problem = measured_of(values)
     assert problem.noise[0] == pytest.approx(1e-4 * values.std())  # What laws are fitted under at least
     assert problem.least_variance == pytest.approx(1)
-    least, less, more = (problem.noise_scale.deviance(share**2 * 100, 2) for share in (0.0, 0.2, 0.5))
-    assert more - less > 50
-    assert problem.noise_scale.least == pytest.approx(0.01)
-    assert less - least < 300
+    less, more = (problem.noise_scale.deviance(share**2 * 100, 2) for share in (0.2, 0.5))
+    assert more - less == pytest.approx((0.5**2 - 0.2**2) * 100)  # As squares under known noise
+    assert problem.noise_scale.least == pytest.approx(1)
 
 
 @pytest.mark.parametrize(("decimals", "step"), [(2, 0.01), (4, 1e-4), (15, 0.0)])

@@ -181,12 +181,12 @@ _COVARIANCES = np.array([[_covariance(j, k) for k in range(1, _MAX_ORDER + 1)] f
 
 
 def within_trial_std(trials: Iterable[Trial]) -> Floats:
-    """Return the pooled within-trial standard deviation of each measured state, shape (states,)."""
+    """Return the pooled within-trial standard deviation of each state, shape (states,), zero if it was not measured."""
     variances = list[list[float]]()
     for column in zip(*(trial.states.T for trial in trials), strict=True):
         seen = [values[np.isfinite(values)] for values in column]
         variances.append([float(np.var(values)) for values in seen if len(values)])
-    return np.sqrt([np.mean(known) for known in variances])
+    return np.sqrt([np.mean(known) if known else 0.0 for known in variances])
 
 
 def rounding_noise(trials: Iterable[Trial]) -> Floats:

@@ -55,6 +55,7 @@ class ObservedSetting(AbstractSetting):
         fitted = refit(
             law, trials, noise=noise, errors="white", huber_threshold=huber_threshold, progress=lambda _: None
         )
+        fitted = _with_outliers(fitted)
         problem, unknowns, law = fitted.begun.problem, fitted.optimum.unknowns, select_objects(law, trials.objects)
         names, owners = law.terms.variables.measured, [trials.properties.get(name, {}) for name in trials.objects]
         more = [
@@ -219,3 +220,14 @@ class ObservedSetting(AbstractSetting):
             log_states=begun.logarithmic,
             noise=restrictions.noise,
         )
+
+
+def _with_outliers(fitted: Fitted) -> Fitted:
+    """Return a fit by the Huber loss where outliers were rejected: what a law leaves out is no outlier."""
+    begun, optimum = fitted.begun, fitted.optimum
+    if not begun.problem.rejects:
+        return fitted
+    problem = replace(begun.problem, rejects=False)
+    objective, free = Objective(problem, optimum.noise), ~optimum.at_bound
+    unknowns, _ = minimum(objective, optimum.unknowns, free, begun.bounds, tolerance=1e-8, steps=40)
+    return replace(fitted, begun=replace(begun, problem=problem), optimum=replace(optimum, unknowns=unknowns))

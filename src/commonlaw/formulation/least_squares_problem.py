@@ -192,14 +192,16 @@ def column_scales(columns: Floats) -> Floats:
 def symmetric_root(matrices: Floats) -> Floats:
     """Return R with ``C = R R'`` for a covariance or information C, both of shape (..., p, p).
 
-    It is by eigenvalues of the correlations, so that units of the numbers do not matter. What rounding leaves below
-    zero, or next to it, is zero.
+    It is D S with the standard deviations D and the symmetric root S of the correlations, so that units of the numbers
+    do not matter, nor the signs of eigenvectors, which differ between processors. What rounding leaves of eigenvalues
+    below zero, or next to it, is zero.
     """
     std = np.sqrt(np.maximum(np.diagonal(matrices, axis1=-2, axis2=-1), 0.0))
     scales = np.where(std > 0, std, 1.0)
     values, vectors = np.linalg.eigh(matrices / scales[..., np.newaxis] / scales[..., np.newaxis, :])
     values = np.where(values > 1e-14 * values.max(axis=-1, initial=0.0, keepdims=True), values, 0.0)
-    return np.asarray(std[..., np.newaxis] * vectors * np.sqrt(values)[..., np.newaxis, :])
+    roots = (vectors * np.sqrt(values)[..., np.newaxis, :]) @ np.swapaxes(vectors, -1, -2)
+    return np.asarray(std[..., np.newaxis] * roots)
 
 
 def inverse_information(rows: Floats) -> Floats:

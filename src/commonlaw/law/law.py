@@ -354,8 +354,8 @@ class Law(ShownInNotebooks):
         >>> draws = law.sample()
         >>> speeds = (draws["g"] / draws["c"]).groupby("object").quantile([0.025, 0.975]).unstack()
         >>> print(speeds.round(1).head(2).to_string(header=False, index_names=False))
-        Ball 1  90.5  108.8
-        Ball 2  31.7   33.7
+        Ball 1  90.4  109.1
+        Ball 2  31.7   33.6
         """
         from commonlaw.law.tables import sample_frame
 

@@ -59,7 +59,7 @@ class NoiseByObject(NamedTuple):
         """Return the noise of all objects, shape (d,), and the factors of each object, shape (objects, d).
 
         The noise of all is the root mean square over measurements. Factors are one of quantities that do not scatter,
-        and of objects with less than one degree of freedom.
+        and of objects with less than one degree of freedom, or at rest.
         """
         noise = np.sqrt(self.squares.sum(axis=0) / np.maximum(self.freedom.sum(axis=0), 1.0))
         factors = np.ones(self.squares.shape)
@@ -82,7 +82,8 @@ class NoiseByObject(NamedTuple):
 
     @property
     def _usable(self) -> Bools:
-        return np.asarray(self.freedom >= 1)
+        moves = (self.floors > 0) | (self.squares > np.finfo(float).eps * self.squares.max(axis=0))
+        return np.asarray((self.freedom >= 1) & moves)
 
     def _scattering(self) -> Iterator[tuple[int, tuple[Floats, Floats, Floats, Floats]]]:
         """Yield the quantities of two objects or more: likeliest logarithms, and the members of these objects."""

@@ -184,7 +184,7 @@ class ObservationModel:
         """
         noise = self.noise * scale
         sizes = np.abs(residuals / noise)
-        with np.errstate(invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             least = 0.0 if self.rejects else self.huber_threshold / sizes
             weights = np.where(sizes > self.huber_threshold, least, 1.0)
         return np.where(np.isnan(sizes), 0.0, weights) / noise**2

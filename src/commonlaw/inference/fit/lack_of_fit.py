@@ -54,14 +54,15 @@ def departures(problem: SearchProblem, estimates: Sequence[Estimate]) -> Departu
 
     They are heteroscedastic or autocorrelated if twice the log-likelihood ratio of a model with it exceeds log n for
     each of its parameters (BIC), see `autocorrelation`. Those of white noise are of unequal noise between objects if
-    that of levels by object exceeds their costs, see `NoiseByObject.evidence`.
+    that of levels by object exceeds their costs, see `NoiseByObject.evidence`, and for given terms very strongly so:
+    these are fitted under white noise else.
     """
     # At the noise floor, residuals are discretization errors
     measured = problem.noise > 1.001 * noise_floor(problem.trials)
     is_unequal = np.zeros(len(measured), dtype=np.bool_)
     if len(problem.models) > 1 and not (problem.noise_given or problem.errors) and measured.any():
         by_object = noise_by_object(problem, estimates, approximately_used(problem, estimates))
-        is_unequal = measured & (by_object.evidence > 0)
+        is_unequal = measured & (by_object.evidence > (settings.VERY_STRONG if problem.solver is None else 0.0))
     return {
         f"residuals of {name} are {words}": words in OF_NOISE
         for j, name in enumerate(problem.trials.schema.states)

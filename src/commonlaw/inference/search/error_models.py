@@ -107,7 +107,7 @@ def departures_of(scored: TrajectoryScore) -> Departures:
     is_unequal = np.zeros(len(is_measured), dtype=np.bool_)
     if not problem.errors:
         by_object = problem.noise_by_object(optimum.unknowns, optimum.noise, ~optimum.at_bound)
-        is_unequal = is_measured & (by_object.evidence > 0) & ~problem.known_noise
+        is_unequal = is_measured & (by_object.evidence > settings.VERY_STRONG) & ~problem.known_noise
     return {
         f"residuals of {name} are {words}": words in OF_NOISE
         for k, name in enumerate(problem.model.observables)
