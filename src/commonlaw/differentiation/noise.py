@@ -186,7 +186,7 @@ def within_trial_std(trials: Iterable[Trial]) -> Floats:
     for column in zip(*(trial.states.T for trial in trials), strict=True):
         seen = [values[np.isfinite(values)] for values in column]
         variances.append([float(np.var(values)) for values in seen if len(values)])
-    return np.sqrt([np.mean(known) if known else 0.0 for known in variances])
+    return np.sqrt([float(np.mean(known)) if known else 0.0 for known in variances])
 
 
 def rounding_noise(trials: Iterable[Trial]) -> Floats:
