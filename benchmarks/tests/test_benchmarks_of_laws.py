@@ -136,7 +136,8 @@ def test_a_law_of_heights_comes_back_as_a_model_of_heights_and_rates():
 
 
 def test_a_law_of_several_states_comes_back_under_the_names_of_its_terms(monkeypatch):
-    def found(trials, *, order, library):
+    def found(trials, *, order, library, method):
+        assert method.strange_objects == "keep"
         terms = library.bind(Variables(trials.schema.states, (), "t"))
         coefficients = np.zeros((2, 2, len(terms)))
         coefficients[:, 0, terms.index("x1")] = 1
