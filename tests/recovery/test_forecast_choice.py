@@ -94,13 +94,6 @@ def test_forecasts_that_diverge_show_that_a_law_may_overfit(few, process_noise, 
     assert held_out_forecasts._are_forecasts_off(fit, [small] * (3 - diverged) + [infinite] * diverged) is off
 
 
-@pytest.mark.parametrize(
-    ("process_noise", "of_last", "off"), [(True, 0.4, True), (True, 2.0, False), (False, 0.4, False)]
-)
-def test_process_noise_that_forecasts_no_better_than_the_last_value_is_too_wide(process_noise, of_last, off):
-    fit = SimpleNamespace(
-        problem=SimpleNamespace(trials=SimpleNamespace(objects=tuple("abc"))),
-        has_few_measurements=True,
-        has_process_noise=process_noise,
-    )
-    assert held_out_forecasts._are_forecasts_off(fit, [errors(np.full(8, 0.5), 1.0, of_last)] * 3) is off
+@pytest.mark.parametrize(("of_last", "no_better"), [(0.4, True), (2.0, False), (np.nan, False)])
+def test_forecasts_are_compared_with_the_last_value(of_last, no_better):
+    assert held_out_forecasts._no_better_than_last([errors(np.full(8, 0.5), 1.0, of_last)] * 3) is no_better

@@ -209,18 +209,19 @@ def best_forecaster(
     """Return a pool whose best has the best forecasts of held-out data, and the errors of its forecasts.
 
     It remains that of largest evidence if its standardized errors are as expected, but process noise lets a law fit any
-    measurements: one with it gives way to a deterministic law, too, if the evidence of forecasts for this is strong. If
-    another one is chosen, laws of larger evidence under the same errors become its rivals. `pooled` pools the
-    coefficients of the objects.
+    measurements: one with it gives way to a deterministic law, too, or if its forecasts are no better than the last
+    value to any other, if the evidence of forecasts for this is strong. If another one is chosen, laws of larger
+    evidence under the same errors become its rivals. `pooled` pools the coefficients of the objects.
     """
     errors_of_best = standardized_errors(pool.best, pooled)
     is_off = _are_forecasts_off(pool.best, errors_of_best)
-    if not (is_off or (pool.best.has_process_noise and _deterministic(pool))):
+    are_any_tried = is_off or (pool.best.has_process_noise and _no_better_than_last(errors_of_best))
+    if not (are_any_tried or (pool.best.has_process_noise and _deterministic(pool))):
         return pool, errors_of_best
     progress("comparing forecasts of held-out data")
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))
     scored = [(_score(errors_of(pool.best)), pool.best)]
-    for fit in chain(_deterministic(pool), _others(pool, kinds, progress) if is_off else ()):
+    for fit in chain(_deterministic(pool), _others(pool, kinds, progress) if are_any_tried else ()):
         errors = errors_of(fit)
         if len(errors) == len(errors_of_best):
             scored.append((_score(errors), fit))
@@ -245,26 +246,28 @@ def _are_forecasts_off(fit: Fit, errors: Sequence[StandardizedErrors]) -> bool:
 
     Such a law may overfit. The test uses the mean over trials of the median squared error, which exceeds one by more
     than `SIGNIFICANT` standard errors sqrt(2/n). Forecasts that diverge are enough: one of a law with process noise, or
-    most of another one; and so are, with process noise, forecasts that are no better than the last value before.
+    most of another one.
     """
     if not (fit.has_process_noise or fit.has_few_measurements):
         return False
     diverged = [bool(np.isinf(error.sizes).any()) for error in errors]
     if any(diverged) if fit.has_process_noise else 2 * sum(diverged) > len(diverged):
         return True
-    if fit.has_process_noise:
-        squares_of_law, of_last = (
-            sum(float(np.nansum(size**2)) for size in sizes)
-            for sizes in ([error.sizes for error in errors], [error.persistence for error in errors])
-        )
-        if squares_of_law >= of_last > 0:
-            return True
     count = len(fit.problem.trials.objects)
     finite = [known for error in errors if len(known := error.sizes[np.isfinite(error.sizes)])]
     if min(count, len(finite)) < 2:
         return False
     squares = [np.median(errors_of_trial**2) for errors_of_trial in finite]  # Robust to outliers of the measurements
     return float(np.mean(squares)) > 1 + settings.SIGNIFICANT * float(np.sqrt(2 / count))
+
+
+def _no_better_than_last(errors: Sequence[StandardizedErrors]) -> bool:
+    """Return whether forecasts have squared errors as large as those of the last value before, or larger."""
+    of_law, of_last = (
+        sum(float(np.nansum(size**2)) for size in sizes)
+        for sizes in ([error.sizes for error in errors], [error.persistence for error in errors])
+    )
+    return of_law >= of_last > 0
 
 
 def _is_forecast_testable(fit: Fit) -> bool:
