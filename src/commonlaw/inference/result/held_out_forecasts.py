@@ -209,24 +209,31 @@ def best_forecaster(
     """Return a pool whose best has the best forecasts of held-out data, and the errors of its forecasts.
 
     It remains that of largest evidence if its standardized errors are as expected, but process noise lets a law fit any
-    measurements: one with it gives way to a deterministic law, too, or if its forecasts are no better than the last
-    value to any other, if the evidence of forecasts for this is strong. If another one is chosen, laws of larger
-    evidence under the same errors become its rivals. `pooled` pools the coefficients of the objects.
+    measurements: one with it gives way to a deterministic law, too, if the evidence of forecasts for this is strong, or
+    if its own are no better than the last value, and then also to another one with process noise for strong evidence.
+    If another one is chosen, laws of larger evidence under the same errors become its rivals. `pooled` pools the
+    coefficients of the objects.
     """
     errors_of_best = standardized_errors(pool.best, pooled)
     is_off = _are_forecasts_off(pool.best, errors_of_best)
-    are_any_tried = is_off or (pool.best.has_process_noise and _no_better_than_last(errors_of_best))
-    if not (are_any_tried or (pool.best.has_process_noise and _deterministic(pool))):
+    is_idle = pool.best.has_process_noise and _no_better_than_last(errors_of_best)
+    if not (is_off or is_idle or (pool.best.has_process_noise and _deterministic(pool))):
         return pool, errors_of_best
     progress("comparing forecasts of held-out data")
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))
     scored = [(_score(errors_of(pool.best)), pool.best)]
-    for fit in chain(_deterministic(pool), _others(pool, kinds, progress) if are_any_tried else ()):
+    for fit in chain(_deterministic(pool), _others(pool, kinds, progress) if is_off or is_idle else ()):
         errors = errors_of(fit)
         if len(errors) == len(errors_of_best):
             scored.append((_score(errors), fit))
-    most, best = max(scored, key=lambda pair: pair[0])
-    if best is pool.best or not (is_off or 2 * (most - scored[0][0]) > settings.STRONG):
+
+    def less_what_is_needed(pair: tuple[float, Fit]) -> float:
+        score, fit = pair
+        is_enough = fit is pool.best or is_off or (is_idle and not fit.has_process_noise)
+        return score - (0.0 if is_enough else settings.STRONG / 2)
+
+    most, best = max(scored, key=less_what_is_needed)
+    if best is pool.best:
         return pool, errors_of_best
     preferred = [(score, fit) for score, fit in scored if fit.errors == best.errors and fit < best]
     others = [scored_by_forecasts(fit, most - score) for score, fit in sorted(preferred, key=lambda pair: -pair[0])]
