@@ -135,7 +135,7 @@ def dense_value(model, estimate, model_error):
         for j in range(len(hidden)):
             if (
                 j % count and latent.drift is None
-            ):  # That of the first point has its stationary distribution, which nothing else tells
+            ):  # That of the first point has its stationary distribution, which no other row has
                 measured.append((np.eye(size)[size - len(hidden) + j], 0.0, 1e6 * hidden[j, j], True, j % count))
         seen_by, informed, spread, unmeasured, at_point = map(np.array, zip(*measured, strict=True))
         # The first state, given its own measurements: y0 less its error and noise, and the rate

@@ -63,9 +63,9 @@ class SearchProblem:
     have shape (objects, equations, terms), NaN for free ones. `points` are points of a sampling step; `jumps` say
     which inputs jump between segments, see `between_jumps`, and `samples` describe the subsample, empty for none. With
     latent states, `equivalent_optima` fit the first object about as well as its initial estimate, each of shape
-    (equations, terms). `excluded_terms` candidates were
-    screened out before. With `residuals_estimate_noise`, residuals estimate the noise of trials that are too short for
-    differences. The solver lists candidate supports, None for given terms; the differentiation is that of forecasts.
+    (equations, terms). `excluded_terms` candidates were screened out before. With `residuals_estimate_noise`, residuals
+    estimate the noise of trials that are too short for differences. The solver lists candidate supports, None for given
+    terms; the differentiation is that of forecasts.
     The Huber threshold is that of laws, also where a fit is by least squares for want of outliers.
     """
 
@@ -304,7 +304,7 @@ class SearchProblem:
 
     @cached_property
     def noise_prior(self) -> NoisePrior:
-        """The prior of levels of errors; the variance is at least that of rounding and of the resolved noise."""
+        """The prior of levels of errors; the variance is at least that of the least noise."""
         return NoisePrior(
             sum(self.measured),
             float(sum(mesh.degrees_of_freedom(self.order) for mesh in self._meshes)),
