@@ -378,10 +378,11 @@ def over(text, *names, inputs=0, properties=()):
 
 def test_symbols_of_models_are_those_of_their_equations():
     for model in cl.named_models.values():
-        names = {*re.findall(r"[A-Za-z]\w*", model.equations)} - {"t", "abs", "sin", "cos", "log"}
+        names = {*re.findall(r"[A-Za-z]\w*", model.equations)} - {"t", "abs", "sin", "cos", "log", "sqrt"}
         assert names == {*model.variables, *model.parameters}, model.name
         assert {*model.states} == {*re.findall(r"(\w+)'+ =", model.equations)}
         assert {*model.doses} <= {*model.inputs}
+        assert {*model.units} <= {*model.variables}
         assert model.source
         assert model.title
 

@@ -1,5 +1,6 @@
 """Models of textbooks by name: ``logistic`` stands for ``x' = r x (1 - x/K)``."""
 
+import dataclasses
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -50,6 +51,8 @@ class NamedModel:
         Properties that are amounts given at time zero.
     latent
         States that need no column, as their initial values are known.
+    units
+        Units of some variables, whose dimensions columns of other units do not have.
 
     Examples
     --------
@@ -70,6 +73,7 @@ class NamedModel:
     doses: tuple[str, ...] = ()
     initial_doses: tuple[str, ...] = ()
     latent: tuple[str, ...] = ()
+    units: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -122,6 +126,7 @@ class NamedModel:
             doses=changed(self.doses),
             initial_doses=changed(self.initial_doses),
             latent=changed(self.latent),
+            units={names.get(name, name): unit for name, unit in self.units.items()},
         )
 
     def with_recorded_doses(self) -> "NamedModel":

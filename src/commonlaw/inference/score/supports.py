@@ -27,7 +27,7 @@ from commonlaw.solvers import AbstractSolver
 BITS = 2.0
 """Description length of a factor of a term, in bits.
 
-Among supports of one size, the 40 polynomial equations of degree 3 or less of `commonlaw.named_models` are most
+Among supports of one size, the 48 polynomial equations of degree 3 or less of `commonlaw.named_models` are most
 probable with 2.6 bits, between 2.0 and 3.2 at 95 %, if a constant counts as one factor.
 """
 
