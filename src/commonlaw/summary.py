@@ -8,6 +8,7 @@ import pandas as pd
 
 from commonlaw.array_types import Floats
 from commonlaw.diagnostics import OutcomeKind
+from commonlaw.discovery.textbook import TextbookLaw, nearest_textbook_law
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.forecast.forecast import squared_errors
@@ -19,6 +20,7 @@ from commonlaw.law.pooling import by_properties
 from commonlaw.law.printing import equation_lines
 from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import coefficients_by_object, readable_candidates, with_unit
+from commonlaw.runtime.forking import cached_property
 from commonlaw.stream import ManyFindings
 from commonlaw.text import counted, r_squared
 from commonlaw.trials import Trials, TrialStream
@@ -95,6 +97,17 @@ class Summary:
         if curves.outcomes:
             numbers.append(f"{len(curves.outcomes)} diverge")
         return f"{what}{begin}: {', '.join(numbers) or 'not measured'}"
+
+    @cached_property
+    def textbook(self) -> TextbookLaw | None:
+        """The law of textbooks nearest to a discovered law of trials in memory; None if there is none."""
+        findings, law = self.findings, self.law
+        if law.provenance.equations or not law.provenance.is_learned or self.stream or self.everything:
+            return None
+        try:
+            return nearest_textbook_law(law, findings.trials, findings.training, findings.verdict)
+        except (CommonlawError, ArithmeticError, np.linalg.LinAlgError):
+            return None
 
     @property
     def scores(self) -> tuple[str, ...]:

@@ -12,12 +12,13 @@ from scipy.stats import t as student
 import commonlaw as cl
 from commonlaw.app.preview import Budget, Sample, preview, sample_table, simulated, suggested
 from commonlaw.app.question import Columns, HoldOut, Question, Table, named
-from commonlaw.app.result import of_terms, results, support_of
+from commonlaw.app.result import figure_file, of_terms, results, support_of
 from commonlaw.app.sessions import answer
 from commonlaw.diagnostics import Diagnostic
 from commonlaw.forecast import fitted
 from commonlaw.law import to_script
 from commonlaw.law.parameters import named_parameters
+from commonlaw.law.script import Source
 from commonlaw.report.markup import formula, law_latex
 from commonlaw.text import r_squared
 from tests.refusals import refused
@@ -51,6 +52,15 @@ def test_the_law_comes_first_and_its_rivals_after_it(drops):
     for before, after in pairwise(made):
         assert after.candidates[:-1] == before.candidates
         assert not after.shown["candidates"][-1]["chosen"]
+
+
+def test_the_nearest_textbook_law_follows_the_verdict(drops):
+    law = cl.discover(drops, order=2, library="terms:1,v")
+    first = next(results(law, drops, drops, lambda _: None))
+    assert first.shown["verdict"][-1] == str(law.textbook(drops))
+    figures = first.shown["candidates"][0]["figures"]
+    assert "textbook" in [figure["name"] for figure in figures]
+    assert b"<svg" in figure_file("textbook.svg", first, Source("drops.csv"))
 
 
 def test_curves_and_coefficients_are_those_of_the_law(found, law, drops):

@@ -49,6 +49,9 @@ def test_discover_predict_show_and_check_as_in_the_help(run, tmp_path):
     assert "Wrote law.json\nWrote law.png" in out
     assert (tmp_path / "law.png").read_bytes().startswith(b"\x89PNG")
 
+    code, out, err = run("discover", "drops.csv", *DROPS, *SETTINGS, "--json")
+    assert json.loads(out)["textbook"]["models"] == ["free-fall-with-linear-drag"]
+
     code, out, err = run("predict", "drops.csv", "law.json", "--save", "forecast.csv")
     assert (code, err) == (0, "")
     assert "rms error" in out

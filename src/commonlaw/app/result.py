@@ -15,6 +15,7 @@ import pandas as pd
 
 from commonlaw.app.question import MAX_DRAWN_TRIALS, message, text_in_page
 from commonlaw.array_types import Bools, Floats, thinned
+from commonlaw.discovery.textbook import has_textbook_laws
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.forecast import Forecast
 from commonlaw.forecast.forecast import squared_errors
@@ -99,8 +100,9 @@ def results(law: Law, trials: Trials, training: Trials, show: Callable[[str], No
     findings = find(law, trials, training)
     law = findings.law
     schema = findings.trials.schema
+    of_textbook = [str(summary.textbook)] if (summary := Summary(findings)).textbook else []
     about = {
-        "verdict": [text_in_page(sentence) for sentence in findings.sentences],
+        "verdict": [text_in_page(sentence) for sentence in (*findings.sentences, *of_textbook)],
         "objects": law.objects,
         "states": [{"name": name, "unit": schema.units.get(name, "")} for name in law.schema.states],
         "orders": order_of_each(law.order, len(law.schema.states)),
@@ -355,6 +357,14 @@ _FIGURES = {
         lambda plots, found, *_: plots.plot_residuals(found.law.residuals(found.findings.training)),
         "plot_residuals(law.residuals(trials))",
         lambda law, _: law.order != 0,
+    ),
+    "textbook": _FigureKind(
+        "What the nearest law of textbooks leaves",
+        lambda plots, found, *_: plots.plot_textbook(
+            found.law.textbook(found.findings.trials, found.findings.training)
+        ),
+        "plot_textbook(law.textbook(trials))",
+        lambda law, _: not law.provenance.equations and has_textbook_laws(law),
     ),
     "coefficients": _FigureKind(
         "Coefficients by object",

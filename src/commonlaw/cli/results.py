@@ -200,6 +200,8 @@ class FitResult:
         say("\n".join(("", *summary.scores)))
         if summary.findings.verdict:
             say(f"\n{summary.findings.verdict}")
+        if summary.textbook is not None:
+            say(f"\n{summary.textbook}")
         if len(candidates := summary.candidates):
             say("\nCandidate laws (* chosen):\n")
             few = candidates[(candidates.groupby("equation").cumcount() < 4) | (candidates[""] == "*")]
@@ -230,6 +232,7 @@ class FitResult:
                 "score": forecast.score(),
                 "errors": forecast.errors().to_dict(orient="records"),
             },
+            "textbook": summary.textbook and summary.textbook.as_dict(),
             "verdict": verdict and asdict(verdict) | {"usable": verdict.usable, "sentences": verdict.sentences},
             "notes": list(findings.training.notes),
             "outcomes": [str(outcome) for outcome in (*law.diagnostics, *(forecast.outcomes if forecast else ()))],

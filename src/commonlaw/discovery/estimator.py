@@ -31,6 +31,7 @@ from commonlaw.discovery.method import (
 from commonlaw.discovery.observed import discover_observed
 from commonlaw.discovery.orders import AskedOrder, order_by_state, possible_orders, single_orders
 from commonlaw.discovery.regression import DerivativeRegression, DiscreteTimeRegression
+from commonlaw.discovery.textbook import outcomes_of_textbook
 from commonlaw.discovery.trajectory_likelihood import TrajectoryLikelihood
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.estimation.profile import with_one_sided_limits
@@ -240,6 +241,8 @@ class LawDiscovery:
         domain = replace(Domain.of(trials, state_rates(law)), at_rest=resting, constant=constant, strange=strange)
         law = replace(law, provenance=replace(law.provenance, domain=domain))
         outcomes = (*outcomes, *outcomes_of_rivals(law, trials))
+        if plain and isinstance(method, TrajectoryLikelihood):
+            outcomes = (*outcomes, *outcomes_of_textbook(law, trials))
         law = replace(law, provenance=replace(law.provenance, outcomes=outcomes))
         return law if library.functions else with_one_sided_limits(law, trials)
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from distributed import Client
 
+    from commonlaw.discovery.textbook import TextbookLaw
     from commonlaw.discrepancy.function import Discrepancy
     from commonlaw.discrepancy.residual_tests import Residuals
     from commonlaw.forecast.forecast import Forecast, Metric
@@ -668,6 +669,36 @@ class Law(ShownInNotebooks):
         from commonlaw.verdict import assess
 
         return assess(self, trials, learned)
+
+    @checks_types
+    def textbook(self, trials: Trials, learned: Trials | None = None) -> "TextbookLaw":
+        """Return the law of textbooks nearest to this one: its evidence, its forecasts, and what it leaves unexplained.
+
+        Named models with the states, inputs and order of the law are compared, if they are linear in their
+        coefficients; the means of these over objects have the signs of the model, and columns its units, as far as
+        they are known. The nearest has the largest evidence; one whose variables have the names of the columns, as T or
+        theta, comes before others. 2 log B is that of `commonlaw.compare` under the error model of the law. Forecasts
+        are assessed as by `Law.assess`, and what is left are residuals beyond the noise of the law. If the law has the
+        terms and signs of a named model, it is this one.
+
+        Raises `CommonlawError` if no named model has the states, inputs and order of the law, or the law is in discrete
+        time, has latent states, observation equations or relations to properties, or terms that differ between objects.
+
+        See Also
+        --------
+        named_models : The models.
+        commonlaw.plots.plot_textbook
+
+        Examples
+        --------
+        >>> import commonlaw as cl
+        >>> drops = cl.datasets.linear_drag(noise=0.05)
+        >>> cl.fit("x'' = -g - c v", drops).textbook(drops).title
+        'Free fall with linear drag'
+        """
+        from commonlaw.discovery.textbook import nearest_textbook_law
+
+        return nearest_textbook_law(self, trials, learned)
 
     @checks_types
     def discrepancy(

@@ -19,6 +19,7 @@ from commonlaw.plots.phase_plane import plot_phase_plane
 from commonlaw.plots.relations import plot_relations
 from commonlaw.plots.residuals import ResidualPanels, plot_discrepancy, plot_errors, plot_residuals
 from commonlaw.plots.style import figure_format, render, save_figure
+from commonlaw.plots.textbook import plot_textbook
 from commonlaw.runtime.notebooks import show_type
 
 __all__ = [
@@ -40,6 +41,7 @@ __all__ = [
     "plot_profile",
     "plot_relations",
     "plot_residuals",
+    "plot_textbook",
     "plot_trials",
     "render",
     "save_figure",

@@ -44,6 +44,7 @@ from commonlaw.plots import (
     plot_intervals,
     plot_phase_plane,
     plot_relations,
+    plot_textbook,
 )
 from commonlaw.plots.forecast import omission, relative_errors, representative
 from commonlaw.plots.style import unit_text
@@ -327,8 +328,19 @@ def candidates(case: Summary) -> Iterator[Block]:
     if case.rivals or len(law.objects) <= 100:  # Of more, fits take long
         yield from _refitted(case, case.rivals or candidate_laws(law, case.findings.training, most=6))
     meanings = (f" {literal(meaning)}." for name, meaning in MEANINGS.items() if name in frame)
+    yield from _textbook(case)
     caption = f"Candidates of each equation (* chosen).{''.join(meanings)}"
     yield folded(Table("compared", caption, frame), "Candidates")
+
+
+def _textbook(case: Summary) -> Iterator[Block]:
+    """Yield the nearest law of textbooks, and what it leaves."""
+    if (textbook := case.textbook) is None:
+        return
+    yield Text(f"{literal(str(textbook))}")
+    if not textbook.is_chosen:
+        caption = "Residuals of the chosen law and of the nearest law of textbooks, measured minus fitted."
+        yield Picture("textbook", caption, partial(plot_textbook, textbook))
 
 
 def _refitted(case: Summary, found: Sequence[CandidateLaw]) -> Iterator[Block]:
