@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Floats
 from commonlaw.diagnostics import OutcomeKind, marked
-from commonlaw.differentiation import noise_degrees_of_freedom, noise_level
+from commonlaw.differentiation import noise_degrees_of_freedom, noise_level, outliers_among
 from commonlaw.errors import CommonlawError
 from commonlaw.forecast import Forecast, fitted
 from commonlaw.forecast.forecast import variation
@@ -22,7 +22,7 @@ from commonlaw.law import Law
 from commonlaw.law.alignment import matched
 from commonlaw.law.parameters import left_hand_sides, named_parameters
 from commonlaw.law.population import is_typical, with_objects_of
-from commonlaw.law.verdict import SMALL_ERROR, LawVerdict, StateError, listed
+from commonlaw.law.verdict import NO_BETTER, SMALL_ERROR, LawVerdict, StateError, listed
 from commonlaw.library import Order, highest_order
 from commonlaw.runtime.progress import announced
 from commonlaw.text import counted
@@ -101,7 +101,8 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> tuple[pd.Data
     """Return the errors of the forecast of a segment of the only trial, and whether it diverged.
 
     Each measurement has a row: the index of its ``state``, the time since the last sample before (``lead``), the
-    ``error`` of the forecast, infinite after a divergence, and that of ``persistence``; ``inside``, 1 where the 95 %
+    ``row`` of its sample, the ``error`` of the forecast, infinite after a divergence, and that of ``persistence``;
+    ``inside``, 1 where the 95 %
     band holds it, 0 where not; and ``noise``, the standard deviation of measurements without autocorrelated errors.
 
     The start is fitted to the samples before it.
@@ -134,11 +135,12 @@ def forecast_errors(law: Law, trials: Trials, segment: Segment) -> tuple[pd.Data
     cells = {"error": errors, "persistence": last - measured, "inside": inside, "noise": noise}
     samples, columns = np.nonzero(np.isfinite(measured))
     leads = (trial.times[first:] - trial.times[origin - 1])[samples]
-    table = {"state": columns, "lead": leads} | {name: values[samples, columns] for name, values in cells.items()}
+    table = {"state": columns, "row": first + samples, "lead": leads}
+    table |= {name: values[samples, columns] for name, values in cells.items()}
     return pd.DataFrame(table), bool(forecast.outcomes)
 
 
-_COLUMNS = ("state", "lead", "error", "persistence", "inside", "noise", "trial", "segment")
+_COLUMNS = ("state", "row", "lead", "error", "persistence", "inside", "noise", "trial", "segment")
 
 
 def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdict:
@@ -171,38 +173,55 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
         judged.append(segment)
         diverged += has_diverged
     once = list({(segment.trial.object, segment.trial.name): segment.trial for segment in judged}.values())
-    spread = _spread(once, len(law.observation.measured.states))
     errors = pd.concat(frames) if frames else pd.DataFrame(columns=_COLUMNS, dtype=np.float64)
+    values = [_without_outliers(law, trial, errors[errors["trial"] == i]) for i, trial in enumerate(once)]
+    places = errors[["trial", "row", "state"]].astype(int).to_numpy()
+    is_far = np.array([np.isnan(values[number][row, state]) for number, row, state in places], dtype=np.bool_)
+    spread = _spread(values, len(law.observation.measured.states))
+    compared = errors[np.isfinite(spread[errors["state"].astype(int)])]
+    measurements = compared.groupby(["trial", "segment"]).size().groupby("trial").max().sum()
+    errors = errors[~is_far]
     errors = errors[np.isfinite(spread[errors["state"].astype(int)])]
     errors = errors.assign(scaled=errors["error"] / spread[errors["state"].astype(int)])
-    by_state = ((j, errors[errors["state"] == j]) for j in range(len(spread)))
-    reach = {j: _horizon(*part[["lead", "scaled"]].to_numpy().T) for j, part in by_state if len(part)}
-    unpredicted = [j for j, horizon in reach.items() if not horizon and any(reach.values())]
+    errors = errors.assign(still=errors["persistence"] / spread[errors["state"].astype(int)])
+    by_state = {j: part for j in range(len(spread)) if len(part := errors[errors["state"] == j])}
+    reach = {j: _horizon(*part[["lead", "scaled"]].to_numpy().T) for j, part in by_state.items()}
+    unpredicted = [
+        j
+        for j, part in by_state.items()
+        if not reach[j] and any(reach.values()) and _rms(part["scaled"]) > NO_BETTER * min(1, _rms(part["still"]))
+    ]
     predicted = errors[~errors["state"].isin(unpredicted)]
     kinds = [segment.kind for segment in judged]
     known = {diagnostic.kind for diagnostic in law.diagnostics}
-    is_inexact = not known.isdisjoint({OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION})
+    process_noise = law.uncertainty.error_model.of_law
+    is_inexact = process_noise or not known.isdisjoint({OutcomeKind.MODEL_ERROR, OutcomeKind.APPROXIMATION})
     in_sample = Kind.SEEN in kinds and law.provenance.is_learned
-    measurements = errors.groupby(["trial", "segment"]).size().groupby("trial").max().sum()
+    horizon = _horizon(predicted["lead"].to_numpy(), predicted["scaled"].to_numpy())
+    near = predicted[predicted["lead"] <= horizon]
     return LawVerdict(
         judged_on=" and ".join(dict.fromkeys(kinds)),
         in_sample=in_sample,
         segments=len(judged),
         diverged=diverged,
         measurements=int(measurements),
-        horizon=_horizon(predicted["lead"].to_numpy(), predicted["scaled"].to_numpy()),
+        horizon=horizon,
         longest=float(np.max(errors["lead"].to_numpy(), initial=0.0)),
         time_unit=trials.schema.units.get(trials.schema.time, f"units of {trials.schema.time}"),
         error=_rms(predicted["scaled"]),
-        persistence=_rms(predicted["persistence"] / spread[predicted["state"].astype(int)]),
+        persistence=_rms(predicted["still"]),
         r_squared=_r_squared(predicted),
         r_squared_error=_r_squared_error(predicted, len(numbers)),
-        state_errors=_by_state(trials, once, errors, spread, OutcomeKind.APPROXIMATION in known),
+        error_within=_rms(near["scaled"]),
+        persistence_within=_rms(near["still"]),
+        outliers=len(np.unique(places[is_far], axis=0)),
+        state_errors=_by_state(trials, once, values, errors, spread, OutcomeKind.APPROXIMATION in known),
         coverage=float(errors["inside"].mean()) if errors["inside"].notna().any() else None,
         poorly_known=_poorly_known(law),
         not_assessable=tuple(dict.fromkeys(not_assessable)),
         unknown_objects=tuple(dict.fromkeys(trial.object for trial in once if is_typical(law, trial.object, trials))),
-        exact=not (is_inexact or law.uncertainty.error_model.of_law),
+        exact=not is_inexact,
+        process_noise=process_noise,
         none_exact=is_inexact and bool(law.provenance.alternatives),
         few_samples=OutcomeKind.FEW_SAMPLES in known,
         without_terms=tuple(
@@ -212,6 +231,23 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
         unknowns=_unknowns(law, trials) if in_sample else 0,
         training_measurements=sum(int(np.isfinite(trial.states).sum()) for trial in trials) if in_sample else 0,
     )
+
+
+def _without_outliers(law: Law, trial: Trial, errors: pd.DataFrame) -> Floats:
+    """Return the measurements of a trial, shape (n, states), NaN for outliers beyond the noise of the law's forecasts.
+
+    By differences of the measurements, so that nothing that a law misses is one; none where outliers are most, and of
+    least squares.
+    """
+    values = trial.states.copy()
+    if law.uncertainty.huber_threshold == np.inf:
+        return values
+    for j in errors["state"].astype(int).unique().tolist():
+        seen, noise = np.isfinite(trial.states[:, j]), float(errors.loc[errors["state"] == j, "noise"].median())
+        far = outliers_among(trial.times[seen], trial.states[seen, j], noise)
+        if 2 * far.sum() < len(far):
+            values[np.flatnonzero(seen)[far], j] = np.nan
+    return values
 
 
 def _unknowns(law: Law, trials: Trials) -> int:
@@ -224,9 +260,14 @@ def _unknowns(law: Law, trials: Trials) -> int:
 
 
 def _by_state(
-    trials: Trials, judged: Sequence[Trial], errors: pd.DataFrame, spread: Floats, approximate: bool
+    trials: Trials,
+    judged: Sequence[Trial],
+    measured: Sequence[Floats],
+    errors: pd.DataFrame,
+    spread: Floats,
+    approximate: bool,
 ) -> tuple[StateError, ...]:
-    """Return the errors of each state, with the measured range.
+    """Return the errors of each state, with the measured range, without outliers.
 
     The noise of an approximation includes its lack of fit: there the difference-based estimate is taken, if less.
     """
@@ -236,7 +277,7 @@ def _by_state(
     for name in schema.measured:
         j = schema.states.index(name)
         of_state = errors[errors["state"] == j]
-        values = np.concatenate([[np.nan], *(trial.states[:, j] for trial in judged)])
+        values = np.concatenate([[np.nan], *(states[:, j] for states in measured)])
         values = values[np.isfinite(values)]
         result.append(
             StateError(
@@ -253,9 +294,9 @@ def _by_state(
     return tuple(result)
 
 
-def _spread(trials: Sequence[Trial], states: int) -> Floats:
+def _spread(measured: Sequence[Floats], states: int) -> Floats:
     """Return the standard deviation of each state within trials, shape (states,); NaN for one that does not change."""
-    sums = [np.zeros((2, states)), *(np.array(variation(trial.states)) for trial in trials)]
+    sums = [np.zeros((2, states)), *(np.array(variation(values)) for values in measured)]
     counts, squares = np.sum(sums, axis=0)
     return np.asarray(np.sqrt(np.where(squares > 0, squares, np.nan) / np.maximum(counts, 1)))
 
@@ -263,10 +304,10 @@ def _spread(trials: Sequence[Trial], states: int) -> Floats:
 def _horizon(leads: Floats, scaled: Floats) -> float:
     """Return how far ahead errors, relative to the spread, stay within bounds; 0 if they do not.
 
-    They are judged in ten parts by how far ahead they are, of three errors at least.
+    They are judged in ten parts by how far ahead they are, of three errors at least, and first those that are nearest.
     """
     order = np.argsort(leads, kind="stable")
-    nearest = order[leads[order] == np.min(leads, initial=np.inf)]
+    nearest = order[: max(3, int(np.sum(leads == np.min(leads, initial=np.inf))))]
     horizon = 0.0
     for part in (nearest, *np.array_split(order, max(1, min(10, len(order) // 3)))):
         if not len(part) or not _rms(scaled[part]) <= SMALL_ERROR:

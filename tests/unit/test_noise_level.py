@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import commonlaw as cl
-from commonlaw.differentiation.noise import _covariance, differences, noise_level, rounding_noise
+from commonlaw.differentiation.noise import _covariance, differences, noise_level, outliers_among, rounding_noise
 from commonlaw.formulation import law_variables
 from commonlaw.inference.fit.problem import prepare
 from tests.refusals import message, refused
@@ -161,3 +161,19 @@ def test_digits_tell_no_less_than_their_steps():
     assert problem.least_variance == pytest.approx((0.01 / np.sqrt(12) / problem.noise[0]) ** 2)
     assert problem.noise_scale.least == pytest.approx(problem.least_variance)
     assert problem.noise_scale.deviance(1e-6, 2) == pytest.approx(problem.noise_scale.deviance(0.0, 2), abs=1e-3)
+
+
+def test_outliers_are_found_by_differences_of_measurements_alone():
+    random, times, hits, alarms = np.random.default_rng(1), np.linspace(0, 1, 60), 0, 0
+    for _ in range(40):
+        values = np.sin(12 * times + random.uniform(0, 6)) + 0.05 * random.standard_normal(60)
+        places = random.choice(np.arange(3, 57), 3, replace=False)
+        values[places] += random.choice([-1, 1], 3)
+        far = outliers_among(times, values, 0.05)
+        hits, alarms = hits + far[places].sum(), alarms + far.sum() - far[places].sum()
+    assert hits > 0.85 * 120
+    assert alarms < 0.01 * 40 * 57
+    # Large differences within the noise are none, nor are few values, nor what samples do not resolve
+    assert not outliers_among(times, values, 1.0).any()
+    assert not outliers_among(times[:7], values[:7], 0.05).any()
+    assert not outliers_among(times, np.sin(300 * times), 0.0).any()

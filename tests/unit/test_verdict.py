@@ -1,10 +1,10 @@
 """What a law is good for, in numbers and in words."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import commonlaw as cl
 from commonlaw import datasets
@@ -111,8 +111,69 @@ def test_bands_that_fail_are_told(drops):
     certain = replace(law.uncertainty, noise=law.uncertainty.noise / 50, covariance=law.uncertainty.covariance / 2500)
     verdict = replace(law, uncertainty=certain).assess(drops)
     assert verdict.coverage < 0.5
-    assert verdict.usable is False
-    assert re.search(r"only .* lie within the 95 % bands", verdict.sentences[0])
+    assert verdict.usable  # Forecasts are as good as they were
+    assert "the bands are too narrow" in str(verdict)
+
+
+def test_outliers_of_held_out_trials_do_not_count():
+    times, random = np.linspace(0, 6, 60), np.random.default_rng(2)
+    curves = [20 + (start - 20) * np.exp(-0.5 * times) + 0.2 * random.standard_normal(60) for start in (80, 26)]
+    spoiled = curves[1].copy()
+    spoiled[[15, 28, 35, 44]] += (40, -40, 40, 40)  # Of a trial that spans six degrees
+    clean, bad = (
+        cl.Trials.from_arrays([times] * 2, [curves[0], second], object="o", trial=["1", "2"], names=["T"])
+        for second in (curves[1], spoiled)
+    )
+    learned = clean.select(trial="1")
+    law = cl.fit("T' = a - k T", learned)
+    without, verdict = law.assess(clean, learned), law.assess(bad, learned)
+    assert (without.outliers, verdict.outliers) == (0, 4)
+    assert verdict.measurements == without.measurements
+    assert verdict.usable
+    assert verdict.horizon == without.horizon == verdict.longest
+    assert (verdict.error, verdict.persistence) == pytest.approx((without.error, without.persistence), rel=0.1)
+    assert verdict.coverage == pytest.approx(without.coverage, abs=0.05)
+    # By least squares each measurement counts
+    every = cl.fit("T' = a - k T", learned, errors="white").assess(bad, learned)
+    assert every.outliers == 0
+    assert every.error > 2 * verdict.error
+
+
+def test_rough_forecasts_are_better_than_none():
+    times = np.linspace(0, 10, 41)
+    trials = cl.Trials.from_arrays(times, 3 * times + 8 * (times > 0))  # A jump after the first sample
+    verdict = cl.Law.from_text("x' = 3").assess(trials)
+    assert verdict.horizon == 0
+    assert 0 < verdict.r_squared < 1
+    assert verdict.error < verdict.persistence
+    assert verdict.usable
+    assert "even at the shortest horizon" in verdict.caution
+    assert "with caution" in verdict.sentences[0]
+
+
+def test_a_chaotic_law_can_be_used_as_far_as_its_bands_are_narrow():
+    def lorenz(_, z):
+        x, y, w = z
+        return [10 * (y - x), x * (28 - w) - y, x * y - 8 / 3 * w]
+
+    times, random = np.arange(0, 12, 0.02), np.random.default_rng(0)
+    paths = [
+        solve_ivp(lorenz, (0, 12), start, t_eval=times, rtol=1e-9).y.T + 0.2 * random.standard_normal((600, 3))
+        for start in ([-8, 7, 27], [5, -3, 20])
+    ]
+    names = ["x", "y", "w"]
+    trials = cl.Trials.from_arrays([times] * 2, paths, object="o", trial=["1", "2"], names=names)
+    learned = trials.select(trial="1")
+    law = cl.fit("x' = a (y - x); y' = r x - x w - y; w' = x y - b w", learned)
+    verdict = law.assess(trials, learned)
+    assert verdict.r_squared < 0.1
+    assert verdict.error > 0.9 * verdict.persistence
+    assert 0 < verdict.horizon < 0.5 * verdict.longest
+    assert verdict.error_within < 0.5 * verdict.persistence_within
+    assert (verdict.usable, verdict.outliers) == (True, 0)
+    assert "no better than the mean" in verdict.caution
+    # Bands that do not hold are no excuse
+    assert replace(verdict, coverage=0.6).usable is False
 
 
 def test_several_states_are_named_with_their_units():

@@ -15,6 +15,7 @@ from commonlaw.differentiation.noise import (
     noise_degrees_of_freedom,
     noise_level,
     noise_order,
+    outliers_among,
     without_outliers,
 )
 from commonlaw.differentiation.penalized import SmoothingSpline, TotalVariationDerivative
@@ -46,6 +47,7 @@ __all__ = [
     "noise_degrees_of_freedom",
     "noise_level",
     "noise_order",
+    "outliers_among",
     "parse_differentiation",
     "without_outliers",
 ]

@@ -135,11 +135,32 @@ def _scale(differences: Floats, order: int) -> float:
 
 def without_outliers(differences: Floats, order: int) -> Bools:
     """Return in which of one state's differences, shape (m,), there are no outliers, see `noise_level`."""
+    return _outliers(differences, order)[0]
+
+
+def outliers_among(times: Floats, values: Floats, least: float) -> Bools:
+    """Return which values of one state, shape (n,), are outliers by differences, see `noise_level`.
+
+    These are those far from a polynomial through their neighbours, by four standard deviations of at `least` a given
+    size. There are none among fewer than 8 samples, and where the state changes too fast between samples.
+    """
+    result = np.zeros(len(values), dtype=np.bool_)
+    if len(values) < MIN_SAMPLES or not np.ptp(values) or not (order := noise_order(times, values)):
+        return result
+    order += order % 2  # With a value in the middle
+    *_, columns = differences(times, values[:, np.newaxis], order)
+    peaks = _outliers(columns[:, 0], order)[1] & (np.abs(columns[:, 0]) > OUTLIER_THRESHOLD * least)
+    result[order // 2 : order // 2 + len(peaks)] = peaks
+    return result
+
+
+def _outliers(differences: Floats, order: int) -> tuple[Bools, Bools]:
+    """Return the differences without outliers, and those with one in the middle, shape (m,) each."""
     from scipy.ndimage import maximum_filter1d
 
     sizes, near = np.abs(differences), 2 * ((order + 1) // 2) + 1
     margin = 2 * _MEDIAN_ERROR * sqrt(_covariance(order, order) / len(sizes))
-    kept = np.ones(len(sizes), dtype=np.bool_)
+    kept, middles = np.ones(len(sizes), dtype=np.bool_), np.zeros(len(sizes), dtype=np.bool_)
     for _ in range(20):
         # Coarse rounding of a slow state makes most differences zero, and the median with them
         scale = np.median(sizes[kept]) / MEDIAN_SIZE or sqrt(np.mean(sizes[kept] ** 2))
@@ -151,8 +172,8 @@ def without_outliers(differences: Floats, order: int) -> Bools:
         clean = kept & ~maximum_filter1d(peaks, near)
         if not clean.any():
             break
-        kept = clean
-    return kept
+        kept, middles = clean, middles | peaks
+    return kept, middles
 
 
 def _smallest_that_agrees(estimates: Floats, count: float) -> Indices:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import isnan, sqrt
+from math import isnan, nan, sqrt
 from typing import NamedTuple
 
 from commonlaw.runtime.notebooks import ShownInNotebooks
@@ -13,14 +13,15 @@ SMALL_ERROR = 0.5
 variance are then explained."""
 
 NO_BETTER = 0.9
-"""Forecasts whose error is above this share of that of persistence are no better: of few trials, a tenth is chance."""
+"""Forecasts whose error is above this share of that of persistence, or of the spread of the states without a horizon,
+are no better than the last value, or the mean: of few trials, a tenth is chance."""
 
 _MIN_MEASUREMENTS = 5
 """Fewer measurements are too few to judge by: their mean error is known to no better than half of it."""
 
-_LOW_COVERAGE, _FAILED_COVERAGE, _MIN_FOR_COVERAGE = 0.85, 0.5, 10
-"""Bands are too narrow if they hold a smaller share of measurements, and fail below the other; of so many at least.
-Of ten measurements bands of 95 % hold fewer than nine by chance in nine of a hundred cases, and half never."""
+_LOW_COVERAGE, _MIN_FOR_COVERAGE = 0.85, 10
+"""Bands are too narrow if they hold a smaller share of measurements, of so many at least. Of ten measurements bands of
+95 % hold fewer than nine by chance in nine of a hundred cases."""
 
 
 class StateError(NamedTuple):
@@ -92,10 +93,17 @@ class LawVerdict(ShownInNotebooks):
     without_terms
         Left-hand sides of equations without a term.
     unpredicted
-        States whose forecasts have errors above half of the spread at the shortest horizon already, other than all.
+        States whose forecasts are no better than their mean or last value, with errors above half of the spread at the
+        shortest horizon already, other than all.
     unknowns, training_measurements
         Of an assessment on the training data: how many parameters and initial values were estimated, and from how many
         measurements; zero of one on other data.
+    error_within, persistence_within
+        As `error` and `persistence`, up to the horizon.
+    process_noise
+        Whether the law includes process noise, which its bands contain.
+    outliers
+        Measurements that do not count, each far from those around it.
     """
 
     judged_on: str
@@ -122,6 +130,10 @@ class LawVerdict(ShownInNotebooks):
     unpredicted: tuple[str, ...] = ()
     unknowns: int = 0
     training_measurements: int = 0
+    error_within: float = nan
+    persistence_within: float = nan
+    process_noise: bool = False
+    outliers: int = 0
 
     @property
     def usable(self) -> bool | None:
@@ -148,20 +160,24 @@ class LawVerdict(ShownInNotebooks):
         result = []
         if self.diverged:
             result.append(f"its forecasts diverge in {self.diverged} of {counted(self.segments, 'forecast')}")
-        if not self.horizon and not self.diverged:
-            result.append(
-                f"even at the shortest horizon the error exceeds half of the states' standard deviation{self._spreads}"
-            )
-        if self._is_no_better and not self.diverged:
+        elif self._is_calibrated_within_horizon:
+            return ()
+        elif self._is_no_better:
             result.append("the error is not below that of a constant forecast")
-        if self.horizon and not self.diverged and (self.r_squared < 0 or self.r_squared < self.r_squared_error):
-            error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
-            whole = f"R^2 over all tested forecasts is {round(self.r_squared, 12) + 0.0:.3g}{error}"
-            ahead = _number(self.horizon, self.time_unit)
-            result.append(f"beyond {ahead} ahead they are no better than the mean of the states: {whole}")
-        if self.coverage is not None and self.coverage < _FAILED_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE:
-            result.append(f"only {_percent(self.coverage)} of the measurements lie within the 95 % bands")
+        if not self.diverged and self._is_no_better_than_the_mean:
+            result.append(self._no_better_than_the_mean)
         return tuple(result)
+
+    @property
+    def caution(self) -> str:
+        """What limits the use of the law for forecasts where nothing speaks against it, empty if nothing does."""
+        if self.usable is not True:
+            return ""
+        if not self.horizon:
+            near = "even at the shortest horizon the error exceeds half of the states' standard deviation"
+            return f"{near}{self._spreads}, though it is below those of their mean and of a constant forecast"
+        is_limited = self._is_no_better or self._is_no_better_than_the_mean
+        return self._no_better_than_the_mean if is_limited else ""
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -175,19 +191,46 @@ class LawVerdict(ShownInNotebooks):
     def _is_no_better(self) -> bool:
         return self.error > NO_BETTER * self.persistence
 
+    @property
+    def _is_no_better_than_the_mean(self) -> bool:
+        """Whether R^2 is below zero, or by chance above, as of few trials; of one without a horizon by its error."""
+        by_chance = self.error > NO_BETTER and not self.horizon if isnan(self.r_squared_error) else False
+        return self.r_squared < 0 or self.r_squared < self.r_squared_error or by_chance
+
+    @property
+    def _is_calibrated_within_horizon(self) -> bool:
+        """Whether forecasts are better than the last value up to the horizon, and bands hold beyond, as of chaos.
+
+        Bands with process noise hold for any law.
+        """
+        if self.process_noise:
+            return False
+        holds = self.coverage is not None and self.coverage >= _LOW_COVERAGE and self.measurements >= _MIN_FOR_COVERAGE
+        return holds and self.horizon > 0 and self.error_within <= NO_BETTER * self.persistence_within
+
+    @property
+    def _no_better_than_the_mean(self) -> str:
+        error = "" if isnan(self.r_squared_error) else f" ± {self.r_squared_error:.2g}"
+        whole = f"R^2 over all tested forecasts is {round(self.r_squared, 12) + 0.0:.3g}{error}"
+        beyond = f"beyond {_number(self.horizon, self.time_unit)} ahead they" if self.horizon else "they"
+        return f"{beyond} are no better than the mean of the states: {whole}"
+
     def _sentences(self) -> Iterator[str]:
         if self.usable is None:
             yield f"Forecast accuracy could not be assessed: {self.lacking}."
         elif self.usable:
-            beyond = f"; beyond, the error exceeds half of the states' standard deviation{self._spreads}"
-            end = " (longest horizon tested)" if self.horizon == self.longest else beyond
             can = "Forecasts its training data well" if self.in_sample else "This law can be used for forecasts"
             if self.unpredicted:
                 states = " and ".join(state_error.state for state_error in self._predicted)
                 can = f"Forecasts {states} of its training data well" if self.in_sample else f"{can} of {states}"
-            only = "" if self.exact else "; it is an approximation"
+            exceeds = f"beyond, the error exceeds half of the states' standard deviation{self._spreads}"
+            end = " (longest horizon tested)" if self.horizon == self.longest else f"; {self.caution or exceeds}"
+            only = "" if self.exact or self.process_noise else "; it is an approximation"
             new = " Not tested on new data." if self.in_sample else ""
-            yield f"{can} up to {_number(self.horizon, self.time_unit)} ahead{end}{only}.{new}"
+            if self.horizon:
+                yield f"{can} up to {_number(self.horizon, self.time_unit)} ahead{end}{only}.{new}"
+            else:
+                yield f"{can.removesuffix(' well')} with caution: {self.caution}{only}.{new}"
         else:
             yield f"Do not use this law for forecasts: {'; '.join(self.against)}."
         for state_error in self.state_errors:
@@ -205,7 +248,8 @@ class LawVerdict(ShownInNotebooks):
             yield f"No candidate term was selected for {names}, which the law sets to zero{steady}."
         if not self.exact:
             which = "no law in the library fits" if self.none_exact else "this law does not fit"
-            yield f"Lack of fit: {which} the data within the noise."
+            bands = "; the bands include process noise" if self.process_noise else ""
+            yield f"Lack of fit: {which} the data within the noise{bands}."
         if self.few_samples:
             yield "An equation has the maximum number of terms that so few samples can identify."
         if self.measurements:
@@ -214,6 +258,9 @@ class LawVerdict(ShownInNotebooks):
             yield from self._bands()
             compared = f"{counted(self.measurements, 'measurement')} in {counted(self.segments, 'forecast')}"
             yield f"Tested on {self.judged_on}: {compared}, each from the first samples of a trial."
+            if self.outliers:
+                verb = "does" if self.outliers == 1 else "do"
+                yield f"{counted(self.outliers, 'outlier')} among them {verb} not count."
             if self.unknown_objects:
                 yield f"Forecasts of {listed(self.unknown_objects)} use the mean coefficients of the other objects."
         if self.poorly_known:
@@ -224,7 +271,7 @@ class LawVerdict(ShownInNotebooks):
             yield f"Suggestions: {advice}."
 
     def _advice(self) -> Iterator[str]:
-        if not self.exact:
+        if not (self.exact or self.process_noise):
             yield "add terms, or give a larger noise if it is known"
         elif self.without_terms or self.usable is False:
             yield "offer other terms, or collect more or more precise data"
@@ -241,7 +288,7 @@ class LawVerdict(ShownInNotebooks):
         worse = [state_error.state for state_error in known if state_error.law > NO_BETTER * state_error.persistence]
         if worse and not self._is_no_better:
             yield f"For {' and '.join(worse)} the law is no better than a constant forecast."
-        if not self.exact and all(state_error.noise > 0 for state_error in known):
+        if not (self.exact or self.process_noise) and all(state_error.noise > 0 for state_error in known):
             names = " and ".join(state_error.state for state_error in known)
             noise = " and ".join(_number(state_error.noise, state_error.unit) for state_error in known)
             rest = " and ".join(_number(state_error.unexplained, state_error.unit) for state_error in known)
