@@ -15,6 +15,7 @@ from commonlaw.forecast.forecast import squared_errors
 from commonlaw.inference import CandidateLaw
 from commonlaw.law import Law
 from commonlaw.law.law import object_index
+from commonlaw.law.misfit import misfit_lines
 from commonlaw.law.parameters import by_terms_of, named_parameters
 from commonlaw.law.pooling import by_properties
 from commonlaw.law.printing import equation_lines
@@ -161,9 +162,12 @@ def shown_equations(law: Law) -> list[str]:
     return [*law.structure, *numbers] if has_numbers else numbers
 
 
-def simpler_forms(law: Law) -> list[str]:
-    """Return lines of equations that fit as well: with fewer parameters, or with those that follow from properties."""
-    return [*within_errors(law), *by_properties(law)]
+def remarks(law: Law, has_properties: bool = True) -> list[str]:
+    """Return lines below the equations: those that fit as well, and what there is beyond the law.
+
+    Equations that fit as well have fewer parameters, or those that follow from properties of the objects, if wanted.
+    """
+    return [*within_errors(law), *(by_properties(law) if has_properties else ()), *misfit_lines(law)]
 
 
 def parameters_caption(law: Law) -> str:

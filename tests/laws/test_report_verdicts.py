@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 import commonlaw as cl
+from commonlaw.likelihood import ERRORS
 from commonlaw.report import law_report
 from commonlaw.report.document import Text
 from commonlaw.verdict import find
@@ -23,8 +24,15 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
     report = law_report(find(law, drops))
     text = "\n\n".join([report.summary, *(block.text for block in report.blocks if isinstance(block, Text))])
     top = re.sub(r"\\(.)", r"\1", re.sub(r"\$\$.*?\$\$", "", text))  # Without its formula and marks
-    assert "; it is an approximation. Not tested on new data.**" in top
-    assert "Lack of fit: no law in the library fits the data within the noise." in top
+    assert law.uncertainty.error_model.of_law
+    assert "Lack of fit: no law in the library fits the data within the noise; the bands include process noise." in top
+    deviation = law.uncertainty.misfit.deviation[0]
+    assert f"beyond the law: {ERRORS[law.uncertainty.error_model.kind].description.partition('{')[0]}" in top
+    assert f"by {deviation:.2g} m in x" in top
+    # Of the solutions nearest to all samples, which leave less than forecasts of whole trials do
+    noise = law.uncertainty.noise[0]
+    errors = find(law, drops).fit.to_frame()["x error"]
+    assert deviation == pytest.approx(np.sqrt(np.mean(errors**2) - noise**2), rel=0.15)
     # Forecasts of whole trials from their first fifth, each by itself
     forecasts = [
         law.predict(drops.with_trials([drop]), from_time=drop.times[10], return_std=True, tolerance=1e-6).to_frame()
@@ -36,11 +44,9 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
     assert f"{len(frame)} measurements" in top
     assert f"RMS forecast error: {error:.3g} m in x" in top
     assert f"{100 * held:.0f} % of the measurements lie within the 95 % bands (about 95 % expected)" in top
-    noise, unexplained = map(float, re.search(r"Measurement noise of x: (\S+) m; unexplained: (\S+) m", top).groups())
     assert noise == pytest.approx(0.02, rel=0.2)
-    assert unexplained == pytest.approx(np.sqrt(error**2 - noise**2), rel=1e-2)
     assert error > 10 * noise
-    assert "Suggestions: add terms" in top
+    assert "Suggestions: add terms" not in top  # What would distinguish these is said with the law
     whole = law.predict(drops, start=10).to_frame()["x error"]
     (by_state,) = [block for block in report.named_blocks() if block.name == "forecast-by-state"]
     assert by_state.frame["RMS error"].item() == pytest.approx(np.sqrt(np.mean(whole**2)))
@@ -52,7 +58,8 @@ def test_a_law_that_the_library_lacks_is_said_to_be_a_summary_with_what_it_leave
 def test_a_law_that_was_given_and_is_wrong_is_said_to_be_inexact_too(drops):
     verdict = cl.fit("x'' = a x", drops).assess(drops)
     assert not verdict.exact
-    assert verdict.sentences[1] == "Lack of fit: this law does not fit the data within the noise."
+    assert verdict.process_noise
+    assert verdict.sentences[1].startswith("Lack of fit: this law does not fit the data within the noise")
 
 
 def test_a_state_of_noise_leaves_the_horizon_of_the_others():

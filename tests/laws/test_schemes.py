@@ -527,7 +527,8 @@ def test_what_one_scheme_lacks_is_refused(name):
 @pytest.mark.parametrize("errors", ["random-walk", "gp-forcing"])
 def test_process_noise_by_name_is_no_lack_of_fit(errors):
     law = decay.fit(decay.trials(), errors=errors)
-    assert [outcome.code for outcome in law.diagnostics] == ["process-noise-by-name"]
+    assert law.diagnostics == ()
+    assert [step.reason for step in law.history if step.stage == "misfit"] == ["no other errors were compared"]
 
 
 def spelled(tree: Any, random: Random) -> str:
@@ -763,7 +764,10 @@ def test_proportional_errors_are_chosen_in_both_schemes():
     trials = problem.trials()
     for fit in (COLLOCATION, SHOOTING):
         law, named, white = (fit(problem, trials, errors=errors) for errors in ("auto", "proportional", "white"))
-        assert [outcome.code for outcome in law.diagnostics] == ["errors-chosen"]
+        assert law.diagnostics == ()
+        (step,) = (step for step in law.history if step.stage == "misfit")
+        assert step.choice == "proportional noise"
+        assert "over white noise" in step.reason
         assert [outcome.code for outcome in white.diagnostics] == ["residuals-under-white-noise"]
         for made in (law, cl.refine(white, trials, n_jobs=1)):
             assert made.uncertainty.error_model.kind == "proportional"

@@ -220,9 +220,11 @@ def test_a_law_that_is_not_in_the_library_has_a_model_error_and_wide_intervals()
     steps = {law: next(step for step in law.history if step.stage == "model error") for law in (within, without)}
     assert steps[within].choice == "none"
     assert within.diagnostics == ()
-    (progress,) = (diagnostic for diagnostic in without.diagnostics if diagnostic.kind != "not identifiable")
-    assert progress.kind == "model error"
-    assert steps[without].choice in progress.text
+    assert {diagnostic.kind for diagnostic in without.diagnostics} <= {"not identifiable"}
+    assert without.uncertainty.error_model.kind == "gp-forcing"
+    (size,) = without.uncertainty.misfit.deviation
+    # The sine waves are a motion of amplitude 3/25; coefficients, which err by them, add to it
+    assert 0.02 < size < 0.5
     table = without.comparison
     assert table["chosen"].tolist().index(True) == table["score"].argmin()
     assert "a smooth force on x" in steps[without].choice

@@ -1,5 +1,7 @@
 """What a fit says of itself: the reasons that decided, what it does not explain, and what was found in residuals."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -48,8 +50,9 @@ def test_white_noise_that_does_not_explain_what_a_law_leaves_is_said_to_fail(whi
 
 def test_a_fit_that_departs_from_the_measurements_says_so_as_a_discovery_does(swayed):
     given = cl.fit("x' = -k x", swayed)
-    assert OutcomeKind.MODEL_ERROR in kinds(given)
-    assert "lack of fit: this law does not fit the data within the measurement noise" in str(given)
+    assert OutcomeKind.RESIDUALS not in kinds(given)
+    assert given.uncertainty.error_model.of_law
+    assert "beyond the law: " in str(given)
     verdict = given.assess(swayed)
     assert (verdict.exact, verdict.none_exact) == (False, False)
 
@@ -73,14 +76,15 @@ def test_errors_that_were_chosen_are_said_with_what_they_change():
     noisy = exact * (1 + 0.15 * np.random.default_rng(0).standard_normal(60))
     trials = cl.Trials.from_arrays(np.linspace(0, 8, 60), noisy, names=["c"])
     law, white = (cl.fit("c' = -k c", trials, errors=errors) for errors in ("auto", "white"))
-    (said,) = (diagnostic.text for diagnostic in law.diagnostics if diagnostic.kind is OutcomeKind.ERRORS)
-    assert said.startswith("proportional noise: ")
+    said = step(law, "misfit")
+    assert said.choice == "proportional noise"
+    assert float(re.search(r"(\S+) over white noise", said.reason).group(1)) > 10
     (here, error), (there, other) = (
         tuple(map(np.ndarray.item, (named_parameters(each).values, named_parameters(each).errors)))
         for each in (law, white)
     )
-    assert said.endswith(f"k is {with_error(here, error)}, and {with_error(there, other)} under white noise")
-    assert OutcomeKind.ERRORS not in kinds(white)
+    assert said.reason.endswith(f"k is {with_error(here, error)}, and {with_error(there, other)} under white noise")
+    assert "misfit" not in {each.stage for each in white.history}
 
 
 @pytest.fixture(scope="module")

@@ -27,12 +27,11 @@ from commonlaw.law.parameters import left_hand_sides, named_parameters, rate_nam
 from commonlaw.law.pooling import comparable_groups, contrasts
 from commonlaw.law.printing import start_lines
 from commonlaw.law.script import Source, given_initial_time, to_script
-from commonlaw.law.simplify import within_errors
 from commonlaw.law.tables import quantities_by_object, readable, with_interval, with_unit
 from commonlaw.library import order_of_each
 from commonlaw.report.markup import equation_parts, formula
 from commonlaw.runtime.progress import Stage
-from commonlaw.summary import Summary, parameters_caption, shown_equations, simpler_forms
+from commonlaw.summary import Summary, parameters_caption, remarks, shown_equations
 from commonlaw.text import counted
 from commonlaw.trials import Trials
 from commonlaw.verdict import Findings, find
@@ -244,7 +243,7 @@ def _shown(candidate: CandidateLaw, found: Found) -> ShownLaw:
         "evidence": candidate.evidence,
         "text": shown_equations(law),
         "formula": formulas,
-        "simpler": [*start_lines(law), *(simpler_forms(law) if candidate.chosen else within_errors(law))],
+        "remarks": [*start_lines(law), *remarks(law, candidate.chosen)],
         "left": left_hand_sides(law),
         "equations": _editable(law),
         "figures": [

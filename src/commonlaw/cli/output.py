@@ -96,13 +96,13 @@ def print_frame(frame: "pd.DataFrame", titles: Mapping[str, str] = MappingProxyT
 
 
 def print_law(law: "Law", parameters: "pd.DataFrame | None" = None) -> None:
-    """Print a law: its equations, parameters, simpler forms, and what is quoted of a known form.
+    """Print a law: its equations, parameters, simpler forms, what is beyond it, and what is quoted of a known form.
 
     `parameters` is `commonlaw.summary.parameter_table` by default.
     """
     from commonlaw.law.tables import quantities_by_object, readable, spread_tables
     from commonlaw.law.text import MANY
-    from commonlaw.summary import parameter_table, parameters_caption, shown_equations, simpler_forms
+    from commonlaw.summary import parameter_table, parameters_caption, remarks, shown_equations
 
     parameters = parameter_table(law) if parameters is None else parameters
     say("\n".join(map(in_line, shown_equations(law))))
@@ -115,7 +115,7 @@ def print_law(law: "Law", parameters: "pd.DataFrame | None" = None) -> None:
     elif len(parameters):
         say(f"\n{parameters_caption(law)}:\n")
         print_columns({str(name): column.tolist() for name, column in readable(parameters).items()})
-    for line in simpler_forms(law):
+    for line in remarks(law):
         say(f"\n{in_line(line)}")
     if len(quantities := quantities_by_object(law)):
         say("\nDerived quantities:\n")

@@ -213,6 +213,7 @@ class FitResult:
 
     def document(self) -> dict[str, object]:
         """Return all results for ``--json``."""
+        from commonlaw.law.misfit import misfit_lines
         from commonlaw.law.tables import interval_frame
 
         summary, findings = self.summary, self.summary.findings
@@ -221,6 +222,7 @@ class FitResult:
             "law": json.loads(to_json(law)),
             "equations": {name: list(law.equations(name)) for name in law.objects},
             "intervals": None if law.uncertainty.covariance is None else interval_frame(law).to_dict(orient="records"),
+            "misfit": misfit_lines(law),
             "history": [asdict(step) for step in law.history],
             "truth": None if truth is None else json.loads(to_json(truth)),
             "fit": findings.fit

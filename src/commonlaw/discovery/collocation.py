@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from commonlaw.diagnostics import Outcome, OutcomeKind
-from commonlaw.discovery.hints import outcomes_of_errors, outcomes_of_inputs, outcomes_of_units
+from commonlaw.discovery.hints import outcomes_of_inputs, outcomes_of_units, with_change_by_errors
 from commonlaw.discovery.known_physics import known_coefficients, unfitted
 from commonlaw.discovery.measured_rates import without_measured_rates
 from commonlaw.discovery.method import Known, ModelStructure
@@ -189,7 +189,7 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
     def under_white_noise() -> Law:
         return refined(begun, trials, replace(options, errors="white", least_squares=True), progress)
 
-    chosen_errors = outcomes_of_errors(law, under_white_noise) if options.errors == "auto" else ()
+    law = with_change_by_errors(law, under_white_noise) if options.errors == "auto" else law
     law = law if request.functions else with_one_sided_limits(law, trials)
     # Latent states have a note of their own
     is_vague = not prepared.has_starts and _is_undetermined(law)
@@ -202,7 +202,7 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
         except CommonlawError as error:
             if error.code == "parameters-not-identified" and not law.uncertainty.limits:
                 raise
-    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *chosen_errors, *outcomes_of_units(law, trials))
+    outcomes = (*law.diagnostics, *outcomes_of_parameters(law), *outcomes_of_units(law, trials))
     outcomes += outcomes_of_inputs(law, trials)
     made = replace(law.provenance, calls=request.calls, outcomes=outcomes)
     return replace(law, provenance=made)

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from commonlaw.forecast import fitted, forecast_from
 from commonlaw.forecast.forecast import Forecast
 from commonlaw.formulation import law_variables
 from commonlaw.inference.diagnose.confounding import ConfoundedVariables, confounded_sets
+from commonlaw.inference.search.error_models import MISFIT
 from commonlaw.inference.search.setup import stay_at_levels
 from commonlaw.inference.settings import INDIFFERENT, SIGNIFICANT, STRONG, VERY_STRONG
 from commonlaw.inference.verbs.schemes import fit_of
@@ -34,15 +36,6 @@ from commonlaw.trials.check import Finding
 
 _MAX_EXCESS_SHARE = 0.1
 """Share of a range: margin around visited states, and spread of similar initial values."""
-
-_OTHER_ERRORS = (
-    "proportional noise",
-    "noise by object",
-    "autocorrelated errors",
-    "drift of the sensor",
-    "model error",
-)
-"""Stages of a history that say which errors a law has besides white noise."""
 
 _Found = tuple[Floats, Forecast, Forecast, tuple[int, int]]
 """An initial state, the forecasts of two laws from there, and the row and the state in which they differ most."""
@@ -466,15 +459,15 @@ def _and(parts: Sequence[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def outcomes_of_errors(law: Law, under_white_noise: Callable[[], Law]) -> tuple[Outcome, ...]:
-    """Return which errors were chosen in place of white noise, and what they change, if there are any."""
-    steps = {step.stage: step.choice for step in law.history if step.choice != "none"}
-    chosen = [f"{stage}: {steps[stage]}" for stage in _OTHER_ERRORS if stage in steps]
-    if not chosen or not named_parameters(law).names:
-        return ()
+def with_change_by_errors(law: Law, under_white_noise: Callable[[], Law]) -> Law:
+    """Return a law whose history says what the errors that were chosen in place of white noise change, if any."""
+    if not (law.uncertainty.error_model and named_parameters(law).names):
+        return law
     try:
-        white = under_white_noise()
+        changed = largest_change(law, under_white_noise(), "under white noise")
     except CommonlawError as error:
-        return (note("errors-without-comparison", errors=chosen, error=error.sentence(marked)),)
-    changed = largest_change(law, white, "under white noise")
-    return (note("errors-chosen", errors=chosen, changed=changed),)
+        changed = f"under white noise: {error.sentence(marked)}"
+    steps = [
+        replace(step, reason=f"{step.reason}; {changed}") if step.stage == MISFIT else step for step in law.history
+    ]
+    return replace(law, provenance=replace(law.provenance, history=tuple(steps)))

@@ -31,7 +31,7 @@ from commonlaw.estimation.search import (
     without_outliers,
 )
 from commonlaw.formulation import column_scales
-from commonlaw.law import Law, Provenance, Step, Uncertainty
+from commonlaw.law import Law, Misfit, Provenance, Step, Uncertainty
 from commonlaw.law.alignment import matched, matched_noise
 from commonlaw.law.law import object_index
 from commonlaw.law.objects import of_all_objects
@@ -47,9 +47,11 @@ from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD
 from commonlaw.runtime.fit_options import ErrorKind
+from commonlaw.runtime.forking import cached_property
 from commonlaw.runtime.progress import ProgressCallback
 from commonlaw.text import counted, shown
 from commonlaw.trials import Trials
+from commonlaw.trials.transformations import with_logarithms
 from commonlaw.trials.trial import property_names
 
 _SETTINGS = ("log_states", "input_interpolation", "noise", "errors", "huber_threshold", "seed", "n_jobs", "progress")
@@ -176,6 +178,7 @@ def updated(law: Law, trials: Trials) -> Law:
             degrees_of_freedom=law.uncertainty.degrees_of_freedom,
             limits=limits,
             at_bounds=tuple(estimate for part in parts for estimate in part.uncertainty.at_bounds),
+            misfit=law.uncertainty.misfit,
         ),
         properties={owner: attribute for part in parts for owner, attribute in part.properties.items()},
         provenance=replace(
@@ -469,6 +472,7 @@ class Fitted:
             log_likelihood=optimum.log_likelihood,
         )
         properties = {owner: values for owner, values in trials.properties.items() if owner in trials.objects}
+        measurements = sum(int(np.isfinite(trial.states).sum()) for trial in trials)
         return Law(
             terms,
             model.schema,
@@ -485,6 +489,7 @@ class Fitted:
                 degrees_of_freedom=np.array(degrees) if estimated_noise else None,
                 limits=tuple(self._limits()),
                 at_bounds=tuple(self._at_bounds()),
+                misfit=Misfit.of(with_logarithms(trials, begun.logarithmic), self._outlying, measurements),
             ),
             provenance=provenance,
             properties=properties,
@@ -493,6 +498,12 @@ class Fitted:
             scheme="shooting",
             trial_estimates=estimated,
         )
+
+    @cached_property
+    def _outlying(self) -> int:
+        """How many measurements are outliers."""
+        problem, optimum = self.begun.problem, self.optimum
+        return int(sum(far.sum() for far in problem.outliers(optimum.unknowns, optimum.noise)))
 
     def _limits(self) -> Iterator[OneSidedLimit]:
         """Yield the only limits of parameters, of each object that they are of."""
@@ -521,11 +532,10 @@ class Fitted:
         """What was chosen in the fit: outliers, if there are any, errors, and the maximum."""
         begun, problem, optimum, alike = self.begun, self.begun.problem, self.optimum, self.optimum.starts_alike
         schema, unknowns = replace(begun.trials.schema, logarithmic=begun.logarithmic), len(begun.unknowns.names)
-        outlying = int(sum(far.sum() for far in problem.outliers(optimum.unknowns, optimum.noise)))
         why = "estimates of restricted maximum likelihood"
         how = f"maximum likelihood of {counted(unknowns, 'parameter')} by least squares of trajectories"
         return (
-            *error_steps(problem.errors, optimum.noise, schema, why, outlying, problem.huber_threshold),
+            *error_steps(problem.errors, optimum.noise, schema, why, self._outlying, problem.huber_threshold),
             Step(
                 "fit",
                 f"-log L = {-optimum.log_likelihood:.6g}",

@@ -3,6 +3,7 @@ from .io import (
     to_json as to_json,
 )
 from .law import Law as Law
+from .misfit import Misfit as Misfit
 from .objects import (
     average_law as average_law,
     select_objects as select_objects,

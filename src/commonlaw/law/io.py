@@ -20,6 +20,7 @@ from commonlaw.differentiation import format_differentiation, parse_differentiat
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.export import exported
 from commonlaw.law.law import Law, with_other_laws
+from commonlaw.law.misfit import Misfit
 from commonlaw.law.objects import select_objects
 from commonlaw.law.observation import STATES, Observation, Scheme, TrialEstimate, TrialEstimates
 from commonlaw.law.parameters import named_parameters
@@ -107,6 +108,7 @@ class UncertaintyDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=Tr
     interval_inflation: IntervalInflation | None = None
     limits: tuple[OneSidedLimit, ...] = ()
     at_bounds: tuple[AtBound, ...] = ()
+    misfit: Misfit | None = None
 
 
 class ProvenanceDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -370,6 +372,7 @@ def _saved_uncertainty(objects: Sequence[str], uncertainty: Uncertainty) -> Unce
         interval_inflation=uncertainty.interval_inflation,
         limits=uncertainty.limits,
         at_bounds=uncertainty.at_bounds,
+        misfit=uncertainty.misfit,
     )
 
 
@@ -579,6 +582,7 @@ def _read_uncertainty(
         document.explanation,
         saved.limits,
         saved.at_bounds,
+        misfit=saved.misfit,
     )
 
 

@@ -14,6 +14,7 @@ from commonlaw.hierarchy import Relation, RelationKind
 from commonlaw.hierarchy.relation import meaning, quotient_unit
 from commonlaw.law import text
 from commonlaw.law.law import Law, object_index, only_object, shares_terms
+from commonlaw.law.misfit import misfit_lines
 from commonlaw.law.parameters import (
     coefficient_units,
     left_hand_sides,
@@ -289,7 +290,7 @@ def printed(law: Law) -> str:
         rows = map(known.texts, range(min(len(law.objects), text.MANY)))
         body += ["", *text.coefficient_table(law.objects, heads, [*rows])]
     meanings = ", ".join([*(f"{rate} = {state}'" for state, rate in state_rates(law)), *values])
-    lines = [*body, *(["", f"with {meanings}"] if meanings else []), *within_errors(law)]
+    lines = [*body, *(["", f"with {meanings}"] if meanings else []), *within_errors(law), *misfit_lines(law)]
     return "\n".join(map(in_line, [*lines, *(f"Note: {diagnostic}" for diagnostic in law.diagnostics)]))
 
 

@@ -11,6 +11,7 @@ from commonlaw.array_types import Bools, Floats
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import symmetric_root
 from commonlaw.hierarchy import Relation, RelationKind
+from commonlaw.law.misfit import Misfit
 from commonlaw.law.text import one_sided_text
 from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, WHITE_NOISE, ErrorModel, Heteroscedastic
 from commonlaw.runtime.arguments import check_whole_number
@@ -257,6 +258,8 @@ class Uncertainty:
         Parameters at their bounds, where their errors are zero, with what limits them on the other side.
     other_laws
         Plausible laws besides this one, with posterior probabilities, see `Law.models`.
+    misfit
+        Sizes of what the trials have beyond the law and white noise; None if it was not fitted to any.
     """
 
     covariance: Floats | None = None
@@ -274,6 +277,7 @@ class Uncertainty:
     limits: tuple[OneSidedLimit, ...] = ()
     at_bounds: tuple[AtBound, ...] = ()
     other_laws: tuple[PlausibleLaw[Any], ...] = ()
+    misfit: Misfit | None = None
 
     def checked(self, objects: tuple[str, ...], support: Bools, measured: Sequence[str]) -> "Uncertainty":
         """Return the same as read-only arrays, for a law of these objects and this support, shape (equations, terms).
@@ -311,6 +315,7 @@ class Uncertainty:
             explanation=self.explanation and _checked_explanation(self.explanation, size),
             limits=limits,
             at_bounds=tuple(estimate for estimate in self.at_bounds if estimate.object in objects),
+            misfit=self.misfit and _checked_misfit(self.misfit, len(measured)),
         )
 
     @property
@@ -431,6 +436,15 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
         if not getattr(errors, name) > 0:
             raise CommonlawError("law-error-not-positive", name=name, value=getattr(errors, name))
     return replace(errors, **arrays)
+
+
+def _checked_misfit(misfit: Misfit, states: int) -> Misfit:
+    """Return sizes of a misfit as read-only arrays, for so many measured states."""
+    signal = checked(misfit.signal, "signal", "states", (states,), low=0)
+    deviation = misfit.deviation
+    if deviation is not None:
+        deviation = checked(deviation, "deviation of paths", "states", (states,), low=0)
+    return replace(misfit, signal=signal, deviation=deviation)
 
 
 def _checked_explanation(explanation: Explanation, size: int) -> Explanation:

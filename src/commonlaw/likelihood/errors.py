@@ -33,16 +33,26 @@ class ErrorModel:
     by_object: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
-    def kind(self) -> ErrorKind:
-        latent: Mapping[ErrorKind, Floats | None] = {
+    def kinds(self) -> tuple[ErrorKind, ...]:
+        """All kinds of errors besides white noise."""
+        levels: Mapping[ErrorKind, Floats | Mapping[str, Floats] | None] = {
             "gp-forcing": self.force,
             "autocorrelated": self.correlated,
             "drift": self.slope,
+            **self.heteroscedastic,
+            "by-object": self.by_object or None,
+            "random-walk": self.walk,
         }
-        kinds = [*(kind for kind, level in latent.items() if level is not None), *self.heteroscedastic]
-        if self.by_object:
-            kinds.append("by-object")
-        return next(iter(kinds), "white" if self.walk is None else "random-walk")
+        return tuple(kind for kind, level in levels.items() if level is not None)
+
+    @property
+    def kind(self) -> ErrorKind:
+        return next(iter(self.kinds), "white")
+
+    @property
+    def correlation_time(self) -> float:
+        """The correlation time of latent processes, infinite if they have none."""
+        return min(self.memory, self.force_time)
 
     @property
     def latent(self) -> LatentProcesses:
@@ -141,6 +151,10 @@ class AbstractErrors(ABC):
 
     label: ClassVar[str]
     """Name in messages and reports."""
+    description: ClassVar[str] = ""
+    """What there is beyond a law, with fields for its `amount` and its correlation `time`; empty for white noise."""
+    distinguished_by: ClassVar[str] = ""
+    """What would distinguish it from missing terms; empty where they are not confused."""
     group: ClassVar[Literal["white", "measurement", "law"]] = "measurement"
     """What is affected besides white noise; the best kind of each group is fitted with its own law."""
     is_independent: ClassVar[bool] = False
@@ -164,6 +178,13 @@ class AbstractErrors(ABC):
         """Return initial logarithms of levels and times, between bounds."""
         return [low + share * (high - low) for share in self.shares]
 
+    def size(self, errors: ErrorModel, duration: float) -> Floats | None:
+        """Return the standard deviation of an error of a measurement at the end of a trial, besides white noise, (d,).
+
+        None of errors of the law, which move the path of a trial, and of noise that is not of one size.
+        """
+        return None
+
 
 class White(AbstractErrors):
     """White noise alone."""
@@ -186,6 +207,7 @@ class Heteroscedastic(AbstractErrors):
     """White noise whose variance is ``noise^2 + (level growth(x))^2``."""
 
     kind: ClassVar[ErrorKind]
+    description = "noise that grows with the measured value, {amount}"
     is_independent = True
 
     @abstractmethod
@@ -210,6 +232,7 @@ class Proportional(Heteroscedastic):
 
     kind = "proportional"
     label = "proportional noise"
+    description = "noise in proportion to the measured value, {amount}"
 
     def growth(self, states: Floats) -> Floats:
         return states
@@ -222,6 +245,7 @@ class ByObject(AbstractErrors):
     """White noise of each object's own standard deviation, see `noise_scatter`."""
 
     label = "noise by object"
+    description = "noise that differs between objects, {amount}"
     is_independent = True
 
     def model(self, values: Floats) -> ErrorModel:
@@ -250,6 +274,8 @@ class Correlated(_Timed):
     """Autocorrelated errors of measurements (Ornstein-Uhlenbeck)."""
 
     label = "autocorrelated measurement errors"
+    description = "errors of the sensor that are correlated over {time}, {amount}"
+    distinguished_by = "a second sensor, or trials from the same start, would distinguish them from missing terms"
     shares = (0.3, 1.0)
     """Initial levels relative to the noise."""
 
@@ -262,11 +288,16 @@ class Correlated(_Timed):
     def _levels(self, log_noise: Floats, low: Floats, high: Floats) -> list[Floats]:
         return [log_noise + np.log(share) for share in self.shares]
 
+    def size(self, errors: ErrorModel, duration: float) -> Floats | None:
+        return errors.correlated
+
 
 class Drift(AbstractErrors):
     """An offset and a slope in time of the measurements of each trial: ``b0 + b1 t`` from its first sample on."""
 
     label = "a drift of the sensor"
+    description = "a drift of the sensor, about {amount} by the end of a trial"
+    distinguished_by = "a second sensor, or a trial at rest, would distinguish it from a constant of the law"
     is_of_trials = True
 
     def model(self, values: Floats) -> ErrorModel:
@@ -277,11 +308,18 @@ class Drift(AbstractErrors):
         largest = np.append(scales.states, scales.states / scales.duration)
         return scales.least * largest, largest
 
+    def size(self, errors: ErrorModel, duration: float) -> Floats | None:
+        assert errors.offset is not None
+        assert errors.slope is not None
+        return np.hypot(errors.offset, errors.slope * duration)
+
 
 class Force(_Timed):
     """A smooth random force on the highest derivatives (Matern process of smoothness 3/2)."""
 
     label = "a smooth random force"
+    description = "an unknown force, smooth over {time}, that moves the path of a trial by {amount}"
+    distinguished_by = "a measured input, or trials from the same start, would distinguish it from missing terms"
     group = "law"
 
     def model(self, values: Floats) -> ErrorModel:
@@ -295,6 +333,8 @@ class Walk(AbstractErrors):
     """A random walk of states and rates; its level, relative to the noise, is the model error of a fit."""
 
     label = "a random walk"
+    description = "random disturbances of states and rates that move the path of a trial by {amount}"
+    distinguished_by = "trials from the same start would distinguish them from missing terms"
     group = "law"
 
     def model(self, values: Floats) -> ErrorModel:

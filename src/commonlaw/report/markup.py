@@ -11,6 +11,7 @@ from xml.etree.ElementTree import tostring
 from commonlaw.errors import CommonlawError
 from commonlaw.law import Law, to_latex
 from commonlaw.law.law import shares_terms
+from commonlaw.law.misfit import misfit_lines
 from commonlaw.law.pooling import by_properties
 from commonlaw.law.printing import latex_lefts, latex_structure, start_lines
 from commonlaw.law.simplify import within_errors
@@ -24,11 +25,12 @@ if TYPE_CHECKING:
 
 
 def law_markdown(law: Law) -> str:
-    """Return the equations of a law as Markdown, with numbers that all objects share, and a simpler form."""
+    """Return the equations of a law as Markdown, with shared numbers, a simpler form, and its misfit."""
     if not shares_terms(law) and len(law.objects) > 1:
-        return "".join(_own(law))
+        return "\n\n".join(["".join(_own(law)), *map(literal, misfit_lines(law))])
     shown = _displayed(law_latex(law), law.equations() if _has_numbers(law) else law.structure)
-    return "\n\n".join([shown, *map(literal, [*start_lines(law), *within_errors(law), *by_properties(law)])])
+    below = [*start_lines(law), *within_errors(law), *by_properties(law), *misfit_lines(law)]
+    return "\n\n".join([shown, *map(literal, below)])
 
 
 def law_latex(law: Law) -> str:

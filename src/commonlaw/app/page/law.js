@@ -68,7 +68,7 @@ export function move(index) {
   $("which").textContent = parts.join("; ");
   $("slider").setAttribute("aria-valuetext", parts.join("; "));
   $("formula").replaceChildren(...candidate.formula.length ? candidate.formula.map(equation) : candidate.text.map(each => element("div", each, { class: "equation" })));
-  $("formula").append(...candidate.simpler.map(each => element("div", each, { class: "soft" })));
+  $("formula").append(...candidate.remarks.map(each => element("div", each, { class: "soft" })));
   press();
   $("coefficients").caption.textContent = candidate.caption;
   fill($("coefficients"), candidate.table.head, candidate.table.rows);

@@ -56,6 +56,7 @@ def fitted_law(law: Law, fit: Fit, covariance: CovarianceKind = "likelihood", se
             interval_inflation=None,
             explanation=None,
             other_laws=(),
+            misfit=None,
         ),
     )
 

@@ -108,6 +108,9 @@ class Fit:
     def with_score(self, score: Score) -> Self:
         return self._like(score=score)
 
+    def with_steps(self, steps: tuple[Step, ...]) -> Self:
+        return self._like(steps=steps)
+
     def with_alternatives(self, others: Sequence["Fit"]) -> Self:
         """Return the fit with alternatives under the same errors, the best one of each supports."""
         listed = {fit.supports.tobytes(): fit for fit in sorted(others, reverse=True)}

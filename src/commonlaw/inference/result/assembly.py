@@ -10,6 +10,7 @@ from commonlaw.inference import settings
 from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.final_score import final
 from commonlaw.inference.fit.fit import PLAUSIBLE, Fit
+from commonlaw.inference.fit.misfit import with_misfit
 from commonlaw.inference.result.held_out_forecasts import StandardizedErrors, interval_inflation
 from commonlaw.inference.result.history import (
     Compared,
@@ -63,7 +64,7 @@ def assemble(
     """
     compared, fit = compared_terms(pool), pool.best
     template = fit.problem.law
-    law = fitted_law(template, fit, covariance, seed)
+    law = with_misfit(fitted_law(template, fit, covariance, seed), fit)
     law = replace(
         law,
         uncertainty=replace(
@@ -143,7 +144,7 @@ def plausible_laws(pool: Pool, law: Law) -> tuple[PlausibleLaw[Law], ...]:
         kept = [(share, fit) for share, fit in others if share > settings.MIN_PROBABILITY][: settings.MAX_MODELS - 1]
         total = chosen_share + sum(share for share, _ in kept)
         for share, fit in kept:
-            plausible.append(PlausibleLaw(share / total, as_stored(fitted_law(law, fit))))
+            plausible.append(PlausibleLaw(share / total, as_stored(with_misfit(fitted_law(law, fit), fit))))
     different = list[Fit]()  # Without reparametrizations of the same law
     for rival in pool.rivals:
         if not any(_is_same(rival, fit) for fit in (pool.best, *different)):
@@ -154,7 +155,7 @@ def plausible_laws(pool: Pool, law: Law) -> tuple[PlausibleLaw[Law], ...]:
         share = chosen_share * float(np.exp(-max(0.0, above) / 2))
         if share <= settings.MIN_PROBABILITY or len(plausible) == settings.MAX_MODELS - 1:
             break
-        alternative = with_parameters_of(as_stored(fitted_law(fit.problem.law, fit)), law)
+        alternative = with_parameters_of(as_stored(with_misfit(fitted_law(fit.problem.law, fit), fit)), law)
         if alternative.schema == law.schema and alternative.structure not in structures:
             structures.add(alternative.structure)
             plausible.append(PlausibleLaw(share, alternative))

@@ -104,7 +104,7 @@ LACKS_OF_FIT = OutcomeKind.APPROXIMATION, OutcomeKind.MODEL_ERROR, OutcomeKind.R
 def outcomes_of_fit(
     law: Law, fit: Fit, is_converged: bool, *, tried_errors: bool, chosen: bool = False
 ) -> tuple[Outcome, ...]:
-    """Return what to know of a law by its fit: errors that it has itself, or that are not explained, and samples.
+    """Return what to know of a law by its fit: errors that are not explained, and samples.
 
     The remedies depend on whether errors of other kinds were tried, and whether the law was chosen from a library.
     """
@@ -113,13 +113,7 @@ def outcomes_of_fit(
         result.append(note("fit-not-converged" if chosen else "fit-not-converged-from-guesses"))
     elif fit.diverges and not fit.has_model_error and _has_no_solution(law, fit.problem.trials):
         result.append(note("fit-diverges"))
-    if fit.has_process_noise:
-        of = ", the best in its library," if chosen else ""
-        error = model_error_step(fit).choice
-        # A lack of fit is by the evidence against white noise, which process noise by name is not compared with
-        by_evidence = note("model-error", library=of, error=error)
-        result.append(by_evidence if tried_errors else note("process-noise-by-name", error=error))
-    elif lack := _left(fit):
+    if not fit.has_process_noise and (lack := _left(fit)):
         result.append(note("residuals" if tried_errors else "residuals-under-white-noise", residuals=lack))
     if not fit.has_process_noise:
         result += outcomes_of_misfit(_residuals_by_object(fit))

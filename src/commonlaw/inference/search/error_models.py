@@ -28,12 +28,16 @@ from commonlaw.inference.score.trajectories import TrajectoryScore
 from commonlaw.inference.search.pool import Pool
 from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.search.strange_objects import outcomes_of_misfit
+from commonlaw.law import Step
 from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError
 from commonlaw.likelihood.levels import level_bounds, level_starts, minimum
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
+from commonlaw.text import counted
 from commonlaw.trials import Schema
 
+MISFIT = "misfit"
+"""Stage of a history: the errors that were chosen."""
 GROUPS = ("white", "measurement", "law")
 """White noise, other measurement errors, and model errors: supports are searched for under the best of each group."""
 
@@ -99,6 +103,13 @@ def among_errors(fitted: Fitted, kinds: Sequence[ErrorKind]) -> Fitted:
     return fitted if best is fitted else limited(best)
 
 
+def misfit_step_of(chosen: Fitted, white: Fitted) -> Step:
+    """Return which errors a fit by shooting has in place of white noise, and how much more evidence."""
+    more = TrajectoryScore(white).score - TrajectoryScore(chosen).score
+    label = ERRORS[chosen.begun.problem.errors.kind].label
+    return Step(MISFIT, label, f"2 log B: {more:.3g} over {ERRORS['white'].label}")
+
+
 def departures_of(scored: TrajectoryScore) -> Departures:
     """Return the departures of residuals of a fit by shooting from white noise, see `departures`."""
     fitted, schema = scored.fitted, _schema(scored.fitted)
@@ -161,13 +172,30 @@ def with_error_models(
         # Levels at the optimum of the chosen law, so that the result does not depend on units and origins
         exact = best if kind == "white" else estimate_error_model(best, kind)
         alternatives = [alternative for alternative in compared if alternative.errors == kind]
-        fits.append((exact if exact.is_usable else best).with_alternatives(alternatives))
+        chosen = (exact if exact.is_usable else best).with_alternatives(alternatives)
+        before = [step for step in fit.steps if step.stage == MISFIT and step.choice == ERRORS[kind].label]
+        kept = [step for step in fit.steps if step.stage != MISFIT]
+        is_chosen = kind != "white" or any(fit.errors != kind for fit in compared)
+        fits.append(chosen.with_steps((*kept, *(before or [misfit_step(best, compared)] * is_chosen))))
         if best.has_process_noise:
             # Noise by object would be what the law misses in each object
             explained = [fit for fit in compared if fit.errors != "by-object" or not fit.lack_of_fit]
             groups = ([fit for fit in explained if ERRORS[fit.errors].group == group] for group in GROUPS[:2])
             deterministic += [min(of_group) for of_group in groups if of_group]
     return Pool.of(fits, pool.explored, deterministic)
+
+
+def misfit_step(best: Fit, compared: Sequence[Fit]) -> Step:
+    """Return which errors were chosen, and how much more evidence they have than others, each with its best terms."""
+    least = {kind: min(fit for fit in compared if fit.errors == kind) for kind in {fit.errors for fit in compared}}
+    others = sorted((fit for kind, fit in least.items() if kind != best.errors), key=lambda fit: fit.score.total)
+    reasons = list[str]()
+    for fit in others:
+        more = fit.size - best.size
+        terms = f" with {counted(abs(more), 'term')} {'more' if more > 0 else 'fewer'}" if more else ""
+        reasons.append(f"{fit.score - best.score:.3g} over {ERRORS[fit.errors].label}{terms}")
+    why = f"2 log B: {', '.join(reasons)}" if reasons else "no other errors were compared"
+    return Step(MISFIT, ERRORS[best.errors].label, why)
 
 
 def search_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> list[Pool]:

@@ -51,7 +51,7 @@ class Pool:
 
     def with_best(self, fit: Fit) -> "Pool":
         """Return the pool with the best fit replaced: the same law on a finer mesh, or with supports selected again."""
-        return replace(self, fits=(fit, *self.fits[1:]))
+        return replace(self, fits=(fit.with_steps(fit.steps or self.best.steps), *self.fits[1:]))
 
     @property
     def best(self) -> Fit:

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonlaw.array_types import Floats
 from commonlaw.errors import CommonlawError
-from commonlaw.law import Law, Provenance, Uncertainty, average_law
+from commonlaw.law import Law, Misfit, Provenance, Uncertainty, average_law
 from commonlaw.law.objects import of_all_objects
 from commonlaw.law.provenance import Domain
 from commonlaw.likelihood import ErrorModel
@@ -90,6 +90,7 @@ def fitted_by_parts(
             error_model=error_model,
             huber_threshold=known[0].huber_threshold,
             degrees_of_freedom=np.sum(degrees, axis=0) if len(degrees) == len(laws) else None,
+            misfit=_misfit(weights, [uncertainty.misfit for uncertainty in known]),
         ),
         provenance=replace(laws[0].provenance, domain=Domain(visited), outcomes=(), alternatives=()),
         properties={name: attribute for law in laws for name, attribute in law.properties.items()},
@@ -108,8 +109,24 @@ def _fitted(piece: tuple[Callable[[Trials], Law], TrialStream]) -> tuple[Law, in
         error_model=known.error_model,
         huber_threshold=known.huber_threshold,
         degrees_of_freedom=known.degrees_of_freedom,
+        misfit=known.misfit,
     )
     return replace(law, uncertainty=uncertainty, properties=trials.properties), sum(map(len, trials))
+
+
+def _misfit(weights: Floats, parts: Sequence[Misfit | None]) -> Misfit | None:
+    """Return the misfit of all parts; None if one has none, as laws in discrete time."""
+    listed = [part for part in parts if part is not None]
+    signal = _root_mean_square(weights, [part.signal for part in listed]) if len(listed) == len(parts) else None
+    if signal is None:
+        return None
+    return Misfit(
+        signal,
+        float(np.average([part.duration for part in listed], weights=weights)),
+        sum(part.outliers for part in listed),
+        sum(part.measurements for part in listed),
+        _root_mean_square(weights, [part.deviation for part in listed]),
+    )
 
 
 def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:

@@ -19,6 +19,7 @@ from commonlaw.inference.fit.covariance import (
     total_degrees_of_freedom,
 )
 from commonlaw.inference.fit.latent_initialization import latent_state_ranges
+from commonlaw.inference.fit.misfit import with_misfit
 from commonlaw.inference.fit.problem import prepare
 from commonlaw.inference.propose.nonlinear_parameters import empirical_priors
 from commonlaw.inference.result.held_out_forecasts import best_forecaster
@@ -164,8 +165,8 @@ def _refined(law: Law, trials: Trials, options: RefitOptions, progress: Progress
         raise CommonlawError("no-degrees-of-freedom", measurements=count, name=name)
     schema = replace(setup.law.schema, input_interpolation=problem.trials.schema.input_interpolation)
     law, trials = replace(setup.law, schema=schema), setup.trials
-    result = fitted_law(law, fit, options.covariance, options.seed)
-    chosen = *steps, *sample_steps(problem), noise_step(problem), *fit_steps(fit)
+    result = with_misfit(fitted_law(law, fit, options.covariance, options.seed), fit)
+    chosen = *steps, *sample_steps(problem), *fit.steps, noise_step(problem), *fit_steps(fit)
     before = law.provenance.domain
     domain = Domain.of(trials, state_rates(law)).with_left_out(before)
     provenance = replace(

@@ -1,0 +1,120 @@
+"""What there is beyond a law and white noise, in a line for each kind of errors and for outliers."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from commonlaw.array_types import Floats
+from commonlaw.differentiation.noise import within_trial_std
+from commonlaw.likelihood import ERRORS, Heteroscedastic
+from commonlaw.text import counted
+from commonlaw.trials import Trials
+
+if TYPE_CHECKING:
+    from commonlaw.law.law import Law
+    from commonlaw.runtime.fit_options import ErrorKind
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """What the trials that a law was fitted to have beyond it: sizes, besides the levels of the error model.
+
+    Parameters
+    ----------
+    signal
+        Standard deviation of each measured quantity within trials, shape (m,), zero of one that was never measured.
+    duration
+        Median duration of the trials.
+    outliers, measurements
+        How many outliers there are among how many measurements.
+    deviation
+        Of process noise: root mean square deviation of the estimated paths from the nearest solutions of the law, at
+        the measurements of each measured quantity, shape (m,); None without process noise.
+    """
+
+    signal: Floats
+    duration: float
+    outliers: int
+    measurements: int
+    deviation: Floats | None = None
+
+    @classmethod
+    def of(cls, trials: Trials, outliers: int, measurements: int, deviation: Floats | None = None) -> "Misfit":
+        """Return the misfit of a law that was fitted to trials."""
+        duration = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))
+        return cls(within_trial_std(trials), duration, outliers, measurements, deviation)
+
+
+def misfit_lines(law: "Law") -> list[str]:
+    """Return a line for each kind of errors besides white noise, and one for outliers: kind, size, and a remedy.
+
+    Sizes are in units of the states, and as a share of their standard deviation within trials. They are those of
+    `AbstractErrors.size`, and of process noise the deviation of the paths from solutions of the law, see `Misfit`.
+
+    >>> from commonlaw import Law
+    >>> misfit_lines(Law.from_text("x' = -x"))
+    []
+    """
+    errors, misfit, lines = law.uncertainty.error_model, law.uncertainty.misfit, list[str]()
+    schema = law.observation.measured
+    unit_of_time = schema.units.get(schema.time, f"units of {schema.time}")
+    for kind in errors.kinds:
+        text = ERRORS[kind].description.format(
+            amount=", ".join(_amounts(law, kind)) or "an unknown amount",
+            time=f"{errors.correlation_time:.2g} {unit_of_time}",
+        )
+        remedy = ERRORS[kind].distinguished_by
+        lines.append(f"{text}; {remedy}" if remedy else text)
+    if misfit is not None and misfit.outliers:
+        how = "have no weight" if ERRORS[errors.kind].is_independent else "count linearly instead of squared"
+        is_one = misfit.outliers == 1
+        number = f"{misfit.outliers} of {counted(misfit.measurements, 'measurement')}"
+        how = how.replace("have", "has").replace("count", "counts") if is_one else how
+        lines.append(f"{number} {'is an outlier' if is_one else 'are outliers'}, which {how}")
+    return [f"beyond the law: {line}" for line in lines]
+
+
+def misfit_size(law: "Law", kind: "ErrorKind") -> Floats | None:
+    """Return the standard deviation of errors of a kind of each measured quantity, shape (m,), see `misfit_lines`.
+
+    None for kinds that have no one size, of process noise also where the law was not fitted to trials.
+    """
+    errors, misfit = law.uncertainty.error_model, law.uncertainty.misfit
+    size = ERRORS[kind].size(errors, np.nan if misfit is None else misfit.duration)
+    if size is None and misfit is not None and ERRORS[kind].group == "law":
+        return misfit.deviation
+    return size
+
+
+def _amounts(law: "Law", kind: "ErrorKind") -> Iterator[str]:
+    """Yield how large errors of a kind are, of each measured quantity that has any."""
+    errors, misfit, schema = law.uncertainty.error_model, law.uncertainty.misfit, law.observation.measured
+    model, noise = ERRORS[kind], law.uncertainty.noise
+    if isinstance(model, Heteroscedastic):
+        yield errors.heteroscedastic_in_words(schema.states)[kind]
+        return
+    if kind == "by-object":
+        for j, name in enumerate(schema.states):
+            levels = {owner: float(factors[j]) for owner, factors in errors.by_object.items()}
+            if noise is not None and len({*levels.values()}) > 1:
+                ends = (min(levels, key=lambda owner: levels[owner]), max(levels, key=lambda owner: levels[owner]))
+                of = (f"{_size(law, j, levels[owner] * noise[j])} ({owner})" for owner in ends)
+                yield f"from {' to '.join(of)} in {name}"
+        return
+    if (size := misfit_size(law, kind)) is None:
+        return
+    for j, name in enumerate(schema.states):
+        if np.isfinite(size[j]) and name not in schema.initial_values:
+            share = size[j] / misfit.signal[j] if misfit is not None and misfit.signal[j] > 0 else np.nan
+            of_signal = f" ({100 * share:.2g} % of the signal)" if share < 1 else f" ({share:.2g} times the signal)"
+            yield f"{_size(law, j, size[j])} in {name}{of_signal if np.isfinite(share) else ''}"
+
+
+def _size(law: "Law", j: int, size: float) -> str:
+    """Return the size of an error of a measured quantity with its unit."""
+    schema = law.observation.measured
+    if schema.states[j] in schema.logarithmic:
+        return f"{100 * size:.2g} %"
+    return f"{size:.2g} {schema.units.get(schema.states[j], '')}".rstrip()
