@@ -3,7 +3,6 @@ from .io import (
     to_json as to_json,
 )
 from .law import Law as Law
-from .misfit import Misfit as Misfit
 from .objects import (
     average_law as average_law,
     select_objects as select_objects,
@@ -26,6 +25,7 @@ from .provenance import (
 from .script import to_script as to_script
 from .tables import to_frame as to_frame
 from .uncertainty import (
+    Misfit as Misfit,
     PlausibleLaw as PlausibleLaw,
     Uncertainty as Uncertainty,
 )

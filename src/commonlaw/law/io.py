@@ -20,7 +20,6 @@ from commonlaw.differentiation import format_differentiation, parse_differentiat
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.law.export import exported
 from commonlaw.law.law import Law, with_other_laws
-from commonlaw.law.misfit import Misfit
 from commonlaw.law.objects import select_objects
 from commonlaw.law.observation import STATES, Observation, Scheme, TrialEstimate, TrialEstimates
 from commonlaw.law.parameters import named_parameters
@@ -31,6 +30,7 @@ from commonlaw.law.uncertainty import (
     AtBound,
     Explanation,
     IntervalInflation,
+    Misfit,
     ObjectEstimates,
     OneSidedLimit,
     PlausibleLaw,

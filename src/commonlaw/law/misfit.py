@@ -1,53 +1,17 @@
 """What there is beyond a law and white noise, in a line for each kind of errors and for outliers."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from commonlaw.array_types import Floats
-from commonlaw.differentiation.noise import within_trial_std
+from commonlaw.law.law import Law
 from commonlaw.likelihood import ERRORS, Heteroscedastic
+from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.text import counted
-from commonlaw.trials import Trials
-
-if TYPE_CHECKING:
-    from commonlaw.law.law import Law
-    from commonlaw.runtime.fit_options import ErrorKind
 
 
-@dataclass(frozen=True, eq=False)
-class Misfit:
-    """What the trials that a law was fitted to have beyond it: sizes, besides the levels of the error model.
-
-    Parameters
-    ----------
-    signal
-        Standard deviation of each measured quantity within trials, shape (m,), zero of one that was never measured.
-    duration
-        Median duration of the trials.
-    outliers, measurements
-        How many outliers there are among how many measurements.
-    deviation
-        Of process noise: root mean square deviation of the estimated paths from the nearest solutions of the law, at
-        the measurements of each measured quantity, shape (m,); None without process noise.
-    """
-
-    signal: Floats
-    duration: float
-    outliers: int
-    measurements: int
-    deviation: Floats | None = None
-
-    @classmethod
-    def of(cls, trials: Trials, outliers: int, measurements: int, deviation: Floats | None = None) -> "Misfit":
-        """Return the misfit of a law that was fitted to trials."""
-        duration = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))
-        return cls(within_trial_std(trials), duration, outliers, measurements, deviation)
-
-
-def misfit_lines(law: "Law") -> list[str]:
+def misfit_lines(law: Law) -> list[str]:
     """Return a line for each kind of errors besides white noise, and one for outliers: kind, size, and a remedy.
 
     Sizes are in units of the states, and as a share of their standard deviation within trials. They are those of
@@ -76,7 +40,7 @@ def misfit_lines(law: "Law") -> list[str]:
     return [f"beyond the law: {line}" for line in lines]
 
 
-def misfit_size(law: "Law", kind: "ErrorKind") -> Floats | None:
+def misfit_size(law: Law, kind: ErrorKind) -> Floats | None:
     """Return the standard deviation of errors of a kind of each measured quantity, shape (m,), see `misfit_lines`.
 
     None for kinds that have no one size, of process noise also where the law was not fitted to trials.
@@ -88,7 +52,7 @@ def misfit_size(law: "Law", kind: "ErrorKind") -> Floats | None:
     return size
 
 
-def _amounts(law: "Law", kind: "ErrorKind") -> Iterator[str]:
+def _amounts(law: Law, kind: ErrorKind) -> Iterator[str]:
     """Yield how large errors of a kind are, of each measured quantity that has any."""
     errors, misfit, schema = law.uncertainty.error_model, law.uncertainty.misfit, law.observation.measured
     model, noise = ERRORS[kind], law.uncertainty.noise
@@ -112,7 +76,7 @@ def _amounts(law: "Law", kind: "ErrorKind") -> Iterator[str]:
             yield f"{_size(law, j, size[j])} in {name}{of_signal if np.isfinite(share) else ''}"
 
 
-def _size(law: "Law", j: int, size: float) -> str:
+def _size(law: Law, j: int, size: float) -> str:
     """Return the size of an error of a measured quantity with its unit."""
     schema = law.observation.measured
     if schema.states[j] in schema.logarithmic:

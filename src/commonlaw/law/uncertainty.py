@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonlaw.array_types import Bools, Floats
+from commonlaw.differentiation.noise import within_trial_std
 from commonlaw.errors import CommonlawError, check_choice
 from commonlaw.formulation import symmetric_root
 from commonlaw.hierarchy import Relation, RelationKind
-from commonlaw.law.misfit import Misfit
 from commonlaw.law.text import one_sided_text
 from commonlaw.likelihood import ERRORS, HUBER_THRESHOLD, WHITE_NOISE, ErrorModel, Heteroscedastic
 from commonlaw.runtime.arguments import check_whole_number
+from commonlaw.trials import Trials
 
 
 def checked(
@@ -213,6 +214,36 @@ class Explanation:
     def properties(self) -> tuple[str, ...]:
         """Names of the properties that coefficients follow."""
         return tuple(dict.fromkeys(name for relation in self.relations if relation for name in relation.properties))
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """What the trials that a law was fitted to have beyond it: sizes, besides the levels of the error model.
+
+    Parameters
+    ----------
+    signal
+        Standard deviation of each measured quantity within trials, shape (m,), zero of one that was never measured.
+    duration
+        Median duration of the trials.
+    outliers, measurements
+        How many outliers there are among how many measurements.
+    deviation
+        Of process noise: root mean square deviation of the estimated paths from the nearest solutions of the law, at
+        the measurements of each measured quantity, shape (m,); None without process noise.
+    """
+
+    signal: Floats
+    duration: float
+    outliers: int
+    measurements: int
+    deviation: Floats | None = None
+
+    @classmethod
+    def of(cls, trials: Trials, outliers: int, measurements: int, deviation: Floats | None = None) -> "Misfit":
+        """Return the misfit of a law that was fitted to trials."""
+        duration = float(np.median([trial.times[-1] - trial.times[0] for trial in trials]))
+        return cls(within_trial_std(trials), duration, outliers, measurements, deviation)
 
 
 @dataclass(frozen=True, eq=False)
