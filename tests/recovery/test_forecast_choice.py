@@ -1,5 +1,6 @@
 """Where a law imitates few measurements, the one is taken that forecasts best what was left out."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,8 +8,12 @@ import pytest
 from scipy.stats import norm
 
 import commonlaw as cl
+from commonlaw.discovery import trajectory_likelihood
 from commonlaw.inference.result import held_out_forecasts
+from commonlaw.inference.result.assembly import reported
 from commonlaw.inference.result.held_out_forecasts import StandardizedErrors
+from commonlaw.inference.search.error_models import fit_each_kind
+from commonlaw.inference.search.pool import Pool
 
 LEARNED = 9
 
@@ -97,3 +102,20 @@ def test_forecasts_that_diverge_show_that_a_law_may_overfit(few, process_noise, 
 @pytest.mark.parametrize(("of_last", "no_better"), [(0.4, True), (2.0, False), (np.nan, False)])
 def test_forecasts_are_compared_with_the_last_value(of_last, no_better):
     assert held_out_forecasts._no_better_than_last([errors(np.full(8, 0.5), 1.0, of_last)] * 3) is no_better
+
+
+def test_process_noise_that_took_all_terms_gives_way_to_a_law_that_forecasts():
+    times, random = np.linspace(0, 12, 80), np.random.default_rng(4)
+    states = np.exp(-0.1 * times) * np.cos(2 * times) + 0.02 * random.standard_normal(80)
+    trials, pools = cl.Trials.from_arrays([times], [states], names=["x"]), list[Pool]()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trajectory_likelihood, "reported", lambda pool: pools.append(pool) or reported(pool))
+        cl.discover(trials, order=2, library="poly:1", cache=False)
+    (pool,) = pools
+    problem = pool.best.problem
+    (empty,) = fit_each_kind(problem, np.zeros_like(problem.allowed), ("random-walk",))
+    pool = replace(pool, fits=(empty,))
+    chosen, _ = held_out_forecasts.best_forecaster(pool, ("white", "random-walk"), lambda law: law, lambda _: None)
+    assert empty.has_process_noise
+    assert not chosen.best.has_process_noise
+    assert [problem.terms.names[k] for k in np.flatnonzero(chosen.best.supports[0])] == ["x", "v"]

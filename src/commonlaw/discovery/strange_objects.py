@@ -23,7 +23,7 @@ from commonlaw.inference.fit.covariance import fitted_law
 from commonlaw.inference.fit.final_score import score_of_order
 from commonlaw.inference.fit.fit import Fit
 from commonlaw.inference.fit.problem import SearchProblem
-from commonlaw.inference.search.error_models import estimate_error_model
+from commonlaw.inference.search.error_models import estimate_error_model, is_white
 from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.search.strange_objects import Apart, Reason, StrangeObject, partition_penalty, suspects
 from commonlaw.law import Law, Provenance, Step
@@ -127,8 +127,8 @@ def _explained(own: Candidate, others: Fit, search: CandidateSearch, is_same: bo
             if under.is_usable:
                 score = score_of_order(under)
                 value = score.total - score.parts["structure"]  # The others pay for the terms
-                follows = min(follows, value) if under.errors == "white" else follows  # As levels of zero are
-                explanations += [_Explanation("errors", ERRORS[kind].label, value)] * (under.errors != "white")
+                follows = min(follows, value) if under.errors == "white" else follows
+                explanations += [_Explanation("errors", ERRORS[kind].label, value)] * (not is_white(under))
     best = min(explanations, key=lambda explanation: explanation.score, default=None)
     if best is not None and best.score < follows:
         return replace(best, share=float(1 / (1 + np.exp((best.score - follows) / 2))))

@@ -8,6 +8,7 @@ log-likelihood (Patterson and Thompson 1971) is, but for constants,
 without the last part it is the likelihood.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, combinations_with_replacement
@@ -123,7 +124,7 @@ class DriftInnovations(NamedTuple):
 
     def of_errors(self, errors: Floats) -> Floats:
         """Return the innovations of errors, or of columns of them, shape (n, ...)."""
-        columns = errors.reshape(len(errors), 1, -1)
+        columns = errors.reshape(len(errors), 1, math.prod(errors.shape[1:]))
         expected = np.einsum("nk,nkc->nc", self.gained, _before(self.weighted[:, :, np.newaxis] * columns))
         return np.asarray(errors - expected.reshape(errors.shape))
 

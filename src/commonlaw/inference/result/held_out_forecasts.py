@@ -220,9 +220,11 @@ def best_forecaster(
     if not (is_off or is_idle or (pool.best.has_process_noise and _deterministic(pool))):
         return pool, errors_of_best
     progress("comparing forecasts of held-out data")
+    # Idle process noise may have taken what more terms explain
+    largest = max(pool.best.size, settings.MAX_TERMS_WITHOUT_LATENT_STATE * is_idle * pool.best.supports.shape[0])
     errors_of = partial(standardized_errors, pooled=pooled, both_ways=_is_forecast_testable(pool.best))
     scored = [(_score(errors_of(pool.best)), pool.best)]
-    for fit in chain(_deterministic(pool), _others(pool, kinds, progress) if is_off or is_idle else ()):
+    for fit in chain(_deterministic(pool), _others(pool, kinds, largest, progress) if is_off or is_idle else ()):
         errors = errors_of(fit)
         if len(errors) == len(errors_of_best):
             scored.append((_score(errors), fit))
@@ -302,9 +304,9 @@ def _deterministic(pool: Pool) -> list[Fit]:
 
 
 @unannounced()
-def _others(pool: Pool, kinds: Sequence[ErrorKind], progress: ProgressCallback) -> Iterator[Fit]:
-    """Yield the most probable laws of each size, up to that of the best, under each group of error models."""
-    largest, best_of_size = pool.best.size, dict[int, Fit]()
+def _others(pool: Pool, kinds: Sequence[ErrorKind], largest: int, progress: ProgressCallback) -> Iterator[Fit]:
+    """Yield the most probable laws of each size up to the largest, under each group of error models."""
+    best_of_size = dict[int, Fit]()
     for fit in pool.rivals:
         best_of_size.setdefault(fit.size, fit)
     yield from (fit for size, fit in best_of_size.items() if size <= largest)

@@ -324,5 +324,7 @@ def _why(listed: Compared, chosen_by: str) -> str:
     _, (names, ahead), *_ = listed.items()
     runner = ", ".join(names) or "no term"
     if chosen_by == Kind.FORECASTS:
+        if np.isinf(ahead):
+            return f"{chosen_by}; those of all others diverge"
         return f"{chosen_by}; the next, {runner}, has a log score {ahead / 2:.3g} lower"
     return f"{chosen_by}; the next, {runner}, is {np.exp(min(ahead / 2, 700)):.3g} times less probable"

@@ -20,7 +20,7 @@ from commonlaw.inference.fit.annealing import (
     rescale_noise,
 )
 from commonlaw.inference.fit.covariance import residuals_by_object
-from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, fitted
+from commonlaw.inference.fit.fit import NO_MODEL_ERROR, Fit, fitted, model_error_penalty
 from commonlaw.inference.fit.lack_of_fit import OF_NOISE, UNEQUAL, Departures, departures_of_series
 from commonlaw.inference.fit.problem import SearchProblem
 from commonlaw.inference.score.evidence import NoiseScale, minus_twice_log_evidence
@@ -30,7 +30,7 @@ from commonlaw.inference.search.setup import error_kinds
 from commonlaw.inference.search.strange_objects import outcomes_of_misfit
 from commonlaw.law import Step
 from commonlaw.likelihood import ERRORS, ErrorModel, Heteroscedastic, LinearizedObjects, NotPositiveError
-from commonlaw.likelihood.levels import level_bounds, level_starts, minimum
+from commonlaw.likelihood.levels import free_levels, level_bounds, level_starts, minimum
 from commonlaw.runtime.fit_options import ErrorKind
 from commonlaw.runtime.progress import ProgressCallback, Stage, part, unannounced
 from commonlaw.text import counted
@@ -217,17 +217,30 @@ def search_each_group(fit: Fit, kinds: Sequence[ErrorKind], progress: ProgressCa
 
 @unannounced()
 def fit_each_kind(problem: SearchProblem, supports: Bools, kinds: Sequence[ErrorKind]) -> list[Fit]:
-    """Return fits of supports, shape (equations, terms), under each error model with its levels estimated."""
+    """Return fits of supports, shape (equations, terms), under each error model with its levels estimated.
+
+    Those whose levels are all none are white noise, where it is one of the kinds.
+    """
     fits, white = list[Fit](), problem.under_white_noise
     for begin in (white, problem) if problem.errors else (white,):
         solved = fit_solutions(begin, supports)
         possible = [kind for kind in kinds if begin is white or kind == problem.errors.kind]
-        estimated = {kind: estimate_error_model(solved, kind) for kind in possible if kind != "random-walk"}
-        # Noise by object without scatter is white noise
-        fits += [fit for kind, fit in estimated.items() if kind == fit.errors or "white" not in kinds]
+        fits += [estimate_error_model(solved, kind) for kind in possible if kind != "random-walk"]
     if "random-walk" in kinds:
         fits.append(estimate_error_model(fit_supports(white, supports), "random-walk"))
-    return [fit for fit in fits if fit.is_usable]
+    usable = [fit for fit in fits if fit.is_usable]
+    if "white" not in kinds:
+        return usable
+    best_white = sorted(fit for fit in usable if fit.errors == "white")[:1]
+    return [*best_white, *(fit for fit in usable if not is_white(fit))]
+
+
+def is_white(fit: Fit) -> bool:
+    """Return whether the noise is white, or all levels of other errors are at their bounds, which stand for none."""
+    errors, scales = fit.problem.errors, fit.problem.noise_prior.scales
+    if fit.has_model_error:
+        return not model_error_penalty(fit.problem, fit.model_error)
+    return fit.errors == "white" or (errors.levels.size > 0 and not free_levels(errors, scales))
 
 
 def _alternate(fit: Fit, progress: ProgressCallback) -> Pool:
@@ -358,8 +371,11 @@ def _with_levels(problem: SearchProblem, fit: Fit, kind: ErrorKind) -> Fit:
         return total if np.isfinite(total) else 1e12
 
     optimum = minimum(value, min(starts, key=value), *bounds)
-    none = np.append(optimum[:d], bounds[0][d:])
-    if value(none) < value(optimum) + settings.SAME_DEVIANCE:  # Levels without effect stand for no such errors
+    _, errors, model_error = levels(optimum)
+    cost = problem.noise_prior.of_levels(errors) + model_error_penalty(problem, model_error)
+    needed = cost * measured / sum(problem.measured) + settings.SAME_DEVIANCE
+    none = min((np.append(logs[:d], bounds[0][d:]) for logs in (optimum, starts[0])), key=value)
+    if value(none) <= value(optimum) + needed:  # Levels that are not worth their cost stand for no such errors
         optimum = none
     changed = at(optimum, problem)
     return fitted(changed, changed.padded(fit.estimates), fit.supports, levels(optimum)[2])
