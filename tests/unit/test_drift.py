@@ -175,3 +175,14 @@ def test_intervals_hold_the_truth_under_drifts():
         params = law.params.set_index("parameter")
         hits += [bool(params.low[name] <= true <= params.high[name]) for name, true in (("a", 2 * K), ("k", K))]
     assert 0.84 <= np.mean(hits) <= 1.0
+
+
+def test_a_state_that_was_not_measured_in_a_trial_has_no_drift_there():
+    times, random = np.linspace(0, 4, 25), np.random.default_rng(1)
+    decays = np.column_stack([3 * np.exp(-times), 2 * np.exp(-0.5 * times)])
+    tables = [decays + 0.05 * random.standard_normal(decays.shape) for _ in range(3)]
+    tables[2][:, 1] = np.nan
+    trials = cl.Trials.from_arrays([times] * 3, tables, names=["x", "y"])
+    law = cl.fit("x' = -a x; y' = -b y", trials, errors="drift")
+    assert law.uncertainty.error_model.kind == "drift"
+    assert law.params.set_index("parameter").estimate["b"] == pytest.approx(0.5, abs=0.1)

@@ -358,11 +358,11 @@ def covariance_by_levels(
     def at(place: Floats) -> tuple[Floats, ErrorModel]:
         return np.exp(place[:m]), model.model(np.exp(place[m:]))
 
-    hessian = np.zeros((len(moves),) * 2)
+    hessian, determined = np.zeros((len(moves),) * 2), [fit.orthogonal for fit in fits]
     for i, j in combinations_with_replacement(range(len(moves)), 2):
         both, apart = moves[i] + moves[j], moves[i] - moves[j]
         for sign, place in ((1, both), (1, -both), (-1, apart), (-1, -apart)):
-            hessian[i, j] += sign * sum(fit.deviance(*at(logs + place)) for fit in fits) / (2 * spacing) ** 2
+            hessian[i, j] += sign * sum(fit.deviance(*at(logs + place)) for fit in determined) / (2 * spacing) ** 2
         hessian[j, i] = hessian[i, j]
     sizes, directions = np.linalg.eigh(hessian)
     if not len(sizes) or sizes[-1] <= 0:
