@@ -108,8 +108,13 @@ def test_process_noise_that_took_all_terms_gives_way_to_a_law_that_forecasts():
     times, random = np.linspace(0, 12, 80), np.random.default_rng(4)
     states = np.exp(-0.1 * times) * np.cos(2 * times) + 0.02 * random.standard_normal(80)
     trials, pools = cl.Trials.from_arrays([times], [states], names=["x"]), list[Pool]()
+
+    def recorded(pool):
+        pools.append(pool)
+        return reported(pool)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trajectory_likelihood, "reported", lambda pool: pools.append(pool) or reported(pool))
+        patch.setattr(trajectory_likelihood, "reported", recorded)
         cl.discover(trials, order=2, library="poly:1", cache=False)
     (pool,) = pools
     problem = pool.best.problem
