@@ -17,8 +17,8 @@ GAPS = ("", "NA", "nan", "-", "inf", "<0.5")
 FUNCTIONS = ("exp", "log", "sqrt", "abs", "sin", "cos", "tan", "tanh", "sinh", "cosh", "arctan", "sign")
 SAVED = ("law.json", "law.parquet", "fit.svg", "fit.png", "page.html", "law.csv", "law.py", "law.c", "law.xlsx")
 SETTINGS = (
-    "errors=white", "errors=proportional", "errors=autocorrelated", "errors=drift", "errors=random-walk",
-    "errors=gp-forcing", "huber_threshold=inf", "huber_threshold=3",
+    "errors=white", "errors=proportional", "errors=autocorrelated", "errors=drift",
+    "errors=sensor-walk", "errors=random-walk", "errors=gp-forcing", "huber_threshold=inf", "huber_threshold=3",
     "input_interpolation=held", "input_interpolation=cubic", "partial_pooling=true", "log_states=x", "seed=3",
 )  # fmt: skip
 REGRESSIONS = (

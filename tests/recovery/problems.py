@@ -302,7 +302,7 @@ PROBLEMS: dict[str, Callable[[], cl.Law]] = {
             ),
             kind,
         )
-        for kind in ("white", "proportional", "autocorrelated", "drift", "random-walk", "gp-forcing")
+        for kind in ("white", "proportional", "autocorrelated", "sensor-walk", "drift", "random-walk", "gp-forcing")
     },
     "outliers": lambda: discover(relaxation(outliers(0.01)), order=1, library="poly:2"),
     "no outliers": lambda: discover(

@@ -49,6 +49,7 @@ _SLOW = (
     "spring, gp-forcing",
     "spring, proportional",
     "spring, random-walk",
+    "spring, sensor-walk",
     "spring, white",
     "swung, cubic",
     "van der Pol",

@@ -91,6 +91,6 @@ def test_proportional_noise_of_values_below_a_limit_has_its_likelihood():
         return minus_log_likelihood(y, p[1] * np.exp(-p[0] * times), std, 0.5)
 
     assert minimize(at, [k, h], method="Nelder-Mead", options=EXACT).x == pytest.approx([k, h], rel=1e-4)
-    for errors in ("by-object", "autocorrelated", "drift"):
+    for errors in ("by-object", "autocorrelated", "sensor-walk", "drift"):
         with refused("censored-with-errors"):
             cl.fit("x' = -k x", trials, errors=errors)

@@ -132,6 +132,10 @@ CASES = {
     "rejected outliers": lambda: rejecting(model_of()),
     "rejected outliers, memory": lambda: rejecting(with_latent(model_of(), correlated=0.1, memory=1.0)),
     "memory": lambda: with_latent(model_of(), correlated=0.1, memory=1.0),
+    "sensor walk": lambda: with_latent(model_of(), correlated=0.1),
+    "sensor walk, second order": lambda: with_latent(
+        model_of(2, "terms:1,x,v,u", ("x", "v"), cut=5, between="held"), correlated=0.2
+    ),
     "force": lambda: with_latent(model_of(2, "terms:1,x,v,u", ("x", "v")), force=0.2, force_time=1.0),
     "drift": lambda: with_latent(model_of(), offset=0.1, slope=0.2),
     "drift, second order": lambda: with_latent(
@@ -237,6 +241,7 @@ def test_linearizations_are_those_of_numpy(case, monkeypatch, most):
 LEVELS = {
     "white": {},
     "memory": {"correlated": np.array([0.1, 0.2]), "memory": 0.7},
+    "sensor walk": {"correlated": np.array([0.1, 0.2])},
     "force": {"force": np.array([0.3, 0.1]), "force_time": 1.5},
 }
 

@@ -24,6 +24,7 @@ from tests.unit.trajectories import information, terms_of, trial
 TIMES = np.array([0.0, 0.4, 0.7, 1.5, 1.9, 2.2, 3.0, 3.1])
 KINDS = {
     "correlated": LatentProcesses(correlated=np.array([0.3]), memory=0.8),
+    "sensor-walk": LatentProcesses(correlated=np.array([0.3])),
     "force": LatentProcesses(force=np.array([0.5]), force_time=1.3),
     "both": LatentProcesses(np.array([0.3]), 0.8, np.array([0.5]), 1.3),
     "drift": LatentProcesses(offset=np.array([0.3]), slope=np.array([0.7])),
@@ -57,7 +58,10 @@ def covariance_functions(latent, times):
         shapes = np.column_stack([np.append(np.ones(len(times)), 0), np.append(times - times[0], 1)])
         blocks.append(shapes * latent.drift**2 @ shapes.T)
     if latent.correlated is not None:
-        blocks.append(latent.correlated[0] ** 2 * np.exp(-np.abs(lag) / latent.memory))
+        kernel = np.exp(-np.abs(lag) / latent.memory)
+        if np.isinf(latent.memory):
+            kernel = np.minimum.outer(times - times[0], times - times[0])
+        blocks.append(latent.correlated[0] ** 2 * kernel)
     if latent.force is not None:
         rate = np.sqrt(3) / latent.force_time
         decay = latent.force[0] ** 2 * np.exp(-rate * np.abs(lag))
@@ -81,10 +85,13 @@ def dense_value(model, estimate, model_error):
     matrix = np.array([[coefficients[0, 0]]]) if order == 1 else np.array([[0.0, 1.0], coefficients[0]])
     noise, value, hardly = 0.1 * mesh.scale[:, 0], 0.0, 0.0
     errors = 0.0 if latent.correlated is None else float(latent.correlated[0])
+    hidden_std = errors  # At which latent processes are vague but at first points
+    if latent.correlated is not None and np.isinf(latent.memory):
+        errors, hidden_std = errors * np.sqrt(step), errors * np.sqrt(len(mesh) * step)
     typical = np.sqrt(np.mean(noise**2) + errors**2)
     # Of a state and a rate: the prior at first points, and what is vague under autocorrelated errors
     first_variances = np.array([(100 * typical) ** 2, (3 * typical / step) ** 2])
-    state_variance, rate_variance = first_variances + (1000 * errors / np.array([1.0, step])) ** 2
+    state_variance, rate_variance = first_variances + (1000 * hidden_std / np.array([1.0, step])) ** 2
     for first, last in pairwise(cuts):
         times, count = mesh.times[first:last], last - first
         hidden = covariance_functions(latent, times)
@@ -136,7 +143,8 @@ def dense_value(model, estimate, model_error):
             if (
                 j % count and latent.drift is None
             ):  # That of the first point has its stationary distribution, which no other row has
-                measured.append((np.eye(size)[size - len(hidden) + j], 0.0, 1e6 * hidden[j, j], True, j % count))
+                std = hidden_std if j < count and latent.correlated is not None else np.sqrt(hidden[j, j])
+                measured.append((np.eye(size)[size - len(hidden) + j], 0.0, (1000 * std) ** 2, True, j % count))
         seen_by, informed, spread, unmeasured, at_point = map(np.array, zip(*measured, strict=True))
         # The first state, given its own measurements: y0 less its error and noise, and the rate
         start = at_point == 0

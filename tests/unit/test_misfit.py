@@ -65,7 +65,7 @@ def test_correlated_errors_have_the_size_that_was_simulated(correlated):
 
 def test_both_schemes_agree_on_what_is_beyond_a_law(correlated):
     trials, *_ = correlated
-    for errors in ("autocorrelated", "drift"):
+    for errors in ("autocorrelated", "sensor-walk", "drift"):
         one, other = (cl.fit(EQUATION, trials, errors=errors, scheme=scheme) for scheme in ("collocation", "shooting"))
         assert misfit_size(one, errors) == pytest.approx(misfit_size(other, errors), rel=0.01)
         first, second = (law.uncertainty.misfit for law in (one, other))
@@ -82,6 +82,13 @@ def test_a_drift_has_the_size_that_it_reaches_in_a_trial(draws):
     law = cl.fit("T' = 20 k - k T", trials, errors="drift")
     ends = np.add(offsets, np.multiply(6, slopes))
     assert misfit_size(law, "drift") == pytest.approx([np.sqrt(np.mean(ends**2))], rel=0.5)
+
+
+def test_a_walk_of_the_sensor_has_the_size_that_it_reaches_in_a_trial(draws):
+    walks = 0.8 * np.sqrt(TIMES[1]) * np.cumsum(draws, axis=1)
+    trials, _ = cups(lambda i, _: walks[i] + 0.1 * draws[::-1][i])
+    law = cl.fit(EQUATION, trials, errors="sensor-walk")
+    assert misfit_size(law, "sensor-walk") == pytest.approx([0.8 * np.sqrt(6)], rel=0.2)
 
 
 def matern(times, std, time, seed):

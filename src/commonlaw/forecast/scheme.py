@@ -175,6 +175,8 @@ def measurement_errors(
     if errors.correlated is not None:
         kernel = np.exp(-np.abs(times[:, np.newaxis] - times) / errors.memory)
         return variances, np.kron(kernel, np.diag(np.square(errors.correlated[measured])))
+    if errors.sensor_walk is not None:
+        return variances, np.kron(np.minimum.outer(elapsed, elapsed), np.diag(np.square(errors.sensor_walk[measured])))
     if errors.offset is None or errors.slope is None:
         return variances, None
     of_offset, of_slope = (np.diag(np.square(level[measured])) for level in (errors.offset, errors.slope))

@@ -47,7 +47,7 @@ class ModelStructure(ctypes.Structure):
         *(
             (name, _NUMBER)
             for name in (
-                *("equations", "rates", "inputs", "latent", "held", "correlated", "drift"),
+                *("equations", "rates", "inputs", "latent", "held", "correlated", "walks", "drift"),
                 *("rejects", "force", "inside"),
             )
         ),

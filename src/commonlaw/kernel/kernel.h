@@ -44,13 +44,14 @@ typedef struct {
 /* What is the same for all meshes of an object. */
 typedef struct {
     int64_t equations, rates, inputs, latent, held, correlated;
+    int64_t walks;              /* whether autocorrelated errors are Wiener processes, zero at first points */
     int64_t drift;              /* whether latent processes are those of a drift, d errors and d slopes */
     int64_t rejects;            /* whether outliers have no weight */
     int64_t force;              /* the first latent process that is a force; negative without any */
     int64_t inside;             /* constants inside of terms, the last variables */
     double huber_threshold;
     const double *unit;         /* D: of the model error */
-    const double *latent_std;   /* w: of stationary latent processes */
+    const double *latent_std;   /* w: of latent processes, of Wiener processes after a unit of time */
     const uint8_t *logarithmic; /* D: which states are logarithms */
     const int64_t *inside_term; /* inside: the term whose coefficient each such constant is */
     const int64_t *second;      /* rates: the state of each rate, which are the last D - d states */

@@ -42,14 +42,16 @@ typedef struct {
 /* Fill them. */
 static void fill_vague(const Model *model, const Mesh *mesh, Vagueness beyond, Vague vague) {
     const int64_t d = model->equations, D = d + model->rates, W = D + model->latent;
-    const double rate = beyond.rate / mesh->typical_step;
+    const double rate = beyond.rate / mesh->typical_step, step = model->walks ? mesh->typical_step : 1;
+    const double span = model->walks ? (double)mesh->points * step : 1; /* After which Wiener processes are vague */
     memset(vague.ratios, 0, sizeof(double) * (size_t)W);
     for (int64_t j = 0; j < d; ++j) {
         double variance = 0;
         for (int64_t i = 0; i < mesh->points; ++i) variance += mesh->std[i * d + j] * mesh->std[i * d + j];
         variance /= (double)mesh->points;
-        const double correlated = model->correlated ? model->latent_std[j] : 0, error = beyond.hidden * correlated;
-        variance += correlated * correlated;
+        const double correlated = model->correlated ? model->latent_std[j] : 0;
+        const double error = beyond.hidden * correlated * sqrt(span);
+        variance += correlated * correlated * step;
         const double prior = beyond.missing * beyond.missing * variance, prior_of_rate = rate * rate * variance;
         const int64_t a = model->highest[j];
         vague.variances[j] = prior + error * error;
@@ -60,7 +62,7 @@ static void fill_vague(const Model *model, const Mesh *mesh, Vagueness beyond, V
     }
     for (int64_t l = 0; l < model->latent; ++l) {
         const double std = beyond.hidden * model->latent_std[l];
-        vague.variances[D + l] = std * std;
+        vague.variances[D + l] = std * std * (model->correlated && l < d ? span : 1);
     }
     for (int64_t a = 0; a < W; ++a) vague.logs[a] = log(vague.variances[a]);
 }
@@ -74,8 +76,8 @@ static double measured_at(const Model *model, const Mesh *mesh, Vague vague, int
     double unmeasured = 0;
     memset(covariance, 0, sizeof(double) * (size_t)(W * W));
     for (int64_t a = 0; a < W; ++a) {
-        const bool begun = a >= D && mesh->anchors[i * w + a - D] > 0;
-        covariance[a * W + a] = begun ? model->latent_std[a - D] * model->latent_std[a - D] : vague.variances[a];
+        const double anchor = a >= D ? mesh->anchors[i * w + a - D] : 0;
+        covariance[a * W + a] = anchor > 0 ? 1 / anchor : vague.variances[a];
         offset[a] = a >= D ? -states[a] : 0;
         if (model->drift) offset[a] = states[D + (a < d ? a : d + model->second[a - d])];
     }

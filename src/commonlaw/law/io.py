@@ -77,6 +77,7 @@ class ErrorsDocument(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, o
     force: Floats | None = None
     force_time: float | None = None
     walk: Floats | None = None
+    sensor_walk: Floats | None = None
     offset: Floats | None = None
     slope: Floats | None = None
     by_object: dict[str, Floats] = {}

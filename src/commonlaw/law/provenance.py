@@ -315,6 +315,11 @@ def error_steps(
         time = f"{errors.memory:.3g} {schema.units.get(schema.time, '')}".rstrip()
         levels = levels_in_words(errors.correlated, schema)
         result.append(Step("autocorrelated errors", f"{levels}; of {time}", why))
+    if errors.sensor_walk is not None:
+        time = schema.units.get(schema.time, "unit of time")
+        result.append(
+            Step("random walk of the sensor", f"{levels_in_words(errors.sensor_walk, schema)} per root of {time}", why)
+        )
     if errors.offset is not None and errors.slope is not None:
         offsets, slopes = levels_in_words(errors.offset, schema), levels_in_words(errors.slope, schema)
         time = schema.units.get(schema.time, "unit of time")

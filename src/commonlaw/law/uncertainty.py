@@ -454,7 +454,7 @@ def _checked_errors(errors: ErrorModel, states: int) -> ErrorModel:
         kind: checked(levels, f"level of errors ({kind})", "states", (states,), low=0)
         for kind, levels in errors.heteroscedastic.items()
     }
-    for name in ("correlated", "force", "walk", "offset", "slope"):
+    for name in ("correlated", "force", "walk", "sensor_walk", "offset", "slope"):
         values = getattr(errors, name)
         if values is not None:
             size = len(values) if name == "walk" else states  # Rates walk too

@@ -58,7 +58,7 @@ def packed(model: TrajectoryModel) -> Packed | None:
     inside = np.array(model.terms.parameters, dtype=np.int64)
     prior = (None, None) if model.prior is None else tuple(map(contiguous, model.prior))
     latent = model.latent_steps[0]
-    std = np.zeros(0) if latent is None else contiguous(latent.std)
+    std = contiguous(model.latent.std)
     if program not in _PROGRAMS:
         counts = (program.variables, len(program.constants), len(program.code), len(program.outputs))
         arrays = (program.constants, program.code, program.outputs)
@@ -70,6 +70,7 @@ def packed(model: TrajectoryModel) -> Packed | None:
         model.latent.width,
         any(mesh.held for mesh in model.meshes),
         model.latent.correlated is not None,
+        model.latent.walks,
         model.latent.drift is not None,
         model.observation.rejects,
         -1 if latent is None or latent.force is None else latent.force,
@@ -336,7 +337,8 @@ class BatchedModel:
             steps = latent.along(self.mesh)
             arrays = {"latent_start": steps.start, "latent_end": steps.end, "anchors": steps.anchors}
             arrays = {name: contiguous(array) for name, array in arrays.items()}
-            model.latent_std = address(deviations := contiguous(steps.std))
+            model.latent_std = address(deviations := contiguous(latent.std))
+            model.walks = latent.walks
             assert len(deviations) == model.latent
         for name, array in {"std": std, **arrays}.items():
             meshes[:, FIELDS[name]] = address(array) + array.strides[0] * self.first

@@ -18,8 +18,9 @@ class ErrorModel:
     """Levels of errors besides white noise, in units of states and time; None without a kind.
 
     Levels of `Heteroscedastic` noise are by kind, each of shape (d,); `walk` is a random walk of states and rates, for
-    a unit of time, shape (D,). For the others see `LatentProcesses`. White noise, and the walk, of an object are those
-    of all objects times its factors in `by_object`, shape (d,); of objects that are not there they are those of all.
+    a unit of time, shape (D,), `sensor_walk` one of measurements, (d,). For the others see `LatentProcesses`. White
+    noise, and the walk, of an object are those of all objects times its factors in `by_object`, shape (d,); of objects
+    that are not there they are those of all.
     """
 
     heteroscedastic: Mapping[ErrorKind, Floats] = field(default_factory=dict)
@@ -28,6 +29,7 @@ class ErrorModel:
     force: Floats | None = None
     force_time: float = np.inf
     walk: Floats | None = None
+    sensor_walk: Floats | None = None
     offset: Floats | None = None
     slope: Floats | None = None
     by_object: Mapping[str, Floats] = field(default_factory=dict)
@@ -38,6 +40,7 @@ class ErrorModel:
         levels: Mapping[ErrorKind, Floats | Mapping[str, Floats] | None] = {
             "gp-forcing": self.force,
             "autocorrelated": self.correlated,
+            "sensor-walk": self.sensor_walk,
             "drift": self.slope,
             **self.heteroscedastic,
             "by-object": self.by_object or None,
@@ -57,7 +60,8 @@ class ErrorModel:
     @property
     def latent(self) -> LatentProcesses:
         """The latent processes, which are eliminated with the states."""
-        return LatentProcesses(self.correlated, self.memory, self.force, self.force_time, self.offset, self.slope)
+        correlated = self.correlated if self.sensor_walk is None else self.sensor_walk
+        return LatentProcesses(correlated, self.memory, self.force, self.force_time, self.offset, self.slope)
 
     @property
     def levels(self) -> Floats:
@@ -66,6 +70,8 @@ class ErrorModel:
             return np.append(self.correlated, self.memory)
         if self.force is not None:
             return np.append(self.force, self.force_time)
+        if self.sensor_walk is not None:
+            return self.sensor_walk
         if self.latent.drift is not None:
             return self.latent.drift
         return np.concatenate([np.zeros(0), *self.heteroscedastic.values()])
@@ -119,6 +125,8 @@ class ErrorModel:
         std = self.white_std(states, noise) + np.zeros_like(states)
         if self.correlated is not None:
             std = np.hypot(std, self.correlated)
+        if self.sensor_walk is not None:
+            std = np.hypot(std, self.sensor_walk * np.sqrt(elapsed)[:, np.newaxis])
         if self.offset is not None and self.slope is not None:
             std = np.hypot(np.hypot(std, self.offset), self.slope * elapsed[:, np.newaxis])
         return std
@@ -292,6 +300,23 @@ class Correlated(_Timed):
         return errors.correlated
 
 
+class SensorWalk(AbstractErrors):
+    """A random walk of the measurements of each trial (Wiener process), zero at its first sample."""
+
+    label = "a random walk of the sensor"
+    description = "a random walk of the sensor, about {amount} by the end of a trial"
+    distinguished_by = "a second sensor, or trials from the same start, would distinguish it from missing terms"
+
+    def model(self, values: Floats) -> ErrorModel:
+        return ErrorModel(sensor_walk=values)
+
+    def bounds(self, scales: Scales) -> tuple[Floats, Floats]:
+        return scales.least * scales.states / np.sqrt(scales.duration), scales.states / np.sqrt(scales.step)
+
+    def size(self, errors: ErrorModel, duration: float) -> Floats | None:
+        return None if errors.sensor_walk is None else errors.sensor_walk * np.sqrt(duration)
+
+
 class Drift(AbstractErrors):
     """An offset and a slope in time of the measurements of each trial: ``b0 + b1 t`` from its first sample on."""
 
@@ -332,7 +357,7 @@ class Force(_Timed):
 class Walk(AbstractErrors):
     """A random walk of states and rates; its level, relative to the noise, is the model error of a fit."""
 
-    label = "a random walk"
+    label = "a random walk of the law"
     description = "random disturbances of states and rates that move the path of a trial by {amount}"
     distinguished_by = "trials from the same start would distinguish them from missing terms"
     group = "law"
@@ -349,6 +374,7 @@ ERRORS: Mapping[ErrorKind, AbstractErrors] = {
     "proportional": Proportional(),
     "by-object": ByObject(),
     "autocorrelated": Correlated(),
+    "sensor-walk": SensorWalk(),
     "drift": Drift(),
     "random-walk": Walk(),
     "gp-forcing": Force(),

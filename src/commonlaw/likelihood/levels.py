@@ -21,6 +21,7 @@ from commonlaw.differentiation.noise import rounding_noise, within_trial_std
 from commonlaw.errors import CommonlawError
 from commonlaw.likelihood.errors import ERRORS, AbstractErrors, ErrorModel, Scales
 from commonlaw.likelihood.mesh import MIN_NOISE
+from commonlaw.likelihood.observation_model import transition
 from commonlaw.trials import Trial, Trials
 from commonlaw.trials.trial import with_typical
 
@@ -57,7 +58,9 @@ class Innovations(NamedTuple):
     With white variances w_i, an Ornstein-Uhlenbeck process of variance c^2, and ``f_i = exp(-(t_(i+1) - t_i) / T)``,
     errors r_i have the innovations ``e_i = r_i - m_i`` of variance ``s_i = p_i + w_i``; with the gain ``g_i = p_i /
     s_i``, ``m_(i+1) = f_i (m_i + g_i e_i)`` and ``p_(i+1) = f_i^2 (1 - g_i) p_i + (1 - f_i^2) c^2``, from ``m_0 = 0``
-    and ``p_0 = c^2`` (Kalman 1960). `carried` is ``f_i (1 - g_i)``, `gained` is ``f_i g_i``, and `std` the root of s_i.
+    and ``p_0 = c^2`` (Kalman 1960). For a Wiener process of variance ``c^2 t``, ``f_i = 1``, ``p_0 = c^2 t_0`` and
+    ``p_(i+1) = (1 - g_i) p_i + c^2 (t_(i+1) - t_i)``. `carried` is ``f_i (1 - g_i)``, `gained` is ``f_i g_i``, and
+    `std` the root of s_i.
     """
 
     carried: Floats
@@ -66,14 +69,17 @@ class Innovations(NamedTuple):
 
     @classmethod
     def of(cls, times: Floats, white: Floats, level: float, memory: float) -> "Innovations":
-        """Return those of errors at times, of white standard deviations, shape (n,) each, and a level and time."""
-        kept = np.exp(-np.diff(times, append=np.inf) / memory)
-        stationary = predicted = level**2
+        """Return those of errors at times, of white standard deviations, shape (n,) each, and a level and time.
+
+        Times are those since the first sample of the trial; with infinite memory errors are a Wiener process.
+        """
+        kept, added = transition(np.diff(times, append=times[-1:]), memory)
+        predicted = level**2 * (float(times[0]) if np.isinf(memory) and len(times) else 1.0)
         gains, variances = list[float](), list[float]()
-        for w, f in zip((white**2).tolist(), kept.tolist(), strict=True):
+        for w, f, q in zip((white**2).tolist(), kept.tolist(), (level**2 * added).tolist(), strict=True):
             variances.append(predicted + w)
             gains.append(predicted / variances[-1])
-            predicted = f * f * (1 - gains[-1]) * predicted + (1 - f * f) * stationary
+            predicted = f * f * (1 - gains[-1]) * predicted + q
         return cls(kept * (1 - np.array(gains)), kept * np.array(gains), np.sqrt(variances))
 
     def of_errors(self, errors: Floats) -> Floats:
@@ -185,14 +191,15 @@ class Deviations:
 
     def _innovations(self, white: Floats, errors: ErrorModel) -> Sequence[Innovations | DriftInnovations]:
         """Return the innovations of each quantity under white standard deviations, shape (n, m)."""
-        seen = [(self.trial.times[column], std[column]) for column, std in zip(self.seen.T, white.T, strict=True)]
-        if errors.correlated is not None:
-            levels = zip(seen, errors.correlated.tolist(), strict=True)
-            return [Innovations.of(*inside, level, errors.memory) for inside, level in levels]
-        if errors.offset is None or errors.slope is None:
+        elapsed, latent = self.trial.elapsed, errors.latent
+        seen = [(elapsed[column], std[column]) for column, std in zip(self.seen.T, white.T, strict=True)]
+        if latent.correlated is not None:
+            levels = zip(seen, latent.correlated.tolist(), strict=True)
+            return [Innovations.of(*inside, level, latent.memory) for inside, level in levels]
+        if latent.offset is None or latent.slope is None:
             return ()
-        pairs = zip(seen, errors.offset.tolist(), errors.slope.tolist(), strict=True)
-        return [DriftInnovations.of(times - self.trial.times[0], std, *levels) for (times, std), *levels in pairs]
+        pairs = zip(seen, latent.offset.tolist(), latent.slope.tolist(), strict=True)
+        return [DriftInnovations.of(*inside, *levels) for inside, *levels in pairs]
 
     def reweighted(self, noise: Floats, errors: ErrorModel, threshold: float, *, rejects: bool = False) -> "Deviations":
         """Return the same with the weights of the Huber loss of white noise, where other errors have theirs.

@@ -322,7 +322,8 @@ def _measured(
         offsets = np.column_stack([offsets, -hidden])
         if model.latent.correlated is not None:
             offsets[:, :equations] += np.where(mesh.observed, hidden[:, :equations], 0.0)
-        variances[:, width:] = np.where(latent.anchors > 0, latent.std**2, variances[:, width:])
+        with np.errstate(divide="ignore"):
+            variances[:, width:] = np.where(latent.anchors > 0, 1 / latent.anchors, variances[:, width:])
     unknown = np.ones(variances.shape, dtype=bool)
     unknown[:, :equations] = ~seen
     ends = np.append(False, mesh.contiguous)
@@ -352,7 +353,7 @@ def vague(model: TrajectoryModel, mesh: Mesh, latent: LatentSteps | None) -> Flo
     """
     variances = prior_variances(model, mesh)
     if model.latent.correlated is not None:
-        errors = (HIDDEN * model.latent.correlated) ** 2
+        errors = (HIDDEN * model.latent.error_std(len(mesh) * mesh.typical_step)) ** 2
         of_rates = errors[with_rates(model.order, model.equations)] / mesh.typical_step**2
         variances = variances + np.concatenate([errors, of_rates])
     return (
@@ -372,8 +373,7 @@ def prior_variances(model: TrajectoryModel, mesh: Mesh) -> Floats:
 def _typical_noise(model: TrajectoryModel, mesh: Mesh) -> Floats:
     """Return the root mean square error of the measurements of each state, white and autocorrelated, shape (d,)."""
     scale = np.sqrt(np.mean(np.broadcast_to(mesh.scale, mesh.measured.shape) ** 2, axis=0))
-    errors = model.latent.correlated
-    return np.asarray(np.hypot(model.observation.noise * scale, 0.0 if errors is None else errors))
+    return np.asarray(np.hypot(model.observation.noise * scale, model.latent.error_std(mesh.typical_step)))
 
 
 def _covariance(linear: Jacobians, covariances: Floats, allowed: Floats, mesh: Mesh) -> Floats:

@@ -16,8 +16,8 @@ class LatentSteps:
 
     For the values before and after a step, shape (w,), ``start @ before + end @ after`` is standard normal; both have
     shape (n - 1, w, w), zero between segments; a drift has none, as it follows from its values at first points. There,
-    values are independent with precisions `anchors`, shape (n, w), zero elsewhere, of the stationary standard
-    deviations `std`, shape (w,). Columns of forces begin at `force`.
+    values are independent with precisions `anchors`, shape (n, w), zero elsewhere. Along the mesh they have standard
+    deviations of up to `std`, shape (w,). Columns of forces begin at `force`.
     """
 
     start: Floats
@@ -32,10 +32,11 @@ class LatentProcesses:
     """Latent processes: autocorrelated measurement errors, random forces, and rates of the forces, or a drift.
 
     An autocorrelated measurement error (Ornstein-Uhlenbeck) has the standard deviation `correlated`, shape (d,), and
-    the time constant `memory`; a force on the highest derivatives (Matern process of smoothness 3/2) the standard
-    deviation `force`, shape (d,), and the length scale `force_time`. A drift, without other processes, is the error
-    ``b0 + b1 t`` for the time t since the first point of each segment, and its slope b1, with standard deviations
-    `offset` of b0 and `slope` of b1, shape (d,) each.
+    the time constant `memory`; if that is infinite it is a Wiener process, zero at first points, and `correlated` its
+    standard deviation after a unit of time. A force on the highest derivatives (Matern process of smoothness 3/2) has
+    the standard deviation `force`, shape (d,), and the length scale `force_time`. A drift, without other processes,
+    is the error ``b0 + b1 t`` for the time t since the first point of each segment, and its slope b1, with standard
+    deviations `offset` of b0 and `slope` of b1, shape (d,) each.
     """
 
     correlated: Floats | None = None
@@ -66,31 +67,62 @@ class LatentProcesses:
         """Whether the first processes are errors of the measured states."""
         return self.correlated is not None or self.drift is not None
 
+    @property
+    def std(self) -> Floats:
+        """The standard deviations of all processes, shape (w,), of Wiener processes after a unit of time."""
+        if self.drift is not None:
+            return self.drift
+        levels = [] if self.correlated is None else [self.correlated]
+        if self.force is not None:
+            levels += [self.force, np.sqrt(3) / self.force_time * self.force]
+        return np.concatenate([np.zeros(0), *levels])
+
+    @property
+    def walks(self) -> bool:
+        """Whether autocorrelated errors are Wiener processes."""
+        return self.correlated is not None and self.memory == np.inf
+
+    def error_std(self, time: float) -> Floats:
+        """Return the standard deviation of autocorrelated errors, shape (d,), of a Wiener process after a time."""
+        errors = np.zeros(1) if self.correlated is None else self.correlated
+        return errors * np.sqrt(time) if self.walks else errors
+
     def along(self, mesh: Mesh) -> LatentSteps:
         """Return the processes along a mesh."""
         if self.drift is not None:
             none = np.empty((len(mesh) - 1, 0, 0))
             return LatentSteps(none, none, mesh.first[:, np.newaxis] / self.drift**2, self.drift, None)
-        starts, ends, deviations = [], [], []
+        starts, ends, std = [], [], self.std
+        at_first = std.copy()
         if self.correlated is not None:
-            kept = mesh.steps / self.memory
-            added = self.correlated * np.sqrt(-np.expm1(-2 * kept))[:, np.newaxis]
-            starts.append(_diagonal(-np.exp(-kept)[:, np.newaxis], added, mesh))
+            kept, variances = transition(mesh.steps, self.memory)
+            added = self.correlated * np.sqrt(variances)[:, np.newaxis]
+            starts.append(_diagonal(-kept[:, np.newaxis], added, mesh))
             ends.append(_diagonal(np.ones((1, 1)), added, mesh))
-            deviations.append(self.correlated)
+            count = len(self.correlated)
+            std[:count] = self.error_std(len(mesh) * mesh.typical_step)
+            if self.walks:
+                at_first[:count] = _ZERO * self.error_std(mesh.typical_step)
         if self.force is not None:
             start, end = _matern(self.force, self.force_time, mesh)
             starts.append(start)
             ends.append(end)
-            deviations.append(np.concatenate([self.force, np.sqrt(3) / self.force_time * self.force]))
-        std = np.concatenate(deviations)
         first = mesh.first[:, np.newaxis]
         force = None if self.force is None else len(std) - 2 * len(self.force)
-        return LatentSteps(_joined(starts), _joined(ends), first / std**2, std, force)
+        return LatentSteps(_joined(starts), _joined(ends), first / at_first**2, std, force)
 
 
 NO_PROCESSES = LatentProcesses()
 """White noise alone."""
+
+_ZERO = 1e-6
+"""Standard deviation of a Wiener process at first points, where it is zero, in units of that after a step."""
+
+
+def transition(steps: Floats, memory: float) -> tuple[Floats, Floats]:
+    """Return what autocorrelated errors of level one keep in steps in time, and the variance that these add."""
+    kept = steps / memory
+    return np.exp(-kept), steps if np.isinf(memory) else -np.expm1(-2 * kept)
 
 
 def _diagonal(values: Floats, added: Floats, mesh: Mesh) -> Floats:

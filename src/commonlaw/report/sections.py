@@ -241,6 +241,7 @@ def _errors(case: Summary) -> Iterator[Block]:
         kinds = (
             ("noise", noise),
             (f"autocorrelated errors ({time})", errors.correlated),
+            (f"random walk in one {unit or f'unit of {schema.time}'}", errors.sensor_walk),
             ("drift at first", errors.offset),
             (f"drift per {unit or f'unit of {schema.time}'}", errors.slope),
         )

@@ -19,7 +19,9 @@ from commonlaw.runtime.parallel import check_n_jobs
 if TYPE_CHECKING:
     from commonlaw.solvers import AbstractSolver
 
-ErrorKind = Literal["white", "proportional", "by-object", "autocorrelated", "drift", "random-walk", "gp-forcing"]
+ErrorKind = Literal[
+    "white", "proportional", "by-object", "autocorrelated", "sensor-walk", "drift", "random-walk", "gp-forcing"
+]
 CovarianceKind = Literal["likelihood", "bootstrap"]
 
 T = TypeVar("T")
@@ -234,6 +236,7 @@ class FitOptions:
             "proportional": "heteroscedastic noise, which grows with the state",
             "by-object": "noise that differs between objects",
             "autocorrelated": "autocorrelated measurement errors",
+            "sensor-walk": "a random walk of the sensor in each trial",
             "drift": "a drift of the sensor, an offset and a slope in time of each trial",
             "random-walk": "process noise, a random walk of the law",
             "gp-forcing": "process noise, a smooth force on the law (a Gaussian process)",

@@ -85,14 +85,15 @@ class NoiseScale:
 class NoisePrior:
     """The prior of the noise and of levels of other errors, which is the same for all laws of some trials.
 
-    Of the variance of each measured quantity it is inverse gamma: the `estimate` before any law, shape (m,), counts as
-    so many `observations`; it is None for known noise. Both are variances of neighbouring differences: of white noise
-    v, and of autocorrelated errors of standard deviation sigma and correlation time tau at sampling step h, they are
-    ``v + sigma^2 tanh(h / (2 tau))``. Repeats in `objects` add their pure error. Neighbouring differences hardly see a
-    drift. Levels above their lower bounds cost log n each, and so does their time (BIC): at these bounds they stand for
-    no such errors. Those of a drift cost the log of the number of trials, each of which has one offset and one slope
-    (BIC of mixed-effects models; Delattre, Lavielle and Poursat 2014); for those of objects see `cost_of_scatter`.
-    There are n = `count` measured numbers, with a `freedom` before coefficients are fitted.
+    Of the variance of each measured quantity it is inverse gamma: the `estimate` before any law, shape (m,), counts
+    as so many `observations`; it is None for known noise. Both are variances of neighbouring differences: of white
+    noise v, and of autocorrelated errors of standard deviation sigma and correlation time tau at sampling step h,
+    they are ``v + sigma^2 tanh(h / (2 tau))``, of a Wiener process of variance c^2 a unit of time ``v + c^2 h / 4``.
+    Repeats in `objects` add their pure error. Neighbouring differences hardly see a drift. Levels above their lower
+    bounds cost log n each, and so does their time (BIC): at these bounds they stand for no such errors. Those of a
+    drift cost the log of the number of trials, each of which has one offset and one slope (BIC of mixed-effects
+    models; Delattre, Lavielle and Poursat 2014); for those of objects see `cost_of_scatter`. There are n = `count`
+    measured numbers, with a `freedom` before coefficients are fitted.
     """
 
     count: int
@@ -145,9 +146,10 @@ class NoisePrior:
     def _inflation(self, noise: Floats, errors: ErrorModel, relative: Floats) -> Floats:
         """Return the noise variance over its prior estimate, of each measured quantity."""
         assert self.estimate is not None
-        variances = noise**2 * relative
-        if errors.correlated is not None:
-            variances = variances + errors.correlated**2 * np.tanh(self.scales.step / (2 * errors.memory))
+        variances, latent = noise**2 * relative, errors.latent
+        if latent.correlated is not None:
+            share = self.scales.step / 4 if latent.walks else np.tanh(self.scales.step / (2 * latent.memory))
+            variances = variances + latent.correlated**2 * share
         return np.asarray((variances / self.estimate**2)[self.measured])
 
 

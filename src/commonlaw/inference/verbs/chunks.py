@@ -133,15 +133,16 @@ def _errors(weights: Floats, parts: Sequence[ErrorModel]) -> ErrorModel:
     """Return the error model of all parts; correlation times are means over the parts that have them."""
     kinds = dict.fromkeys(kind for part in parts for kind in part.heteroscedastic)
     grown = {kind: _root_mean_square(weights, [part.heteroscedastic.get(kind) for part in parts]) for kind in kinds}
-    correlated, force, walk, offset, slope = (
+    correlated, force, walk, sensor_walk, offset, slope = (
         _root_mean_square(weights, [getattr(part, kind) for part in parts])
-        for kind in ("correlated", "force", "walk", "offset", "slope")
+        for kind in ("correlated", "force", "walk", "sensor_walk", "offset", "slope")
     )
     return ErrorModel(
         {kind: level for kind, level in grown.items() if level is not None},
         correlated=correlated,
         force=force,
         walk=walk,
+        sensor_walk=sensor_walk,
         offset=offset,
         slope=slope,
         memory=_mean(weights, [part.memory for part in parts]),
