@@ -342,3 +342,12 @@ def test_a_grid_ends_where_all_but_a_rounding_error_of_the_time_is_done():
     result, rows = integrator._rows(law, problem, OutputOptions())
     assert result == heyoka.taylor_outcome.time_limit
     assert rows.ravel().tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.skipif("heyoka" not in METHODS, reason="needs heyoka")
+def test_integration_ends_at_a_pole_where_steps_are_too_short_for_time_to_pass():
+    law = cl.Law.from_text("x' = (a + b x)/(K + x)", {"a": 376.20564098, "b": -9.61150563, "K": -50.18253575})
+    options = {"tolerance": 1e-6, "sensitivities": True, "method": "heyoka"}
+    (path,) = law.simulate(np.linspace(0, 6, 40), [50.27012203], **options).values()
+    assert path.ended == pytest.approx(3.5953e-5, rel=1e-3)
+    assert path.outcome.code == "not-integrated"

@@ -344,7 +344,8 @@ def _rows(law: Compiled, problem: InitialValueProblem, options: OutputOptions) -
             result, rows = heyoka.taylor_outcome.time_limit, np.concatenate([rows, stepper.state[np.newaxis]])
         parts.append(rows[1 : 1 + len(wanted)])
         remaining, reached = remaining - steps, reached + len(parts[-1])
-        at_limit = remaining > 0 and result == heyoka.taylor_outcome.step_limit
+        # Steps too short for time to pass are not counted
+        at_limit = min(remaining, steps) > 0 and result == heyoka.taylor_outcome.step_limit
         continues = at_limit and not _has_diverged(law, problem, options)
         if not continues and (result != heyoka.taylor_outcome.time_limit or stop == times[-1]):
             return result, np.concatenate(parts)
