@@ -87,9 +87,9 @@ def _held_out(trials: Trials, learned: Trials, order: Order) -> Iterator[Segment
     ends = {(trial.object, trial.name): trial.measured().times[-1] for trial in learned}
     for trial in trials:
         measured, end = trial.measured(), ends.get((trial.object, trial.name))
-        if end is None:
-            for origin in origins(measured, order):
-                yield Segment(measured, origin, origin, Kind.TRIAL)
+        if end is None or measured.times[0] > end:
+            kind = Kind.TRIAL if end is None else Kind.LATER
+            yield from (Segment(measured, origin, origin, kind) for origin in origins(measured, order))
         elif measured.times[-1] > end:
             first = int(np.searchsorted(measured.times, end, side="right"))
             early = [origin for origin in origins(measured, order) if origin < first]
@@ -422,8 +422,8 @@ class Findings:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the law leaves no more than errors of measurement, as far as it was judged."""
-        return self.verdict is None or self.verdict.exact
+        """Whether the law, and process noise that it has, leave no more than errors of measurement, as far as judged."""
+        return self.verdict is None or self.verdict.exact or self.verdict.process_noise
 
 
 def find(law: Law, trials: Trials, learned: Trials | None = None, bands: bool = True) -> Findings:

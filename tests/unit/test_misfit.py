@@ -160,6 +160,7 @@ def test_noise_of_objects_and_of_values_is_given_by_its_range_or_its_share(draws
     assert numbers(line) == pytest.approx([0.2, 4.0], rel=0.25)
     assert "(a)" in line
     assert "(c)" in line
+    assert misfit_lines(cl.law.select_objects(law, ["a"])) == []
     law = cl.fit(EQUATION, cups(lambda i, curve: 0.05 * curve * draws[i])[0])
     assert numbers(misfit_lines(law)[0]) == pytest.approx([5], rel=0.15)
 

@@ -72,6 +72,15 @@ def test_errors_are_those_of_forecasts_from_early_samples_and_from_the_end_of_wh
     assert (state.low, state.high) == (0.0, 60.0)
 
 
+def test_later_samples_by_themselves_are_forecast_from_their_first_ones(line):
+    later = line.with_trials([trial.rows(slice(26, None)) for trial in line])
+    law = cl.Law.from_text("x' = 1")
+    verdict = law.assess(later, line.until(25.0))
+    assert (verdict.segments, verdict.judged_on) == (2, "held-out later samples")
+    assert verdict.measurements == 14
+    assert verdict.error == pytest.approx(law.assess(later).error)
+
+
 def test_forecasts_no_better_than_the_last_value_are_not_to_be_used(line):
     verdict = cl.Law.from_text("x' = 1e-12").assess(line, line.until(25.0))
     assert verdict.error == pytest.approx(verdict.persistence)

@@ -25,8 +25,11 @@ def misfit_lines(law: Law) -> list[str]:
     schema = law.observation.measured
     unit_of_time = schema.units.get(schema.time, f"units of {schema.time}")
     for kind in errors.kinds:
+        amounts = [*_amounts(law, kind)]
+        if not amounts and kind == "by-object":  # Of one object
+            continue
         text = ERRORS[kind].description.format(
-            amount=", ".join(_amounts(law, kind)) or "an unknown amount",
+            amount=" and ".join(amounts) or "an unknown amount",
             time=f"{errors.correlation_time:.2g} {unit_of_time}",
         )
         remedy = ERRORS[kind].distinguished_by
@@ -55,13 +58,13 @@ def misfit_size(law: Law, kind: ErrorKind) -> Floats | None:
 def _amounts(law: Law, kind: ErrorKind) -> Iterator[str]:
     """Yield how large errors of a kind are, of each measured quantity that has any."""
     errors, misfit, schema = law.uncertainty.error_model, law.uncertainty.misfit, law.observation.measured
-    model, noise = ERRORS[kind], law.uncertainty.noise
+    model, noise, known = ERRORS[kind], law.uncertainty.noise, {*law.objects}
     if isinstance(model, Heteroscedastic):
         yield errors.heteroscedastic_in_words(schema.states)[kind]
         return
     if kind == "by-object":
         for j, name in enumerate(schema.states):
-            levels = {owner: float(factors[j]) for owner, factors in errors.by_object.items()}
+            levels = {owner: float(factors[j]) for owner, factors in errors.by_object.items() if owner in known}
             if noise is not None and len({*levels.values()}) > 1:
                 ends = (min(levels, key=lambda owner: levels[owner]), max(levels, key=lambda owner: levels[owner]))
                 of = (f"{_size(law, j, levels[owner] * noise[j])} ({owner})" for owner in ends)

@@ -250,7 +250,7 @@ def _errors(case: Summary) -> Iterator[Block]:
         levels += [f"noise by object: {levels_by_object(errors, noise, schema)}"] if errors.by_object else []
         yield Text(f"Measurement errors: {literal('; '.join(levels))}.")
     if errors.of_law:
-        yield Text("Lack of fit: the law includes process noise, which the forecast bands contain.")
+        yield Text("Forecast bands contain the process noise.")
 
 
 def coefficients(case: Summary) -> Iterator[Block]:
