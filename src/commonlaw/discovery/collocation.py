@@ -23,7 +23,7 @@ from commonlaw.inference.diagnose.scale_origin import with_origin_outcomes
 from commonlaw.inference.propose.nonlinear_parameters import outcomes_of_parameters, with_initial_parameters
 from commonlaw.inference.search.setup import RefitOptions
 from commonlaw.inference.verbs.collocation import refined
-from commonlaw.inference.verbs.parameter_bounds import is_within, refuse_outside
+from commonlaw.inference.verbs.parameter_bounds import is_near, is_within, refuse_outside
 from commonlaw.law import Law, Provenance, Step
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.parse import GivenEquations, read_equations
@@ -176,8 +176,11 @@ def _in_continuous_time(prepared: _Prepared) -> Law:
         law = refined(begun, trials, options, progress)
     except CommonlawError as error:
         return _together(request, names, error)
+    refused = [*refused_settings(request.changed), *request.refused_by_shooting]
+    if is_near(law, given.bounds) and not refused and not law.uncertainty.error_model.of_law:
+        return by_shooting(_under_errors_of(law, request), "for a parameter next to its bound")
     if not is_within(law, given.bounds):
-        if refused := [*refused_settings(request.changed), *request.refused_by_shooting]:
+        if refused:
             refuse_outside(law, given.bounds, refused)
         try:
             return by_shooting(_under_errors_of(law, request), "for bounds of parameters")
@@ -234,7 +237,9 @@ def _together(request: FitRequest, names: Sequence[str], error: CommonlawError) 
         if resting or {*names} <= {*request.shared}:
             return by_shooting(request, reason, resting)
     codes = ("more-unknowns-than-measurements", "no-degrees-of-freedom")
-    if error.code != "parameters-not-identified" and not (request.shared and error.code in codes):
+    if error.code in ("likelihood-not-computable", "no-law-near-measurements"):
+        reason = "by collocation it has no maximum"
+    elif error.code != "parameters-not-identified" and not (request.shared and error.code in codes):
         raise error
     try:
         return by_shooting(request, reason)

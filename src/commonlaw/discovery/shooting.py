@@ -151,8 +151,8 @@ def _of_model(request: FitRequest, trials: Trials) -> Law:
 
 def _near(begun: Beginning, fitted: Fitted) -> Beginning:
     """Return a beginning whose first values are the estimates of a fit, but for those that are zero."""
-    near = fitted.optimum.unknowns
-    return replace(begun, first=np.where(near != 0, near, begun.first), is_fitted=True)
+    near, likely = fitted.optimum.unknowns, begun.first if begun.likely is None else begun.likely
+    return replace(begun, first=np.where(near != 0, near, begun.first), likely=likely)
 
 
 def _by_collocation(text: ModelText, trials: Trials, settings: Mapping[str, Any]) -> Law | None:

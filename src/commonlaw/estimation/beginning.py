@@ -111,9 +111,9 @@ class Unknowns:
 class Beginning:
     """A model before it is fitted: what is unknown, likely first values of it, whether these were guessed, its bounds.
 
-    First values have shape (p,), initial values among them; `is_fitted` if they are those of a fit; `groups` has the
-    noise group of each object, by quantity, and `start` the time of initial values. Of `errors` the levels are
-    estimated, unless the problem has them.
+    First values have shape (p,), initial values among them; if they are those of a fit, `likely` are those before it.
+    The noise group of each object, by quantity, is in `groups`, and `start` is the time of initial values. Of `errors`
+    the levels are estimated, unless the problem has them.
     """
 
     model: Model
@@ -129,7 +129,7 @@ class Beginning:
     restrictions: Restrictions
     errors: ErrorKind = "white"
     huber_threshold: float = np.inf
-    is_fitted: bool = False
+    likely: Floats | None = None
 
 
 def begin(
@@ -547,7 +547,7 @@ def with_values_of(law: Law, begun: Beginning) -> Beginning:
                 by_unknown.setdefault(k, []).append(value)
     for k, several in by_unknown.items():
         first[k] = np.median(several)
-    return replace(begun, first=first, is_fitted=True)
+    return replace(begun, first=first, likely=begun.first)
 
 
 def zero_columns(trials: Trials) -> list[str]:

@@ -43,6 +43,7 @@ from commonlaw.law.restrictions import OBJECT, by_trial
 from commonlaw.law.text import with_error
 from commonlaw.law.uncertainty import AtBound, OneSidedLimit
 from commonlaw.library import Term, Terms, with_rates
+from commonlaw.library.bounds import NEAR_BOUND
 from commonlaw.likelihood import ERRORS
 from commonlaw.likelihood.linearization import HETEROGENEITY_LEVEL, heterogeneity_p_value
 from commonlaw.likelihood.observation_model import HUBER_THRESHOLD
@@ -229,17 +230,20 @@ def fit_model(begun: Beginning, seed: int, progress: ProgressCallback, draws: in
 def maximized(begun: Beginning, seed: int, progress: ProgressCallback, draws: int = DRAWS) -> "Fitted":
     """Return the maximum of the likelihood, from so many first values.
 
-    Where first values are those of a fit, others are tried only if the maximum that these lead to has a lack of fit.
+    Where first values are those of a fit, others are tried only if the maximum that these lead to has a lack of fit, or
+    is near a bound, where there may be another one.
 
     Raises `CommonlawError` if the solution is finite from none of them.
     """
     begun = replace(begun, problem=with_step_limit(begun.problem, begun.first))
-    search = partial(maximize, begun.problem, begun.first, begun.guessed, begun.bounds, None, seed, progress)
+    search = partial(
+        maximize, begun.problem, begun.first, begun.guessed, begun.bounds, None, seed, progress, likely=begun.likely
+    )
     optimum, lack_of_fit = None, list[str]()
-    if begun.is_fitted and draws > 1 and is_solved(begun.problem, begun.first):
+    if begun.likely is not None and draws > 1 and is_solved(begun.problem, begun.first):
         optimum = search(draws=1)
         lack_of_fit = _lack_of_fit(begun, optimum)
-    if optimum is None or lack_of_fit or len(_lost(optimum)):
+    if optimum is None or lack_of_fit or len(_lost(optimum)) or _is_near_bound(begun, optimum):
         optimum = search(draws=draws, shares=EVENT_SHARES if begun.problem.events_move and draws > 1 else (1.0,))
         lack_of_fit = _lack_of_fit(begun, optimum)
     if draws > 1 and lack_of_fit:
@@ -281,6 +285,13 @@ def limited(fitted: "Fitted") -> "Fitted":
 def _lost(optimum: Optimum) -> Indices:
     """Return the unknowns that the measurements do not determine, by index."""
     return np.flatnonzero(~np.isfinite(np.diagonal(optimum.covariance) + optimum.unknowns))
+
+
+def _is_near_bound(begun: Beginning, optimum: Optimum) -> bool:
+    """Return whether an unknown is within a few standard errors of a bound."""
+    errors, bounds = np.sqrt(np.diagonal(optimum.covariance)), begun.bounds
+    room = np.minimum(optimum.unknowns - bounds.low, bounds.high - optimum.unknowns)
+    return bool(np.any(optimum.at_bound | (room < NEAR_BOUND * errors)))
 
 
 def _vague(begun: Beginning, optimum: Optimum) -> Indices:

@@ -198,8 +198,11 @@ def _polished(problem: Problem, unknowns: Floats, noise: Floats, bounds: Bounds,
         held |= (near[0] & (gradient > 0)) | (near[1] & (gradient < 0))
         start = np.where(held, np.where(gaps[0] <= gaps[1], bounds.low, bounds.high), unknowns)
         free = ~held
-        if not np.isfinite(objective.residuals(start)).all():
+        at_bounds = float(np.sum(objective.residuals(start) ** 2))
+        if not np.isfinite(at_bounds):
             break
+        if at_bounds > 1 + 2 * float(np.sum(objective.residuals(unknowns) ** 2)):  # It jumps, as x/(K + x) at K = 0
+            start = unknowns
         point = start
         if not is_near and round_ == 0:
             point = _by_levenberg_marquardt(objective, start, free & (start != 0), logarithms=True)
@@ -222,10 +225,11 @@ def _by_levenberg_marquardt(objective: Objective, start: Floats, free: Bools, lo
     return minimum(objective, start, free, scale=scale, tolerance=1e-13, steps=steps)[0]
 
 
-def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Floats:
-    """Return first values, shape (draws, p), the likely ones first; those that were guessed are the same in all.
+def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int, likely: Floats | None = None) -> Floats:
+    """Return first values, shape (draws, p), the sizes first; those that were guessed are the same in all.
 
-    Likely ones that are out of bounds are at these, unless they would be zero.
+    Others scatter about the sizes or, every other pair of them, about likely ones, if these differ. Sizes that are out
+    of bounds are at these, unless they would be zero.
     """
     from scipy.special import ndtri
     from scipy.stats import qmc
@@ -234,7 +238,9 @@ def first_values(sizes: Floats, guessed: Bools, bounds: Bounds, seed: int) -> Fl
     draws = qmc.Sobol(2 * count, seed=seed).random(DRAWS) if count else np.zeros((DRAWS, 0))
     spread = np.exp(SPREAD * ndtri(np.clip(draws[:, :count], 1e-6, 1 - 1e-6)))
     negative = (bounds.low < 0) & (draws[:, count:] < 0.2) & (np.arange(DRAWS) % 2 == 1)[:, np.newaxis]
-    starts = np.where(guessed, sizes, sizes * spread * np.where(negative, -1.0, 1.0))
+    centers = np.tile(sizes, (DRAWS, 1))
+    centers[2::4] = centers[3::4] = sizes if likely is None else likely
+    starts = np.where(guessed, sizes, centers * spread * np.where(negative, -1.0, 1.0))
     starts[0] = sizes
     low, high = bounds.low, bounds.high
     both = np.isfinite(low) & np.isfinite(high)
@@ -285,8 +291,11 @@ def maximize(
     progress: Callable[[str], None],
     draws: int = DRAWS,
     shares: Sequence[float] = (1.0,),
+    likely: Floats | None = None,
 ) -> Optimum:
     """Return where the likelihood is largest, from the given first values and as many more as make up the draws.
+
+    These scatter about the first ones and likely ones, if there are others, see `first_values`.
 
     Trials that have no unknowns in common have starts of their own, of which the best are combined. Starts are improved
     on first parts of the trials, of these shares of their duration, one after the other. Over many
@@ -305,7 +314,7 @@ def maximize(
 
     given = noise is not None
     noise = rough_noise(problem) if noise is None else noise
-    starts = first_values(sizes, guessed, bounds, seed)[: draws if problem.unknowns else 1]
+    starts = first_values(sizes, guessed, bounds, seed, likely)[: draws if problem.unknowns else 1]
     spread = [*problem.event_ranges] if draws > 1 else []
     if spread:
         low, high = np.transpose([*problem.event_ranges.values()])

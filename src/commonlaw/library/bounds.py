@@ -51,6 +51,10 @@ EVENT = re.compile(r"(?P<condition>(?:[^`:<>]|`[^`]*`)*+[<>](?:[^`:]|`[^`]*`)*+)
 """A condition and what changes where it becomes true: ``x < 0: v = -c v``."""
 
 
+NEAR_BOUND = 3.0
+"""Standard errors from a bound up to which the likelihood of a parameter may have several maxima, or none inside."""
+
+
 @dataclass(frozen=True)
 class Bound:
     """A coefficient's limits, infinite for none, with its name and the text they are from."""

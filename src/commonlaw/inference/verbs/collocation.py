@@ -36,7 +36,7 @@ from commonlaw.inference.search.error_models import choose_errors
 from commonlaw.inference.search.law_search import choose_interpolation, fit_terms
 from commonlaw.inference.search.setup import FitSetup, RefitOptions, error_kinds
 from commonlaw.inference.verbs.chunks import fitted_by_parts, objects_apart, typical
-from commonlaw.inference.verbs.parameter_bounds import is_within, refuse_outside
+from commonlaw.inference.verbs.parameter_bounds import is_near, is_within, refuse_outside
 from commonlaw.inference.verbs.scheme import AbstractFit
 from commonlaw.inference.verbs.shooting import ShootingFit
 from commonlaw.law import Law, Step, pool_objects, select_objects
@@ -78,9 +78,11 @@ class CollocationFit(AbstractFit):
     ) -> Law:
         law, bounds = self.law, bounds_in(restrictions_of(self.law).bounds)
         result = refined(with_equations(law, equations) if equations else law, trials, options, progress)
+        refused, of_law = refused_settings(options.changed), result.uncertainty.error_model.of_law
         if not is_within(result, bounds):
-            if refused := refused_settings(options.changed):
-                refuse_outside(result, bounds, refused)
+            refuse_outside(result, bounds, refused) if refused else None
+            return ShootingFit(result).refitted(trials, options, progress)
+        if is_near(result, bounds) and not refused and not of_law:
             return ShootingFit(result).refitted(trials, options, progress)
         # Laws of a search have neither
         is_given = law.provenance.calls or law.provenance.equations

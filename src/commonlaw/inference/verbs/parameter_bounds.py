@@ -8,11 +8,24 @@ from commonlaw.errors import CommonlawError
 from commonlaw.law import Law
 from commonlaw.law.parameters import named_parameters
 from commonlaw.law.text import with_error
-from commonlaw.library.bounds import Bound
+from commonlaw.library.bounds import NEAR_BOUND, Bound
 
 
 def is_within(law: Law, bounds: Sequence[Bound]) -> bool:
     return next(_outside(law, bounds), None) is None
+
+
+def is_near(law: Law, bounds: Sequence[Bound]) -> bool:
+    """Return whether a parameter inside a term is within a few standard errors of a bound.
+
+    There the likelihood is no parabola, and a mesh may not resolve the solution, as of x/(K + x) with a small K.
+    """
+    parameters, near = named_parameters(law), False
+    for bound in (bound for bound in bounds if bound.name in law.terms.variables.parameters):
+        index = parameters.names.index(bound.name)
+        values, errors = parameters.values[:, index], np.nan_to_num(parameters.errors[:, index])
+        near |= bool(np.any(np.minimum(values - bound.low, bound.high - values) < NEAR_BOUND * errors))
+    return near
 
 
 def refuse_outside(law: Law, bounds: Sequence[Bound], without: Sequence[str] = ()) -> None:
