@@ -175,9 +175,10 @@ def assess(law: Law, trials: Trials, learned: Trials | None = None) -> LawVerdic
     once = list({(segment.trial.object, segment.trial.name): segment.trial for segment in judged}.values())
     errors = pd.concat(frames) if frames else pd.DataFrame(columns=_COLUMNS, dtype=np.float64)
     values = [_without_outliers(law, trial, errors[errors["trial"] == i]) for i, trial in enumerate(once)]
-    places = errors[["trial", "row", "state"]].astype(int).to_numpy()
-    is_far = np.array([np.isnan(values[number][row, state]) for number, row, state in places], dtype=np.bool_)
-    spread = _spread(values, len(law.observation.measured.states))
+    places, count = errors[["trial", "row", "state"]].astype(int).to_numpy(), len(law.observation.measured.states)
+    begins = np.cumsum([0, *map(len, values)])[places[:, 0]]
+    is_far = np.isnan(np.concatenate([np.empty((0, count)), *values])[begins + places[:, 1], places[:, 2]])
+    spread = _spread(values, count)
     compared = errors[np.isfinite(spread[errors["state"].astype(int)])]
     measurements = compared.groupby(["trial", "segment"]).size().groupby("trial").max().sum()
     errors = errors[~is_far]
@@ -422,7 +423,7 @@ class Findings:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the law, and process noise that it has, leave no more than errors of measurement, as far as judged."""
+        """Whether the law, with its process noise, leaves no more than errors of measurement, as far as judged."""
         return self.verdict is None or self.verdict.exact or self.verdict.process_noise
 
 

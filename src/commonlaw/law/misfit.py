@@ -30,7 +30,7 @@ def misfit_lines(law: Law) -> list[str]:
             continue
         text = ERRORS[kind].description.format(
             amount=" and ".join(amounts) or "an unknown amount",
-            time=f"{errors.correlation_time:.2g} {unit_of_time}",
+            time=f"{_rounded(errors.correlation_time)} {unit_of_time}",
         )
         remedy = ERRORS[kind].distinguished_by
         lines.append(f"{text}; {remedy}" if remedy else text)
@@ -75,13 +75,22 @@ def _amounts(law: Law, kind: ErrorKind) -> Iterator[str]:
     for j, name in enumerate(schema.states):
         if np.isfinite(size[j]) and name not in schema.initial_values:
             share = size[j] / misfit.signal[j] if misfit is not None and misfit.signal[j] > 0 else np.nan
-            of_signal = f" ({100 * share:.2g} % of the signal)" if share < 1 else f" ({share:.2g} times the signal)"
-            yield f"{_size(law, j, size[j])} in {name}{of_signal if np.isfinite(share) else ''}"
+            of_signal = f"{_rounded(100 * share)} % of" if share < 1 else f"{_rounded(share)} times"
+            yield f"{_size(law, j, size[j])} in {name}{f' ({of_signal} the signal)' if np.isfinite(share) else ''}"
 
 
 def _size(law: Law, j: int, size: float) -> str:
     """Return the size of an error of a measured quantity with its unit."""
     schema = law.observation.measured
     if schema.states[j] in schema.logarithmic:
-        return f"{100 * size:.2g} %"
-    return f"{size:.2g} {schema.units.get(schema.states[j], '')}".rstrip()
+        return f"{_rounded(100 * size)} %"
+    return f"{_rounded(size)} {schema.units.get(schema.states[j], '')}".rstrip()
+
+
+def _rounded(value: float) -> str:
+    """Return a number to two digits.
+
+    >>> _rounded(0.02613), _rounded(123.4)
+    ('0.026', '120')
+    """
+    return f"{float(f'{value:.2g}'):g}"

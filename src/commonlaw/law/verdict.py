@@ -176,8 +176,9 @@ class LawVerdict(ShownInNotebooks):
         if not self.horizon:
             near = "even at the shortest horizon the error exceeds half of the states' standard deviation"
             return f"{near}{self._spreads}, though it is below those of their mean and of a constant forecast"
-        is_limited = self._is_no_better or self._is_no_better_than_the_mean
-        return self._no_better_than_the_mean if is_limited else ""
+        if self._is_no_better_than_the_mean:
+            return self._no_better_than_the_mean
+        return "beyond, they are no better than a constant forecast" if self._is_no_better else ""
 
     @property
     def sentences(self) -> tuple[str, ...]:
